@@ -15,9 +15,9 @@ from benchmarks.measurement import Measurement, Rounds
 from benchmarks.start_up import process
 from twin.cosim.component import NativeComponent
 from twin.runs.assembly.load import load_experiment
+from twin.studies.build.linking import PLATFORMS
 from twin.studies.build.part import part_of
 from twin.studies.build.part_fmu import build_fmu
-from twin.studies.build.platforms import PLATFORMS
 
 TICKS = 20_000
 ROUNDS = 31

@@ -16,10 +16,10 @@ import numpy as np
 from benchmarks.measurement import Measurement, Rounds
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.load import load_experiment
-from twin.runs.observer import TickEvent
+from twin.runs.loop import TickEvent
+from twin.runs.recorder import RowStream
 from twin.runs.run import execute
 from twin.runs.scene.scene import Scene
-from twin.runs.streams import RowStream
 from twin.runs.tuning import Tuning
 from twin.runs.viewer import Viewer
 

@@ -17,11 +17,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from twin.runs.guard import child
-from twin.runs.guard.interpreter import environment, module_command
-from twin.runs.guard.process import THREADS
+from twin.runs.guard.process import THREADS, environment, module_command
 
 IMPORTED = (
-    "twin.runs.guard.runs", "twin.runs.guard.pipe_reporter", "twin.runs.guard.host", "twin.studies.sweep.worker",
+    "twin.runs.guard.runs", "twin.runs.guard.reporter", "twin.runs.guard.host", "twin.studies.sweep.worker",
     "twin.studies.check.job", "twin.studies.qualify.lifecycle", "twin.report.page.drawer", "tests.runs.guard.jobs",
     "twin.studies.qualify.study", "scipy.linalg", "scipy.optimize", "scipy.stats", "lxml.etree",
 )  # fmt: skip

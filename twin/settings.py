@@ -196,7 +196,7 @@ def _is_number(table: type[Settings], name: str) -> bool:
 class Values(tuple[Any, ...]):
     """Numbers of compiled code, SI: a named tuple whose fields are declared by settings.
 
-    A subclass names its `parts`; `twin.cosim.record.record_of` makes a record of it.
+    A subclass names its `parts`; `twin.cosim.port.record_of` makes a record of it.
 
     Attributes:
         sources: of the fields that settings decide on.

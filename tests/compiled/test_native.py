@@ -15,7 +15,7 @@ from twin.compiled import emission, machine, store
 from twin.compiled.function import Function, carray, njit
 from twin.compiled.native import Entry, Native, address_of
 from twin.cosim.native import doubles_at
-from twin.runs.guard.futex import load
+from twin.runs.guard.page import load
 
 PAIR = np.dtype([("a", "f8"), ("b", "f8")])
 _numbers = itertools.count()

@@ -85,10 +85,10 @@ def test_what_it_does_not_reach_does_not_count(package: Path):
 def test_every_module_that_a_compiled_one_imports_is_reached(root: Path):
     # else a constant frozen into machine code could change without a new name
     code = (
-        "import sys; from twin.compiled import store; import twin.plant.component, twin.recording.filling\n"
+        "import sys; from twin.compiled import store; import twin.plant.component, twin.recording.messages\n"
         "seen = []; source = store._source\n"
         "store._source = lambda m: (seen.append(m), source(m))[1]\n"
-        "store.source_digest('twin.plant.component', 'twin.recording.filling')\n"
+        "store.source_digest('twin.plant.component', 'twin.recording.messages')\n"
         "print(sorted({m for m in sys.modules if m.startswith(('twin.plant', 'twin.robot', 'twin.rec'))} - set(seen)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -6,9 +6,7 @@ import numpy as np
 
 from tests.laws.runs import Sampled
 from twin.controller.controller import NEVER, Law
-from twin.controller.damping import Damping
-from twin.controller.feed_forward import Believed
-from twin.controller.pid import Gains
+from twin.controller.pid import Believed, Damping, Gains
 from twin.controller.program import Pressing, Pushing, Rolling, Tapping, Travel, program
 from twin.controller.task_controller import TaskController, Touch
 

@@ -9,8 +9,7 @@ from twin.controller.controller import NEVER, Controller, Law, follow_passed, re
 from twin.controller.pid import PID, Gains, loop, proposal
 from twin.robot.geometry import Geometry
 from twin.robot.jacobian import jacobian
-from twin.runs.assembly.beliefs import belief
-from twin.runs.assembly.computer import controller
+from twin.runs.assembly.computer import belief, controller
 
 T_s = 2e-3
 GEOMETRY = Geometry(*belief(shipped())[:4])

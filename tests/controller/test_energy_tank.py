@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from twin.controller.energy_tank import COASTING, PLAY, RETURN, Tank, TankValve, passed_on
 from twin.errors import ComponentFailed
-from twin.studies.converge.by_hand import Sampled
+from twin.studies.converge.monolith import Sampled
 
 SETTINGS = Tank(0.1, horizon=0.1, touch=0.6, release=math.inf, bias=0.0, late=3e-3, k_s=1.0, N=2.0, eta=1.0)
 J = np.diag([10.0, 10.0, -10.0])

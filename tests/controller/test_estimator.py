@@ -7,7 +7,7 @@ from tests.laws.runs import Sampled, shipped
 from tests.plant.states import positions
 from twin.controller.estimator import Estimator
 from twin.cosim.port import Port
-from twin.cosim.python_component import PythonComponent
+from twin.cosim.python_class import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import ComponentFailed
@@ -18,7 +18,7 @@ from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.jacobian import jacobian
 from twin.robot.sea import deflection, load_torque
 from twin.robot.statics import end_effector_force
-from twin.runs.assembly.beliefs import belief
+from twin.runs.assembly.computer import belief
 
 BELIEF = belief(shipped())._replace(motor_zero=(0.01, -0.02, 0.03), joint_zero=(-0.005, 0.002, 0.001))
 GEOMETRY = Geometry(BELIEF.a, BELIEF.b, BELIEF.l_a, BELIEF.l_b)

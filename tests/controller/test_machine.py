@@ -22,7 +22,7 @@ from tests.controller.soft_floor import (
     carried_out,
     phases_of,
 )
-from twin.controller.phase import PhaseKind as Kind
+from twin.controller.program import PhaseKind as Kind
 from twin.controller.program import Pressing, Pushing, Rolling, Tapping
 
 WITH_DRIVES = World(follows="velocity")

@@ -6,9 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.controller.soft_floor import APPROACH, PRESS, PUSH, ROLL, TAP
-from twin.controller.phase import PhaseKind as Kind
-from twin.controller.phase import Until
-from twin.controller.program import program
+from twin.controller.program import PhaseKind as Kind
+from twin.controller.program import Until, program
 
 WORK = {
     PRESS: [Kind.BUILD_UP, Kind.HOLD, Kind.RELEASE],

@@ -18,7 +18,7 @@ from tests.controller.soft_floor import (
 )
 from tests.controller.soft_floor import TOUCH as NOT_LEARNING
 from twin.controller.adaptive import Adapting
-from twin.controller.phase import PhaseKind as Kind
+from twin.controller.program import PhaseKind as Kind
 from twin.controller.tissue import Sensing
 
 SENSING = Sensing(5.0, 0.5, 0.0, 0.1, 0.2, 0.3, 0.0, 0.0, 4.0, 1e-4, 1e-4)

@@ -22,9 +22,8 @@ from tests.controller.soft_floor import (
     task_controller,
 )
 from tests.laws.runs import Sampled
-from twin.controller.feed_forward import REST_SPEED
-from twin.controller.phase import PhaseKind as Kind
-from twin.controller.pid import low_pass_share
+from twin.controller.pid import REST_SPEED, low_pass_share
+from twin.controller.program import PhaseKind as Kind
 
 J = J_HOME.reshape(3, 3)
 

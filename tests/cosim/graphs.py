@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tests.cosim.interpreted import Node
 from twin.cosim.port import Port
-from twin.cosim.python_component import PythonComponent
+from twin.cosim.python_class import PythonComponent
 
 
 @dataclass(frozen=True)

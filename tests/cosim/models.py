@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from twin.cosim.port import Port
-from twin.cosim.python_component import PythonComponent
+from twin.cosim.python_class import PythonComponent
 
 Law = Callable[[float, float, np.ndarray], Any]
 

@@ -9,7 +9,7 @@ from twin.cosim.component import NativeComponent
 from twin.cosim.interpolation import input_weights
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
-from twin.cosim.python_component import PythonComponent
+from twin.cosim.python_class import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import InputRefused

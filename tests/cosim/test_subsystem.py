@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from twin.cosim.port import Port
-from twin.cosim.python_component import PythonComponent
+from twin.cosim.python_class import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.subsystem import INLET, Subsystem
 from twin.cosim.system import System

@@ -1,16 +1,56 @@
 """What a system refuses before anything runs, and the sentence it says."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tests.cosim.models import Part, continuous, echo, sampled
 from twin.cosim.port import Port
-from twin.cosim.system import System
+from twin.cosim.system import End, System, ends, wires
 from twin.errors import InputRefused
+
+SIZES = (1, 2, 3)
+
+
+def parts():
+    """A component that puts out what another one takes, both with ports of several sizes."""
+    ports = tuple(Port(f"p{size}", size) for size in SIZES)
+    zeros = [0.0] * sum(SIZES)
+    return [
+        sampled("giver", lambda t, h, u: zeros, outputs=ports),
+        sampled("taker", lambda t, h, u: zeros, ports, outputs=ports),
+    ]
+
+
+def test_the_ends_of_a_port_are_its_values_in_order():
+    assert ends(parts(), "output", "p2") == [
+        End("giver", "p2", 0),
+        End("giver", "p2", 1),
+        *ends(parts()[1:], "output", "p2"),
+    ]
+    assert ends(parts(), "input", "p3") == [End("taker", "p3", i) for i in range(3)]
+    assert ends(parts(), "input", "nothing") == []
+
+
+def test_ports_that_feed_each_other_as_a_whole_are_one_wire():
+    feeds = {End("taker", f"p{size}", i): End("giver", f"p{size}", i) for size in SIZES for i in range(size)}
+    assert wires(feeds, parts()) == [(f"giver.p{size}", f"taker.p{size}") for size in SIZES]
+
+
+@given(st.permutations(ends(parts()[:1], "output", "p3") + ends(parts()[:1], "output", "p2")[:1]), st.randoms())
+def test_a_system_of_these_wires_feeds_every_value_as_was_said(sources, draw):
+    components = parts()
+    targets = [end for size in SIZES for end in ends(components, "input", f"p{size}")]
+    feeds = {target: draw.choice(sources) for target in targets}
+    system = System(components, wires(feeds, components), 1e-3)
+    told = {end: system.columns(f"giver.{end.port}[{end.element}]").start for end in sources}
+    assert list(system.sources) == [told[feeds[target]] for target in targets]
+
 
 TORQUE = (Port("tau_load", 3),)
 
 
-def parts() -> list[Part]:
+def system_parts() -> list[Part]:
     plant = continuous("plant", lambda t, h, u: (0.0, 0.0, 0.0), (Port("theta_m"),), outputs=TORQUE)
     return [plant, continuous("drive", echo, (Port("load"),), outputs=(Port("theta_m"),))]
 
@@ -57,12 +97,12 @@ def refusal(components: list[Part], wires: list[tuple[str, str]]) -> str:
     ],
 )
 def test_a_wrong_wire_is_refused_with_what_was_meant(wire, sentence):
-    assert refusal(parts(), [wire, GOOD[1]]) == sentence
+    assert refusal(system_parts(), [wire, GOOD[1]]) == sentence
 
 
 def test_an_input_takes_one_wire_only():
     twice = [*GOOD, ("plant.tau_load[1]", "drive.load")]
-    assert refusal(parts(), twice) == "input drive.load is fed by two wires; remove one (plant.tau_load[1])"
+    assert refusal(system_parts(), twice) == "input drive.load is fed by two wires; remove one (plant.tau_load[1])"
 
 
 def test_an_element_of_an_input_takes_one_wire_only():
@@ -75,7 +115,7 @@ def test_an_element_of_an_input_takes_one_wire_only():
 @pytest.mark.parametrize("missing", [0, 1])
 def test_an_input_needs_a_wire(missing):
     end = GOOD[missing][1]
-    assert refusal(parts(), [GOOD[1 - missing]]) == f"input {end} has no wire; connect an output to it"
+    assert refusal(system_parts(), [GOOD[1 - missing]]) == f"input {end} has no wire; connect an output to it"
 
 
 def test_an_input_needs_a_wire_for_each_of_its_elements():
@@ -106,7 +146,7 @@ def test_every_output_needs_an_initial_value():
 
 
 def test_columns_and_components_are_found_by_name():
-    system = System(parts(), GOOD, 1e-3)
+    system = System(system_parts(), GOOD, 1e-3)
     assert system.columns("plant.tau_load") == slice(0, 3)
     assert system.columns("plant.tau_load[1]") == slice(1, 2)
     assert system.columns("drive.theta_m") == slice(3, 4)

@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tests.laws.runs import PARAMETERS, Sampled
+from twin.plant.beginning import resting
 from twin.plant.component import STILL, Plant, settle
-from twin.plant.equilibrium import resting
 from twin.plant.surface import apex_frame
 from twin.studies.analyse.linear.plant_system import plant_system
 

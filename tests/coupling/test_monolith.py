@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from tests.coupling.monolith import T_M, coupled_system, drive_droop
 from tests.laws.runs import PARAMETERS, shipped
-from twin.plant.equilibrium import resting
-from twin.studies.converge.coupled import Coupled
+from twin.plant.beginning import resting
+from twin.studies.converge.monolith import Coupled
 
 EXPERIMENT = shipped()
 SYSTEM = coupled_system(EXPERIMENT)

@@ -10,7 +10,7 @@ import pytest
 
 from tests.laws.runs import PARAMETERS
 from twin.cosim.port import Port
-from twin.cosim.python_component import PythonComponent
+from twin.cosim.python_class import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 

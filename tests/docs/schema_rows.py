@@ -11,7 +11,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from tests.conftest import ROOT
-from twin.experiment import change, fault, measure, schema, stand_in, task
+from twin.experiment import change, fault, measure, schema, task
+from twin.experiment import drive_files as stand_in
 from twin.experiment.declared import nested
 from twin.experiment.experiment import Head
 from twin.runs.assembly.declared import DECLARED

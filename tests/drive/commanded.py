@@ -7,7 +7,7 @@ import numpy as np
 
 from tests.drive.test_component import TICK
 from twin.cosim.port import Port
-from twin.cosim.python_component import PythonComponent
+from twin.cosim.python_class import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 

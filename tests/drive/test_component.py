@@ -9,7 +9,7 @@ from tests.drive.archives import altered, redescribed
 from tests.drive.warning import warning_drive
 from twin.cosim.component import Component
 from twin.cosim.port import Port
-from twin.cosim.python_component import PythonComponent
+from twin.cosim.python_class import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.calls import DO_STEP

@@ -11,7 +11,7 @@ from tests.drive.test_component import TICK, made, run
 from tests.drive.test_event_step import stepped
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
 from twin.cosim.port import Port, width
-from twin.cosim.python_component import PythonComponent
+from twin.cosim.python_class import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.calls import DO_STEP, TERMINATE

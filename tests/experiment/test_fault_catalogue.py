@@ -2,8 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.experiment.fault_catalogue import CATALOGUE
-from twin.experiment.fault_kind import ALWAYS, EVERY, NEVER, Kind, Seen
+from twin.experiment.fault_catalogue import ALWAYS, CATALOGUE, EVERY, NEVER, Kind, Seen
 
 NO_MAGNITUDE = "none"
 

@@ -2,7 +2,7 @@ import pytest
 from pydantic import ValidationError
 
 from twin.experiment.mistakes import keys
-from twin.monitor.limits import Monitor
+from twin.monitor.checks import Monitor
 
 
 def test_an_empty_table_is_complete():

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from twin.errors import InputRefused
-from twin.experiment.recorded import recorded_fmus, recorded_values
+from twin.experiment.recorded import recorded_fmus, recorded_values, start_experiment
 from twin.runs.assembly.declared import DECLARED
 
 WHERE = Path("run.mcap")
@@ -51,3 +51,22 @@ def test_an_fmu_that_is_none_is_refused_in_a_sentence(text: str):
     with pytest.raises(InputRefused, match=r"^run\.mcap: its FMU of drive_1: ") as refused:
         recorded_fmus({"fmu": {"drive_1": text}}, WHERE)
     assert len(str(refused.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("file", "start", "said"),
+    [
+        ("a.toml", "taping", "--from taping: no such experiment; did you mean 'tapping'?"),
+        ("a.toml", "xyz", "--from xyz: no such experiment; known are calibration, "),
+        ("a.yaml", "tapping", "a.yaml: expected a name that ends with .toml"),
+        ("/proc/nowhere/a.toml", "tapping", "/proc/nowhere: cannot be created"),
+    ],
+)
+def test_what_cannot_be_started_is_refused_and_nothing_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str, start: str, said: str
+):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputRefused) as refusal:
+        start_experiment(DECLARED, Path(file), start)
+    assert str(refusal.value).startswith(said)
+    assert not list(tmp_path.iterdir())

@@ -11,8 +11,7 @@ from twin.cosim.component import Component, NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port, width
 from twin.cosim.simulation import Simulation
-from twin.cosim.system import Scheme, System
-from twin.cosim.wiring import End, Feeds, Side, ends, wires
+from twin.cosim.system import End, Feeds, Scheme, Side, System, ends, wires
 from twin.experiment.fault import Fault
 from twin.runs.assembly.faults.inject import inject
 

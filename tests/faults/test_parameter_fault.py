@@ -8,12 +8,11 @@ from tests.faults.robot import COUNTS, SPEED_LIMIT, TICK, joined, plant, run
 from tests.laws.runs import PARAMETERS as REAL
 from twin.cosim.port import Port
 from twin.cosim.simulation import Simulation
-from twin.cosim.system import System
-from twin.cosim.wiring import wires
+from twin.cosim.system import System, wires
 from twin.experiment.fault import NEVER, Fault
 from twin.experiment.fault_catalogue import CATALOGUE
+from twin.plant.beginning import resting
 from twin.plant.component import Plant
-from twin.plant.equilibrium import resting
 from twin.runs.assembly.declared import BROKEN
 from twin.runs.assembly.faults.inject import inject
 

@@ -7,7 +7,7 @@ from twin.experiment.experiment import Experiment
 from twin.runs.assembly.load import load_experiment
 from twin.runs.assembly.true_parameters import plant_parameters
 from twin.runs.trace import Trace, run_in_memory
-from twin.studies.converge.by_hand import Sampled
+from twin.studies.converge.monolith import Sampled
 
 EXPERIMENTS = Path(__file__).resolve().parents[2] / "experiments"
 FORCE, POSITION = "fig4_force_position", "fig4_position"

@@ -10,7 +10,7 @@ import itertools
 import numpy as np
 import pytest
 
-from twin.controller.phase import PhaseKind
+from twin.controller.program import PhaseKind
 from twin.runs.assembly.load import load_experiment
 from twin.runs.trace import run_in_memory
 

@@ -8,8 +8,7 @@ from twin.controller.estimator import Estimator
 from twin.robot.geometry import Geometry
 from twin.robot.gravity import arm_gravity_torque, platform_weight
 from twin.robot.jacobian import jacobian
-from twin.runs.assembly.beliefs import belief
-from twin.runs.assembly.computer import controller
+from twin.runs.assembly.computer import belief, controller
 from twin.runs.assembly.true_parameters import plant_parameters
 
 NO_BACKLASH = (*EXACT_ENCODERS, "plant.backlash_deg=0")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS, co_simulated, shipped
-from twin.controller.phase import PhaseKind as Kind
+from twin.controller.program import PhaseKind as Kind
 from twin.experiment.task import Push, Roll, Tap
 from twin.plant.surface import surface_frame
 from twin.robot.geometry import Geometry

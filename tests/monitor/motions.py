@@ -7,15 +7,14 @@ from numpy.typing import NDArray
 
 from tests.laws.runs import Sampled, shipped
 from twin.monitor.belief import MonitorBelief
+from twin.monitor.checks import Limits, Trip
+from twin.monitor.checks import Monitor as Section
 from twin.monitor.component import SafetyMonitor
-from twin.monitor.limits import Limits
-from twin.monitor.limits import Monitor as Section
-from twin.monitor.reasons import Trip
-from twin.monitor.resolution import geometry
+from twin.monitor.observation import geometry
 from twin.robot.gravity import Masses, environment_force
 from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.jacobian import jacobian
-from twin.runs.assembly.beliefs import monitor_belief, monitor_limits
+from twin.runs.assembly.computer import monitor_belief, monitor_limits
 
 BELIEF = monitor_belief(shipped().robot)
 GEOMETRY = geometry(BELIEF)

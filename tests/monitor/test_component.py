@@ -11,8 +11,8 @@ from tests.conftest import examples
 from tests.laws.runs import Sampled
 from tests.monitor.motions import BELIEF, DT, LIMITS, OMEGA_REF, inputs, latched, ramp, standing, watched
 from twin.cosim.port import width
+from twin.monitor.checks import Reason
 from twin.monitor.component import INPUTS, OUTPUTS, SafetyMonitor
-from twin.monitor.reasons import Reason
 
 
 def swinging(share, frequency, stiffness):

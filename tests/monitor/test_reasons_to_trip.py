@@ -19,8 +19,7 @@ from tests.monitor.motions import (
     told,
     watched,
 )
-from twin.monitor.limits import Limits
-from twin.monitor.reasons import Reason
+from twin.monitor.checks import Limits, Reason
 
 FAULT = 100
 """Row in which the fault first shows."""

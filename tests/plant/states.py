@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.laws.runs import PARAMETERS
+from twin.plant.beginning import resting
 from twin.plant.contact_law import ContactLaw
-from twin.plant.equilibrium import resting
 from twin.plant.parameters import PlantParameters
 
 # in steps of 1e-3: numbers near the smallest float would only test underflow

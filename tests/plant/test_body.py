@@ -7,12 +7,12 @@ from tests.conftest import examples
 from tests.laws.runs import PARAMETERS, Sampled
 from tests.plant.states import share
 from twin.cosim.port import Port
-from twin.cosim.python_component import PythonComponent
+from twin.cosim.python_class import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
+from twin.plant.beginning import resting
 from twin.plant.body import Body, Motion, MotionKind
 from twin.plant.component import Plant
-from twin.plant.equilibrium import resting
 
 BREATHING, SHIFT = MotionKind.BREATHING, MotionKind.SHIFT
 

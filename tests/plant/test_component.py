@@ -6,12 +6,12 @@ from tests.laws.runs import PARAMETERS, Sampled, shipped
 from tests.plant.kinetic import mass_matrix
 from tests.plant.states import moving
 from twin.cosim.port import Port
-from twin.cosim.python_component import PythonComponent
+from twin.cosim.python_class import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.errors import ComponentFailed
+from twin.plant.beginning import resting
 from twin.plant.component import STILL, Plant
 from twin.plant.dynamics import derivative
-from twin.plant.equilibrium import resting
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.jacobian import jacobian

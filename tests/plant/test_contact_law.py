@@ -9,9 +9,9 @@ from scipy.optimize import brentq
 
 from tests.laws.runs import PARAMETERS, Sampled
 from tests.plant.states import SURFACES, share
+from twin.plant.beginning import resting
 from twin.plant.component import Plant
 from twin.plant.contact_law import ContactLaw, elastic_force, pressing_force
-from twin.plant.equilibrium import resting
 from twin.robot.geometry import Geometry
 from twin.robot.jacobian import jacobian
 

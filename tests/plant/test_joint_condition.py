@@ -11,9 +11,9 @@ from tests.plant.kinetic import mass_matrix
 from tests.plant.states import moving, positions, share
 from tests.plant.test_energy import energies
 from twin.experiment.fault_catalogue import CATALOGUE
+from twin.plant.beginning import resting
 from twin.plant.component import STILL, Plant
 from twin.plant.dynamics import derivative, joint_torque, spring_deflection
-from twin.plant.equilibrium import resting
 from twin.plant.parameters import Triple
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles

@@ -14,7 +14,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Metadata
 from mcap.writer import MCAP0_MAGIC
 
-from twin.recording.chunks import encoded
+from twin.recording.summary import encoded
 
 FRONT = struct.Struct("<BQ")
 Record = tuple[int, bytes]

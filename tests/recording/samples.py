@@ -7,8 +7,8 @@ from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from hypothesis import strategies as st
 
-from twin.recording.form import BLANK_TIME, Form, blank
 from twin.recording.layout import Field, Topic
+from twin.recording.messages import BLANK_TIME, Form, blank
 from twin.recording.recording import Recording
 from twin.recording.writer import Writer
 

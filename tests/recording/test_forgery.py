@@ -25,9 +25,9 @@ from tests.recording.forgery import (
     with_metadata,
 )
 from twin.files import LIMIT
-from twin.recording.chunks import FEW_BYTES, allowance, encoded, unpacked
 from twin.recording.errors import RecordingDamaged, RecordingRefused
 from twin.recording.reader import read
+from twin.recording.summary import FEW_BYTES, allowance, encoded, unpacked
 from twin.recording.writer import Writer
 
 CHUNK = Opcode.CHUNK

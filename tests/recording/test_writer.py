@@ -1,10 +1,17 @@
+import resource
 from collections import Counter, defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.data_stream import RecordBuilder
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader, SeekingReader, make_reader
@@ -15,10 +22,227 @@ from mcap_protobuf.decoder import DecoderFactory
 from twin.recording.errors import RecordingFailed
 from twin.recording.layout import Field, Topic
 from twin.recording.reader import read
-from twin.recording.writer import Writer
+from twin.recording.writer import LARGEST_CHUNK, ROOM, Output, Pending, Shape, Woven, Writer, woven
 
 from . import samples
-from .samples import DRIVE, TF, TF_ROWS, TICK, TICKS, TOPICS
+from .samples import DRIVE, METADATA, TF, TF_ROWS, TICK, TICKS, TOPICS
+
+
+@contextmanager
+def largest_file(size: int) -> Iterator[None]:
+    """The kernel lets no file of this process grow beyond `size` bytes: writes come back short, then fail."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_a_recording_that_may_not_grow_says_so_and_keeps_its_complete_chunks(
+    share: float, unfinished: Path, tmp_path: Path, truth: dict[str, np.ndarray]
+) -> None:
+    limit = int(share * unfinished.stat().st_size)
+    with (
+        largest_file(limit),
+        pytest.raises(RecordingFailed, match=r"run\.mcap\.partial: recording stopped: File too large; the "),
+        Writer(tmp_path / "run.mcap", TOPICS, TICK, METADATA, [TF]) as writer,
+    ):
+        samples.fill(writer)
+    recording = read(tmp_path / "run.mcap.partial")
+    samples.assert_beginning(recording, truth)
+    assert recording.streams if share > 0.2 else True
+    # cut back to its last complete record, the file has nothing after it
+    assert recording.note.endswith("0 bytes after that are incomplete")
+
+
+def test_a_recording_that_fails_at_its_index_keeps_every_row(
+    unfinished: Path, tmp_path: Path, truth: dict[str, np.ndarray]
+) -> None:
+    with (
+        largest_file(unfinished.stat().st_size + 10),
+        pytest.raises(RecordingFailed, match="File too large"),
+        Writer(tmp_path / "run.mcap", TOPICS, TICK, METADATA, [TF]) as writer,
+    ):
+        samples.fill(writer)
+    recording = read(tmp_path / "run.mcap.partial")
+    samples.assert_beginning(recording, truth)
+    assert len(recording["plant.p_B"]) == samples.TICKS
+
+
+def test_a_full_disk_is_named_in_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "run.mcap.partial").symlink_to("/dev/full")
+    with pytest.raises(RecordingFailed) as caught:
+        Writer(tmp_path / "run.mcap", TOPICS, TICK, METADATA, [TF])
+    path = tmp_path / "run.mcap.partial"
+    assert str(caught.value) == (
+        f"{path}: recording stopped: No space left on device; the 0 bytes already written stay readable"
+    )
+    assert caught.value.exit_code == 3
+
+
+def test_a_folder_that_does_not_exist_is_named(tmp_path: Path) -> None:
+    with pytest.raises(RecordingFailed, match=r"nowhere/run\.mcap\.partial: cannot be created: No such file"):
+        Writer(tmp_path / "nowhere" / "run.mcap", TOPICS, TICK, METADATA, [TF])
+
+
+def test_the_error_that_stopped_the_run_is_not_hidden_by_the_disk(tmp_path: Path) -> None:
+    with (
+        largest_file(2000),
+        pytest.raises(ZeroDivisionError) as caught,
+        Writer(tmp_path / "run.mcap", TOPICS, TICK, METADATA, [TF]) as writer,
+    ):
+        writer.write("drive/1", 0, np.random.default_rng(0).normal(size=(500, 2)))
+        raise ZeroDivisionError
+    assert "recording stopped: File too large" in caught.value.__notes__[0]
+
+
+def test_an_interrupt_halfway_through_a_record_leaves_no_half_record(tmp_path: Path) -> None:
+    class Interrupting:
+        """A file that is interrupted after it has written a part."""
+
+        def __init__(self, output: Output) -> None:
+            assert output._file is not None
+            self.file = output._file
+
+        def write(self, data: bytes) -> int:
+            self.file.write(data[:3])
+            raise KeyboardInterrupt
+
+        def __getattr__(self, name: str) -> object:
+            return getattr(self.file, name)
+
+    output = Output(tmp_path / "run.mcap")
+    output.append(b"whole")
+    output._file = Interrupting(output)  # type: ignore[assignment]
+    with pytest.raises(KeyboardInterrupt):
+        output.append(b"interrupted")
+    assert output.partial.read_bytes() == b"whole"
+    assert output.closed
+
+
+@given(st.lists(st.integers(1, 2 * ROOM), min_size=1, max_size=6))
+def test_its_memory_grows_and_keeps_what_is_in_it(lengths: list[int]) -> None:
+    pending = Pending()
+    records = [np.full((1, length), number, dtype=np.uint8) for number, length in enumerate(lengths)]
+    for number, record in enumerate(records):
+        pending.put(number, np.array([number]), record)
+    assert pending.shapes == [Shape(number, 1, length) for number, length in enumerate(lengths)]
+    assert pending.size == sum(lengths)
+    assert woven(pending).content.tobytes() == b"".join(record.tobytes() for record in records)
+
+
+def test_what_was_woven_is_not_there_a_second_time() -> None:
+    pending = Pending()
+    pending.put(1, np.array([5]), np.zeros((1, 40), dtype=np.uint8))
+    woven(pending)
+    assert (pending.size, pending.shapes, pending.times) == (0, [], [])
+
+
+def test_room_that_nobody_adds_to_is_given_again() -> None:
+    pending = Pending()
+    at = pending.room(100)
+    assert pending.room(10) == at
+    assert pending.size == 0
+
+
+class Block(NamedTuple):
+    """Records (n, stride) of one channel, and their times (n,)."""
+
+    channel: int
+    times: np.ndarray
+    records: np.ndarray
+
+
+def together(several: list[Block]) -> Woven:
+    pending = Pending()
+    for block in several:
+        pending.put(*block)
+    return woven(pending)
+
+
+@st.composite
+def blocks(draw: st.DrawFn) -> Block:
+    """Records that name their channel, time and place, so that each can be told from all others."""
+    channel = draw(st.integers(1, 5))
+    times = np.array(sorted(draw(st.lists(st.integers(0, 20), min_size=1, max_size=8))))
+    stride = draw(st.integers(3, 40))
+    records = np.zeros((len(times), stride), dtype=np.uint8)
+    records[:, 0], records[:, 1], records[:, 2] = channel, times, np.arange(len(times))
+    return Block(channel, times, records)
+
+
+def in_order(several: list[Block]) -> list[tuple[int, int, bytes]]:
+    """(time, channel, record) of all messages, by time, then by block."""
+    found = [
+        (int(time), block.channel, bytes(record))
+        for block in several
+        for time, record in zip(block.times, block.records, strict=True)
+    ]
+    return sorted(found, key=lambda message: message[0])
+
+
+@given(st.lists(blocks(), min_size=1, max_size=6))
+def test_weaving_orders_records_by_time_then_by_block_and_loses_none(several: list[Block]) -> None:
+    weave, expected = together(several), in_order(several)
+    assert weave.content.tobytes() == b"".join(record for _, _, record in expected)
+    assert weave.begin == expected[0][0]
+
+
+@given(st.lists(blocks(), min_size=1, max_size=6), st.integers(1, 10**15), st.integers(1, 255))
+def test_what_is_remembered_of_one_slice_fits_the_next(several: list[Block], later: int, mark: int) -> None:
+    """Of the same shape, but at other times and with other numbers in it."""
+    together(several)
+    following = [Block(b.channel, b.times + later, b.records ^ np.uint8(mark)) for b in several]
+    weave, expected = together(following), in_order(following)
+    assert weave.content.tobytes() == b"".join(record for _, _, record in expected)
+    assert (weave.begin, weave.begin + weave.pieces[-1].end) == (expected[0][0], expected[-1][0])
+
+
+# mostly several pieces: 10 to 60 records of up to 100 kB
+@given(st.lists(st.integers(1, 100_000), min_size=10, max_size=60), st.integers(1, 7))
+def test_pieces_are_the_whole_in_order_and_never_cut_a_tick(lengths: list[int], per_tick: int) -> None:
+    several = [
+        Block(1, np.array([k // per_tick]), np.zeros((1, length), dtype=np.uint8)) for k, length in enumerate(lengths)
+    ]
+    pieces = together(several).pieces
+    bounds = [0, *np.cumsum(lengths).tolist()]
+    assert [piece.content.start for piece in pieces] == [0, *(piece.content.stop for piece in pieces[:-1])]
+    assert pieces[-1].content.stop == bounds[-1]
+    assert all(piece.content.start in bounds for piece in pieces)
+    assert all(before.end < after.start for before, after in pairwise(pieces))
+    # a cut moves back to the start of its tick, which adds at most one tick to the piece after it
+    longest = LARGEST_CHUNK + per_tick * max(lengths)
+    assert all(piece.content.stop - piece.content.start <= longest for piece in pieces)
+
+
+@given(st.lists(blocks(), min_size=1, max_size=6), st.integers(0, 1000))
+def test_message_indexes_are_those_that_mcap_writes(several: list[Block], shift: int) -> None:
+    weave, expected = together(several), in_order(several)
+    (piece,) = weave.pieces
+    starts = np.cumsum([shift, *(len(record) for _, _, record in expected)]).tolist()
+    indexes = piece.indexes(weave.begin, shift)
+    assert set(indexes) == {channel for _, channel, _ in expected}
+    for channel, index in indexes.items():
+        builder = RecordBuilder()
+        entries = [(time, start) for (time, own, _), start in zip(expected, starts, strict=False) if own == channel]
+        MessageIndex(channel, entries).write(builder)
+        assert index == builder.end()
+
+
+@given(st.lists(st.integers(40_000, 100_000), min_size=10, max_size=30))
+def test_indexes_of_a_later_piece_count_from_its_own_first_byte(lengths: list[int]) -> None:
+    """A chunk is decompressed by itself: where it begins in the weave does not matter to its index."""
+    several = [Block(1, np.array([k]), np.full((1, length), k, dtype=np.uint8)) for k, length in enumerate(lengths)]
+    weave = together(several)
+    assert len(weave.pieces) > 1
+    for piece in weave.pieces:
+        chunk = weave.content[piece.content]
+        numbers, starts = np.unique(chunk, return_index=True)
+        builder = RecordBuilder()
+        MessageIndex(1, list(zip(numbers.tolist(), starts.tolist(), strict=True))).write(builder)
+        assert piece.indexes(weave.begin, 0) == {1: builder.end()}
 
 
 def decoded(reader: SeekingReader | NonSeekingReader) -> dict[str, np.ndarray]:

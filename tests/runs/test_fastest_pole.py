@@ -11,7 +11,7 @@ from twin.errors import ComponentFailed
 from twin.experiment.experiment import Experiment
 from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.jacobian import jacobian
-from twin.runs.assembly.beliefs import geometry_of
+from twin.runs.assembly.computer import geometry_of
 from twin.runs.assembly.load import load_experiment
 from twin.runs.assembly.true_parameters import plant_parameters
 from twin.runs.fastest_pole import STABLE, fastest_pole, too_fast

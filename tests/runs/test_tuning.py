@@ -11,10 +11,10 @@ from tests.laws.runs import shipped
 from twin.errors import InputRefused
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.runs.observer import TickEvent
+from twin.runs.loop import TickEvent
+from twin.runs.recorder import RowStream
 from twin.runs.run import SLICE_TICKS, Run, execute
 from twin.runs.scene.scene import Scene
-from twin.runs.streams import RowStream
 from twin.runs.tuning import Tuning
 
 REFERENCE = "controller.force.reference_N"

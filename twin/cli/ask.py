@@ -4,9 +4,8 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from twin.cli.compiling import CompileWatch
 from twin.cli.options import JobIsolation
-from twin.cli.progress import progress
+from twin.cli.terminal import CompileWatch, progress
 from twin.errors import ComponentFailed, visible_lines
 from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
 from twin.runs.guard.limits import Limits

@@ -31,7 +31,7 @@ def drive_names(incomplete: str) -> list[str]:
 
 def role_names(incomplete: str) -> list[str]:
     """Parts of the robot that may be of another make."""
-    from twin.experiment.replaced import KEPT
+    from twin.experiment.source import KEPT
 
     return _starting_with(incomplete, KEPT)
 

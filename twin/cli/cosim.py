@@ -8,9 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from twin.cli.compiling import CompileWatch
 from twin.cli.options import JOB_ISOLATION, AsJson, Compile, Isolate, JobIsolation, LimitStep, LimitWall
-from twin.cli.progress import progress
+from twin.cli.terminal import CompileWatch, progress
 from twin.errors import ComponentFailed, InputRefused, visible_lines
 from twin.runs.guard.guard import JobEnded, guarded
 from twin.runs.guard.limits import Limits

@@ -63,7 +63,7 @@ def info(fmu: Fmu, compile_: Compile = False, as_json: AsJson = False) -> None:
     from twin.drive.mapping import RolesUnclear
     from twin.experiment.drive_files import lone_drive
     from twin.runs.assembly.drives import fmus, planned
-    from twin.studies.qualify.variables import variables_facts, variables_text
+    from twin.studies.qualify.bench import variables_facts, variables_text
 
     table = lone_drive(str(fmu), Path.cwd())
     if compile_:
@@ -108,7 +108,7 @@ def new(
 
     Example: twin drive new fmus/stepper/stepper.fmu
     """
-    from twin.studies.qualify.beginning import begun
+    from twin.studies.qualify.proposal import begun
 
     mapping, complete = begun(fmus, Path.cwd())
     print(f"{mapping}\n" + ("complete" if complete else "NOT complete: remove the # from one line of each choice"))

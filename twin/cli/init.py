@@ -24,7 +24,7 @@ def init(
 
     Example: twin init my_experiment.toml --from pressing
     """
-    from twin.experiment.started import start_experiment
+    from twin.experiment.recorded import start_experiment
     from twin.runs.assembly.declared import DECLARED
 
     for written in start_experiment(DECLARED, file, start):

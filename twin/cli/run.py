@@ -12,9 +12,9 @@ from typer.core import TyperCommand
 
 from twin.cli.ahead import JOB
 from twin.cli.completion import experiment_files
-from twin.cli.display import Display
 from twin.cli.options import ISOLATION, BodyName, DriveName, Isolation, LimitStep, LimitWall, Settings
 from twin.cli.report import Listener, Reported
+from twin.cli.terminal import Display
 from twin.errors import ComponentFailed, InputRefused
 from twin.runs.guard.guard import GRACE, JobEnded, guarded
 from twin.runs.guard.interrupt import INTERRUPTED

@@ -13,8 +13,8 @@ import typer
 
 from twin.cli.group import Group
 from twin.cli.options import AsJson, LimitStep
-from twin.cli.progress import Progress, progress
 from twin.cli.sweep_show import By, as_facts, show
+from twin.cli.terminal import Progress, progress
 from twin.errors import InputRefused
 from twin.runs.guard.limits import cores
 from twin.writing import json_text
@@ -208,8 +208,8 @@ app.command("show")(show)
 def _refuse_endless(plan: "Plan") -> None:
     """Ask whoever starts a sweep whose runs take hours each; also the estimate makes two of them."""
     from twin.runs.assembly.load import load_experiment
-    from twin.runs.estimate import estimate
     from twin.runs.guard.limits import LONG
+    from twin.runs.watch import estimate
 
     first = plan.tasks[0]
     seconds, _ = estimate(load_experiment(plan.experiment, first.settings, first.drive))

@@ -12,12 +12,18 @@ import numpy as np
 
 from twin.compiled.function import njit
 from twin.controller.breath import BREATH, Breath, breathe
-from twin.controller.dither import dither
-from twin.controller.schedule import SCHEDULE, SchedulePoint, Scheduling, follow_reference, schedule_gains, table_of
+from twin.controller.schedule import (
+    SCHEDULE,
+    SchedulePoint,
+    Scheduling,
+    dither,
+    follow_reference,
+    schedule_gains,
+    table_of,
+)
 from twin.controller.taps import TAPS
 from twin.controller.tissue import TISSUE, Sensing, sense
-from twin.cosim.port import Port
-from twin.cosim.record import record
+from twin.cosim.port import Port, record
 from twin.settings import numbers
 
 ADAPTIVE_OUTPUTS = (

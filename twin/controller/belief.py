@@ -1,7 +1,7 @@
 """What the controller believes of the robot: its own model, not the plant's parameters."""
 
 from twin.controller.processor import Processor
-from twin.cosim.record import record_of
+from twin.cosim.port import record_of
 from twin.robot.model import Model
 from twin.settings import FieldSource, Values, taken
 

@@ -13,7 +13,7 @@ import math
 
 from twin.compiled.function import njit
 from twin.controller.pid import low_pass_share
-from twin.cosim.record import record_of
+from twin.cosim.port import record_of
 from twin.settings import Settings, setting
 
 GAIN, RATE_GAIN = 2.5, 0.3

@@ -1,10 +1,9 @@
 """[controller]: all tables of the robot's computer."""
 
 from twin.controller.breath import Breath
-from twin.controller.damping import Damping
 from twin.controller.energy_tank import EnergyTank
-from twin.controller.feed_forward import FeedForward
 from twin.controller.loops import ForceLoop, PositionLoop
+from twin.controller.pid import Damping, FeedForward
 from twin.controller.processor import Processor
 from twin.controller.task_controller import Touch
 from twin.controller.tissue import Tissue

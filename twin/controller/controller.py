@@ -16,8 +16,7 @@ from twin.controller.pid import LOW_PASS, PID, Gains, accept, kept_share, loop, 
 from twin.controller.processor import Processor
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import doubles_at, step_function
-from twin.cosim.port import Port
-from twin.cosim.record import memory_of, record, record_of
+from twin.cosim.port import Port, memory_of, record, record_of
 from twin.robot.model import Model
 from twin.settings import Values, taken
 

@@ -30,11 +30,10 @@ import numpy as np
 
 from twin.compiled.function import njit
 from twin.controller.controller import OMEGA_REF
-from twin.controller.feed_forward import load_torques
+from twin.controller.pid import load_torques
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
-from twin.cosim.port import Port, by_port, width
-from twin.cosim.record import memory_of, record, record_of
+from twin.cosim.port import Port, by_port, memory_of, record, record_of, width
 from twin.robot.model import Model
 from twin.settings import Settings, Values, setting, taken
 

@@ -6,8 +6,7 @@ from twin.compiled.function import carray, njit
 from twin.controller.belief import BELIEF, Belief
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import address_of, doubles_at, step_function
-from twin.cosim.port import Port, port_record
-from twin.cosim.record import memory_of, record
+from twin.cosim.port import Port, memory_of, port_record, record
 from twin.robot.forward_kinematics import platform_position
 from twin.robot.gravity import arm_gravity_torque, platform_weight
 from twin.robot.jacobian import jacobian_row

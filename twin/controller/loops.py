@@ -1,4 +1,7 @@
-"""[controller.position] and [controller.force]: the two loops of Fig. 3 B, and gains over the stiffness."""
+"""[controller.position] and [controller.force]: the two loops of Fig. 3 B, and gains over the stiffness.
+
+A state-variable filter of second order: low-pass, band-pass and high-pass of one signal at once.
+"""
 
 import math
 from collections.abc import Sequence
@@ -6,7 +9,28 @@ from itertools import pairwise
 
 from pydantic import model_validator
 
+from twin.compiled.function import njit
 from twin.settings import Settings, setting
+
+
+@njit(cache=True)
+def state_variable(damping, g, fast, slow, x):
+    """(low-passed `x`, its derivative over 2 pi f, its second over (2 pi f)^2, the two states after it).
+
+    By the trapezoidal rule, so the derivatives are those of the output itself (Zavalishin 2012, The Art of VA Filter
+    Design, Ch. 4).
+
+    Args:
+        damping: 1/Q.
+        g: tan(pi f h), of the corner f (Hz) and the period h (s).
+        fast, slow: states after the call before; at rest 0 and the signal.
+    """
+    # a factor, which does not wait for x and is one for all stages of a filter
+    high = (x - (damping + g) * fast - slow) * (1.0 / (1.0 + g * (damping + g)))
+    band = g * high + fast
+    low = g * band + slow
+    return low, band, high, band + g * high, low + g * band
+
 
 WIDEST_GAP = 3.0
 """Largest ratio of stiffness of two neighbours in a schedule."""

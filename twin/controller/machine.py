@@ -6,8 +6,8 @@ import numpy as np
 
 from twin.compiled.function import njit
 from twin.controller.motion import motion, motion_time, smooth
-from twin.controller.phase import PhaseKind, Until
-from twin.cosim.record import record
+from twin.controller.program import PhaseKind, Until
+from twin.cosim.port import record
 
 MACHINE = record(
     index="i8",

@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
-from twin.cosim.port import Port
-from twin.cosim.record import memory_of, record_of
+from twin.cosim.port import Port, memory_of, record_of
 
 INPUTS = (
     Port("omega_ref", 1, "rad/s", "commanded motor speed"),

@@ -13,11 +13,11 @@ whatever height that is by then; its largest F less the one asked for, over the 
 import math
 
 from twin.compiled.function import njit
-from twin.controller.filter import state_variable
+from twin.controller.loops import state_variable
 from twin.controller.machine import LONGEST_TURN
-from twin.controller.phase import PhaseKind
+from twin.controller.program import PhaseKind
 from twin.controller.tissue import HIGHEST, LOWEST, moving_mass
-from twin.cosim.record import record
+from twin.cosim.port import record
 
 CORNER = 35.0
 """Of the low-pass (Hz): a tap at 100 mm/s loses 2 % of its peak, rounding adds 0.03 N."""

@@ -13,17 +13,29 @@ from twin.compiled.function import carray, njit, pointer_to
 from twin.controller.adaptive import ADAPTIVE_OUTPUTS, Adapting, adapt, tell, with_adaptive
 from twin.controller.controller import INPUTS as ESTIMATES
 from twin.controller.controller import LAW, OUTPUTS, SHARE, Law, follow_passed, force_correction, motor_speeds
-from twin.controller.damping import DAMPER, Damping, damp, damper
-from twin.controller.feed_forward import FEED_FORWARD, Believed, friction_force, load_torques
 from twin.controller.machine import MACHINE, walk
 from twin.controller.motion import motion
-from twin.controller.phase import PHASE, Phase
-from twin.controller.pid import LOW_PASS, PID, Gains, kept_share, loop, rest
+from twin.controller.pid import (
+    DAMPER,
+    FEED_FORWARD,
+    LOW_PASS,
+    PID,
+    Believed,
+    Damping,
+    Gains,
+    damp,
+    damper,
+    friction_force,
+    kept_share,
+    load_torques,
+    loop,
+    rest,
+)
+from twin.controller.program import PHASE, Phase
 from twin.controller.taps import learn_taps
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
-from twin.cosim.port import Port
-from twin.cosim.record import memory_of, record
+from twin.cosim.port import Port, memory_of, record
 from twin.settings import Settings, numbers, setting
 
 TASK_INPUTS = (*ESTIMATES, Port("tau_l", 3, "N m", "estimated joint torques"))

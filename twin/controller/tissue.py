@@ -21,8 +21,8 @@ any more from that call on, all that was learnt is dropped, and learning begins 
 import math
 
 from twin.compiled.function import njit
-from twin.controller.filter import state_variable
-from twin.cosim.record import record, record_of
+from twin.controller.loops import state_variable
+from twin.cosim.port import record, record_of
 from twin.settings import FieldSource, Settings, Values, setting, taken
 
 DAMPING = 0.5

@@ -9,7 +9,7 @@ from twin.controller.controller import OUTPUTS as CONTROLLER_OUTPUTS
 from twin.controller.controller import reference_position
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import doubles_at, step_function
-from twin.cosim.record import record
+from twin.cosim.port import record
 
 P_REF_B = next(port for port in CONTROLLER_OUTPUTS if port.name == "p_ref_B")
 MEMORY = record(segment="i8", way_points="i8", times="i8", points="i8")

@@ -10,11 +10,11 @@ import numpy as np
 
 from twin.compiled.function import carray, pointer_to
 from twin.cosim.component import Component
-from twin.cosim.failure import failed_phrase
 from twin.cosim.interpolation import Scheme
 from twin.cosim.master import LOOP, ticks
 from twin.cosim.native import address_of, doubles_at, integers_at, step_function
 from twin.cosim.port import Port, width
+from twin.cosim.simulation import failed_phrase
 from twin.cosim.system import System
 from twin.errors import InputRefused
 

@@ -10,7 +10,7 @@ import numpy as np
 from twin.compiled.function import carray, njit, pointer_to
 from twin.compiled.native import entry
 from twin.cosim.native import address_of, bytes_at, doubles_at, step_function
-from twin.cosim.record import record
+from twin.cosim.port import record
 from twin.drive.calls import (
     DISCARD,
     DO_STEP,

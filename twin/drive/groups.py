@@ -13,7 +13,7 @@ import numpy as np
 from twin.compiled.function import carray, njit, pointer_to
 from twin.compiled.native import Native
 from twin.cosim.native import address_of, doubles_at, integers_at
-from twin.cosim.record import record
+from twin.cosim.port import record
 from twin.drive.calls import DERIVATIVES, GET, SET, access_2, access_3, access_pairs
 
 _f64, _f32 = pointer_to(np.float64), pointer_to(np.float32)

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from twin.archive import sha256
-from twin.cosim.ssp.parameters import ParameterValue
-from twin.cosim.ssp.unit import UnitDefinition
+from twin.cosim.ssp.parameters import ParameterValue, UnitDefinition
 from twin.drive.variable import Conversion, Variable, meant, valued
 from twin.errors import InputRefused
 from twin.files import read_bytes

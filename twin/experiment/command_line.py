@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from twin.experiment.difference import flat
+from twin.experiment.recorded import flat
 from twin.experiment.source import COMMAND_LINE, toml_value
 
 WHOLE = {"drive.fmu": "--drive", "contact.body": "--body"}

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from pydantic import create_model
 
 from twin.experiment.mistakes import keys, model_in
-from twin.experiment.replaced import KEPT
+from twin.experiment.source import KEPT
 from twin.settings import Settings
 
 

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 from twin.experiment import schema, task
 from twin.experiment.change import Change
+from twin.experiment.drive_files import StandIn
 from twin.experiment.fault import Fault
 from twin.experiment.measure import Measure
-from twin.experiment.reference import Reference, WayPoints
-from twin.experiment.stand_in import StandIn
+from twin.experiment.task import Reference, WayPoints
 from twin.settings import Settings, Triple, setting
 
 if TYPE_CHECKING:
     # what the tables of parts are called, for the type checker alone
     from twin.controller.computer import Computer
-    from twin.monitor.limits import Monitor
+    from twin.monitor.checks import Monitor
     from twin.plant.contact_law import Contact
     from twin.plant.parameters import Robot, TrueRobot
     from twin.plant.scale import Display

@@ -7,8 +7,7 @@ from typing import Any
 from pydantic import create_model
 
 from twin.errors import InputRefused
-from twin.experiment.fault_catalogue import kind_named, refuse_target
-from twin.experiment.fault_kind import Kind
+from twin.experiment.fault_catalogue import Kind, kind_named, refuse_target
 from twin.experiment.mistakes import checked, numbered
 from twin.experiment.ticks import whole_ticks
 from twin.settings import Settings, setting

@@ -15,13 +15,12 @@ from pydantic.json_schema import GenerateJsonSchema
 from twin.experiment import schema
 from twin.experiment.change import ChangeTable
 from twin.experiment.declared import Declared
-from twin.experiment.drive_files import JOINTS
+from twin.experiment.drive_files import JOINTS, StandIn
 from twin.experiment.experiment import Head
 from twin.experiment.fault import table_of
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.measure import KINDS as MEASURES
-from twin.experiment.replaced import KEPT
-from twin.experiment.stand_in import StandIn
+from twin.experiment.source import KEPT
 from twin.experiment.task import KINDS as TASKS
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"

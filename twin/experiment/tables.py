@@ -10,16 +10,13 @@ from twin.experiment import schema
 from twin.experiment.body_files import fill_from_body
 from twin.experiment.change import Change, checked_changes
 from twin.experiment.declared import Declared
-from twin.experiment.drive_files import joint_tables
+from twin.experiment.drive_files import StandIn, checked_apart, joint_tables, role_named
 from twin.experiment.experiment import ARRAYS, Experiment, Head
 from twin.experiment.fault import Fault, checked_faults
 from twin.experiment.measure import Measure, checked_measures
 from twin.experiment.mistakes import checked, keys, unknown
-from twin.experiment.reference import WayPoints
-from twin.experiment.replaced import KEPT
-from twin.experiment.source import Source, with_numbers
-from twin.experiment.stand_in import StandIn, checked_apart, role_named
-from twin.experiment.task import Task, checked_tasks
+from twin.experiment.source import KEPT, Source, with_numbers
+from twin.experiment.task import Task, WayPoints, checked_tasks
 from twin.experiment.ticks import MOST_TICKS, whole_ticks
 from twin.settings import Settings
 

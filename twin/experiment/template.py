@@ -17,15 +17,14 @@ from twin.experiment import schema
 from twin.experiment.body_files import fill_from_body
 from twin.experiment.change import ChangeTable
 from twin.experiment.declared import Declared
+from twin.experiment.drive_files import StandIn
 from twin.experiment.experiment import Head
 from twin.experiment.fault import table_of
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.json_schema import SCHEMA_FILE
 from twin.experiment.measure import KINDS as MEASURES
 from twin.experiment.mistakes import model_in
-from twin.experiment.replaced import KEPT
-from twin.experiment.source import Source, at, read_source, toml_value
-from twin.experiment.stand_in import StandIn
+from twin.experiment.source import KEPT, Source, at, read_source, toml_value
 from twin.experiment.task import KINDS as TASKS
 from twin.places import located
 

@@ -8,9 +8,8 @@ import numpy as np
 from twin.compiled.function import njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
-from twin.cosim.port import Port
-from twin.cosim.record import memory_of, record
-from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
+from twin.cosim.port import Port, memory_of, record
+from twin.faults.command_fault import ACTIVE, WINDOW, Span, tick_now, window, within
 
 
 class DriveLaw(IntEnum):

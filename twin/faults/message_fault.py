@@ -11,10 +11,9 @@ import numpy as np
 from twin.compiled.function import carray, njit, pointer_to
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import doubles_at, step_function
-from twin.cosim.port import Port, width
-from twin.cosim.record import memory_of, record
+from twin.cosim.port import Port, memory_of, record, width
+from twin.faults.command_fault import ACTIVE, WINDOW, Span, tick_now, window, within
 from twin.faults.randomness import drawn
-from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 NEVER = 1 << 62
 """The tick at which a lost message arrives."""

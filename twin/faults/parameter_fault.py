@@ -7,9 +7,8 @@ import numpy as np
 from twin.compiled.function import carray
 from twin.cosim.component import Component, NativeComponent
 from twin.cosim.native import doubles_at, step_function
-from twin.cosim.port import Port
-from twin.cosim.record import memory_of, record
-from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
+from twin.cosim.port import Port, memory_of, record
+from twin.faults.command_fault import ACTIVE, WINDOW, Span, tick_now, window, within
 
 VALUE = Port("value", 1, "SI", "the parameter as it holds now")
 MEMORY = record(window=WINDOW, address="i8", nominal="f8", chained="i8", factor="f8", added="f8", ramp="i8")

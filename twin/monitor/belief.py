@@ -1,6 +1,6 @@
 """What the monitor believes of the robot: its own record, so that the controller's wrong model is not also its own."""
 
-from twin.cosim.record import record_of
+from twin.cosim.port import record_of
 from twin.robot.model import Model
 from twin.settings import Values, setting, taken
 

@@ -5,17 +5,20 @@ import numpy as np
 from twin.compiled.function import njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
-from twin.cosim.port import Port, by_port, width
-from twin.cosim.record import memory_of, record
+from twin.cosim.port import Port, by_port, memory_of, record, width
 from twin.monitor.belief import BELIEF, MonitorBelief
 from twin.monitor.checks import (
     INVALID_SAMPLE,
     LARGEST_COUNT,
     LARGEST_SAMPLE,
+    LIMITS,
     NO_POSE,
     REASONS,
     STALE,
     TIMERS,
+    Limits,
+    Reason,
+    Trip,
     first_reached,
     thresholds,
     time_joints,
@@ -23,9 +26,7 @@ from twin.monitor.checks import (
     value_command,
     value_sample,
 )
-from twin.monitor.limits import LIMITS, Limits
 from twin.monitor.observation import SEEN, low_pass_share, observe_contact, observe_joints, observe_platform
-from twin.monitor.reasons import Reason, Trip
 from twin.monitor.retraction import RETRACTION, retraction_speed, supervise
 
 INPUTS = (
@@ -38,7 +39,7 @@ POWER = Port("power", 1, "1", "whether the drives may have power", "bool")
 OUTPUTS = (
     Port("omega_ref", 3, "rad/s", "motor speeds for the drives: the controller's, after a trip the retraction's"),
     Port("tripped", 1, "1", "whether the monitor has tripped; stays", "bool"),
-    Port("reason", 1, "1", "why, a code of twin.monitor.reasons; 0: not tripped", "int"),
+    Port("reason", 1, "1", "why, a code of twin.monitor.checks; 0: not tripped", "int"),
     POWER,
     Port("F_z", 1, "N", "pressing force by the monitor's own estimate, low-passed"),
     Port("speed", 1, "m/s", "speed of the platform, low-passed"),

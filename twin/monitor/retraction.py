@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twin.compiled.function import njit
-from twin.cosim.record import record
+from twin.cosim.port import record
 from twin.robot.forward_kinematics import position
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles

@@ -19,8 +19,7 @@ import numpy as np
 from twin.compiled.function import carray, njit, pointer_to
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
-from twin.cosim.port import Port
-from twin.cosim.record import record, record_of
+from twin.cosim.port import Port, record, record_of
 from twin.plant.parameters import Triple
 
 

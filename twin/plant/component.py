@@ -14,9 +14,8 @@ from twin.compiled.function import njit
 from twin.compiled.native import entry
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
-from twin.cosim.port import Port, port_record
-from twin.cosim.record import memory_of, record
-from twin.plant.contact import normal_force, settled_bristle, touch
+from twin.cosim.port import Port, memory_of, port_record, record
+from twin.plant.contact import ANCHORS, normal_force, settled_bristle, touch
 from twin.plant.dynamics import (
     UNTOUCHED,
     acceleration,
@@ -28,7 +27,6 @@ from twin.plant.dynamics import (
     spring_stiffness,
     winding,
 )
-from twin.plant.friction import ANCHORS
 from twin.plant.parameters import PARAMETERS, STATES, PlantParameters
 from twin.plant.surface import apex_frame
 from twin.robot.geometry import coordinates_along, legs

@@ -19,10 +19,8 @@ import numpy as np
 
 from twin.compiled.function import njit
 from twin.compiled.lanes import with_lane
-from twin.plant.contact import touch
-from twin.plant.friction import ANCHORS, drag, friction_torque, gripped, stop_torque, stopped
-from twin.plant.mounting import hanging, upward
-from twin.plant.surface import apex_frame
+from twin.plant.contact import ANCHORS, drag, friction_torque, gripped, stop_torque, stopped, touch
+from twin.plant.surface import apex_frame, hanging, upward
 from twin.robot.geometry import coordinates_along, legs
 from twin.robot.gravity import arm_weight, leg_inertia, moving_mass, platform_weight
 from twin.robot.leg import angle_near, angles_near, leg_motion, leg_vectors, links

@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from twin.compiled.native import entry
-from twin.cosim.port import port_record
-from twin.cosim.record import memory_of, record
+from twin.cosim.port import memory_of, port_record, record
 from twin.plant.component import OUTPUTS, STILL, outputs_near, settle
+from twin.plant.contact import ANCHORS
 from twin.plant.dynamics import UNTOUCHED, derivative_near, settle_friction
-from twin.plant.friction import ANCHORS
 from twin.plant.parameters import PARAMETERS, STATES, PlantParameters
 from twin.plant.surface import apex_frame
 

@@ -4,7 +4,7 @@ import math
 
 from pydantic import model_validator
 
-from twin.cosim.record import record_of
+from twin.cosim.port import record_of
 from twin.plant.contact_law import Contact
 from twin.robot.model import Model
 from twin.settings import Triple, Values, setting, taken

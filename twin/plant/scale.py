@@ -4,8 +4,7 @@ import numpy as np
 
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
-from twin.cosim.port import Port
-from twin.cosim.record import memory_of, record
+from twin.cosim.port import Port, memory_of, record
 from twin.settings import Settings, setting
 
 

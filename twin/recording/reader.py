@@ -1,26 +1,64 @@
-"""Reading a file that `Writer` wrote, whole, unfinished or damaged."""
+"""Reading a file that `Writer` wrote, whole, unfinished or damaged.
+
+What a recording says of its origin, read without its samples.
+"""
 
 import os
 import struct
 from collections.abc import Mapping
+from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 from google.protobuf.message import DecodeError
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
+from mcap.records import Metadata
 from mcap.writer import MCAP0_MAGIC
 
-from twin.errors import InputRefused
-from twin.files import json_of
+from twin.errors import InputRefused, disk_refusals
+from twin.files import LIMIT, json_of
 from twin.recording.errors import RecordingDamaged, RecordingRefused
 from twin.recording.folder import recording_in
 from twin.recording.messages import RECORD_PREFIX
-from twin.recording.output import PARTIAL
 from twin.recording.recording import Recording, Stream
 from twin.recording.scan import Damage, Scan
 from twin.recording.series import NANOSECONDS, Contents
+from twin.recording.writer import PARTIAL
+
+
+def origin(path: Path) -> dict[str, dict[str, str]]:
+    """The metadata of the recording's file `path`, finished or not: name -> key -> text.
+
+    Goes from record to record; samples are passed over. Nothing is checked: `reader.read` does that.
+
+    Raises:
+        RecordingRefused: it cannot be read, or is no MCAP file.
+    """
+    found: dict[str, dict[str, str]] = {}
+    with disk_refusals(path, "cannot be read", RecordingRefused), path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+            raise RecordingRefused(f"{path}: not an MCAP file, expected a recording of twin")
+        position = len(MCAP0_MAGIC)
+        while position + RECORD_PREFIX <= size:
+            file.seek(position)
+            opcode, length = struct.unpack("<BQ", file.read(RECORD_PREFIX))
+            position += RECORD_PREFIX + length
+            if opcode == Opcode.DATA_END or position > size:
+                break
+            if opcode == Opcode.METADATA and length <= LIMIT:
+                try:
+                    record = Metadata.read(ReadDataStream(BytesIO(file.read(length))))
+                except (McapError, ValueError, struct.error, OverflowError):
+                    raise RecordingRefused(
+                        f"{path}: not a recording that twin wrote: its metadata is damaged"
+                    ) from None
+                found.setdefault(record.name, {}).update(record.metadata)
+    return found
+
 
 ROUNDING = 2
 """ns; times are rounded to whole ones."""

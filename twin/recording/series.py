@@ -12,9 +12,8 @@ from mcap.records import Channel, Message, Schema
 
 from twin.recording.layout import Field, check_stream
 from twin.recording.messages import RECORD_PREFIX, MessageLayout, message_layout
-from twin.recording.scan import Damage
+from twin.recording.scan import CHANNEL, LENGTH, PLACE, SEQUENCE, Damage, Records
 from twin.recording.schema import described_fields
-from twin.recording.walk import CHANNEL, LENGTH, PLACE, SEQUENCE, Records
 
 NANOSECONDS = 1e9
 # message types for viewers, which hold no numbers that are not in the series too

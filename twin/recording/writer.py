@@ -1,29 +1,307 @@
-"""Writing a recording: slices of rows in, an MCAP file of protobuf messages out."""
+"""Writing a recording: slices of rows in, an MCAP file of protobuf messages out.
 
+The file a recording grows in: `NAME.mcap.partial` until finished, never with half a record at its end.
+
+Message records that wait for the chunk they go into.
+
+Blocks of messages woven into one content: in order of time across topics, cut into chunks, indexed. Layout of an index:
+https://mcap.dev/spec#message-index-op0x07. What a weave is made of, numbers of messages and the times between them,
+comes again slice after slice; what is in the messages does not matter to it.
+"""
+
+import contextlib
+import os
+import struct
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import BinaryIO, NamedTuple, Self
 
 import numpy as np
 import zstandard
 from foxglove_schemas_protobuf.Log_pb2 import Log
+from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Message, Metadata, MetadataIndex, Schema
 from mcap.writer import MCAP0_MAGIC
 
 from twin import __version__
-from twin.recording.chunks import COMPRESSION_LEVEL, chunk, encoded
+from twin.compiled.function import carray
+from twin.compiled.memory import copy
+from twin.compiled.native import entry
+from twin.errors import disk_refusals
 from twin.recording.errors import RecordingFailed
-from twin.recording.filling import Filling
-from twin.recording.form import Form, form_filling
 from twin.recording.layout import Field, Topic
-from twin.recording.messages import message_layout, no_integer
-from twin.recording.output import Output
-from twin.recording.pending import Pending
+from twin.recording.messages import Filling, Form, form_filling, message_layout, no_integer
 from twin.recording.schema import descriptor_set, descriptors_of, log_descriptor_set, message_names
-from twin.recording.summary import Summary
-from twin.recording.weave import woven
+from twin.recording.summary import COMPRESSION_LEVEL, Summary, chunk, encoded
+
+PARTIAL = ".partial"
+
+
+class Output:
+    """Append-only file that is renamed to `path` when it is complete.
+
+    Attributes:
+        path: where the finished file will be.
+        partial: where it grows.
+        size: bytes appended.
+        crc: CRC-32 of all of them.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Create the partial file, replacing one of that name.
+
+        Raises:
+            RecordingFailed: it cannot be created.
+        """
+        self.path = path
+        self.partial = path.with_name(path.name + PARTIAL)
+        self.size = 0
+        self.crc = 0
+        with disk_refusals(self.partial, "cannot be created", RecordingFailed):
+            # unbuffered: what `append` returned from is with the operating system and survives this process
+            self._file: BinaryIO | None = open(self.partial, "wb", buffering=0)  # noqa: SIM115
+
+    @property
+    def closed(self) -> bool:
+        """Whether nothing can be appended any more."""
+        return self._file is None
+
+    def append(self, data: bytes) -> int:
+        """Append all of `data` or nothing; return the offset at which it starts.
+
+        After a failure, or an interrupt halfway, the file ends where `data` would have begun and is closed.
+
+        Raises:
+            RecordingFailed: the operating system refuses: disk full, file too large, closed file.
+        """
+        if self._file is None:
+            raise RecordingFailed(f"{self.partial}: the recording is closed")
+        rest = memoryview(data)
+        kept = f"the {self.size} bytes already written stay readable"
+        with disk_refusals(self.partial, "recording stopped", RecordingFailed, kept):
+            try:
+                while rest:
+                    rest = rest[self._file.write(rest) :]
+            except BaseException:
+                with contextlib.suppress(OSError):
+                    self._file.truncate(self.size)
+                self.close()
+                raise
+        start = self.size
+        self.size += len(data)
+        self.crc = zlib.crc32(data, self.crc)
+        return start
+
+    def close(self) -> None:
+        """Close the file and leave it as it is."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def publish(self) -> None:
+        """Force the file to the disk, close it and give it its final name, replacing a file of that name.
+
+        Raises:
+            RecordingFailed: the disk or the folder refuses; the partial file stays.
+        """
+        if self._file is None:
+            raise RecordingFailed(f"{self.partial}: the recording is closed")
+        with disk_refusals(self.partial, "cannot be finished", RecordingFailed):
+            try:
+                os.fsync(self._file.fileno())
+            finally:
+                self.close()
+            os.replace(self.partial, self.path)
+
+
+ROOM = 256 * 1024
+"""Bytes to begin with: those of a slice."""
+
+
+class Shape(NamedTuple):
+    """Of a block of records: their channel, how many they are, and their length in bytes."""
+
+    channel: int
+    messages: int
+    stride: int
+
+
+class Pending:
+    """Message records of several channels, one block after another in one memory.
+
+    Attributes:
+        shapes: of the blocks.
+        times: of each block the log times, ns, (n,) int64, ascending.
+        size: bytes of all records.
+        address: where the first begins.
+    """
+
+    def __init__(self) -> None:
+        self._hold(np.empty(ROOM, dtype=np.uint8))
+        self.clear()
+
+    def room(self, size: int) -> int:
+        """Address at which the next block begins, with room for `size` bytes at least."""
+        if self.size + size > len(self._memory):
+            larger = np.empty(2 * (self.size + size), dtype=np.uint8)
+            larger[: self.size] = self._memory[: self.size]
+            self._hold(larger)
+        return self.address + self.size
+
+    def add(self, channel: int, times: np.ndarray, stride: int) -> None:
+        """What has been written into the room is a block: a record of `stride` bytes for each of `times`."""
+        self.shapes.append(Shape(channel, len(times), stride))
+        self.times.append(times)
+        self.size += len(times) * stride
+
+    def put(self, channel: int, times: np.ndarray, records: np.ndarray) -> None:
+        """Append a block of `records`, (n, stride) uint8."""
+        self.room(records.size)
+        self._memory[self.size : self.size + records.size] = records.reshape(-1)
+        self.add(channel, times, records.shape[1])
+
+    def clear(self) -> None:
+        """Forget all blocks; their memory is used again."""
+        self.shapes: list[Shape] = []
+        self.times: list[np.ndarray] = []
+        self.size = 0
+
+    def _hold(self, memory: np.ndarray) -> None:
+        self._memory, self.address = memory, memory.ctypes.data
+
+
+# small enough that little is lost with the last one, large enough to compress; before compression, bytes
+LARGEST_CHUNK = 256 * 1024
+# of a log time and an offset in an index, bytes
+ENTRY = 16
+KEPT, KEPT_MESSAGES = 32, 5000
+"""So many weaves of so many messages at most are remembered: a few MB."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Consecutive messages of a weave that become a chunk. Times are those since the first message of the weave.
+
+    Attributes:
+        content: which bytes of it.
+        start, end: log times of the first and of the last message, ns.
+        entries: log times and offsets in this piece, of one channel after another, (n, 2) uint64.
+        channels: of each channel its number, how its index begins, and where in the bytes of `entries` its own are.
+    """
+
+    content: slice
+    start: int
+    end: int
+    entries: np.ndarray
+    channels: tuple[tuple[int, bytes, slice], ...]
+
+    def indexes(self, begin: int, shift: int) -> dict[int, bytes]:
+        """Encoded MessageIndex records by channel.
+
+        Built from arrays: mcap's own MessageIndex packs entry by entry, which would cost more than all else here.
+
+        Args:
+            begin: log time of the first message of the weave, ns.
+            shift: bytes of the chunk that stand before the messages.
+        """
+        own = (self.entries + np.array([begin, shift], dtype="<u8")).tobytes()
+        return {channel: head + own[where] for channel, head, where in self.channels}
+
+
+class Woven(NamedTuple):
+    """Records in between each other, in order of time; those of one time in the order of their blocks.
+
+    Attributes:
+        begin: log time of the first message, ns.
+        content: the records, one after another, (bytes,) uint8.
+        pieces: chunks of about `LARGEST_CHUNK` bytes at most, cut between ticks: whatever of them survives, every
+            topic ends at the same tick.
+    """
+
+    begin: int
+    content: np.ndarray
+    pieces: tuple[Piece, ...]
+
+
+def woven(pending: Pending) -> Woven:
+    """The records of `pending`, of which there is at least one; there are none in it afterwards."""
+    times = np.concatenate(pending.times)
+    begin = times.min()
+    made = _kept if len(times) <= KEPT_MESSAGES else _kept.__wrapped__
+    weave = made(tuple(pending.shapes), (times - begin).tobytes())
+    content = np.empty(pending.size, dtype=np.uint8)
+    _scatter(content, pending.address, *weave.table)
+    pending.clear()
+    return Woven(int(begin), content, weave.pieces)
+
+
+@entry("nothing", "int", "int", "integers", "int", "integers", "int")
+def _scatter(content, source, blocks, number, places, messages):
+    block, place = carray(blocks, 2 * number), carray(places, messages)
+    k = 0
+    for b in range(number):
+        stride = block[2 * b + 1]
+        for _ in range(block[2 * b]):
+            copy(content + place[k], source, stride)
+            source += stride
+            k += 1
+
+
+class _Weave:
+    """How the records of some blocks go in between each other.
+
+    Args:
+        shapes: of the blocks.
+        places: bytes at which records go, of one block after another, (n,) int64.
+
+    Attributes:
+        pieces: see `Woven`.
+        table: what `_scatter` takes of it.
+    """
+
+    def __init__(self, shapes: Sequence[Shape], places: np.ndarray, pieces: tuple[Piece, ...]):
+        self.pieces = pieces
+        self._blocks, self._places = np.array([shape[1:] for shape in shapes], dtype=np.int64), places
+        self.table = self._blocks.ctypes.data, len(shapes), places.ctypes.data, len(places)
+
+
+@lru_cache(KEPT)
+def _kept(shapes: tuple[Shape, ...], times: bytes) -> _Weave:
+    """`times` (n,) int64 since the first message, of one block after another."""
+    counts = [shape.messages for shape in shapes]
+    since = np.frombuffer(times, dtype=np.int64)
+    order = np.argsort(since, kind="stable")
+    since = since[order]
+    channels = np.repeat([shape.channel for shape in shapes], counts)[order]
+    offsets = np.concatenate([[0], np.cumsum(np.repeat([shape.stride for shape in shapes], counts)[order])])
+    places = np.empty(len(since), dtype=np.int64)
+    places[order] = offsets[:-1]
+    parts = -(-int(offsets[-1]) // LARGEST_CHUNK)
+    targets = np.arange(1, parts) * int(offsets[-1]) // parts
+    inside = np.searchsorted(offsets, targets, side="right") - 1
+    bounds = np.unique([0, *np.searchsorted(since, since[inside]), len(since)])
+    pieces = tuple(_piece(since[a:b], channels[a:b], offsets[a : b + 1]) for a, b in pairwise(bounds.tolist()))
+    return _Weave(shapes, places, pieces)
+
+
+def _piece(since: np.ndarray, channels: np.ndarray, offsets: np.ndarray) -> Piece:
+    first, last = offsets[[0, -1]].tolist()
+    entries = np.stack([since, offsets[:-1] - first], axis=1).astype("<u8")
+    numbers, counts = np.unique(channels, return_counts=True)
+    sizes = ENTRY * counts
+    ends = np.cumsum(sizes)
+    places = tuple(
+        (number, struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + size, number, size), slice(end - size, end))
+        for number, size, end in zip(numbers.tolist(), sizes.tolist(), ends.tolist(), strict=True)
+    )
+    in_turn = entries[np.argsort(channels, kind="stable")]
+    return Piece(slice(first, last), int(since[0]), int(since[-1]), in_turn, places)
+
 
 EVENTS = "events"
 NANOSECONDS = 1e9

@@ -4,8 +4,8 @@ import numpy as np
 
 from twin.errors import Unreachable
 from twin.experiment.experiment import Experiment
+from twin.plant.beginning import resting
 from twin.plant.equations import Equations
-from twin.plant.equilibrium import resting
 from twin.plant.parameters import STATES, PlantParameters
 from twin.runs.assembly.true_parameters import plant_parameters
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.cosim.system import System
 from twin.plant.deviation import Deviation
-from twin.runs.observer import Observer, TickEvent
+from twin.runs.loop import Observer, TickEvent
 
 END = 1.0
 """The end of a run is its last second (s)."""

@@ -6,10 +6,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from twin.controller.phase import PhaseKind
+from twin.controller.program import PhaseKind
 from twin.drive.setting import FILE, told
 from twin.experiment.experiment import Experiment
-from twin.experiment.replaced import KEPT, NAMING
+from twin.experiment.source import KEPT, NAMING
 from twin.runs.assembly.assemble import Assembly
 from twin.runs.assembly.drives import DrivePlan
 

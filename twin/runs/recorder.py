@@ -1,19 +1,98 @@
-"""An observer that writes a run's recording."""
+"""An observer that writes a run's recording.
 
+What components are called in a recording, in a viewer and in memory.
+
+Rows and events of several slices, put together again before they are recorded. A recording's chunks end where its
+blocks do. A paced run is sliced finer than one that runs freely; in blocks of one size both give the same bytes.
+"""
+
+import re
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from twin.cosim.simulation import Simulation
+from twin.cosim.system import System
 from twin.errors import ComponentFailed
+from twin.recording.layout import Field, Topic
 from twin.recording.writer import Writer
-from twin.runs.block import RowBlock
-from twin.runs.observer import Observer, TickEvent
+from twin.runs.loop import Observer, TickEvent
 from twin.runs.scene.scene import Scene
-from twin.runs.streams import RowStream
 from twin.runs.tuning import Tuning
+
+
+@dataclass(frozen=True)
+class RowStream:
+    """A topic, and the columns of a row that it is made of."""
+
+    topic: Topic
+    columns: slice
+
+
+def streams_of(system: System, shortest: int = 1) -> list[RowStream]:
+    """One per component, in their order.
+
+    `drive_1` is the topic drive/1, `fault_1` is fault/1, everything else has its own name.
+
+    Args:
+        shortest: ticks from one message to the next, at least.
+    """
+    streams = []
+    for c, component in enumerate(system.components):
+        name = re.sub(r"^(drive|fault)_", r"\1/", component.name)
+        fields = tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in component.outputs)
+        columns = slice(int(system.y_start[c]), int(system.y_start[c + 1]))
+        streams.append(RowStream(Topic(name, fields, max(shortest, component.period)), columns))
+    return streams
+
+
+def fields_of(system: System) -> dict[str, Field]:
+    """`topic.field` -> the field, of all that a recording of `system` has."""
+    return {f"{s.topic.name}.{field.name}": field for s in streams_of(system) for field in s.topic.fields}
+
+
+class RowBlock:
+    """Rows of consecutive ticks, and what happened in them.
+
+    Args:
+        size: most rows.
+        width: of a row.
+
+    Attributes:
+        first: tick of the first row.
+        events: in the order in which they were added.
+    """
+
+    def __init__(self, size: int, width: int):
+        self.first = 0
+        self.events: list[TickEvent] = []
+        self._memory = np.empty((size, width))
+        self._count = 0
+
+    @property
+    def rows(self) -> np.ndarray:
+        """(n, width), a view that `clear` gives up."""
+        return self._memory[: self._count]
+
+    @property
+    def full(self) -> bool:
+        return self._count == len(self._memory)
+
+    def add(self, rows: np.ndarray, events: list[TickEvent]) -> None:
+        """Append the `rows` of one slice, no more than there is room for, and its `events`."""
+        self._memory[self._count : self._count + len(rows)] = rows
+        self._count += len(rows)
+        self.events += events
+
+    def clear(self) -> None:
+        """Begin the next block at the tick after the last row."""
+        self.first += self._count
+        self._count = 0
+        self.events = []
+
 
 BLOCK_TICKS = 100
 

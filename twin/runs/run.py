@@ -17,15 +17,12 @@ from twin.runs.assembly.assemble import HERE, Assembly, assemble
 from twin.runs.assembly.build import DriveMaker
 from twin.runs.assembly.drives import DrivePlan
 from twin.runs.fastest_pole import too_fast
-from twin.runs.held import Held, HeldForce
-from twin.runs.loop import simulate
-from twin.runs.observer import Observer, TickEvent
+from twin.runs.loop import Held, HeldForce, Observer, TickEvent, simulate
 from twin.runs.outcome import RunOutcome, Tally
 from twin.runs.pacing import Pace, Punctuality
 from twin.runs.provenance import driven, provenance
-from twin.runs.recorder import BLOCK_TICKS, Recorder
+from twin.runs.recorder import BLOCK_TICKS, Recorder, streams_of
 from twin.runs.scene.scene import Scene
-from twin.runs.streams import streams_of
 from twin.runs.tuning import Tuning
 from twin.runs.viewer import Shown, Viewer
 from twin.runs.watch import Watch

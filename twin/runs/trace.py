@@ -15,9 +15,8 @@ from twin.recording.layout import Field
 from twin.recording.messages import VALUE_TYPES
 from twin.recording.series import NANOSECONDS
 from twin.runs.assembly.assemble import assemble
-from twin.runs.loop import simulate
-from twin.runs.observer import Observer, TickEvent
-from twin.runs.streams import streams_of
+from twin.runs.loop import Observer, TickEvent, simulate
+from twin.runs.recorder import streams_of
 
 
 class _Kept(NamedTuple):

@@ -8,10 +8,9 @@ from twin.errors import InputRefused
 from twin.experiment.change import changed_value
 from twin.experiment.experiment import Experiment
 from twin.experiment.mistakes import unknown
-from twin.runs.assembly.assemble import Assembly
+from twin.runs.assembly.assemble import Assembly, tunables
 from twin.runs.assembly.declared import DECLARED
-from twin.runs.assembly.tunable import tunables
-from twin.runs.observer import Observer, TickEvent
+from twin.runs.loop import Observer, TickEvent
 
 
 class Tuning(Observer):

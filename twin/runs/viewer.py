@@ -6,9 +6,9 @@ from typing import Protocol
 import numpy as np
 
 from twin.cosim.simulation import Simulation
-from twin.runs.observer import Observer, TickEvent
+from twin.runs.loop import Observer, TickEvent
+from twin.runs.recorder import RowStream
 from twin.runs.scene.scene import Scene
-from twin.runs.streams import RowStream
 from twin.runs.tuning import Tuning
 
 

@@ -1,17 +1,59 @@
-"""What happens in a run, for the time line: triggers, phases of tasks, trips, faults, messages of FMUs."""
+"""What happens in a run, for the time line: triggers, phases of tasks, trips, faults, messages of FMUs.
 
-from collections.abc import Iterator
+What a run takes in time and on the disk, before it begins.
+"""
+
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from twin.controller.phase import PhaseKind
+from twin.controller.program import PhaseKind
 from twin.cosim.system import System
+from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
+from twin.monitor.checks import trip_sentence
 from twin.monitor.component import SafetyMonitor
-from twin.monitor.reasons import trip_sentence
 from twin.runs.assembly.assemble import Assembly
-from twin.runs.loop import other_trip
-from twin.runs.observer import Observer, TickEvent
+from twin.runs.guard.limits import LONG, duration_text
+from twin.runs.loop import Observer, TickEvent, other_trip
+
+SECONDS_PER_TICK = 20e-6
+"""Stepping and recording with a drive of compiled code; one written in Python takes ten times as long."""
+BYTES_PER_TICK = 350
+"""Of a recording; the shipped experiments and drives take 300 to 410. Half of it at the controller's rate."""
+LARGE = 5e9
+"""Size (bytes) beyond which nobody starts without having been asked."""
+
+
+def estimate(experiment: Experiment) -> tuple[float, float]:
+    """(s, bytes) that a run of `experiment` takes, about."""
+    ticks = experiment.duration_ticks
+    shortest = experiment.controller_ticks if experiment.recording.rate == "controller" else 1
+    return ticks * SECONDS_PER_TICK, ticks / shortest * BYTES_PER_TICK
+
+
+def refuse_endless(experiments: Sequence[Experiment], factor: float | None = None) -> None:
+    """Ask whoever starts runs that take very long or fill the disk whether that is meant.
+
+    Args:
+        experiments: to be run one after the other.
+        factor: simulated time per wall time; None or 0: as fast as it goes.
+
+    Raises:
+        InputRefused: more than `LONG` or `LARGE`; it says how much.
+    """
+    costs = [estimate(experiment) for experiment in experiments]
+    seconds, size = (sum(cost[i] for cost in costs) for i in (0, 1))
+    if factor:
+        seconds = max(seconds, sum(one.duration_ticks * one.cosim.tick for one in experiments) / factor)
+    if seconds <= LONG and size <= LARGE:
+        return
+    ticks = sum(experiment.duration_ticks for experiment in experiments)
+    raise InputRefused(
+        f"{', '.join(experiment.name for experiment in experiments)}: {ticks:.3g} ticks take about "
+        f"{duration_text(seconds)} and {size / 1e9:,.0f} GB; shorten duration_s, or say --yes if that is meant"
+    )
+
 
 PRESSING = (PhaseKind.BUILD_UP, PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
 UNREACHED = "did not reach the force down to the floor of the approach"

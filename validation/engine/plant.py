@@ -4,14 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from twin.cosim.port import Port
-from twin.cosim.python_component import PythonComponent
-from twin.cosim.record import memory_of
+from twin.cosim.port import Port, memory_of
+from twin.cosim.python_class import PythonComponent
 from twin.experiment.experiment import Experiment
+from twin.plant.beginning import resting
 from twin.plant.component import OUTPUTS, STILL, inputs, settle
 from twin.plant.contact import touch
 from twin.plant.dynamics import spring_deflection, spring_stiffness
-from twin.plant.equilibrium import resting
 from twin.plant.parameters import PARAMETERS, PlantParameters
 from twin.plant.surface import apex_frame
 from twin.robot.sea import motor_load_torque

@@ -6,12 +6,22 @@ import pytest
 
 from tests.damage import damage
 from twin.archive import sha256
-from twin.cli.installation import caches, surroundings
-from twin.cli.installation.caches import compiled_finding, unpacked_finding
-from twin.cli.installation.examination import examination_text, examined, verdict
-from twin.cli.installation.finding import Finding
-from twin.cli.installation.packages import installed_table, package_findings
-from twin.cli.installation.surroundings import disk_finding, drives_finding, home_finding, smoke_finding
+from twin.cli.installation import examination as caches
+from twin.cli.installation import examination as surroundings
+from twin.cli.installation.examination import (
+    Finding,
+    compiled_finding,
+    disk_finding,
+    drives_finding,
+    examination_text,
+    examined,
+    home_finding,
+    installed_table,
+    package_findings,
+    smoke_finding,
+    unpacked_finding,
+    verdict,
+)
 from twin.compiled import store
 from twin.drive.unpacked import unpacked
 

@@ -16,12 +16,19 @@ from tests.studies.systems.archives import (
     system,
     values,
 )
-from twin.cosim.ssp import elements, package
+from twin.cosim.ssp import package
+from twin.cosim.ssp import structure as elements
 from twin.cosim.ssp.flat import FlatSystem, Hop, flattened
 from twin.cosim.ssp.package import read_package
-from twin.cosim.ssp.parameters import MappingEntry, ParameterBinding, ParameterMapping, ParameterSet, ParameterValue
+from twin.cosim.ssp.parameters import (
+    MappingEntry,
+    ParameterBinding,
+    ParameterMapping,
+    ParameterSet,
+    ParameterValue,
+    Transformation,
+)
 from twin.cosim.ssp.structure import Connection, Connector, End, SspComponent, SspSystem, Structure
-from twin.cosim.ssp.unit import Transformation
 from twin.errors import InputRefused
 
 

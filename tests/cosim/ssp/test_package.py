@@ -18,8 +18,8 @@ from tests.studies.systems.archives import (
 )
 from twin.cosim.ssp import package as package_module
 from twin.cosim.ssp.package import read_package
+from twin.cosim.ssp.parameters import Transformation, UnitDefinition
 from twin.cosim.ssp.structure import Connection, Connector, End, SspComponent, SspSystem
-from twin.cosim.ssp.unit import Transformation, UnitDefinition
 from twin.errors import InputRefused
 from twin.units import Dimension
 

@@ -7,9 +7,16 @@ import pytest
 from lxml import etree
 
 from twin.cosim.ssp.metadata import Annotation, Metadata
-from twin.cosim.ssp.parameters import MappingEntry, ParameterBinding, ParameterMapping, ParameterSet, ParameterValue
-from twin.cosim.ssp.ssd import Resource, structure_of
-from twin.cosim.ssp.ssv import parameter_set
+from twin.cosim.ssp.parameters import (
+    MappingEntry,
+    ParameterBinding,
+    ParameterMapping,
+    ParameterSet,
+    ParameterValue,
+    Transformation,
+    UnitDefinition,
+)
+from twin.cosim.ssp.ssd import Resource, parameter_set, structure_of
 from twin.cosim.ssp.structure import (
     Connection,
     Connector,
@@ -19,7 +26,6 @@ from twin.cosim.ssp.structure import (
     SspSystem,
     Structure,
 )
-from twin.cosim.ssp.unit import Transformation, UnitDefinition
 from twin.cosim.ssp.writing import parameter_set_xml, structure_xml
 from twin.units import Dimension
 

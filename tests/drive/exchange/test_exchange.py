@@ -12,7 +12,7 @@ from tests.drive.exchange.conftest import Planner
 from tests.drive.exchange.fmus import FAULTS, exchange_fmu
 from twin.cosim.component import Component
 from twin.cosim.port import Port
-from twin.cosim.python_component import PythonComponent
+from twin.cosim.python_class import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.component import ExchangeComponent, FmuComponent

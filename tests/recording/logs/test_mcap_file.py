@@ -19,11 +19,11 @@ from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Message, Schem
 from mcap.writer import CompressionType, Writer
 
 from tests.memory import growth
-from twin.recording.chunks import FEW_BYTES, LARGEST_CHUNK, encoded, unpacked
 from twin.recording.logs.bag import MAGIC, topics_in
 from twin.recording.logs.column_map import column_map
 from twin.recording.logs.log import LogRefused
 from twin.recording.logs.reader import read_log
+from twin.recording.summary import FEW_BYTES, LARGEST_CHUNK, encoded, unpacked
 
 F = [4.0, 5.0, 6.5]
 # a schema whose first file imports its second: readers must not rely on the order

@@ -8,18 +8,53 @@ import numpy as np
 import pytest
 
 from twin.cosim.component import Component
-from twin.cosim.python_component import PythonComponent
+from twin.cosim.python_class import PythonComponent
 from twin.errors import InputRefused
+from twin.experiment.recorded import flat, name_and_unit
 from twin.recording.logs.reader import recorded
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.report.page.page import report_page
-from twin.report.page.provenance import command, drives, provenance
+from twin.report.page.provenance import command, differences, drives, provenance, source
 from twin.report.page.run import ReportRun, report_runs
 from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.declared import DECLARED
 from twin.runs.assembly.load import load_experiment
 from twin.runs.assembly.recorded import recorded_experiment
 from twin.runs.run import SUMMARY, execute
+
+
+@pytest.mark.parametrize(
+    ("key", "name", "unit"),
+    [
+        ("controller.force.kp_mm_per_N", "controller.force.kp", "mm/N"),
+        ("controller.force.ki_mm_per_N_s", "controller.force.ki", "mm/(N s)"),
+        ("controller.position.kp_per_s", "controller.position.kp", "1/s"),
+        ("plant.k_s_Nm_per_rad", "plant.k_s", "N m/rad"),
+        ("robot.I_r_kg_m2", "robot.I_r", "kg m²"),
+        ("robot.N", "robot.N", ""),
+        ("robot.m_p_g", "robot.m_p", "g"),
+        ("duration_s", "duration", "s"),
+        ("contact.friction", "contact.friction", ""),
+        ("fault.1.magnitude_rad_per_s", "fault.1.magnitude", "rad/s"),
+        ("drive.parameters.T_s", "drive.parameters.T_s", ""),
+    ],
+)
+def test_the_unit_is_read_from_the_key(key: str, name: str, unit: str):
+    assert name_and_unit(DECLARED, key) == (name, unit)
+
+
+def test_every_value_of_a_run_has_a_source(force_position: Recording):
+    run = ReportRun("fig4", force_position)
+    without = [key for key, _ in flat(run.values) if not source(key, run.origins)]
+    assert without == []
+    assert source("plant.k_s_Nm_per_rad", run.origins).startswith("robot: Sec. III.A")
+
+
+def test_only_what_differs_is_a_difference(force_position: Recording, position: Recording):
+    runs = [ReportRun("a", force_position), ReportRun("b", position)]
+    assert differences(runs) == [("controller.mode", "", "force_position", "position")]
+    assert differences([runs[0], ReportRun("c", force_position)]) == []
 
 
 def settings_of(words: list[str]) -> list[str]:

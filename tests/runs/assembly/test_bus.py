@@ -5,7 +5,7 @@ import numpy as np
 from tests.laws.runs import co_simulated, shipped
 from twin.cosim.component import Component
 from twin.cosim.port import Port
-from twin.cosim.wiring import End
+from twin.cosim.system import End
 from twin.runs.assembly.robot import ROBOT, connected
 
 TICKS = 20

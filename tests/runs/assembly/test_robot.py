@@ -9,7 +9,7 @@ import pytest
 from tests.laws.runs import FORCE, shipped
 from twin.cosim.component import Component
 from twin.cosim.port import Port
-from twin.cosim.python_component import PythonComponent
+from twin.cosim.python_class import PythonComponent
 from twin.drive import unpacked as drives
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment

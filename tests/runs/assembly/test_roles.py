@@ -14,7 +14,7 @@ from tests.laws.runs import FORCE, shipped
 from tests.runs.assembly.own_parts import PARTS
 from twin.cosim.component import Component
 from twin.cosim.port import Port
-from twin.cosim.python_component import PythonComponent
+from twin.cosim.python_class import PythonComponent
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
 from twin.recording.reader import read

@@ -15,8 +15,8 @@ from twin.recording.recording import Recording
 from twin.robot.skeleton import AXIS, OUTWARD
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
-from twin.runs.scene.arrows import BESIDE, LENGTH
 from twin.runs.scene.frames import FRAMES, HALF_WIDTH
+from twin.runs.scene.scene import BESIDE, LENGTH
 
 # rounding of a dozen operations on lengths of 0.1 m
 ROUNDING = 1e-14

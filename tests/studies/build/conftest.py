@@ -6,10 +6,9 @@ from pathlib import Path
 import pytest
 
 from twin.compiled.emission import Module
-from twin.studies.build import emission
-from twin.studies.build.emission import Emitted, emitted
+from twin.studies.build import linking as emission
+from twin.studies.build.linking import Emitted, Form, Platform, emitted
 from twin.studies.build.part_fmu import build_fmu
-from twin.studies.build.platforms import Form, Platform
 
 ROOT = Path(__file__).parents[3]
 FIG4 = ROOT / "experiments" / "fig4_force_position.toml"

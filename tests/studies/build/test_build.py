@@ -13,17 +13,16 @@ from numba import carray
 
 from tests.studies.build.conftest import FIG4, MODULES, silent
 from twin.cosim.native import step_function
-from twin.cosim.record import record
+from twin.cosim.port import record
 from twin.errors import InputRefused, NotWritten
 from twin.runs.assembly.load import load_experiment
 from twin.studies.build import linking
-from twin.studies.build.emission import emitted
 from twin.studies.build.layout import laid_out
 from twin.studies.build.library import build_c
+from twin.studies.build.linking import HERE, emitted
 from twin.studies.build.parameters import parameters
 from twin.studies.build.part import part_of
 from twin.studies.build.part_fmu import build_fmu
-from twin.studies.build.platforms import HERE
 from twin.studies.build.system import build_ssp
 
 SOFT = 'fault=[{kind="spring_broken", target="joint_1", onset_s=1.0}]'

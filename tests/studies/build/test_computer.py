@@ -16,8 +16,7 @@ from twin.compiled.emission import MATHEMATICS
 from twin.drive.compiling import compiler
 from twin.runs.assembly.load import load_experiment
 from twin.runs.trace import Trace, run_in_memory
-from twin.studies.build.interface import COUNTS, TOLD
-from twin.studies.build.library import PART, build_c
+from twin.studies.build.library import COUNTS, PART, TOLD, build_c
 from twin.studies.build.parameters import parameters
 from twin.studies.build.part import part_of
 

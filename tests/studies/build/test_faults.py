@@ -13,11 +13,9 @@ from twin.errors import InputRefused
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.runs.assembly.load import load_experiment
 from twin.runs.trace import run_in_memory
-from twin.studies.build.fixed import fixed
-from twin.studies.build.layout import laid_out
-from twin.studies.build.parameters import parameters
+from twin.studies.build.layout import laid_out, tables
+from twin.studies.build.parameters import fixed, parameters
 from twin.studies.build.part import part_of
-from twin.studies.build.tables import tables
 
 TICKS = 600
 WIRES = {

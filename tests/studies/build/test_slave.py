@@ -9,14 +9,13 @@ import pytest
 
 from tests.studies.build.conftest import DELAYED, FIG4, MASSAGE, silent
 from tests.studies.build.slaves import Slave
+from twin.plant.beginning import resting
 from twin.plant.component import Plant
-from twin.plant.equilibrium import resting
 from twin.runs.assembly.load import load_experiment
 from twin.runs.assembly.true_parameters import plant_parameters
 from twin.studies.build import fmu
-from twin.studies.build.linking import c_files
+from twin.studies.build.linking import HERE, c_files
 from twin.studies.build.part_fmu import build_fmu
-from twin.studies.build.platforms import HERE
 
 FORCE = "plant.F_ee_B"
 

@@ -15,8 +15,8 @@ from tests.cosim.ssp.test_writing import complaints
 from tests.drive.archives import redescribed
 from tests.studies.build.conftest import FIG4, ROOT, silent
 from twin.cosim.ssp.package import read_package
+from twin.cosim.ssp.parameters import Transformation
 from twin.cosim.ssp.structure import End, SspComponent
-from twin.cosim.ssp.unit import Transformation
 from twin.drive.setting import FilePath
 from twin.errors import InputRefused
 from twin.recording.reader import read

@@ -10,7 +10,7 @@ from twin.experiment.experiment import Experiment
 from twin.experiment.variation import shortened
 from twin.robot.inverse_kinematics import joint_angles
 from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.beliefs import geometry_of
+from twin.runs.assembly.computer import geometry_of
 from twin.runs.trace import run_in_memory
 from twin.studies.check.measurement import REFERENCE_THETA_L, Signals, measured, refuse_unknown
 

@@ -7,9 +7,8 @@ from tests.laws.runs import FORCE, shipped
 from twin.experiment.experiment import Experiment
 from twin.experiment.variation import exactly_measured, shortened
 from twin.runs.trace import run_in_memory
-from twin.studies.converge.coupling import Coupling
+from twin.studies.converge.convergence import Coupling, Smooth, smoothed
 from twin.studies.converge.power import power_residuals
-from twin.studies.converge.smoothing import Smooth, smoothed
 
 DURATION = 2.0
 

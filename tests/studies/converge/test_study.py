@@ -8,10 +8,8 @@ import pytest
 
 from tests.laws.runs import FORCE, shipped
 from twin.runs.assembly.load import load_experiment
-from twin.studies.converge.convergence import CouplingSeries, Study, TickPoint, convergence, recommended
-from twin.studies.converge.coupling import COUPLINGS
-from twin.studies.converge.picture import draw_convergence
-from twin.studies.converge.text import convergence_facts, convergence_text
+from twin.studies.converge.convergence import COUPLINGS, CouplingSeries, Study, TickPoint, convergence, recommended
+from twin.studies.converge.text import convergence_facts, convergence_text, draw_convergence
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,7 @@ import pytest
 from tests.laws.runs import shipped
 from tests.studies.faults.pressing import matrix, pressing
 from twin.errors import InputRefused, SafetyTrip
-from twin.experiment.fault_catalogue import CATALOGUE
-from twin.experiment.fault_kind import NEVER
+from twin.experiment.fault_catalogue import CATALOGUE, NEVER
 from twin.studies.faults.matrix import (
     GLITCH_SHARE,
     FaultTrial,

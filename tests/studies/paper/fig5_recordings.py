@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.controller.phase import PhaseKind
+from twin.controller.program import PhaseKind
 from twin.recording.layout import Field, Topic
 from twin.recording.reader import read
 from twin.recording.recording import Recording

@@ -11,11 +11,11 @@ import pytest
 from tests.recording.forgery import data_records, sealed, without_last
 from tests.studies.paper.printed import PrintedEstimator
 from tests.studies.paper.test_fig4_claims import WHILE_SWEEPING
-from twin.cosim.python_component import PythonComponent
+from twin.cosim.python_class import PythonComponent
 from twin.errors import InputRefused
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.runs.assembly.beliefs import belief
+from twin.runs.assembly.computer import belief
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
 from twin.runs.trace import run_in_memory

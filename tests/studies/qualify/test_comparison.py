@@ -10,9 +10,16 @@ from tests.conftest import ROOT
 from tests.drive.faulty import faulty_drive
 from tests.runs.made_up import made_up
 from twin.errors import InputRefused
-from twin.studies.qualify.comparison import DriveTrial, DriveTrials, comparison_facts, trials, verdict
+from twin.studies.qualify.comparison import (
+    COMPARED,
+    DriveTrial,
+    DriveTrials,
+    TrueRun,
+    comparison_facts,
+    trials,
+    verdict,
+)
 from twin.studies.qualify.text import compare_text
-from twin.studies.qualify.true_run import COMPARED, TrueRun
 
 FIG4 = ROOT / "experiments/fig4_force_position.toml"
 

@@ -9,8 +9,8 @@ from tests.conftest import ROOT
 from twin.experiment.drive_files import lone_drive
 from twin.runs.assembly.drives import planned
 from twin.studies.qualify.definitions import CHECKS, MEASURES
+from twin.studies.qualify.motion import overload, ramped_torque, stall_torque
 from twin.studies.qualify.qualification import Qualification
-from twin.studies.qualify.stall import overload, ramped_torque, stall_torque
 
 Done = Callable[[str], Qualification]
 DRIVES = sorted(folder.name for folder in (ROOT / "fmus").iterdir() if any(folder.glob("*.fmu")))

@@ -9,14 +9,18 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from twin.studies.qualify.bench import Response
-from twin.studies.qualify.definitions import Check
-from twin.studies.qualify.frequency import bandwidth
-from twin.studies.qualify.operating_range import TICK
+from twin.studies.qualify.definitions import COMMANDED, TICK, Check, work_cycle
+from twin.studies.qualify.motion import (
+    LOAD_MOST,
+    UNCERTAINTY,
+    bandwidth,
+    held_torque,
+    ramped_torque,
+    repetition_findings,
+    stall_torque,
+    step_findings,
+)
 from twin.studies.qualify.qualification import Qualification
-from twin.studies.qualify.repetition import repetition_findings
-from twin.studies.qualify.stall import LOAD_MOST, UNCERTAINTY, held_torque, ramped_torque, stall_torque
-from twin.studies.qualify.step import step_findings
-from twin.studies.qualify.work_cycle import COMMANDED, work_cycle
 
 
 def turning(omega_m: np.ndarray, tau_load: np.ndarray | None = None) -> Response:

@@ -10,8 +10,8 @@ from tests.drive.archives import redescribed
 from tests.drive.faulty import faulty_drive
 from tests.drive.three_axes import three_axes_drive
 from twin.experiment.drive_files import lone_drive
-from twin.studies.qualify.picture import draw_drive_check
 from twin.studies.qualify.qualification import Qualification, qualified
+from twin.studies.qualify.text import draw_drive_check
 
 COMMAND = ('Commanded motor speed, held over a step">', "rad/s", 'rad="1" s="-1"')
 LOAD = ('positive opposes positive omega_m">', "N.m", 'kg="1" m="2" s="-2"')

@@ -3,7 +3,7 @@ import pytest
 from twin.errors import InputRefused
 from twin.studies.qualify import workload
 from twin.studies.qualify.bench import told
-from twin.studies.qualify.stall import carried
+from twin.studies.qualify.motion import carried
 from twin.studies.qualify.workload import ABOUT, Workload
 
 

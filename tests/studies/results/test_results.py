@@ -10,8 +10,7 @@ from tests.command_line import Done, twin
 from twin.errors import InputRefused
 from twin.experiment.source import COMMAND_LINE
 from twin.recording.folder import recording_in
-from twin.recording.origin import origin
-from twin.recording.reader import last_time, read
+from twin.recording.reader import last_time, origin, read
 from twin.studies.results.kept import ExperimentsNow, KeptRun, kept_runs, told_differences
 from twin.studies.results.study import doomed_runs
 

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from tests.conftest import examples
-from tests.recording.test_output import largest_file
+from tests.recording.test_writer import largest_file
 from tests.studies.sweep.definitions import STIFFNESS, stiffnesses
 from twin.errors import InputRefused
 from twin.studies.sweep.folder import kept

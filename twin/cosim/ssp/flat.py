@@ -4,10 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from twin.cosim.ssp.elements import Patience
-from twin.cosim.ssp.parameters import ParameterBinding, ParameterValue
-from twin.cosim.ssp.structure import Connection, Connector, End, SspComponent, SspSystem, Structure
-from twin.cosim.ssp.unit import NONE, Transformation, UnitDefinition
+from twin.cosim.ssp.parameters import NONE, ParameterBinding, ParameterValue, Transformation, UnitDefinition
+from twin.cosim.ssp.structure import Connection, Connector, End, Patience, SspComponent, SspSystem, Structure
 from twin.errors import InputRefused
 
 SOURCES, SINKS = ("output", "calculatedParameter", "constant", "local"), ("input", "parameter", "structuralParameter")

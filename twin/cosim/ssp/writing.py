@@ -4,9 +4,9 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
-from twin.cosim.ssp.elements import TRUTH
 from twin.cosim.ssp.metadata import Annotation, Metadata
 from twin.cosim.ssp.parameters import (
+    NONE,
     PARAMETER_MAPPING,
     PARAMETER_SET,
     WHOLES,
@@ -14,9 +14,10 @@ from twin.cosim.ssp.parameters import (
     ParameterMapping,
     ParameterSet,
     ParameterValue,
+    Transformation,
+    UnitDefinition,
 )
-from twin.cosim.ssp.structure import FMU, Connection, Connector, SspComponent, SspSystem, Structure
-from twin.cosim.ssp.unit import NONE, Transformation, UnitDefinition
+from twin.cosim.ssp.structure import FMU, TRUTH, Connection, Connector, SspComponent, SspSystem, Structure
 
 VERSION = "1.0"
 Item = TypeVar("Item")

@@ -22,16 +22,12 @@ from mcap.writer import MCAP0_MAGIC
 
 from twin import __version__
 from twin.errors import InputRefused, disk_refusals
-from twin.recording.chunks import COMPRESSION_LEVEL, encoded
 from twin.recording.export.table import NANOSECONDS, message_times, numbers_of, row_times, topics_of
-from twin.recording.filling import NO_PLACES, Filling
 from twin.recording.layout import Field
-from twin.recording.messages import HEAD_SIZE, record_template
-from twin.recording.output import Output
-from twin.recording.pending import Pending
+from twin.recording.messages import HEAD_SIZE, NO_PLACES, Filling, record_template
 from twin.recording.recording import Recording
-from twin.recording.summary import Summary
-from twin.recording.writer import append_chunks
+from twin.recording.summary import COMPRESSION_LEVEL, Summary, encoded
+from twin.recording.writer import Output, Pending, append_chunks
 from twin.writing import inline_table, made_folder, write_text
 
 JOINTS = {

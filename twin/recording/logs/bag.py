@@ -27,13 +27,13 @@ from mcap.writer import MCAP0_MAGIC
 
 from twin.errors import InputRefused
 from twin.files import open_regular, read_text
-from twin.recording.chunks import LARGEST_RATIO, allowance, unpacked
 from twin.recording.folder import LATEST, RECORDING
 from twin.recording.logs import decoding
 from twin.recording.logs.column_map import MappedColumn
 from twin.recording.logs.log import Log, LogRefused
 from twin.recording.logs.topics import NANOSECONDS, LoggedTopic, log_of, merged, wanted
 from twin.recording.messages import RECORD_PREFIX
+from twin.recording.summary import LARGEST_RATIO, allowance, unpacked
 from twin.writing import written
 
 MAGIC = MCAP0_MAGIC

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import matplotlib.backends.backend_agg  # noqa: F401
 
-import twin.report.page.one_run
+import twin.report.page.verdict
 import twin.studies.paper.fig4_runs  # noqa: F401
 from twin.runs.guard.job import function_called
 from twin.runs.guard.reporter import Reporter

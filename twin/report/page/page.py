@@ -9,9 +9,8 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from twin.report.page.block import DataBlock
 from twin.report.page.dark import dark_filter
-from twin.report.page.markup import Markup, element, joined
+from twin.report.page.markup import DataBlock, Markup, element, joined
 from twin.report.page.panels import curves
 from twin.report.page.picture import picture
 from twin.report.page.run import ReportRun, report_runs

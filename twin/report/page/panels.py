@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from twin.report.page.block import DataBlock, thinned, thinning
+from twin.report.page.markup import DataBlock, thinned, thinning
 from twin.report.page.run import ReportRun
 from twin.studies.metrics.response import Curve
 

@@ -39,7 +39,7 @@ def picture(runs: Sequence[ReportRun], verdict: PageVerdict) -> AbstractContextM
         run = Fig4Run(runs[0].recording)
         if run.is_in_step:
             text = "Laid out like Fig. 4 of the paper: A height, B pressing force, C and D force along x and y."
-            return _figure(runs, "twin.report.page.one_run:draw_one_run", run, text)
+            return _figure(runs, "twin.report.page.verdict:draw_one_run", run, text)
     return nullcontext(lambda: None)
 
 

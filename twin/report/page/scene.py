@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from twin.plant.surface import apex_frame
-from twin.report.page.block import DataBlock
+from twin.report.page.markup import DataBlock
 from twin.report.page.run import ReportRun
 from twin.robot.geometry import Geometry
 from twin.robot.skeleton import AXIS, OUTWARD, skeleton

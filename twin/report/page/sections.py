@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from twin.report.page.markup import Markup, element, joined, section, table
 from twin.report.page.measures import Measure, key_measures, number
-from twin.report.page.parameters import differences, flat, parameters
-from twin.report.page.provenance import drives, provenance, timing
+from twin.report.page.provenance import differences, drives, flat, parameters, provenance, timing
 from twin.report.page.run import ReportRun
 from twin.report.page.verdict import PageVerdict, RunGroup
 from twin.studies.paper.claim import ClaimFinding

@@ -1,18 +1,35 @@
-"""What a report says first: how it went, in a sentence, and every claim behind it."""
+"""What a report says first: how it went, in a sentence, and every claim behind it.
+
+One run in the panels and colours that the caption of Fig. 4 names: height, pressing force, F_x and F_y.
+"""
 
 import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+
+from matplotlib.axes import Axes
 
 from twin.errors import InputRefused
 from twin.recording.recording import Recording
 from twin.report.page.measures import outcome, scored, unscored
 from twin.report.page.run import ReportRun
+from twin.studies.figure import picture
 from twin.studies.metrics.requirement import standing
+from twin.studies.metrics.response import Curve
 from twin.studies.paper.claim import ClaimFinding, judged
 from twin.studies.paper.fig4 import QUALITY, failed, fig4_score, tally
 from twin.studies.paper.fig4 import standing as claims_standing
-from twin.studies.paper.fig4_runs import Fig4Run, Fig4Runs, checked_run, fig4_runs
+from twin.studies.paper.fig4_runs import (
+    FP_BASED,
+    FP_REFERENCE,
+    PRE_DEFINE,
+    TRUTH,
+    Fig4Run,
+    Fig4Runs,
+    checked_run,
+    fig4_runs,
+)
 from twin.studies.paper.fig5 import Fig5Score, fig5_score
 
 FIG4 = "fig4"
@@ -172,3 +189,31 @@ def _alarms(run: ReportRun) -> list[str]:
 
 def _faults(run: ReportRun) -> list[str]:
     return [f"injected on purpose: {json.dumps(fault)}" for fault in run.values.get("fault", ())]
+
+
+def draw_one_run(run: Fig4Run, path: Path) -> None:
+    """Write the picture to `path` (PNG): the robot's own estimates coloured, the truth dotted."""
+    with picture(path, 12, 7.5, by_hand=True) as figure:
+        (height, force), (x, y) = figure.subplots(2, 2, sharex=True)
+        # a layout that is worked out draws everything twice
+        figure.subplots_adjust(left=0.075, right=0.99, top=0.96, bottom=0.07, hspace=0.12, wspace=0.2)
+        height.plot(run.t, 1e3 * run.z_cmd, color=FP_REFERENCE, lw=1.2, label="after the force loop")
+        height.plot(run.t, 1e3 * run.z_ref, color=PRE_DEFINE, lw=1.6, label="pre-defined")
+        height.plot(run.t, 1e3 * run.z, color=FP_BASED, lw=1.6, label="estimated")
+        _dotted(height, run.t_plant, 1e3 * run.true_z)
+        height.set_ylabel("z position (mm)")
+        force.plot(run.t, run.recording["controller.F_z_ref"], color=PRE_DEFINE, lw=1.6, label="reference")
+        force.plot(run.t, run.F_z, color=FP_BASED, lw=1.6, label="estimated")
+        _dotted(force, run.t_plant, run.true_F_z)
+        force.set_ylabel("F_z, pressing (N)")
+        for axes, axis, letter in ((x, 0, "x"), (y, 1, "y")):
+            axes.plot(run.t, run.F_ee_B[:, axis], color=FP_BASED, lw=0.9, label="estimated")
+            _dotted(axes, run.t_plant, run.true_F_ee_B[:, axis])
+            axes.set(ylabel=f"F_{letter} (N)", xlabel="time (s)")
+        for axes, letter in zip((height, force, x, y), "ABCD", strict=True):
+            axes.set_title(letter, loc="left", fontweight="bold")
+            axes.legend()
+
+
+def _dotted(axes: Axes, t: Curve, values: Curve) -> None:
+    axes.plot(t, values, color=TRUTH, lw=0.9, ls=":", label="true")

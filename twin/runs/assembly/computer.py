@@ -1,26 +1,109 @@
-"""The robot's computer: estimator, controller and safety monitor."""
+"""The robot's computer: estimator, controller and safety monitor.
 
+What the robot's computer and its safety monitor believe, each of the robot for itself.
+
+What the controller does besides the paper's law, from an experiment: its beliefs of tissue, gains and breath.
+"""
+
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
 from twin.controller import program as programs
+from twin.controller.adaptive import Adapting
+from twin.controller.belief import Belief
+from twin.controller.computer import Computer
 from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
 from twin.controller.energy_tank import Tank, TankValve
 from twin.controller.estimator import Estimator
-from twin.controller.feed_forward import Believed
-from twin.controller.phase import Phase
-from twin.controller.pid import Gains, force_gains
+from twin.controller.pid import Believed, Gains, force_gains
+from twin.controller.program import Phase
+from twin.controller.schedule import SchedulePoint, Scheduling
 from twin.controller.task_controller import TaskController
+from twin.controller.tissue import Sensing
 from twin.controller.way_points import P_REF_B, WayPointReference
 from twin.cosim.delay import delay
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.task import Approach, Task
+from twin.monitor.belief import MonitorBelief
+from twin.monitor.checks import Limits, Monitor
 from twin.monitor.component import POWER, SafetyMonitor
-from twin.runs.assembly.adapting import adapting
-from twin.runs.assembly.beliefs import belief, monitor_belief, monitor_limits
+from twin.plant.parameters import Robot
+from twin.robot.geometry import Geometry
+from twin.robot.gravity import Masses, leg_inertia, moving_mass
+from twin.robot.inverse_kinematics import joint_angles
+from twin.robot.jacobian import jacobian
+from twin.robot.model import Model
 from twin.runs.assembly.build import Build, Makers
+from twin.settings import Triple
+
+
+def geometry_of(model: Model) -> Geometry:
+    """Fig. 2 as `model` has it."""
+    return Geometry(model.a, model.b, model.l_a, model.l_b)
+
+
+def belief(experiment: Experiment) -> Belief:
+    """What the controller believes."""
+    return believed(experiment.controller)
+
+
+def believed(computer: Computer) -> Belief:
+    """[controller.model] and the dead zone as the estimator takes them."""
+    return Belief.made(computer, computer.model)
+
+
+def monitor_belief(robot: Robot) -> MonitorBelief:
+    """What the safety monitor believes: the robot as [robot] has it, whatever [controller.model] says."""
+    return MonitorBelief.made(robot, backlash=robot.backlash)
+
+
+def monitor_limits(monitor: Monitor, speed_limit: float) -> Limits:
+    """The limits of [monitor] as the component takes them; `speed_limit`: of the controller's commands (rad/s)."""
+    return Limits.made(monitor, command_limit=monitor.command_limit or speed_limit)
+
+
+LIGHT_TOUCH = 0.3
+"""Pressing force (N) below which nothing is learnt of the tissue."""
+
+
+def adapting(experiment: Experiment) -> Adapting | None:
+    """What of it the experiment asks for; None: nothing."""
+    c = experiment.controller
+    if c.tissue is None:
+        return None
+    scheduling = None
+    if c.force.schedule:
+        scheduling = Scheduling.made(c.tissue, c.force)
+    points = [SchedulePoint.made(point) for point in c.force.schedule]
+    learning = 0.0 if c.touch is None else c.touch.force_learning
+    return Adapting(sensing(c, experiment.start), scheduling, points, c.breath, learning)
+
+
+def sensing(computer: Computer, p_B: Triple) -> Sensing:
+    """How the tissue is looked at, with the robot as it is believed to be, about `p_B` (m)."""
+    tissue, model = computer.tissue, computer.model
+    assert tissue is not None
+    geometry, masses = geometry_of(model), Masses(model.m_a, model.m_b, model.m_p, 0.0)
+    # the rods' part of M_zz that is of first order in J_z changes by grams within reach; dA_i/dtheta is l_a cos(theta)
+    downwards = model.l_a * np.cos(joint_angles(geometry, p_B))
+    rods = -model.m_b / 3.0 * float(downwards @ jacobian(geometry, p_B)[:, 2])
+    # rounding to whole counts is off by an even distribution
+    counts = model.motor_counts_per_turn, model.joint_counts_per_turn
+    motor, joint = (2.0 * math.pi / each / math.sqrt(12.0) for each in counts)
+    per_motor = model.k_s * model.eta * model.N
+    return Sensing.made(
+        tissue,
+        contact=LIGHT_TOUCH,
+        mass=float(moving_mass(masses)) + rods,
+        inertia=float(leg_inertia(geometry, masses)),
+        joint_spring=per_motor * model.N,
+        angle_rounding=joint,
+        torque_rounding=per_motor * math.hypot(motor, model.N * joint),
+    )
+
 
 PROGRAMS: dict[str, type[programs.Task]] = {
     "press": programs.Pressing,

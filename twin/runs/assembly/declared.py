@@ -8,10 +8,9 @@ from twin.controller.belief import Belief
 from twin.controller.breath import Breath
 from twin.controller.computer import Computer
 from twin.controller.controller import Law
-from twin.controller.damping import Damping
 from twin.controller.energy_tank import EnergyTank, Tank
-from twin.controller.feed_forward import Believed
 from twin.controller.loops import ForceLoop, PositionLoop
+from twin.controller.pid import Believed, Damping
 from twin.controller.processor import Processor
 from twin.controller.schedule import Scheduling
 from twin.controller.task_controller import Touch
@@ -20,7 +19,7 @@ from twin.cosim.place import Place
 from twin.experiment.declared import Changeable, Declared, nested
 from twin.experiment.experiment import NEEDED, OPTIONAL
 from twin.monitor.belief import MonitorBelief
-from twin.monitor.limits import Monitor
+from twin.monitor.checks import Monitor
 from twin.plant.contact_law import Contact
 from twin.plant.parameters import PlantParameters, Robot, TrueRobot
 from twin.plant.scale import Display

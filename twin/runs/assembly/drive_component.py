@@ -6,9 +6,8 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 
-from twin.controller.pid import Gains
+from twin.controller.pid import DriveSpeedLoop, Gains
 from twin.controller.position_command import DriveSpeedIntegrator, Servo
-from twin.controller.velocity_loop import DriveSpeedLoop
 from twin.cosim.component import Component
 from twin.cosim.port import Port
 from twin.cosim.subsystem import INLET, Subsystem

@@ -7,11 +7,10 @@ from twin.errors import InputRefused
 from twin.experiment.body_files import replace_body
 from twin.experiment.drive_files import shelved
 from twin.experiment.experiment import Experiment
-from twin.experiment.file_kind import refuse_other_files
+from twin.experiment.mistakes import unit_hints
 from twin.experiment.named import experiment_file
-from twin.experiment.source import Source, override, read_source, replace_drive
+from twin.experiment.source import Source, override, read_source, refuse_other_files, replace_drive
 from twin.experiment.tables import checked_tables, experiment_of
-from twin.experiment.unit_hints import unit_hints
 from twin.runs.assembly.checks.agreement import disagreements
 from twin.runs.assembly.declared import DECLARED
 from twin.runs.assembly.way_points import led

@@ -5,11 +5,11 @@ import numpy as np
 from twin.cosim.delay import delay
 from twin.experiment.experiment import Experiment
 from twin.experiment.ticks import whole_ticks
+from twin.plant.beginning import resting
 from twin.plant.body import Body, Motion
 from twin.plant.component import Plant
 from twin.plant.encoder import INPUTS as ANGLES
 from twin.plant.encoder import Encoder
-from twin.plant.equilibrium import resting
 from twin.plant.scale import Scale
 from twin.robot.gravity import G_ACCELERATION
 from twin.runs.assembly.build import Build, Makers

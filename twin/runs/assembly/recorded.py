@@ -8,9 +8,8 @@ from typing import Any
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.recorded import Metadata, recorded_fmus, recorded_name, recorded_values
-from twin.experiment.replaced import KEPT
 from twin.experiment.schema import Drive
-from twin.experiment.source import Source
+from twin.experiment.source import KEPT, Source
 from twin.files import json_of
 from twin.places import located
 from twin.runs.assembly.declared import DECLARED

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from twin.cosim.component import Component
-from twin.cosim.wiring import End, Feeds, ends
+from twin.cosim.system import End, Feeds, ends
 from twin.errors import InputRefused
 from twin.runs.assembly import computer, mechanics
 from twin.runs.assembly.build import Parts, joint_drives

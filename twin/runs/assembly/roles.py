@@ -21,8 +21,8 @@ from twin.drive.description import FmuDescription
 from twin.drive.sampled import SampledFmu, port_of, sampled_fmu
 from twin.drive.setting import told
 from twin.errors import InputRefused
+from twin.experiment.drive_files import StandIn
 from twin.experiment.experiment import Experiment
-from twin.experiment.stand_in import StandIn
 from twin.monitor.component import INPUTS as MONITOR_INPUTS
 from twin.monitor.component import OUTPUTS as MONITOR_OUTPUTS
 from twin.plant.body import OUTPUTS as BODY_OUTPUTS

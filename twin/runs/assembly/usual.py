@@ -11,11 +11,14 @@ from twin.compiled.native import Native
 from twin.controller import controller, estimator
 from twin.cosim import master
 from twin.drive import cosim_step
-from twin.plant import component, deviation, encoder, equilibrium, scale
-from twin.recording import filling, weave
+from twin.plant import beginning as equilibrium
+from twin.plant import component, deviation, encoder, scale
+from twin.recording import messages as filling
+from twin.recording import writer as weave
 from twin.robot import clearance, inverse_kinematics, jacobian
-from twin.runs.guard.interpreter import environment, module_command
-from twin.runs.scene import arrows, frames
+from twin.runs.guard.process import environment, module_command
+from twin.runs.scene import frames
+from twin.runs.scene import scene as arrows
 
 PATIENCE = 5.0
 """How long (s) the other process has to end when it is asked to."""

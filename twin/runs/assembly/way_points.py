@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.errors import Unreachable
-from twin.experiment.reference import Chirp, Circle, JointStep, Reference, WayPoints
 from twin.experiment.tables import Tables
+from twin.experiment.task import Chirp, Circle, JointStep, Reference, WayPoints
 from twin.robot.forward_kinematics import position
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
-from twin.runs.assembly.beliefs import geometry_of
+from twin.runs.assembly.computer import geometry_of
 
 MOST_POINTS = 2_000_000
 """Of a shape; more than an hour at 2 ms."""

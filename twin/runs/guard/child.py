@@ -46,8 +46,7 @@ def main() -> None:
                 from twin.compiled.compiling import watch_compiling
                 from twin.cosim.simulation import let_watch
                 from twin.drive.calls import listen
-                from twin.runs.guard.pipe_reporter import PipeReporter
-                from twin.runs.guard.reporter import let_speak
+                from twin.runs.guard.reporter import PipeReporter, let_speak
 
                 reporter = PipeReporter(reports, box)
                 listen(reporter.announcer.tell)

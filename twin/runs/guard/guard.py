@@ -7,13 +7,12 @@ from itertools import groupby
 from typing import Any
 
 from twin.errors import ComponentFailed, InputRefused, TwinError, visible
-from twin.runs.guard.account import Account
 from twin.runs.guard.ahead import process_for
+from twin.runs.guard.black_box import Account, failure_sentence, manner
 from twin.runs.guard.child import STOP
 from twin.runs.guard.failure import error_of
 from twin.runs.guard.limits import PATIENCE, WAITING, Limits, duration_text
 from twin.runs.guard.process import GuardedProcess, resident_memory
-from twin.runs.guard.sentence import failure_sentence, manner
 
 POLL = 0.05
 """How often (s) limits are looked at and progress is shown."""

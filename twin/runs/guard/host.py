@@ -12,7 +12,7 @@ from twin.runs.assembly.drive_component import drive
 from twin.runs.assembly.drives import Start, planned
 from twin.runs.guard.called import called_function
 from twin.runs.guard.page import IDLE, STOPPED, Page, serve
-from twin.runs.guard.pipe_reporter import PipeReporter
+from twin.runs.guard.reporter import PipeReporter
 
 
 def hosted_drive(

@@ -20,14 +20,13 @@ from twin.cosim.component import Component
 from twin.cosim.port import width
 from twin.errors import InputRefused, TwinError
 from twin.runs.assembly.drives import DrivePlan, Start
+from twin.runs.guard.black_box import manner
 from twin.runs.guard.called import Elsewhere
-from twin.runs.guard.futex import kernel
 from twin.runs.guard.guard import POLL, JobEnded, Watch, raise_failure
 from twin.runs.guard.limits import Limits
-from twin.runs.guard.page import CALLER, DIED, NAP, STUCK, Page, ask
+from twin.runs.guard.page import CALLER, DIED, NAP, STUCK, Page, ask, kernel
 from twin.runs.guard.process import GuardedProcess, cpu_clock
 from twin.runs.guard.reporter import Reporter, own_reporter
-from twin.runs.guard.sentence import manner
 
 JOB = "twin.runs.guard.host:hosted_drive"
 _spare: list[GuardedProcess] = []

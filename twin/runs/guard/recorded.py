@@ -8,8 +8,8 @@ def recorded_until_then(folder: Path | None) -> str:
     """A sentence about the recording in `folder` (None: there is no folder yet)."""
     # the supervisor loads no numerics unless something goes wrong
     from twin.recording.folder import RECORDING
-    from twin.recording.output import PARTIAL
     from twin.recording.reader import last_time
+    from twin.recording.writer import PARTIAL
 
     if folder is not None and (folder / RECORDING).exists():
         return f"The recording is complete: {seen_from_here(folder / RECORDING)}."
@@ -21,7 +21,7 @@ def recorded_until_then(folder: Path | None) -> str:
 def left_behind(folder: Path) -> str:
     """What Ctrl-C has left in the `folder` of a run; it goes if that is nothing."""
     from twin.recording.folder import RECORDING
-    from twin.recording.output import PARTIAL
+    from twin.recording.writer import PARTIAL
 
     whole, partial = folder / RECORDING, folder / f"{RECORDING}{PARTIAL}"
     if partial.exists():

@@ -9,13 +9,13 @@ from twin.experiment.experiment import Experiment
 from twin.recording.folder import claim_run_folder, create_run_folder
 from twin.runs.assembly.build import need_processes, planned_drives
 from twin.runs.assembly.load import load_experiment
-from twin.runs.estimate import refuse_endless
 from twin.runs.guard.guard import JobEnded
 from twin.runs.guard.limits import Limits
 from twin.runs.guard.recorded import recorded_until_then
 from twin.runs.guard.reporter import Reporter
 from twin.runs.run import Run, execute
 from twin.runs.viewer import Viewer
+from twin.runs.watch import refuse_endless
 
 
 def recorded_runs(

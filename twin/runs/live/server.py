@@ -12,9 +12,9 @@ from twin.errors import InputRefused
 from twin.runs.live.broadcast import HOST, Broadcast
 from twin.runs.live.gate import Gate
 from twin.runs.live.topics import Topics
-from twin.runs.observer import TickEvent
+from twin.runs.loop import TickEvent
+from twin.runs.recorder import RowStream
 from twin.runs.scene.scene import Scene
-from twin.runs.streams import RowStream
 from twin.runs.tuning import Tuning
 
 SPACING = 0.02

@@ -27,11 +27,11 @@ from twin.cosim.simulation import Simulation
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.ticks import whole_ticks
+from twin.plant.contact import stopped
 from twin.plant.dynamics import series_share, spring_stiffness
-from twin.plant.friction import stopped
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
-from twin.runs.assembly.beliefs import belief
+from twin.runs.assembly.computer import belief
 from twin.runs.assembly.drives import DrivePlan, planned
 from twin.runs.assembly.true_parameters import shafts
 from twin.studies.analyse.linear.drive_model import DriveModel, fitted_drive
@@ -51,7 +51,7 @@ from twin.studies.analyse.linear.plant_system import linear_plant
 from twin.studies.analyse.operating_point import OperatingPoint
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify.bench import on_bench, refuse_impossible
-from twin.studies.qualify.operating_range import LOAD_IN_USE, SPEED_IN_USE
+from twin.studies.qualify.definitions import LOAD_IN_USE, SPEED_IN_USE
 
 PERIOD = 1.0
 """Of the sum of sines (s)."""

@@ -10,8 +10,8 @@ from scipy.optimize import brentq
 from twin.errors import InputRefused, Unreachable
 from twin.experiment.experiment import Experiment
 from twin.experiment.task import Push, Tap
+from twin.plant.beginning import resting
 from twin.plant.contact import contact_force
-from twin.plant.equilibrium import resting
 from twin.plant.parameters import PlantParameters
 from twin.plant.surface import surface_depth
 from twin.robot.geometry import Geometry

@@ -2,6 +2,14 @@
 
 For the machine on which it is built any C compiler will do, for others that of the package ziglang, which brings the
 headers and libraries of all of them.
+
+Platforms that machine code is written for.
+
+Compiled steps as object files for any platform, see `twin.compiled.emission`. Such a module knows no platform: its
+numbers have their sizes in their types, its pointers 64 bits, and what it takes and gives are pointers and doubles,
+which every C takes in the same way. So LLVM writes it for any of them.
+
+LLVM ends the process where it cannot write code for a platform: whoever calls this should be ready to lose it.
 """
 
 import hashlib
@@ -13,13 +21,158 @@ import struct
 import sys
 import tempfile
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, NamedTuple
 
+import llvmlite.binding as llvm
+
+from twin.compiled.emission import Module, bare
 from twin.drive.compiling import PATIENCE, ZIG, call_compiler, compiler, zig
-from twin.errors import InputRefused, disk_refusals
-from twin.studies.build.platforms import HERE, Platform
+from twin.errors import InputRefused, disk_refusals, nearest
+from twin.studies.build.layout import Layout
+
+ALL = "all"
+
+
+class Form(NamedTuple):
+    """Machine code for what not every processor of a kind has; `processor_form` of part.c chooses among them.
+
+    Attributes:
+        suffix: of the names of functions.
+        features: that LLVM may use.
+    """
+
+    suffix: str
+    features: str
+
+
+X86_64 = (Form("", ""), Form("_avx", "+avx"), Form("_avx512", "+avx512f,+avx512vl"))
+"""Fig. 4's plant takes 1.14, 1.09 and 1.02 times as long as what is compiled for the processor on which it runs."""
+ARM = (Form("", ""),)
+
+
+class Platform(NamedTuple):
+    """A processor and a system.
+
+    Attributes:
+        name: its tuple in FMI 3.0, which is its folder there.
+        fmi2: its folder in FMI 2.0; None: that has none.
+        suffix: of shared libraries.
+        triple: what LLVM calls it.
+        target: what the compiler of ziglang calls it. glibc 2.17 is of 2012, macOS 11 the first for both processors;
+            what is linked against them runs on every system since.
+        cpu: the oldest processor of this kind.
+        forms: in which its code is written.
+    """
+
+    name: str
+    fmi2: str | None
+    suffix: str
+    triple: str
+    target: str
+    cpu: str
+    forms: tuple[Form, ...]
+
+    @property
+    def is_elf(self) -> bool:
+        """Whether its libraries are of the kind that Linux has."""
+        return self.suffix == "so"
+
+
+PLATFORMS = {
+    row[0]: Platform(*row)
+    for row in (
+        ("x86_64-linux", "linux64", "so", "x86_64-unknown-linux-gnu", "x86_64-linux-gnu.2.17", "x86-64", X86_64),
+        ("aarch64-linux", None, "so", "aarch64-unknown-linux-gnu", "aarch64-linux-gnu.2.17", "generic", ARM),
+        ("x86_64-windows", "win64", "dll", "x86_64-unknown-windows-gnu", "x86_64-windows-gnu", "x86-64", X86_64),
+        ("x86_64-darwin", "darwin64", "dylib", "x86_64-apple-macosx11.0.0", "x86_64-macos.11.0", "x86-64", X86_64),
+        ("aarch64-darwin", "darwin64", "dylib", "arm64-apple-macosx11.0.0", "aarch64-macos.11.0", "generic", ARM),
+    )
+}
+HERE = PLATFORMS["x86_64-linux"]
+"""Where it is built, and the only one where it can be tried."""
+
+
+def platforms_named(names: Sequence[str], fmi: str | None = None) -> list[Platform]:
+    """The platform where it is built, and those of `names` beside it; "all" are all.
+
+    Args:
+        names: tuples of FMI 3.0.
+        fmi: for which version; None: for no FMU.
+
+    Raises:
+        InputRefused: there is no such platform, or FMI 2.0 knows no folder for it.
+    """
+    able = {name: platform for name, platform in PLATFORMS.items() if platform.fmi2 or fmi != "2.0"}
+    for name in names:
+        if name == ALL or name in able:
+            continue
+        if name in PLATFORMS:
+            raise InputRefused(f"--platform {name}: FMI 2.0 has no folder for it; build it with --fmi 3")
+        raise InputRefused(f"--platform {name}: {nearest(name, [*able, ALL], 'expected one of {}')}")
+    return [p for name, p in able.items() if p is HERE or ALL in names or name in names]
+
+
+class Emitted(NamedTuple):
+    """A step for one platform.
+
+    Attributes:
+        symbol: of the function.
+        text: LLVM's assembly of what was written.
+        content: of the object file.
+    """
+
+    symbol: str
+    text: str
+    content: bytes
+
+
+def emitted(step: Module, platform: Platform, form: Form) -> Emitted:
+    """A form of `int symbol(int32 *, void **, void *self, double t, double h, const double *u, double *y)`.
+
+    Raises:
+        InputRefused: the step needs something that is not mathematics, memory of its own say.
+    """
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    # not the code model of numba, which puts its code wherever there is room
+    machine = llvm.Target.from_triple(platform.triple).create_target_machine(
+        cpu=platform.cpu, features=form.features, opt=3, reloc="pic", codemodel="default"
+    )
+    module, foreign = bare(step, machine)
+    if foreign:
+        raise InputRefused(f"{step.symbol}: its compiled step needs {', '.join(foreign)}; it cannot leave Python")
+    function = module.get_function(step.inner)
+    # hidden: two parts in one process have steps of the same name
+    function.name, function.visibility = step.symbol + form.suffix, "hidden"
+    return Emitted(function.name, str(module), machine.emit_object(module))
+
+
+def emitted_steps(
+    layout: Layout, platforms: Sequence[Platform], say: Callable[[str], None]
+) -> dict[Platform, list[Emitted]]:
+    """All steps of a layout in all forms for each platform.
+
+    Raises:
+        InputRefused: a step cannot leave Python.
+    """
+    modules = []
+    for row in layout.rows:
+        say(f"compiling {row.component.name}")
+        step: Any = row.step
+        modules.append(step.module(row.symbol))
+    return {
+        platform: [emitted(module, platform, form) for module in modules for form in platform.forms]
+        for platform in platforms
+    }
+
+
+def object_files(steps: Sequence[Emitted]) -> dict[str, bytes]:
+    """Object files by their names."""
+    return {f"{step.symbol}.o": step.content for step in steps}
+
 
 # no contraction to fused multiply-add: the same numbers as here
 FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-w")

@@ -4,12 +4,11 @@ import re
 from collections.abc import Sequence
 
 from twin.cosim.ssp.metadata import Metadata
-from twin.cosim.ssp.parameters import ParameterSet, ParameterValue
+from twin.cosim.ssp.parameters import ParameterSet, ParameterValue, UnitDefinition
 from twin.cosim.ssp.structure import Connector, ConnectorKind
-from twin.cosim.ssp.unit import UnitDefinition
 from twin.experiment.experiment import Experiment
 from twin.studies.build.layout import Kind, Variable
-from twin.studies.build.values import Told, defined, origin
+from twin.studies.build.structure import Told, defined, origin
 
 KINDS: dict[Kind, ConnectorKind] = {
     "parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output",

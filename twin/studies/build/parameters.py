@@ -3,9 +3,14 @@
 A number has a place in the memory of a component, which is its SI value, or that divided or multiplied by a constant:
 so all that is derived of it is derived again when it is put there. What is not in these tables is fixed: it decides how
 many ticks or phases there are, or which law holds, or something is worked out of it in Python.
+
+Numbers of a [[fault]] that stay open in what is built of it; times are counted in ticks, and fixed.
+
+What of an experiment's file decides on a part and cannot be set in it any more.
 """
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,13 +18,61 @@ import numpy as np
 from twin.cosim.component import NativeComponent
 from twin.cosim.place import Place
 from twin.experiment.experiment import Experiment
-from twin.experiment.fault import table_of
+from twin.experiment.fault import Fault, table_of
 from twin.experiment.fault_catalogue import CATALOGUE
+from twin.faults.command_fault import CommandFault
+from twin.faults.count_fault import CountFault, CountLaw
+from twin.faults.drive_fault import DriveFault
+from twin.faults.message_fault import MessageFault
 from twin.robot.model import Model
 from twin.runs.assembly.declared import MEMORIES, PATHS, PLACES
-from twin.studies.build.fault_numbers import fault_numbers, fault_of
 from twin.studies.build.part import RobotPart
 from twin.units import Unit, known_unit
+
+_LOST = (CountLaw.DROPOUT_HOLD, CountLaw.DROPOUT_ZERO, CountLaw.DROPOUT_NAN)
+
+
+def fault_of(experiment: Experiment, name: str) -> Fault | None:
+    """The fault whose component is called `name`, `fault_1` of the first; None if that is no fault."""
+    return next((fault for n, fault in enumerate(experiment.faults, start=1) if name == f"fault_{n}"), None)
+
+
+def fault_numbers(
+    experiment: Experiment, fault: Fault, component: NativeComponent
+) -> Iterator[tuple[str, np.ndarray, float]]:
+    """What of `fault` is a number in the memory of its `component`: its key, where it is, and times what.
+
+    What is rounded, to counts or ticks, on its way there is not among them.
+    """
+    memory = component.memory[0:1]
+    if isinstance(component, DriveFault) and fault.kind == "drive_runaway":
+        yield "magnitude", memory["omega"], 1.0
+    elif isinstance(component, CommandFault):
+        yield "magnitude", memory["limit"], experiment.controller.speed_limit if fault.kind == "brown_out" else 1.0
+    elif isinstance(component, CountFault):
+        law = memory["law"][0]
+        if law in (CountLaw.BIAS, CountLaw.GLITCH):
+            of_motor, plant = component.inputs[0].name == "count_m", experiment.plant
+            counts = plant.motor_counts_per_turn if of_motor else plant.joint_counts_per_turn
+            yield "magnitude", memory["counts"], counts / (2.0 * math.pi)
+        if law in _LOST or law == CountLaw.GLITCH:
+            yield "share" if law == CountLaw.GLITCH else "magnitude", memory["share"], 1.0
+    elif isinstance(component, MessageFault) and fault.kind == "sample_loss":
+        yield "magnitude", memory["share"], 1.0
+
+
+def fault_beside(fault: Fault) -> tuple[str, ...]:
+    """Keys of other tables that decide on the component of `fault`."""
+    match CATALOGUE[fault.kind].mechanism:
+        case "counts":
+            side = "motor" if fault.target.startswith("motor") else "joint"
+            return (f"plant.{side}_counts_per_turn", "controller.period_ms")
+        case "message":
+            return ("controller.period_ms",)
+        case "drive":
+            return ("start.p_B",)
+    return ("controller.speed_limit_rad_per_s",) if fault.kind == "brown_out" else ()
+
 
 START = "start.p_B"
 _TABLES = (
@@ -202,3 +255,44 @@ def said_in(experiment: Experiment, table: str) -> Mapping[str, Any]:
     for word in table.split(".") if table else ():
         values = values.get(word) if isinstance(values, Mapping) else None
     return values if isinstance(values, Mapping) else {}
+
+
+_FIXED = {
+    "plant": ("plant.substeps", "contact.law", "contact.shape"),
+    "scale": ("scale.period_ms",),
+    "latency": ("plant.encoder_latency_ms",),
+    "encoder": ("seed", "controller.period_ms"),
+    "estimator": ("controller.gravity_compensation", "controller.period_ms"),
+    "controller": (
+        "controller.mode", "controller.period_ms", "controller.speed_limit_rad_per_s", "controller.force.reference_N",
+        "controller.force.trigger_N", "controller.force.trigger_time_s", "controller.touch.contact_N", "[reference]",
+        "[approach]", "[[task]]", "controller.force.schedule",
+    ),
+    "tank": ("controller.period_ms",),
+    "delay": ("controller.delay_ticks",),
+    "monitor": ("[monitor]",),
+}  # fmt: skip
+"""What decides on a component and may be fixed in it; what is offered after all is not."""
+
+
+def fixed(part: RobotPart, offered: Sequence[Parameter]) -> list[str]:
+    """The keys of the experiment's file that decide on the part, and cannot be set any more."""
+    open_ones = {parameter.key for parameter in offered}
+    experiment = part.experiment
+    keys: dict[str, None] = {}
+    for component in part.components:
+        fault = fault_of(experiment, component.name)
+        if fault:
+            said = (f"{component.name}.{key}" for key in said_in(experiment, component.name))
+            keys |= dict.fromkeys((*said, *fault_beside(fault)))
+        keys |= dict.fromkeys(key for key in _FIXED.get(component.name, ()) if _has(experiment, key))
+    if senses(part):
+        keys["[controller.model]"] = None
+    return ["cosim.tick_ms", *(key for key in keys if key not in open_ones)]
+
+
+def _has(experiment: Experiment, key: str) -> bool:
+    """Whether the experiment says it, or has such a table."""
+    table, _, name = key.strip("[]").rpartition(".")
+    value = said_in(experiment, table).get(name)
+    return bool(value) or value == 0

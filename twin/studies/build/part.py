@@ -9,7 +9,7 @@ import numpy as np
 from twin.cosim.component import Component, NativeComponent
 from twin.cosim.delay import filled
 from twin.cosim.port import Port, width
-from twin.cosim.wiring import End, Feeds
+from twin.cosim.system import End, Feeds
 from twin.errors import InputRefused, nearest
 from twin.experiment.experiment import Experiment
 from twin.plant.beginning import REST_OUTPUTS, outputs_at_start, rest
@@ -19,7 +19,7 @@ from twin.runs.assembly.build import JOINTS, Build
 from twin.runs.assembly.mechanics import at_rest
 from twin.runs.assembly.robot import ROBOT, Row, connected
 from twin.runs.assembly.roles import CONTRACTS
-from twin.studies.build.refusals import refuse_broken, refuse_changed, refuse_others
+from twin.studies.build.drives import refuse_broken, refuse_changed, refuse_others
 
 DRIVE = "drive"
 COMMANDS = (Port("omega_ref", JOINTS, "rad/s"), Port("tau_load", JOINTS, "N m"))

@@ -1,8 +1,11 @@
-"""The whole robot of an experiment as an SSP archive, for masters that read such."""
+"""The whole robot of an experiment as an SSP archive, for masters that read such.
+
+What an SSP archive of a robot says of itself to people.
+"""
 
 import hashlib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -10,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from twin.cosim.ssp.metadata import Metadata
-from twin.cosim.ssp.structure import STRUCTURE
+from twin.cosim.ssp.parameters import NONE
+from twin.cosim.ssp.structure import STRUCTURE, Connection
 from twin.cosim.ssp.writing import parameter_set_xml, structure_xml
 from twin.drive.description import FmuDescription
 from twin.errors import InputRefused
@@ -19,19 +23,81 @@ from twin.runs.assembly.load import load_experiment
 from twin.runs.provenance import named_files
 from twin.studies.answer import Answer
 from twin.studies.build.drives import Element, JointDrive, travelling_drives
-from twin.studies.build.fixed import fixed
 from twin.studies.build.fmu import archive, packed
 from twin.studies.build.layout import laid_out
-from twin.studies.build.linking import refuse_platform
+from twin.studies.build.linking import Platform, platforms_named, refuse_platform
 from twin.studies.build.ours import own_connectors, own_values
-from twin.studies.build.parameters import parameters
+from twin.studies.build.parameters import fixed, parameters
 from twin.studies.build.part import RobotPart, part_of
 from twin.studies.build.part_fmu import HOME, about, readme
-from twin.studies.build.platforms import Platform, platforms_named
 from twin.studies.build.structure import Member, structure
-from twin.studies.build.system_readme import system_readme
 from twin.studies.build.theirs import foreign_connectors, foreign_values
 from twin.writing import json_text, made_folder, refuse_unwritable, write_bytes
+
+_SCHEME = {
+    "gauss_seidel": (
+        "Step the elements one after the other in this order, and hand the values of each on at once (Gauss-Seidel): "
+        "the computer, the drives, the plant. What leads back in this order (angles to the computer, the load to the "
+        "drives) is what was valid before the step. In that order the system gives the trace of the twin's own run; "
+        "where all exchange their values between steps (Jacobi), the computer's come a tick later and the plant sees "
+        "the drives' angles of the tick before."
+    ),
+    "jacobi": (
+        "Let all elements make a step, and exchange their values between steps (Jacobi). The step that the computer's "
+        "values take to get to the drives is the tick of the bus that the experiment has (controller.bus_delay_ticks)."
+    ),
+}
+
+
+def system_readme(
+    experiment: Experiment,
+    members: Sequence[Member],
+    connections: Sequence[Connection],
+    hashes: Mapping[str, str],
+    platforms: Sequence[Platform],
+) -> str:
+    """documentation/README.md of the archive."""
+    cosim = experiment.cosim
+    lines = [
+        f"# {experiment.name}",
+        "",
+        f"{experiment.title}. A robot as a system of FMUs for co-simulation, SSP 1.0, written by twin.",
+        "",
+        "| element | FMU | values | |",
+        "|---|---|---|---|",
+        *(f"| `{m.name}` | `{m.entry}` | {f'`{m.values.source}`' if m.values else ''} | {m.about} |" for m in members),
+        "",
+        f"FMUs of twin's own are native code for {', '.join(p.name for p in platforms)}; drives are as they came.",
+        "",
+        "## How to step it",
+        "",
+        f"Steps of {1e3 * cosim.tick:g} ms until {experiment.duration_ticks * cosim.tick:g} s. {_SCHEME[cosim.scheme]}",
+        "",
+        "## Lines on connections",
+        "",
+        "A drive counts from a zero of its own, and may have units and a gear of its own: these connections have a "
+        "LinearTransformation, factor * value + offset, and no other conversion. For a master that leaves the offset "
+        "away, set the start value of the drive's angle so that it begins where the robot rests; a last bit may be "
+        "another one then.",
+        "",
+        "| from | to | factor | offset |",
+        "|---|---|---|---|",
+        *(
+            f"| `{'.'.join(c.start)}` | `{'.'.join(c.end)}` | {c.transformation.factor!r} | "
+            f"{c.transformation.offset!r} |"
+            for c in connections
+            if c.transformation != NONE
+        ),
+        "",
+        "## What it was made of",
+        "",
+        "| file | SHA-256 |",
+        "|---|---|",
+        *(f"| `{entry}` | `{digest}` |" for entry, digest in hashes.items()),
+        "",
+    ]
+    return "\n".join(lines)
+
 
 COMPUTER, BUS, PLANT = "computer", "bus", "plant"
 

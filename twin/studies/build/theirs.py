@@ -5,14 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.cosim.ssp.metadata import Metadata
-from twin.cosim.ssp.parameters import ParameterSet, ParameterValue
+from twin.cosim.ssp.parameters import ParameterSet, ParameterValue, UnitDefinition
 from twin.cosim.ssp.structure import Connector, ConnectorKind
-from twin.cosim.ssp.unit import UnitDefinition
 from twin.drive.description import FmuDescription
 from twin.drive.setting import Setting
 from twin.drive.variable import Variable
 from twin.experiment.experiment import Experiment
-from twin.studies.build.values import Told, defined, origin
+from twin.studies.build.structure import Told, defined, origin
 from twin.units import Dimension, known_unit
 
 TYPES = {name: name for name in ("Real", "Boolean", "String", "Enumeration", "Binary")}

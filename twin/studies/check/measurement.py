@@ -24,9 +24,9 @@ from twin.experiment.measure import Led, Measure, Required, Watched
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.beliefs import geometry_of
+from twin.runs.assembly.computer import geometry_of
 from twin.runs.loop import simulate
-from twin.runs.streams import fields_of
+from twin.runs.recorder import fields_of
 from twin.runs.trace import Trace
 from twin.studies.metrics.requirement import checked_requirement, distance
 from twin.studies.metrics.response import (

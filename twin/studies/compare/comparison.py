@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from twin.errors import InputRefused
-from twin.experiment.difference import differing, recorded_facts
+from twin.experiment.recorded import differing, recorded_facts
 from twin.recording.logs.column_map import column_map
 from twin.recording.logs.log import Log, LogSeries, in_gap
 from twin.recording.logs.reader import is_recording, read_log
-from twin.recording.origin import origin
+from twin.recording.reader import origin
 from twin.runs.assembly.declared import DECLARED
 from twin.studies.compare.tolerance import (
     Alignment,

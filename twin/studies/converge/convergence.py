@@ -1,21 +1,195 @@
-"""Step halving: every coupling at several ticks against one reference."""
+"""Step halving: every coupling at several ticks against one reference.
+
+The ways in which drives and plant may exchange their values, from the simplest on.
+
+What couplings are compared with.
+
+An experiment without what snaps to a tick or a count, so that what is left to differ is the coupling. An error in the
+time of an event is of order one in the tick whatever the coupling; an encoder's count is as large as many a coupling
+error; and a trigger that a count decides comes whole periods earlier or later.
+"""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from twin.cosim.interpolation import Inputs, Scheme
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
-from twin.experiment.variation import shortened
+from twin.experiment.variation import exactly_measured, shortened, with_cosim, with_plant
 from twin.robot.gravity import G_ACCELERATION
-from twin.studies.converge.coupling import COUPLINGS, Coupling
-from twin.studies.converge.order import Order, observed_order
+from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.roles import refuse_other_parts
+from twin.runs.assembly.true_parameters import plant_parameters
+from twin.runs.trace import run_in_memory
+from twin.studies.converge.monolith import ATOL, applies, monolithic_rows, servos, within_limits
+from twin.studies.converge.order import (
+    FORCE,
+    POSITION,
+    SIGNALS,
+    Order,
+    Samples,
+    Signal,
+    chosen,
+    largest_errors,
+    observed_order,
+    sampled_run,
+)
 from twin.studies.converge.power import PowerResidual, power_residuals
-from twin.studies.converge.reference import Reference, reference_of
-from twin.studies.converge.signals import FORCE, POSITION, SIGNALS, Signal, largest_errors, sampled_run
-from twin.studies.converge.smoothing import Smooth, comparable, smoothed
 from twin.studies.steps import Say, Steps, silent
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """Scheme, inputs and iterations of `twin.cosim.system.System`."""
+
+    scheme: Scheme
+    inputs: Inputs
+    iterations: int = 1
+
+    @property
+    def name(self) -> str:
+        """In the words of [cosim]; "2 times": iterations = 2."""
+        again = f", {self.iterations} times" if self.iterations > 1 else ""
+        return f"{self.scheme}, {self.inputs}{again}"
+
+    @property
+    def expected_order(self) -> int:
+        """Where everything is smooth: the error of a value held from one end, or of the middle of a line."""
+        return 1 if self.inputs == "hold" else 2
+
+    def of(self, experiment: Experiment, tick: float) -> Experiment:
+        """`experiment` coupled so at `tick` (s).
+
+        Raises:
+            InputRefused: a duration or period is not a whole number of ticks.
+        """
+        return with_cosim(experiment, tick=tick, scheme=self.scheme, inputs=self.inputs, iterations=self.iterations)
+
+
+COUPLINGS = (
+    Coupling("gauss_seidel", "hold"),
+    Coupling("jacobi", "hold"),
+    Coupling("gauss_seidel", "linear"),
+    Coupling("jacobi", "linear"),
+    Coupling("gauss_seidel", "linear", iterations=2),
+)
+FINEST = Coupling("gauss_seidel", "linear")
+"""The most accurate one that every drive can."""
+
+
+FINER = 32
+"""The finest run's steps per tick of the experiment: 1/16 of the error of order two at an eighth of the tick."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """samples: of the controller's ticks. floor: how far they may be off, by signal. meaning: where they come from."""
+
+    samples: Samples
+    floor: dict[str, float]
+    meaning: str
+
+    @property
+    def pressed(self) -> bool:
+        """Whether the robot presses on anything at any time."""
+        return bool(np.any(self.samples[FORCE.name]))
+
+
+def reference_of(experiment: Experiment) -> Reference:
+    """Without any coupling where the drives' equations are known, else the finest co-simulation.
+
+    Raises:
+        InputRefused, ComponentFailed: as any run.
+    """
+    with assemble(experiment) as assembly:
+        drives = servos(assembly.drives)
+    why = "no equations of this drive are known here"
+    if drives is not None and not applies(experiment):
+        why = "the monolithic one knows no moving bodies, delays, changes or dry friction"
+    elif drives is not None:
+        rows = monolithic_rows(experiment, drives)
+        if within_limits(rows, drives):
+            meaning = "monolithic: drives and plant as one equation"
+            return Reference(chosen(rows, rows["theta_m"]), _solver_floor(experiment), meaning)
+        why = "a drive reaches a limit"
+    tick = experiment.cosim.tick
+    finest, _ = sampled_run(FINEST.of(experiment, tick / FINER))
+    coarser, _ = sampled_run(FINEST.of(experiment, 2.0 * tick / FINER))
+    # of order two the finer one is off by a third of what it differs from the coarser one
+    floor = {name: error / 3.0 for name, error in largest_errors(coarser, finest).items()}
+    meaning = f"the finest run: {FINEST.name}, {1e3 * tick / FINER:g} ms; {why}"
+    return Reference(finest, floor, meaning)
+
+
+def _solver_floor(experiment: Experiment) -> dict[str, float]:
+    """The solver's tolerance of a position (m) or angle (rad), and what it is in a force and a torque."""
+    tolerance = float(np.min(ATOL))
+    p = plant_parameters(experiment.plant, experiment.contact)
+    # bristle and surface together see an error of the position
+    return {
+        "F_z": p.K * tolerance,
+        "p_B": tolerance,
+        "theta_m": tolerance,
+        "tau_load": p.k_s * (1.0 + p.N) * tolerance,
+    }
+
+
+OUT_OF_REACH = 1e9
+"""A trigger force (N) that nothing reaches."""
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """An experiment and what was taken out of it, one phrase each."""
+
+    experiment: Experiment
+    changes: tuple[str, ...]
+
+
+def comparable(experiment: Experiment) -> Smooth:
+    """With exact encoders and a force loop that starts when it did, not when a count says so.
+
+    Raises:
+        InputRefused: something in it breaks, or is led by what it feels: then no two runs do the same.
+    """
+    if experiment.faults:
+        raise InputRefused(f"{experiment.name}: has faults, whose effect is no coupling error; remove [[fault]]")
+    if experiment.tasks:
+        raise InputRefused(
+            f"{experiment.name}: its tasks change phase at what the robot feels, so two runs do not do the same at "
+            "the same time; take an experiment with a [reference]"
+        )
+    p = experiment.plant
+    if p.spring_hysteresis or p.spring_stop is not None:
+        key = "spring_hysteresis" if p.spring_hysteresis else "spring_stop_deg"
+        raise InputRefused(
+            f"{experiment.name}: [plant] {key}: the energy that a coupling makes is known of springs without "
+            "hysteresis and stop only; take it out of [plant]"
+        )
+    changes = ["encoders exact"]
+    smooth = exactly_measured(experiment)
+    refuse_other_parts(experiment, "a study of the coupling", ("controller", "estimator"))
+    if experiment.monitor is not None:
+        # it believes in the encoders of the robot
+        smooth = replace(smooth, monitor=None)
+        changes.append("no safety monitor")
+    triggered = np.flatnonzero(run_in_memory(experiment, only=["controller.triggered"]).held("controller.triggered"))
+    if len(triggered) and experiment.controller.force.trigger is not None:
+        when = float(triggered[0] * experiment.cosim.tick)
+        force = experiment.controller.force.model_copy(update={"trigger": OUT_OF_REACH, "trigger_time": when})
+        smooth = replace(smooth, controller=smooth.controller.model_copy(update={"force": force}))
+        changes.append(f"force loop on at {when:g} s, not by force")
+    return Smooth(smooth, tuple(changes))
+
+
+def smoothed(smooth: Smooth) -> Smooth:
+    """Without backlash and friction, too: spring and contact then change direction without an event."""
+    experiment = with_plant(smooth.experiment, backlash=0.0, joint_friction=0.0)
+    contact = experiment.contact.model_copy(update={"friction": 0.0})
+    return Smooth(replace(experiment, contact=contact), (*smooth.changes, "no backlash", "no friction under the head"))
+
 
 SHARES = (2.0, 1.0, 0.5, 0.25, 0.125)
 """Ticks to run, in ticks of the experiment; those that periods or drives do not fit are left out."""

@@ -6,26 +6,114 @@ whose shaft turns as commanded. Drive and spring exchange theta_m and tau_load a
 
 scipy integrates that from controller tick to controller tick; at a tick the same compiled encoder, estimator and
 controller run as in the co-simulation. What is left to differ is the coupling alone.
+
+A sampled component evaluated outside any system.
+
+Drives and plant as one differential equation, compiled.
 """
 
+import ctypes
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import DOP853
 
+from twin.compiled.native import entry
 from twin.controller.estimator import Estimator
+from twin.cosim.component import Component
+from twin.cosim.port import memory_of, places, record, width
+from twin.errors import ComponentFailed
 from twin.experiment.experiment import Experiment
-from twin.plant.component import OUTPUTS
+from twin.plant.beginning import resting
+from twin.plant.component import OUTPUTS, STILL, outputs_near
+from twin.plant.contact import ANCHORS
+from twin.plant.dynamics import UNTOUCHED, derivative
 from twin.plant.encoder import Encoder
 from twin.plant.equations import MOTION, Equations
-from twin.plant.equilibrium import resting
-from twin.runs.assembly.beliefs import belief
-from twin.runs.assembly.computer import controller
+from twin.plant.parameters import PARAMETERS, STATES, PlantParameters
+from twin.plant.surface import apex_frame
+from twin.runs.assembly.computer import belief, controller
 from twin.runs.assembly.drives import ALONE, DrivePlan
 from twin.runs.assembly.true_parameters import plant_parameters, shafts, surface_motions
-from twin.studies.converge.by_hand import Sampled
-from twin.studies.converge.coupled import Coupled
+
+_STEP = ctypes.CFUNCTYPE(
+    ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p
+)
+
+
+class Sampled:
+    """A component stepped by hand: all its input values in, all its output values out.
+
+    Calling it raises `ValueError` for another number of inputs, `ComponentFailed` for a bad status.
+    """
+
+    def __init__(self, component: Component):
+        self.component = component
+        self._step = _STEP(component.step_address)
+        self._y = component.initial_outputs.copy()
+        self._places = places(component.outputs)
+
+    def __call__(self, u: NDArray[np.float64], t: float = 0.0, h: float = 2e-3) -> NDArray[np.float64]:
+        u = np.ascontiguousarray(u, dtype=float)
+        if len(u) != width(self.component.inputs):
+            raise ValueError(f"{self.component.name}: {len(u)} inputs; expected {width(self.component.inputs)}")
+        status = self._step(self.component.self_address, t, h, u.ctypes.data, self._y.ctypes.data)
+        # 1 is a warning
+        if status not in (0, 1):
+            raise ComponentFailed(f"{self.component.name} {self.component.explain(status)}")
+        return self._y.copy()
+
+    def named(
+        self, u: NDArray[np.float64] | Mapping[str, NDArray[np.float64]], t: float = 0.0, h: float = 2e-3
+    ) -> dict[str, NDArray[np.float64]]:
+        """The outputs by port; `u` may hold the inputs by port likewise, among others."""
+        if isinstance(u, Mapping):
+            u = np.concatenate([np.atleast_1d(u[port.name]) for port in self.component.inputs])
+        y = self(u, t, h)
+        return {name: y[place] for name, place in self._places.items()}
+
+
+_COUPLED = record(
+    parameters=PARAMETERS, **dict.fromkeys(("T_m", "droop", "omega_ref", "theta_m", "omega_m"), "3f8"),
+    **dict.fromkeys(("dtheta_m", "domega_m"), "3f8"), x=("f8", (STATES,)), dx=("f8", (STATES,)),
+    anchors=("f8", (3, ANCHORS)), y=MOTION,
+)  # fmt: skip
+"""Constants, command, state, derivative; where dry friction holds, which is nowhere; outputs of the plant."""
+
+
+@entry("nothing", _COUPLED)
+def _derive(m):
+    outputs_near(m.parameters, m.x, m.theta_m, STILL, STILL, apex_frame(m.parameters), m.anchors, m.y)
+    for leg in range(3):
+        target = m.omega_ref[leg] - m.droop[leg] * m.y.tau_load[leg]
+        if m.T_m[leg] > 0.0:
+            m.dtheta_m[leg] = m.omega_m[leg]
+            m.domega_m[leg] = (target - m.omega_m[leg]) / m.T_m[leg]
+        else:
+            m.dtheta_m[leg], m.domega_m[leg] = target, 0.0
+    derivative(m.parameters, m.x, m.theta_m, STILL, STILL, m.dx)
+
+
+class Coupled:
+    """dx/dt at x = (theta_m (3), omega_m (3), the plant's state (8)), SI; the surface stays at rest.
+
+    Args:
+        parameters: of the plant.
+        T_m, droop: of each drive in s and rad/s per N m, (3,) each.
+    """
+
+    def __init__(self, parameters: PlantParameters, T_m: ArrayLike, droop: ArrayLike):
+        self._memory = memory_of(_COUPLED, parameters=tuple(parameters), T_m=T_m, droop=droop)
+
+    def derivative(self, omega_ref: ArrayLike, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """dx/dt (14,) with the command `omega_ref` (3,) in rad/s."""
+        m = self._memory
+        m["omega_ref"], m["theta_m"], m["omega_m"], m["x"], m["anchors"] = omega_ref, x[:3], x[3:6], x[6:], UNTOUCHED
+        _derive(m)
+        return np.concatenate([m[name][0] for name in ("dtheta_m", "domega_m", "dx")])
+
 
 # 1e-10 m, m/s and rad are 1e-6 N; the bristle's rate jumps whenever friction sticks or slips, and 1e-8 m of it are
 # 4e-5 N

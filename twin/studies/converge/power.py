@@ -36,8 +36,7 @@ from twin.plant.dynamics import series_share, spring_stiffness
 from twin.robot.sea import dead_zone, deflection, motor_load_torque
 from twin.runs.assembly.assemble import Assembly, assemble
 from twin.runs.assembly.true_parameters import plant_parameters
-from twin.runs.loop import simulate
-from twin.runs.observer import Observer, TickEvent
+from twin.runs.loop import Observer, TickEvent, simulate
 from twin.runs.trace import Trace
 
 

@@ -38,8 +38,7 @@ def converge(
     """
     from twin.runs.assembly.load import load_experiment
     from twin.studies.converge.convergence import convergence
-    from twin.studies.converge.picture import draw_convergence
-    from twin.studies.converge.text import convergence_facts, convergence_text
+    from twin.studies.converge.text import convergence_facts, convergence_text, draw_convergence
     from twin.writing import made_folder, write_json
 
     loaded = load_experiment(experiment, settings, drive)

@@ -21,11 +21,11 @@ from twin.experiment.experiment import Experiment
 from twin.experiment.measure import Required
 from twin.experiment.requirement import requirement, signals_of
 from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.beliefs import geometry_of
+from twin.runs.assembly.computer import geometry_of
 from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.limits import Limits
 from twin.runs.loop import simulate
-from twin.runs.streams import fields_of
+from twin.runs.recorder import fields_of
 from twin.runs.trace import Trace
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.falsify.space import Ended, Space, Wrong

@@ -19,7 +19,7 @@ from twin.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.experiment.experiment import Experiment
 from twin.experiment.fault import NEVER, Fault, checked_faults
 from twin.experiment.fault_catalogue import CATALOGUE, expected
-from twin.monitor.reasons import Trip, trip_sentence
+from twin.monitor.checks import Trip, trip_sentence
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.roles import refuse_other_parts
 from twin.runs.loop import Simulated, simulate
@@ -193,7 +193,7 @@ class FaultOutcome:
         peak: largest true contact force (N).
         peak_delay: from the onset to that (s).
         above: how long the force was above the force limit (s).
-        reason: why the monitor tripped, a name of `twin.monitor.reasons.Reason`; FAILURE if the run ended at the fault
+        reason: why the monitor tripped, a name of `twin.monitor.checks.Reason`; FAILURE if the run ended at the fault
             itself; "" if neither.
         delay: from the onset to the trip (s).
         power_off_delay: from the onset to the loss of power (s).

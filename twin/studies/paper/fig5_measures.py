@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.controller.phase import PhaseKind
+from twin.controller.program import PhaseKind
 from twin.errors import InputRefused
 from twin.experiment.recorded import recorded_values
 from twin.experiment.task import Press, Push, Roll, Tap, Task, checked_tasks
-from twin.monitor.reasons import MEANINGS, Reason
+from twin.monitor.checks import MEANINGS, Reason
 from twin.recording.recording import Recording
 from twin.runs.assembly.declared import DECLARED
 from twin.studies.metrics.requirement import FIG5, lacking

@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
-from twin.controller.phase import PhaseKind
-from twin.experiment.replaced import names_stand_in
+from twin.controller.program import PhaseKind
+from twin.experiment.source import names_stand_in
 from twin.experiment.task import Push, Roll, Tap
-from twin.monitor.limits import Monitor
+from twin.monitor.checks import Monitor
 from twin.recording.errors import UnknownSeries
 from twin.studies.figure import GREEN, ORANGE, picture
 from twin.studies.metrics.response import along_and_off

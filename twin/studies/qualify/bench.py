@@ -1,9 +1,13 @@
-"""The bench: a drive at a commanded speed and a load, both known beforehand; a part at what it would get in a run."""
+"""The bench: a drive at a commanded speed and a load, both known beforehand; a part at what it would get in a run.
+
+What an FMU has, for whoever has to say which of its variables plays which role.
+"""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,16 +19,62 @@ from twin.cosim.signals import playback
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.component import FmuComponent
-from twin.drive.contract import LOAD
-from twin.errors import ComponentFailed
+from twin.drive.contract import LOAD, OUTPUTS
+from twin.drive.description import FmuDescription
+from twin.drive.mapping import candidates
+from twin.drive.variable import Variable
+from twin.errors import ComponentFailed, visible
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.drive_component import OMEGA_REF, drive
 from twin.runs.assembly.drives import DrivePlan
 from twin.runs.assembly.robot import ROBOT
 from twin.runs.assembly.roles import OtherPart
 from twin.runs.trace import Trace
+from twin.studies.lines import wrapped
 from twin.studies.metrics.response import Curve
-from twin.studies.qualify.operating_range import TICK
+from twin.studies.qualify.definitions import TICK
+
+MOST_VARIABLES = 60
+"""Variables of a causality that are listed; a body in a few thousand helps nobody."""
+
+
+def variables_text(parts: Mapping[str, FmuDescription]) -> str:
+    """The inputs and outputs of each part; of what is local, what its shaft may be where no output can.
+
+    Args:
+        parts: FMUs by part; "" for the only one.
+    """
+    lines: list[str] = []
+    for part, fmu in parts.items():
+        for causality, variables in _listed(fmu).items():
+            lines.append(f"{part or fmu.path.name}: {len(variables) or 'no'} {causality}{'s' * (len(variables) != 1)}")
+            longest = max((len(visible(v.name)) for v in variables[:MOST_VARIABLES]), default=0)
+            for v in variables[:MOST_VARIABLES]:
+                head = f"  {visible(v.name):{min(longest, 32)}}  {v.type:8} {f'[{v.unit}]' if v.unit else '-':10} "
+                lines += wrapped(v.description, head) or [head.rstrip()]
+            lines += [f"  and {len(variables) - MOST_VARIABLES} more"] if len(variables) > MOST_VARIABLES else []
+    return "\n".join(lines)
+
+
+def variables_facts(parts: Mapping[str, FmuDescription]) -> list[dict[str, Any]]:
+    """The same for JSON, all of them."""
+    return [
+        {
+            "part": part, "name": v.name, "causality": causality, "type": v.type, "unit": v.unit or None,
+            "description": v.description,
+        }
+        for part, fmu in parts.items()
+        for causality, variables in _listed(fmu).items()
+        for v in variables
+    ]  # fmt: skip
+
+
+def _listed(fmu: FmuDescription) -> dict[str, list[Variable]]:
+    found = {c: [v for v in fmu.variables.values() if v.causality == c] for c in ("input", "output")}
+    shaft = dict.fromkeys(name for role in OUTPUTS if role.required for name in candidates(fmu.variables, role))
+    local = [v for name in shaft if (v := fmu.variables[name]).causality == "local"]
+    return found | ({"local variable": local} if local else {})
+
 
 SLICE_TICKS = 100
 LOOK = 500

@@ -1,16 +1,57 @@
-"""What is checked and measured: names, units and definitions, in the order in which they are shown; what is found."""
+"""What is checked and measured: names, units and definitions, in the order in which they are shown; what is found.
+
+What this robot asks of a drive, on the motor shaft: the speeds and loads at which drives are judged. The numbers are
+those of the Fig. 4 experiment with the assumed robot of `experiments/robots/massage_robot.toml`.
+
+The run on which most findings stand: rest, a step of the command, a step of the load.
+"""
 
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from twin.studies.qualify.operating_range import (
-    BIAS_SPEED,
-    LOAD_IN_USE,
-    RESOLUTION,
-    SMALL_SPEED,
-    SPEED_IN_USE,
-    SPEED_LIMIT,
-)
+import numpy as np
+
+from twin.studies.metrics.response import Curve
+
+TICK = 1e-3
+"""Communication step (s): the one of every experiment here."""
+SPEED_IN_USE = 0.5
+"""rad/s. Fig. 4 commands 0.50 rad/s at most: where the force loop is triggered and the z reference jumps."""
+SPEED_LIMIT = 8.0
+"""rad/s. The controller clamps its command there."""
+LOAD_IN_USE = 0.1
+"""N m. A press of 5 N asks 0.06 N m of each motor, through a belt of N = 2; weight and haste add to it."""
+LOAD_PEAK = 0.6
+"""N m. Ten presses of 5 N: a drive that holds it has a margin in every task."""
+LOAD_MOST = 4.0
+"""N m. Where the search for the stall torque ends: no spring of this robot can ask for it."""
+SMALL_SPEED = 0.1
+"""rad/s. Amplitude for the frequency response: a fifth of the speed in use, four steps of a 0.024 rad/s register."""
+BIAS_SPEED = 0.25
+"""rad/s. Mean speed of the frequency response: above the amplitude, so that friction never changes sign."""
+RESOLUTION = 1.5e-3
+"""rad. One count of the robot's own 12-bit motor encoder: an angle that nobody in the robot can see."""
+
+
+COMMANDED = 0.2
+"""When the command steps (s)."""
+LOADED = 2.2
+"""When the load steps (s); slow drives have settled by then."""
+END = 4.2
+"""s."""
+AVERAGE = 1.0
+"""How long before the load step, and before the end, speeds are averaged (s)."""
+
+
+def work_cycle(speed: float = SPEED_IN_USE, load: float = LOAD_IN_USE, end: float = END) -> tuple[Curve, Curve]:
+    """Commanded speed (rad/s) and load (N m), one value per tick, (ticks,).
+
+    Args:
+        speed, load: after their steps.
+        end: s.
+    """
+    k = np.arange(round(end / TICK))
+    return np.where(k >= round(COMMANDED / TICK), speed, 0.0), np.where(k >= round(LOADED / TICK), load, 0.0)
 
 
 class Definition(NamedTuple):

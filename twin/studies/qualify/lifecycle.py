@@ -16,8 +16,7 @@ from twin.experiment.schema import Drive
 from twin.runs.assembly.drives import DrivePlan, belongs, planned
 from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
 from twin.runs.guard.reporter import Reporter
-from twin.studies.qualify.definitions import Check, Finding, judged
-from twin.studies.qualify.operating_range import LOAD_IN_USE, SPEED_IN_USE, TICK
+from twin.studies.qualify.definitions import LOAD_IN_USE, SPEED_IN_USE, TICK, Check, Finding, judged
 
 JOB = "twin.studies.qualify.lifecycle:examined"
 TICKS = 50

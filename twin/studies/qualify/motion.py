@@ -1,12 +1,50 @@
-"""Which way a drive turns, how fast, and what a load does to it."""
+"""Checks of a drive on the bench: its motion, steps, stall, repetition, frequency response.
+
+How a drive follows a step of its command.
+
+The load that a drive can no longer turn against. A load that grows finds it in one run, but too high: beyond the stall
+torque tau_s a shaft of inertia J is still to be braked, J domega/dt = tau_s - tau_load. That takes until the load is
+sqrt(2 J omega r) above tau_s if it grows with the rate r, 0.04 N m of 7e-3 kg m2. And it is too low if the drive's own
+loop is slower than the load. Loads that are held know neither: they say whether the one that was found is right, and if
+it is not they close in on the right one.
+
+Whether a drive repeats itself, how much the step size matters, and what a step costs.
+
+How fast a drive's speed follows small changes of its command: amplitudes over frequency, -3 dB bandwidth.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
+from twin.errors import ComponentFailed, InputRefused
+from twin.experiment.schema import Drive, Part
 from twin.runs.assembly.drives import DrivePlan
+from twin.runs.assembly.rates import rates
+from twin.studies.metrics.response import Curve, overshoot, rise_time, settling_time
 from twin.studies.qualify.bench import Response, response
-from twin.studies.qualify.definitions import NEGLIGIBLE_DROOP, Finding, Measure, judged
-from twin.studies.qualify.operating_range import LOAD_IN_USE, SPEED_IN_USE, SPEED_LIMIT, TICK
-from twin.studies.qualify.work_cycle import AVERAGE, END, LOADED, work_cycle
+from twin.studies.qualify.definitions import (
+    AVERAGE,
+    BIAS_SPEED,
+    COMMANDED,
+    END,
+    LOAD_IN_USE,
+    LOAD_MOST,
+    LOAD_PEAK,
+    LOADED,
+    NEGLIGIBLE_DROOP,
+    RESOLUTION,
+    SMALL_SPEED,
+    SPEED_IN_USE,
+    SPEED_LIMIT,
+    TICK,
+    Check,
+    Finding,
+    Measure,
+    judged,
+    work_cycle,
+)
 
 WRONG_SCALE = 1.5
 """No drive for this robot is that far off by itself; rpm (9.5), degrees (57) and gears are."""
@@ -84,3 +122,312 @@ def _remedy(plan: DrivePlan, forth: float, back: float) -> str:
         other = ", ".join(f'{b.port.name} = "{b.name if b.turned else f"-{b.name}"}"' for b in shaft)
         return f"; its command and its angle disagree, and sign turns over both: map {other}, or the command so"
     return "; it does not turn: does it need an enable, a supply or other inputs?" if forth == back else ""
+
+
+BAND = 0.05
+"""Share of the final speed within which a drive has settled."""
+
+
+ROUNDING = 1e-9
+"""rad/s. Of a mean speed."""
+
+
+def step_findings(cycle: Response) -> list[Finding]:
+    """Measures `ripple`, `rise_time`, `settling_time` and `overshoot`, from the work cycle's first step."""
+    final = cycle.mean_speed(LOADED - AVERAGE, LOADED)
+    steady = cycle.omega_m[cycle.window(LOADED - AVERAGE, LOADED)]
+    ripple = float(np.max(np.abs(steady - np.mean(steady))))
+    if final < BAND * SPEED_IN_USE:
+        still = "does not turn forward"
+        return [Measure(name, None, still) for name in ("ripple", "rise_time", "settling_time", "overshoot")]
+    after = cycle.window(COMMANDED, LOADED)
+    t, omega_m = cycle.t[after] - COMMANDED, cycle.omega_m[after]
+    rise = rise_time(t, omega_m, 0.0, final)
+    hidden = f"hidden by a ripple of {ripple / final:.0%}" if ripple > BAND * final else ""
+    peak = overshoot(omega_m, final)
+    seen = peak if peak * final > 1.05 * ripple + ROUNDING else 0.0
+    settled = settling_time(t, omega_m, final, BAND * final)
+    return [
+        Measure("ripple", ripple),
+        _in_time("rise_time", rise, "within one tick" if rise == 0.0 else ""),
+        Measure("settling_time", None, hidden) if hidden else _in_time("settling_time", settled),
+        Measure("overshoot", None if hidden else 100.0 * seen, hidden),
+    ]
+
+
+def _in_time(name: str, value: float, remark: str = "") -> Measure:
+    """A measure of time (s) if the speed ever came so far."""
+    return Measure(name, value, remark) if np.isfinite(value) else Measure(name, None, "omega_m does not get there")
+
+
+START = 0.5
+"""s. The load starts to grow when the shaft turns steadily."""
+RATE = 0.25
+"""N m/s. With which the load grows."""
+HOLD = 1.0
+"""s. How long a load is held. Its excess e stops a shaft of inertia J from 0.5 rad/s within 0.5 J/e, so that what is
+carried that long is too high by at most 0.5 J: 0.0035 N m of 7e-3 kg m2. Longer, and a winding that heats is weaker."""
+SHARE = 0.1
+"""Of the commanded speed: friction that is smoothed around standstill lets a model creep below it for ever."""
+WINDOW = 0.05
+"""s. Over which the speed is averaged: a stepper swings while it turns."""
+UNCERTAINTY = 0.02
+"""Of the stall torque: between a load that is carried and one that is not there is twice as much."""
+PATIENCE = 0.3
+"""s. A shaft that has been slower than `SHARE` for that long is stalled."""
+
+
+def overload(plan: DrivePlan) -> Response:
+    """Commanded with the speed in use, the load grows until the shaft has stalled.
+
+    Raises:
+        ComponentFailed: the drive failed.
+    """
+    t = TICK * np.arange(round((START + LOAD_MOST / RATE) / TICK))
+    tau_load = RATE * np.maximum(0.0, t - START)
+    return response(plan, np.full(len(t), SPEED_IN_USE), tau_load, enough=_stalled)
+
+
+def stall_torque(plan: DrivePlan, done: Response) -> Measure:
+    """Measure `stall_torque`.
+
+    Args:
+        plan: the drive.
+        done: its `overload` run.
+
+    Raises:
+        ComponentFailed: the drive failed under a load that was held.
+    """
+    if not _stalled(done.theta_m):
+        return Measure("stall_torque", None, f"more than {LOAD_MOST:g} N m")
+    found = ramped_torque(done)
+    torque = found and held_torque(found, lambda load: carried(plan, load))
+    if torque == 0.0:
+        return Measure("stall_torque", None, "does not turn forward")
+    if torque >= LOAD_MOST:
+        return Measure("stall_torque", None, f"more than {LOAD_MOST:g} N m")
+    weak = torque < (1.0 - UNCERTAINTY) * LOAD_PEAK
+    return Measure("stall_torque", torque, f"less than the peak of {LOAD_PEAK:g} N m" if weak else "")
+
+
+def ramped_torque(done: Response) -> float:
+    """The load (N m) at which the shaft of an `overload` run has stalled; 0: it never turned."""
+    n = round(WINDOW / TICK)
+    turning = np.flatnonzero(done.theta_m[n:] - done.theta_m[:-n] >= SHARE * SPEED_IN_USE * WINDOW)
+    # the load in the middle of the last window in which it still turned
+    return float(done.tau_load[turning[-1] + n // 2]) if len(turning) else 0.0
+
+
+def held_torque(found: float, carries: Callable[[float], bool]) -> float:
+    """`found` (N m) if loads `UNCERTAINTY` below and above it say so, else what they close in on, as exactly; not
+    less than `LOAD_MOST` if that is carried.
+
+    Args:
+        found: > 0.
+        carries: whether a load is carried for as long as it is held; those below one that is, are, too.
+    """
+    below, above = (1.0 - UNCERTAINTY) * found, (1.0 + UNCERTAINTY) * found
+    if not carries(below):
+        low, high = 0.0, below
+    elif carries(above):
+        if above >= LOAD_MOST or carries(LOAD_MOST):
+            return LOAD_MOST
+        low, high = above, LOAD_MOST
+    else:
+        return found
+    # nothing is told from nothing
+    while high - low > max(2.0 * UNCERTAINTY * high, RATE * WINDOW):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if carries(middle) else (low, middle)
+    return 0.5 * (low + high)
+
+
+def carried(plan: DrivePlan, load: float) -> bool:
+    """Whether a drive, commanded with the speed in use, still turns when `load` (N m) has been held.
+
+    Raises:
+        ComponentFailed: the drive failed.
+    """
+    t = TICK * np.arange(round((START + load / RATE + HOLD) / TICK))
+    tau_load = np.clip(RATE * (t - START), 0.0, load)
+    return not _stalled(response(plan, np.full(len(t), SPEED_IN_USE), tau_load).theta_m)
+
+
+def _stalled(theta_m: Curve) -> bool:
+    n = round(PATIENCE / TICK)
+    return len(theta_m) > START / TICK and bool(theta_m[-1] - theta_m[-n] < SHARE * SPEED_IN_USE * PATIENCE)
+
+
+USUAL_TOLERANCE = 1e-4
+"""Relative, of the solver in an FMU that states none; what Dymola and OpenModelica export with is 1e-4 and 1e-6."""
+TIGHTER = 0.01
+NOBODY_SEES = 0.01 * RESOLUTION
+"""rad. An error of the solver below it is not worth a word."""
+
+
+def repetition_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
+    """Check `repeats`, measure `cost`.
+
+    Args:
+        plan: the drive.
+        cycle: its work cycle.
+
+    Raises:
+        ComponentFailed: it failed in the second or third run.
+    """
+    again = [response(plan, *work_cycle()) for _ in range(2)]
+    return [
+        _repeats(cycle, again[0]),
+        Measure("cost", min(run.cost for run in (cycle, *again))),
+    ]
+
+
+def step_error(plan: DrivePlan, cycle: Response) -> Measure:
+    """Measure `step_error`: the work cycle once more, the FMU stepped twice as finely, its inputs held as before.
+
+    A solver of ours that goes in steps of one length has them halved, too. And once with a solver that works more
+    exactly: no finer step mends what its tolerance does.
+
+    Args:
+        plan: the drive.
+        cycle: its work cycle.
+    """
+    steps, _ = rates(plan.label, plan.table, TICK)
+    halved = replace(plan, table=_halved(plan.table, steps))
+    try:
+        finer = response(halved, *work_cycle())
+    # an FMU may insist on a step size of its own
+    except (ComponentFailed, InputRefused) as refusal:
+        return Measure("step_error", None, f"refuses a step of {0.5e3 * TICK / steps:g} ms: {refusal}")
+    change = _apart(finer, cycle)
+    by_solver, tolerance = _tolerance_error(plan, cycle)
+    if by_solver > max(change, NOBODY_SEES):
+        return Measure(
+            "step_error", change, f"with tolerance = {tolerance:g} it moves by {by_solver:.2g} rad: set that"
+        )
+    return Measure(
+        "step_error", change, "" if change < RESOLUTION else f"seen by the robot's encoder: {_repetition_remedy(plan)}"
+    )
+
+
+def _halved(table: Drive, steps: int) -> Drive:
+    """The drive of `table`, which makes so many steps per tick, with steps half as long, those of rk4 too."""
+    parts = {name: part.model_copy(update=_half_step(part)) for name, part in table.parts.items()}
+    return table.model_copy(update={"substeps": 2 * steps, "parts": parts, **_half_step(table)})
+
+
+def _half_step(table: Drive | Part) -> dict[str, float]:
+    return {} if table.solver_step is None else {"solver_step": 0.5 * table.solver_step}
+
+
+def _repetition_remedy(plan: DrivePlan) -> str:
+    solvers = [plan.solver(part) for part in plan.parts]
+    return "lower solver_step_ms" if any(s and s.method == "rk4" for s in solvers) else "raise substeps"
+
+
+def _tolerance_error(plan: DrivePlan, cycle: Response) -> tuple[float, float]:
+    """(largest change of theta_m in the work cycle, rad; the relative tolerance of its solver that makes it)."""
+    stated = [tolerance for part in plan.parts if (tolerance := plan.tolerance(part))]
+    tolerance = TIGHTER * min(stated, default=USUAL_TOLERANCE)
+    parts = {name: part.model_copy(update={"tolerance": None}) for name, part in plan.table.parts.items()}
+    table = plan.table.model_copy(update={"tolerance": tolerance, "parts": parts})
+    try:
+        exact = response(replace(plan, table=table), *work_cycle())
+    # an FMU need not take what nobody has to say
+    except (ComponentFailed, InputRefused):
+        return 0.0, tolerance
+    return _apart(exact, cycle), tolerance
+
+
+def _apart(one: Response, other: Response) -> float:
+    """Largest difference of theta_m (rad)."""
+    return float(np.max(np.abs(one.theta_m - other.theta_m)))
+
+
+def _repeats(one: Response, other: Response) -> Check:
+    same = np.array_equal(one.theta_m, other.theta_m) and np.array_equal(one.omega_m, other.omega_m)
+    if same:
+        return judged("repeats", True, f"bit for bit over {len(one.t)} steps")
+    k = int(np.flatnonzero((one.theta_m != other.theta_m) | (one.omega_m != other.omega_m))[0])
+    return judged("repeats", False, f"differs from t = {one.t[k]:g} s on, by up to {_apart(one, other):.3g} rad")
+
+
+LOWEST, HIGHEST = 0.25, 200.0
+"""Hz. The lowest stands for none at all; the highest is a fifth of the rate at which the command changes."""
+PER_OCTAVE = 2
+FINELY = 5
+"""Frequencies tried once more between the two that embrace the bandwidth."""
+LEAD_IN, PERIODS = 0.25, 1.0
+"""Periods run before, and looked at, at each frequency."""
+LEAST_LEAD_IN, LEAST_TIME = 0.1, 0.2
+"""Of each, at least that long (s): a drive's own transient, and ripple that has to average out."""
+NOTHING = 1e-6
+"""Of the amplitude at the lowest frequency: what has fallen so far may have fallen to nothing."""
+HALF_POWER = 1.0 / np.sqrt(2.0)
+
+
+def frequency_response(plan: DrivePlan) -> tuple[Curve, Curve]:
+    """(frequencies (n,) in Hz, amplitude of speed over amplitude of command (n,)), dense near the bandwidth.
+
+    The drive's own: what holding the command for a tick H and averaging the speed over one take away, sin(x)/x with
+    x = pi f H each, is given back.
+
+    Raises:
+        ComponentFailed: the drive failed.
+    """
+    count = 1 + round(PER_OCTAVE * np.log2(HIGHEST / LOWEST))
+    coarse = np.geomspace(LOWEST, HIGHEST, count)
+    gain = _gains(plan, coarse)
+    below = np.flatnonzero(gain < HALF_POWER * gain[0])
+    if len(below) == 0:
+        return coarse, gain
+    fine = np.geomspace(coarse[below[0] - 1], coarse[below[0]], FINELY + 2)[1:-1]
+    order = np.argsort(np.concatenate([coarse, fine]))
+    return np.concatenate([coarse, fine])[order], np.concatenate([gain, _gains(plan, fine)])[order]
+
+
+def bandwidth(frequencies: Curve, gain: Curve, steady_gain: float) -> Measure:
+    """Measure `bandwidth`: where `gain` first falls below 1/sqrt(2) of its value at the lowest frequency.
+
+    Args:
+        frequencies: Hz, ascending (n,).
+        gain: (n,).
+        steady_gain: speed over command at rest of both, for a drive too slow for the lowest frequency.
+    """
+    if gain[0] < HALF_POWER * abs(steady_gain):
+        return Measure("bandwidth", None, f"less than {LOWEST:g} Hz")
+    if not gain[0] > 0.0:
+        return Measure("bandwidth", None, "does not follow its command")
+    below = np.flatnonzero(gain < HALF_POWER * gain[0])
+    if len(below) == 0:
+        return Measure("bandwidth", None, f"more than {HIGHEST:g} Hz")
+    last, first = below[0] - 1, below[0]
+    # between two neighbours a gain over frequency is nearly straight on logarithmic axes
+    falling = np.log(np.maximum(gain[[first, last]], NOTHING * gain[0]))
+    at = np.interp(np.log(HALF_POWER * gain[0]), falling, np.log(frequencies[[first, last]]))
+    return Measure("bandwidth", float(np.exp(at)))
+
+
+def _gains(plan: DrivePlan, frequencies: Curve) -> Curve:
+    """Amplitude ratios (n,) at `frequencies`, one after the other in one run."""
+    lead_in = np.round(np.maximum(LEAD_IN / frequencies, LEAST_LEAD_IN) / TICK).astype(int)
+    looked_at = np.round(np.maximum(PERIODS / frequencies, LEAST_TIME) / TICK).astype(int)
+    phase = np.cumsum(2.0 * np.pi * TICK * np.repeat(frequencies, lead_in + looked_at))
+    omega_ref = BIAS_SPEED + SMALL_SPEED * np.sin(phase)
+    done = response(plan, omega_ref, np.zeros(len(phase)))
+    ends = np.cumsum(lead_in + looked_at)
+    seen = [_amplitude(done, phase, slice(end - n, end)) for end, n in zip(ends, looked_at, strict=True)]
+    return np.array(seen) / SMALL_SPEED / np.sinc(frequencies * TICK) ** 2
+
+
+def _amplitude(done: Response, phase: Curve, part: slice) -> float:
+    """Amplitude (rad/s) of the speed's sine in a part of the run, fitted beside a straight line.
+
+    The speed is the mean over each tick, from the angle: encoder steps and ripple are noise that the fit averages out.
+    """
+    speed = np.diff(done.theta_m[part]) / TICK
+    angle = phase[part][1:]
+    t = done.t[part][1:] - done.t[part][0]
+    columns = np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(t), t])
+    fitted = np.linalg.lstsq(columns, speed, rcond=None)[0]
+    return float(np.hypot(fitted[0], fitted[1]))

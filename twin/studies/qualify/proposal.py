@@ -1,14 +1,42 @@
-"""A mapping.toml to start from: complete where an FMU leaves no doubt, else with the doubtful lines commented."""
+"""A mapping.toml to start from: complete where an FMU leaves no doubt, else with the doubtful lines commented.
+
+A foreign drive brought in: the mapping.toml to start from, beside its FMUs.
+
+A mapping.toml to start from for a drive of several FMUs: parts, wires, roles.
+"""
 
 import json
-from collections.abc import Mapping, Sequence
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
 
+from twin.cosim.ssp.package import Package, read_package
+from twin.cosim.ssp.parameters import NONE
+from twin.cosim.ssp.structure import Connection, SspComponent
 from twin.drive.contract import COMMANDS, Command, Role, contract
-from twin.drive.description import FmuDescription
-from twin.drive.mapping import Choice, Wiring, bindings, candidates, choice, likely_command, score
+from twin.drive.description import FmuDescription, described
+from twin.drive.mapping import (
+    Choice,
+    Join,
+    Wiring,
+    bindings,
+    candidates,
+    choice,
+    joins,
+    likely_command,
+    objection,
+    score,
+)
 from twin.drive.variable import Variable
 from twin.errors import InputRefused, visible
+from twin.experiment.drive_files import MAPPING, lone_drive
+from twin.files import open_regular
+from twin.places import CARRIED
+from twin.runs.assembly.drives import qualified
+from twin.writing import made_folder, write_bytes, write_text
 
 LOOP = """
 [velocity_loop]           # ours, in front of a drive that takes no speed; tune it, then remove the #
@@ -99,3 +127,218 @@ def _line(role: Role, name: str, variable: Variable) -> str:
 def quoted(name: str) -> str:
     """A name as a TOML string."""
     return json.dumps(name, ensure_ascii=False)
+
+
+MOST = 20
+"""Inputs listed that nobody feeds."""
+
+
+class KnownWire(NamedTuple):
+    """What leads from an output to an input, "part.variable" each, and why twin cannot do as it says; "" if it can."""
+
+    source: str
+    target: str
+    objection: str = ""
+
+
+def part_names(files: Iterable[Path]) -> list[str]:
+    """A name for each of several FMUs, as tables are called: its file's, with a number if another has that."""
+    names: list[str] = []
+    for file in files:
+        name = re.sub(r"\W+", "_", file.stem, flags=re.ASCII).strip("_") or "part"
+        names.append(next(n for k in range(len(names) + 1) if (n := f"{name}_{k + 1}" if k else name) not in names))
+    return names
+
+
+def parts_proposal(
+    parts: Mapping[str, FmuDescription], folder: Path, connections: Sequence[KnownWire] | None = None
+) -> tuple[str, bool]:
+    """(text of a mapping.toml for `folder`, whether it is complete as it is).
+
+    Args:
+        parts: FMUs by part.
+        folder: where the file will stand.
+        connections: what leads where, of whoever knows it; None: proposed.
+    """
+    variables = {qualified(part, v.name): v for part, fmu in parts.items() for v in fmu.variables.values()}
+    wires = _proposed(joins(variables)) if connections is None else _given(variables, connections)
+    wired = [target for target, _, remark in wires if not remark]
+    free = {name: v for name, v in variables.items() if name not in wired}
+    label = " + ".join(fmu.path.name for fmu in parts.values())
+    command, found, sure = understood(label, free)
+    doubt = "" if sure else "   # or one of: " + ", ".join(f'"{other}"' for other in COMMANDS if other != command)
+    lines = [
+        f"# How {visible(label)} make one drive, in their own names and units.",
+        f'command = "{command}"{doubt}',
+        "sign = 1                  # -1 if it turns the other way: twin drive check tells",
+        "gear_ratio = 1.0          # turns of its shaft per turn of the robot's motor shaft",
+    ]
+    for part, fmu in parts.items():
+        lines += ["", f"[parts.{part}]", f"fmu = {quoted(_seen_from(folder, fmu.path))}", f'sha256 = "{fmu.sha256}"']
+    lines += ["", "[wires]                   # input = output"]
+    lines += [_wire_line(variables, *wire) for wire in wires]
+    lines.append(roles_text(free, found, command))
+    roles = set(found.chosen.values())
+    unfed = [name for name, v in free.items() if v.causality == "input" and v.kind >= 0 and name not in roles]
+    lines += _unfed_lines(free, unfed)
+    if command != "velocity":
+        lines.append(LOOP.format(unit=COMMANDS[command].port.unit))
+    doubtful = any(remark for _, _, remark in wires)
+    return "\n".join(lines).rstrip("\n") + "\n", sure and command == "velocity" and not doubtful
+
+
+def _proposed(found: Sequence[Join]) -> list[tuple[str, str, str]]:
+    return [(join.target, join.source, "" if join.sure else "perhaps") for join in found]
+
+
+def _given(variables: Mapping[str, Variable], connections: Sequence[KnownWire]) -> list[tuple[str, str, str]]:
+    """(input, output, why it is left out) of each connection."""
+    wires: list[tuple[str, str, str]] = []
+    for source, target, remark in connections:
+        remark = remark or objection(variables, source, target)
+        if not remark and target in [wired for wired, _, doubt in wires if not doubt]:
+            remark = "it is wired already"
+        wires.append((target, source, remark))
+    return wires
+
+
+def _wire_line(variables: Mapping[str, Variable], target: str, source: str, remark: str) -> str:
+    units = " <- ".join(
+        f"[{variables[end].unit or 'no unit'}]" if end in variables else "?" for end in (target, source)
+    )
+    comment = visible(f"{units}{', ' if remark else ''}{remark}")
+    return f"{'# ' if remark else ''}{quoted(target)} = {quoted(source)}   # {comment}"
+
+
+def _unfed_lines(variables: Mapping[str, Variable], unfed: Sequence[str]) -> list[str]:
+    """Comments on inputs that nobody feeds."""
+    if not unfed:
+        return []
+    lines = ["# Not fed, so they keep their start values, or what [parts.NAME.parameters] says:"]
+    lines += [visible(f"#   {name} = {variables[name].start:g}") for name in unfed[:MOST]]
+    return lines + ([f"#   and {len(unfed) - MOST} more"] if len(unfed) > MOST else [])
+
+
+def _seen_from(folder: Path, file: Path) -> str:
+    return Path(os.path.relpath(file.absolute(), folder.absolute())).as_posix()
+
+
+MOST_PARTS = 50
+"""Of a drive."""
+
+
+class Begun(NamedTuple):
+    """A mapping that has been written, and whether it is complete as it is."""
+
+    mapping: Path
+    complete: bool
+
+
+def begun(named: Sequence[str], start: Path) -> Begun:
+    """Write the mapping of an FMU, of several that make one drive, or of the system in an SSP archive.
+
+    It stands beside the first FMU; what is in an SSP is put into a folder of its name beside it. Of a drive that an
+    installed twin carries a copy is put into a folder of its name here.
+
+    Args:
+        named: FMUs, as `lone_drive` takes them, or one SSP.
+        start: folder from which names are looked up.
+
+    Raises:
+        InputRefused: a file cannot be used, or there is a mapping.
+        NotWritten: the folder or the disk refuses.
+    """
+    if any(name.endswith(".ssp") for name in named):
+        if len(named) > 1:
+            raise InputRefused(f"{' '.join(named)}: an SSP is a whole drive; name it alone")
+        return _from_system(Path(named[0]))
+    files = [_own(_fmu(name, start)) for name in named]
+    folder = files[0].parent
+    mapping = _unwritten(folder)
+    if len(files) == 1:
+        return _written(mapping, *proposal(described(files[0])))
+    parts = dict(zip(part_names(files), map(described, files), strict=True))
+    return _written(mapping, *parts_proposal(parts, folder))
+
+
+def _from_system(file: Path) -> Begun:
+    package = read_package(file)
+    entries = _fmu_entries(package)
+    folder = file.with_suffix("")
+    mapping = _unwritten(folder)
+    made_folder(folder)
+    names = dict(zip(entries, part_names(Path(part) for part in entries), strict=True))
+    parts = {}
+    for part, entry in entries.items():
+        fmu = folder / f"{names[part]}.fmu"
+        _put(fmu, package.content(entry))
+        parts[names[part]] = described(fmu)
+    wires = [wire for one in package.structure.system.connections if (wire := _known_wire(one, names))]
+    return _written(mapping, *parts_proposal(parts, folder, wires))
+
+
+def _fmu_entries(package: Package) -> dict[str, str]:
+    """FMUs' entries in the archive, by part."""
+    found = package.structure.system.elements
+    if not found or len(found) > MOST_PARTS:
+        raise InputRefused(f"{package.file}: {len(found)} parts; expected 1 to {MOST_PARTS}")
+    entries = {}
+    for part in found:
+        source = part.source if isinstance(part, SspComponent) else ""
+        entries[part.name] = package.entry(source)
+        if not entries[part.name].endswith(".fmu"):
+            raise InputRefused(
+                f"{package.file}: part '{part.name}' is no FMU inside this archive "
+                f"({source or 'a system of its own'}); put the FMUs into one folder and name them all"
+            )
+    return entries
+
+
+def _known_wire(connection: Connection, names: dict[str, str]) -> KnownWire | None:
+    """None: it is one with the system's own connectors."""
+    ends = connection.start, connection.end
+    if not all(end.element for end in ends):
+        return None
+    scaled = connection.transformation.table or "LinearTransformation" * (connection.transformation != NONE)
+    source, target = (f"{names.get(end.element, end.element)}.{end.connector}" for end in ends)
+    return KnownWire(source, target, f"it has a {scaled}" if scaled else "")
+
+
+def _put(fmu: Path, content: bytes) -> None:
+    if os.path.lexists(fmu):
+        with open_regular(fmu, max(1, len(content))) as there:
+            if there.read() == content:
+                return
+        raise InputRefused(f"{fmu}: exists, and is another file; move it away")
+    write_bytes(fmu, content)
+
+
+def _fmu(name: str, start: Path) -> Path:
+    file = lone_drive(name, start).fmu
+    if file is None:
+        raise InputRefused(f"{name}: is made of several FMUs already; name .fmu files")
+    return Path(file)
+
+
+def _own(fmu: Path) -> Path:
+    """`fmu`, or a copy of it in the current folder if it is part of an installation, which is not to be changed."""
+    if not fmu.is_relative_to(CARRIED):
+        return fmu
+    copy = Path.cwd() / fmu.stem / fmu.name
+    _unwritten(copy.parent)
+    made_folder(copy.parent)
+    _put(copy, fmu.read_bytes())
+    return copy
+
+
+def _unwritten(folder: Path) -> Path:
+    """The mapping in `folder`, which is not there yet."""
+    mapping = Path(os.path.relpath(folder / MAPPING))
+    if os.path.lexists(mapping):
+        raise InputRefused(f"{mapping}: exists, and is never overwritten; move it away for a new one")
+    return mapping
+
+
+def _written(mapping: Path, text: str, complete: bool) -> Begun:
+    write_text(mapping, text)
+    return Begun(mapping, complete)

@@ -13,15 +13,29 @@ from twin.experiment.schema import Drive
 from twin.runs.assembly.drives import DrivePlan, planned
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify.bench import Response, response
-from twin.studies.qualify.definitions import CHECKS, MEASURES, Check, Finding, Measure
-from twin.studies.qualify.frequency import bandwidth, frequency_response
+from twin.studies.qualify.definitions import (
+    AVERAGE,
+    CHECKS,
+    LOADED,
+    MEASURES,
+    SPEED_IN_USE,
+    Check,
+    Finding,
+    Measure,
+    work_cycle,
+)
 from twin.studies.qualify.lifecycle import lifecycle_findings
-from twin.studies.qualify.motion import direction_findings, load_findings
-from twin.studies.qualify.operating_range import SPEED_IN_USE
-from twin.studies.qualify.repetition import repetition_findings, step_error
-from twin.studies.qualify.stall import overload, stall_torque
-from twin.studies.qualify.step import step_findings
-from twin.studies.qualify.work_cycle import AVERAGE, LOADED, work_cycle
+from twin.studies.qualify.motion import (
+    bandwidth,
+    direction_findings,
+    frequency_response,
+    load_findings,
+    overload,
+    repetition_findings,
+    stall_torque,
+    step_error,
+    step_findings,
+)
 
 T = TypeVar("T")
 

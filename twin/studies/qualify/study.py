@@ -8,12 +8,9 @@ from twin.experiment.drive_files import lone_drive
 from twin.experiment.named import experiment_file
 from twin.studies.answer import Answer
 from twin.studies.qualify.bench import told
-from twin.studies.qualify.comparison import comparison_facts, trials, verdict
-from twin.studies.qualify.comparison_picture import draw_drive_compare
-from twin.studies.qualify.picture import draw_drive_check
+from twin.studies.qualify.comparison import COMPARED, comparison_facts, draw_drive_compare, trials, verdict
 from twin.studies.qualify.qualification import qualified
-from twin.studies.qualify.text import check_text, compare_text, verdict_text
-from twin.studies.qualify.true_run import COMPARED
+from twin.studies.qualify.text import check_text, compare_text, draw_drive_check, verdict_text
 from twin.studies.qualify.workload import Workload
 from twin.studies.reference.outcome import came_with, no_drive, references_text
 from twin.studies.steps import Say

@@ -10,8 +10,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from twin.archive import content_of, entries, entry_of
-from twin.cosim.ssp.elements import finite
-from twin.cosim.ssp.ssv import parameter_set
+from twin.cosim.ssp.ssd import parameter_set
+from twin.cosim.ssp.structure import finite
 from twin.drive.description import FmuDescription
 from twin.drive.setting import Value, given_values
 from twin.errors import InputRefused

@@ -10,11 +10,11 @@ from pydantic import ValidationError
 from twin.controller.belief import Belief
 from twin.controller.computer import Computer
 from twin.errors import InputRefused
+from twin.experiment.drive_files import rest_of, role_named
 from twin.experiment.mistakes import sentences, unknown
 from twin.experiment.recorded import recorded_name, recorded_values
 from twin.experiment.schema import Cosim
 from twin.experiment.source import Source, override
-from twin.experiment.stand_in import rest_of, role_named
 from twin.plant.body import Motion
 from twin.plant.contact_law import Contact
 from twin.plant.parameters import PlantParameters, TrueRobot
@@ -22,7 +22,7 @@ from twin.plant.scale import Display
 from twin.recording.logs.reader import is_recording
 from twin.recording.reader import read
 from twin.robot.gravity import G_ACCELERATION
-from twin.runs.assembly.beliefs import believed
+from twin.runs.assembly.computer import believed
 from twin.runs.assembly.declared import DECLARED
 from twin.runs.assembly.load import load_experiment
 from twin.runs.assembly.roles import refuse_other_parts

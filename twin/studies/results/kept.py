@@ -14,14 +14,12 @@ from typing import Any
 
 from twin.errors import InputRefused, TwinError, nearest
 from twin.experiment.command_line import options
-from twin.experiment.difference import differing, experiment_facts, recorded_facts
 from twin.experiment.named import experiment_file
-from twin.experiment.recorded import recorded_name, recorded_values
+from twin.experiment.recorded import differing, experiment_facts, recorded_facts, recorded_name, recorded_values
 from twin.files import read_json
 from twin.recording.folder import LATEST, NAMED, RECORDING, STAMP
-from twin.recording.origin import origin
-from twin.recording.output import PARTIAL
-from twin.recording.reader import last_time
+from twin.recording.reader import last_time, origin
+from twin.recording.writer import PARTIAL
 from twin.runs.assembly.declared import DECLARED
 from twin.runs.assembly.drives import fmus
 from twin.runs.assembly.load import load_experiment

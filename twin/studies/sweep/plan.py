@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.errors import InputRefused
-from twin.experiment.replaced import NAMING
+from twin.experiment.source import NAMING
 from twin.studies.sweep.definition import Definition, Value, Vary, read_definition
 from twin.studies.sweep.measures import checked_metric, metric_names
 

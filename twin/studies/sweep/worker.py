@@ -11,7 +11,7 @@ from pathlib import Path
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.beliefs import geometry_of
+from twin.runs.assembly.computer import geometry_of
 from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.job import function_called
 from twin.runs.guard.reporter import Reporter

@@ -1,23 +1,257 @@
-"""A system of an SSP archive made ready: FMUs checked, connections and values in their units; nothing is loaded."""
+"""A system of an SSP archive made ready: FMUs checked, connections and values in their units; nothing is loaded.
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+Variables of FMUs as ports of components.
+
+What components and variables of a system are called in the master and in a recording, where names are words.
+
+How long a system is run, and in which steps.
+
+What becomes of a value on its way from one variable to another: units converted, lines applied.
+"""
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from twin.cosim.interpolation import Scheme
+from twin.cosim.port import Port
 from twin.cosim.ssp.flat import Assigned, FlatSystem, Hop, Lead
 from twin.cosim.ssp.package import Package
+from twin.cosim.ssp.parameters import UnitDefinition
 from twin.cosim.ssp.structure import FMU, Connector
-from twin.drive.description import FmuDescription, described
-from twin.drive.setting import Setting, Value, given_values, set_to
+from twin.drive.description import FmuDescription, described, stated_step
+from twin.drive.setting import Setting, Value, given_values, set_to, stated_unit
 from twin.drive.stepping import FmuPort
-from twin.drive.variable import Variable, conversion
+from twin.drive.variable import Conversion, Variable, conversion, meant, number
 from twin.errors import InputRefused, nearest
+from twin.files import xml_of
 from twin.recording.writer import EVENTS
-from twin.studies.systems.naming import distinct, topic
-from twin.studies.systems.ports import distinct_ports, port_of, rank
-from twin.studies.systems.timing import Timing, timing
-from twin.studies.systems.way import Measure, measure, spelt, way
+
+_ELEMENT = re.compile(r"(.+)\[(\d+)\]")
+
+
+def word(name: str) -> str:
+    """`name` with letters, digits and underscores alone, a letter first."""
+    text = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_") or "x"
+    return text if text[0].isalpha() else f"x_{text}"
+
+
+def distinct(names: Iterable[str]) -> list[str]:
+    """`names`, those that have come before with a number."""
+    seen: set[str] = set()
+    found = []
+    for name in names:
+        number = 1
+        while (one := name if number == 1 else f"{name}_{number}") in seen:
+            number += 1
+        seen.add(one)
+        found.append(one)
+    return found
+
+
+def topic(path: str) -> str:
+    """Of a component: `arm/motor` of `arm.motor`."""
+    return "/".join(word(part) for part in path.split("."))
+
+
+def field(variable: str, path: str) -> str:
+    """Of a variable of the component at `path`, whose own name in front of it is left out: `p_B` of `plant.p_B`."""
+    return word(variable.removeprefix(f"{path.rpartition('.')[2]}."))
+
+
+def element(variable: str) -> tuple[str, int]:
+    """(array, number) of a variable that is an element of one, `p_B[2]`; number 0: it is none."""
+    match = _ELEMENT.fullmatch(variable)
+    return (match[1], int(match[2])) if match else (variable, 0)
+
+
+KINDS = {"Real": "double", "Float64": "double", "Float32": "double", "Boolean": "bool"}
+"""Of a recording, by the type of a variable; whole numbers are all others."""
+
+
+def rank(variable: Variable) -> int:
+    """Of its type: 2 real, 1 whole, 0 truth value; a value goes into what has as much room."""
+    return {"double": 2, "bool": 0}.get(KINDS.get(variable.type, "int"), 1)
+
+
+def port_of(variable: Variable, path: str) -> Port:
+    """The port of a variable of the component at `path`."""
+    kind = KINDS.get(variable.type, "int")
+    meaning = f"{variable.name}: {variable.description}" if variable.description else variable.name
+    return Port(field(variable.name, path), variable.size, variable.unit or "1", meaning, kind)  # type: ignore[arg-type]
+
+
+def distinct_ports(ports: Sequence[FmuPort]) -> list[FmuPort]:
+    """`ports`, each with a name of its own."""
+    names = distinct(port.port.name for port in ports)
+    return [replace(port, port=replace(port.port, name=name)) for port, name in zip(ports, names, strict=True)]
+
+
+MOST_TICKS = 1e12
+STEPS = ("stepSize", "baseStepSize")
+"""What OMSimulator and libcosim call the length of a step in annotations."""
+
+
+class Timing(NamedTuple):
+    """Length of a step (s), who says so, and how many there are."""
+
+    tick: float
+    source: str
+    ticks: int
+
+
+def timing(
+    package: Package, descriptions: Mapping[str, FmuDescription], tick: float | None, stop: float | None
+) -> Timing:
+    """As the system of an archive says.
+
+    Args:
+        package: of the system.
+        descriptions: of the FMUs, by component.
+        tick: length of a step (s) that somebody wants; None: nobody.
+        stop: end of the run (s), likewise.
+
+    Raises:
+        InputRefused: nobody says it, the run would not begin at 0, or not end with a step.
+    """
+    length, source = (tick, "--tick-ms") if tick is not None else _stated(package, descriptions)
+    experiment = package.structure.experiment
+    end = experiment.stop if stop is None else stop
+    if experiment.start:
+        raise InputRefused(f"{package.file}: its experiment starts at {experiment.start:g} s; here runs begin at 0 s")
+    if end is None:
+        raise InputRefused(f"{package.file}: says nothing of how long to run (DefaultExperiment); say --stop-s")
+    if not 0.0 < end / length < MOST_TICKS:
+        raise InputRefused(
+            f"{package.file}: {end:g} s in steps of {length:g} s; expected at least one step, and fewer than "
+            f"{MOST_TICKS:g}"
+        )
+    ticks = round(end / length)
+    if ticks < 1 or abs(ticks * length - end) > 1e-6 * length:
+        raise InputRefused(
+            f"{package.file}: {end:g} s are no whole number of steps of {1e3 * length:g} ms; choose --stop-s, --tick-ms"
+        )
+    return Timing(length, source, ticks)
+
+
+def _stated(package: Package, descriptions: Mapping[str, FmuDescription]) -> tuple[float, str]:
+    """The length of a step (s), and who says so: a tool in the structure, else the FMU that wants the shortest."""
+    structure = package.structure
+    for note in (*structure.experiment.annotations, *structure.system.annotations, *structure.annotations):
+        where = f"{package.file}: annotation {note.type}"
+        for element in xml_of(note.content.encode(), where).iter() if note.content else ():
+            for name in STEPS:
+                if 0.0 < (step := number(element.get(name))) < math.inf:
+                    return step, f"an annotation of the structure ({note.type})"
+    steps = {path: step for path, one in descriptions.items() if 0.0 < (step := stated_step(one)) < math.inf}
+    if not steps:
+        raise InputRefused(f"{package.file}: neither the structure nor an FMU says how long a step is; say --tick-ms")
+    shortest = min(steps, key=lambda path: steps[path])
+    return steps[shortest], f"what the FMU of {shortest} wants{'' if len(steps) == 1 else ', the shortest'}"
+
+
+class Measure(NamedTuple):
+    """A unit as somebody has spelt it, and what it means; None: nobody knows. No unit is spelt ""."""
+
+    text: str
+    conversion: Conversion | None
+
+
+class Way(NamedTuple):
+    """Value at the start = gain * value at the end + shift: the wrong way round, as FMU ports are scaled, so that a
+    unit is one division, and one unit for another of the same size is nothing."""
+
+    gain: float = 1.0
+    shift: float = 0.0
+
+    def end(self, value: float) -> float:
+        """What a value at the start becomes."""
+        return (value - self.shift) / self.gain
+
+    def then(self, way: "Way") -> "Way":
+        """This way, and then another one."""
+        return Way(self.gain * way.gain, self.gain * way.shift + self.shift)
+
+
+def measure(
+    variable_unit: str,
+    connector: Connector | None,
+    units: Sequence[UnitDefinition],
+    description: FmuDescription,
+    where: str,
+) -> Measure:
+    """In what a variable of an FMU is, by the FMU and by the connector that stands for it.
+
+    Raises:
+        InputRefused: they say different things.
+    """
+    own = Measure(
+        variable_unit, conversion(variable_unit, description.model.unitDefinitions) if variable_unit else None
+    )
+    if connector is None or not connector.unit or connector.unit == variable_unit:
+        return own
+    said = spelt(connector.unit, units)
+    if own.text and said.conversion != own.conversion:
+        raise InputRefused(
+            f"{where}: {connector.name} is in '{connector.unit}' by its connector, and in '{own.text}' by the FMU; "
+            "correct the connector"
+        )
+    return said
+
+
+def spelt(text: str, units: Sequence[UnitDefinition]) -> Measure:
+    """A unit by what an SSP file defines, or else by what all know."""
+    return Measure(text, (stated_unit(text, units) or meant(text)) if text else None)
+
+
+def way(start: Measure, hops: Iterable[Hop], end: Measure, units: Sequence[UnitDefinition], where: str) -> Way:
+    """The whole way of a value.
+
+    Args:
+        start: of what it leaves.
+        hops: its parts.
+        end: of where it gets.
+        units: that the structure defines, for connectors of systems on the way.
+        where: for sentences.
+
+    Raises:
+        InputRefused: units on it measure different things, or nobody knows one; a factor is 0, or all together beyond
+            numbers; a transformation is no line.
+    """
+    found, here, hops = Way(), start, list(hops)
+    for count, (transformation, suppressed, unit) in enumerate(hops, start=1):
+        last = count == len(hops)
+        there = end if last else spelt(unit, units) if unit else here
+        if not suppressed:
+            found = found.then(_between(here, there, where))
+        if transformation.table:
+            raise InputRefused(f"{where}: {transformation.table} cannot be done here; a LinearTransformation can")
+        if transformation.factor == 0.0:
+            raise InputRefused(f"{where}: the factor 0; leave the connection out, and give the input a start value")
+        factor, offset = transformation.factor, transformation.offset
+        if (factor, offset) != (1.0, 0.0):
+            found = found.then(Way(1.0 / factor, -offset / factor))
+        here = there if there.text else here
+    if not (0.0 < abs(found.gain) < math.inf and math.isfinite(found.shift)):
+        raise InputRefused(f"{where}: units and factors come to more or less than a number can hold")
+    return found
+
+
+def _between(here: Measure, there: Measure, where: str) -> Way:
+    if not here.text or not there.text or here.text == there.text:
+        return Way()
+    for one in (here, there):
+        if one.conversion is None:
+            raise InputRefused(f"{where}: nobody says what the unit '{one.text}' is; define it, with its BaseUnit")
+    source, target = here.conversion, there.conversion
+    assert source is not None and target is not None
+    if source.dimension != target.dimension:
+        raise InputRefused(f"{where}: from '{here.text}' to '{there.text}', which do not measure the same")
+    return Way(target.factor / source.factor, (target.offset - source.offset) / source.factor)
+
 
 SETTABLE = ("parameter", "structuralParameter", "input")
 STARTED = ("exact", "approx")

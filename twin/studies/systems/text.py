@@ -7,8 +7,7 @@ from typing import Any
 
 from twin.drive.setting import told
 from twin.drive.variable import Variable
-from twin.runs.loop import Simulated
-from twin.runs.observer import TickEvent
+from twin.runs.loop import Simulated, TickEvent
 from twin.studies.lines import counted, labelled
 from twin.studies.systems.coupled import Coupled
 from twin.studies.systems.plan import Part, Plan

@@ -20,11 +20,10 @@ from scipy.optimize import differential_evolution
 from twin.cosim.system import MemoryChange
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
-from twin.experiment.reference import WayPoints
-from twin.runs.assembly.assemble import assemble
+from twin.experiment.task import WayPoints
+from twin.runs.assembly.assemble import FORCE_REFERENCE, assemble
 from twin.runs.assembly.declared import PLACES
 from twin.runs.assembly.roles import refuse_other_parts
-from twin.runs.assembly.tunable import FORCE_REFERENCE
 from twin.runs.loop import simulate
 from twin.runs.outcome import RunOutcome, Tally
 from twin.runs.trace import Trace

@@ -3,7 +3,7 @@
 import pytest
 
 from tests.monitor.motions import BELIEF
-from twin.monitor.limits import Monitor
+from twin.monitor.checks import Monitor
 from twin.runs.assembly.checks.monitor import contradictions
 
 

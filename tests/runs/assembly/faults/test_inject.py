@@ -4,7 +4,7 @@ import pytest
 from tests.cosim.models import sampled
 from tests.faults.robot import COUNTS, SPEED_LIMIT, TICK, Robot, plant, run
 from twin.cosim.component import Component
-from twin.cosim.wiring import End, Feeds
+from twin.cosim.system import End, Feeds
 from twin.errors import InputRefused
 from twin.experiment.fault import Fault
 from twin.experiment.fault_catalogue import CATALOGUE

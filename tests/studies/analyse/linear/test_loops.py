@@ -10,16 +10,15 @@ from twin.studies.analyse.linear.sampled_robot import Stepping, period_map, rung
 
 from tests.laws.runs import PARAMETERS, Sampled, shipped
 from twin.controller.controller import Controller, Law
-from twin.controller.damping import Damping
 from twin.controller.estimator import Estimator
-from twin.controller.pid import Gains
+from twin.controller.pid import Damping, Gains
+from twin.plant.beginning import resting
 from twin.plant.component import STILL, integrate
-from twin.plant.equilibrium import resting
 from twin.plant.surface import apex_frame
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.leg import NO_ANCHOR
-from twin.runs.assembly.beliefs import belief
+from twin.runs.assembly.computer import belief
 from twin.studies.analyse.linear.drive_model import DriveModel
 from twin.studies.analyse.linear.plant_system import linear_plant
 

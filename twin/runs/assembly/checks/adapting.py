@@ -11,8 +11,7 @@ from twin.controller.pid import low_pass_share
 from twin.controller.schedule import SchedulePoint, gains_at, table_of
 from twin.plant.parameters import TrueRobot
 from twin.robot.jacobian import jacobian
-from twin.runs.assembly.adapting import sensing
-from twin.runs.assembly.beliefs import geometry_of
+from twin.runs.assembly.computer import geometry_of, sensing
 from twin.settings import Triple
 
 BEST_BAND = 0.05

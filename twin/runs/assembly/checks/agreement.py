@@ -4,13 +4,13 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from twin.experiment.fault_catalogue import CATALOGUE
-from twin.experiment.reference import WayPoints
 from twin.experiment.tables import Tables
-from twin.runs.assembly.beliefs import geometry_of, monitor_belief
+from twin.experiment.task import WayPoints
 from twin.runs.assembly.checks.adapting import adapting_mistakes
 from twin.runs.assembly.checks.monitor import contradictions
 from twin.runs.assembly.checks.reach import reference_mistakes
 from twin.runs.assembly.checks.tasks import Situation, task_mistakes
+from twin.runs.assembly.computer import geometry_of, monitor_belief
 from twin.runs.assembly.true_parameters import plant_parameters
 
 

@@ -4,9 +4,8 @@ import math
 
 from twin.errors import Unreachable
 from twin.monitor.belief import MonitorBelief
-from twin.monitor.limits import Monitor
-from twin.monitor.observation import low_pass_share
-from twin.monitor.resolution import Resolution, geometry, press_wind_up, resolution
+from twin.monitor.checks import Monitor
+from twin.monitor.observation import Resolution, geometry, low_pass_share, press_wind_up, resolution
 from twin.monitor.retraction import retreat
 
 DISTINCT = 3.0

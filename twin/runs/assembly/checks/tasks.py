@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from twin.controller.computer import Computer
 from twin.experiment.task import Approach, Push, Roll, Tap, Task
-from twin.monitor.limits import Monitor
+from twin.monitor.checks import Monitor
 from twin.plant.contact_law import elastic_force
 from twin.plant.parameters import PlantParameters, TrueRobot
 from twin.plant.surface import Shape, surface_depth, surface_frame
 from twin.robot.geometry import Geometry
 from twin.robot.jacobian import jacobian
-from twin.runs.assembly.checks.clearance import obstructed
-from twin.runs.assembly.checks.reach import unreachable
+from twin.runs.assembly.checks.reach import obstructed, unreachable
 
 SPACING = 1e-3
 """How densely (m) paths are looked at."""

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 
 from twin.cosim.component import Component
-from twin.cosim.wiring import End
+from twin.cosim.system import End
 from twin.errors import InputRefused
 
 
@@ -12,7 +12,7 @@ class Circuit:
 
     Attributes:
         components: in the order in which a tick evaluates them.
-        feeds: see `twin.cosim.wiring`.
+        feeds: see `twin.cosim.system`.
     """
 
     def __init__(self, components: Iterable[Component], feeds: Mapping[End, End]):

@@ -9,18 +9,17 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from twin.cosim.component import Component
-from twin.cosim.wiring import End, Feeds, ends
+from twin.cosim.system import End, Feeds, ends
 from twin.errors import InputRefused
 from twin.experiment.fault import Fault
 from twin.experiment.fault_catalogue import kind_named, refuse_target
 from twin.experiment.ticks import whole_ticks
-from twin.faults.command_fault import CommandFault
+from twin.faults.command_fault import CommandFault, Span
 from twin.faults.count_fault import CountFault, CountLaw
 from twin.faults.drive_fault import DriveFault, DriveLaw
 from twin.faults.message_fault import MessageFault
 from twin.faults.parameter_fault import ParameterFault
 from twin.faults.randomness import first_state
-from twin.faults.window import Span
 from twin.runs.assembly.build import JOINTS
 from twin.runs.assembly.declared import BROKEN
 from twin.runs.assembly.faults.circuit import Circuit

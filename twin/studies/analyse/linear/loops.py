@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 
 from twin.compiled.native import entry
 from twin.controller.belief import BELIEF, Belief
-from twin.controller.damping import DAMPER, Damping, damp, damper
 from twin.controller.estimator import ESTIMATE, estimate
-from twin.controller.pid import PID, Gains, accept, low_pass_share, proposal
-from twin.cosim.record import memory_of, record
+from twin.controller.pid import DAMPER, PID, Damping, Gains, accept, damp, damper, low_pass_share, proposal
+from twin.cosim.port import memory_of, record
 from twin.studies.analyse.linear.drive_model import DriveModel, Matrix
 
 STEP = 1e-6

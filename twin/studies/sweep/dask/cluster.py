@@ -14,7 +14,7 @@ from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 from twin.errors import ComponentFailed, InputRefused
-from twin.runs.guard.interpreter import others_safe
+from twin.runs.guard.process import others_safe
 from twin.studies.left_behind import dask_folder
 from twin.studies.sweep.dask import file_store
 from twin.studies.sweep.dask.runner import Reply, SweepJob, difference, lack, versions

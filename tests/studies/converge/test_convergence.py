@@ -1,0 +1,110 @@
+"""References: where equations are known the monolithic one, else the finest run; both say the same."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from twin.studies.converge.coupling import FINEST
+from twin.studies.converge.reference import reference_of
+from twin.studies.converge.signals import chosen, largest_errors, sampled_run
+from twin.studies.converge.smoothing import comparable
+
+from tests.laws.runs import EXPERIMENTS, FORCE, shipped
+from twin.errors import InputRefused
+from twin.experiment.experiment import Experiment
+from twin.experiment.variation import exactly_measured, shortened
+from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.load import load_experiment
+from twin.studies.converge.monolith import applies, monolithic_rows, servos, within_limits
+
+DURATION = 1.5
+
+
+def short(*overrides: str, drive: str | None = None) -> Experiment:
+    loaded = load_experiment(EXPERIMENTS / f"{FORCE}.toml", overrides, drive)
+    return shortened(exactly_measured(loaded), DURATION)
+
+
+def finest_beside_the_monolith(experiment: Experiment) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """Rows of the monolithic run, and the largest errors of the finest co-simulation beside it."""
+    with assemble(experiment) as assembly:
+        drives = servos(assembly.drives)
+    assert drives is not None and applies(experiment)
+    rows = monolithic_rows(experiment, drives)
+    finest, _ = sampled_run(FINEST.of(experiment, experiment.cosim.tick / 8))
+    errors = largest_errors(finest, chosen(rows, rows["theta_m"]))
+    return rows, errors
+
+
+@pytest.mark.parametrize("drive", ["velocity_servo", "ideal_velocity"])
+def test_the_finest_run_tends_to_the_monolithic_one(root: Path, drive: str):
+    experiment = short(drive=str(root / "fmus" / drive))
+    rows, errors = finest_beside_the_monolith(experiment)
+    # 5 mN at the shipped tick and coupling; what is left is of the size of the solver's tolerance
+    assert errors["F_z"] < 1e-6 and errors["theta_m"] < 1e-8
+    assert np.ptp(rows["theta_m"]) > 0.01
+
+
+def test_a_drive_whose_equations_are_not_known_is_compared_with_its_finest_run(root: Path):
+    reference = reference_of(shortened(short(drive=str(root / "fmus" / "pmsm_foc")), 0.2))
+    assert reference.meaning.startswith("the finest run: gauss_seidel, linear, 0.03125 ms")
+    assert all(floor >= 0.0 for floor in reference.floor.values())
+
+
+def test_a_servo_at_a_limit_is_not_the_equation_that_is_integrated():
+    experiment = short("drive.parameters.alpha_max=0.5")
+    with assemble(experiment) as assembly:
+        drives = servos(assembly.drives)
+    assert drives is not None
+    assert not within_limits(monolithic_rows(experiment, drives), drives)
+    assert reference_of(shortened(experiment, 0.2)).meaning.endswith("a drive reaches a limit")
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        "controller.delay_ticks", "controller.bus_delay_ticks", "plant.encoder_latency_ms", "plant.joint_friction_Nm",
+    ],
+)  # fmt: skip
+def test_the_monolithic_run_knows_no_delays_and_no_dry_friction(key: str):
+    assert applies(short())
+    assert not applies(short(f"{key}=1"))
+
+
+def test_the_monolithic_run_has_belt_base_head_and_eccentric_encoders_of_the_plant():
+    told = (
+        "plant.belt_compliance_rad_per_Nm=0.05", "plant.mounting_tilt_deg=10", "plant.head_mm=[1,2,-17]",
+        "plant.joint_eccentricity_deg=[0.5,0,0]",
+    )  # fmt: skip
+    experiment = shortened(short(*told), 0.4)
+    rows, errors = finest_beside_the_monolith(experiment)
+    assert errors["F_z"] < 1e-6 and errors["theta_m"] < 1e-8
+    # the head is 1 mm in the scale
+    assert -rows["plant.F_ee_B"][0, 2] == pytest.approx(1.25, rel=1e-9)
+
+
+def test_a_drive_behind_a_gear_is_not_taken_for_ours():
+    experiment = short("drive.gear_ratio=2.0")
+    with assemble(experiment) as assembly:
+        assert servos(assembly.drives) is None
+
+
+def test_the_force_loop_of_a_comparable_run_starts_when_it_did():
+    smooth = comparable(shortened(shipped(FORCE), 6.0))
+    assert smooth.changes == ("encoders exact", "force loop on at 5.606 s, not by force")
+    assert smooth.experiment.controller.force.trigger_time == 5.606
+
+
+@pytest.mark.parametrize(
+    ("name", "says"), [("pressing", "change phase at what the robot feels"), (FORCE, "has faults")]
+)
+def test_what_no_two_runs_do_alike_is_refused(name: str, says: str):
+    broken = 'fault=[{kind="drive_runaway", onset_s=6.0, magnitude_rad_per_s=2.0}]'
+    with pytest.raises(InputRefused, match=says):
+        comparable(shipped(name, *([broken] if name == FORCE else [])))
+
+
+@pytest.mark.parametrize("setting", ["plant.spring_hysteresis=0.02", "plant.spring_stop_deg=15"])
+def test_springs_whose_energy_is_not_known_are_refused(setting: str):
+    with pytest.raises(InputRefused, match=rf"\[plant\] {setting.partition('=')[0][6:]}: the energy that a coupling"):
+        comparable(shipped(FORCE, setting))
