@@ -2,7 +2,8 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from twin.cosim.record import memory_of, record, record_of
+
+from twin.cosim.port import memory_of, record, record_of
 
 
 class Law(IntEnum):

@@ -5,12 +5,12 @@ import math
 
 import numpy as np
 import pytest
-from twin.cosim.python_component import PythonComponent
 
 from tests.cosim.models import Part, U, continuous, sampled
 from twin.cosim.component import Component
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
+from twin.cosim.python_class import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import ComponentFailed

@@ -1,9 +1,7 @@
 import math
 
-from twin.monitor.reasons import MEANINGS, Reason, Trip, trip_sentence
-
 from tests.monitor.motions import LIMITS
-from twin.monitor.checks import REASONS, thresholds
+from twin.monitor.checks import MEANINGS, REASONS, Reason, Trip, thresholds, trip_sentence
 
 
 def test_every_reason_says_what_it_means():

@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from twin.plant.equilibrium import resting
 
 from tests.conftest import examples
 from tests.laws.runs import PARAMETERS, Sampled
 from tests.plant.states import positions
 from twin.errors import Unreachable
+from twin.plant.beginning import resting
 from twin.plant.component import STILL, Plant
 from twin.plant.dynamics import derivative
 

@@ -3,8 +3,9 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from twin.runs.block import RowBlock
-from twin.runs.observer import TickEvent
+
+from twin.runs.loop import TickEvent
+from twin.runs.recorder import RowBlock
 
 SIZE = 12
 

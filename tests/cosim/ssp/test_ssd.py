@@ -1,11 +1,10 @@
 """Parameter files: what is in them is read, what is no value is refused."""
 
 import pytest
-from twin.cosim.ssp.ssv import mapping, parameter_set
-from twin.cosim.ssp.unit import Transformation
 
 from tests.studies.reference.test_carried import real, ssv
-from twin.cosim.ssp.parameters import MappingEntry
+from twin.cosim.ssp.parameters import MappingEntry, Transformation
+from twin.cosim.ssp.ssd import mapping, parameter_set
 from twin.errors import InputRefused
 
 
@@ -36,7 +35,7 @@ def test_whole_numbers_and_truth_values_are_numbers():
     ],
 )
 def test_what_is_no_number_or_text_is_refused(content: bytes, told: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("twin.cosim.ssp.ssv.MOST_PARAMETERS", 2)
+    monkeypatch.setattr("twin.cosim.ssp.ssd.MOST_PARAMETERS", 2)
     with pytest.raises(InputRefused, match="x: ") as refused:
         parameter_set(content, "x")
     assert told in str(refused.value)

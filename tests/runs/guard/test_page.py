@@ -6,9 +6,9 @@ import time
 
 import numpy as np
 import pytest
-from twin.runs.guard.futex import has_ended, kernel, seen, tell, timespec
 
 from twin.errors import InputRefused
+from twin.runs.guard.page import has_ended, kernel, seen, tell, timespec
 
 
 def test_who_sleeps_on_a_word_is_woken_when_it_is_set():

@@ -7,9 +7,9 @@ import sysconfig
 from pathlib import Path
 
 import pytest
-from twin.runs.guard.interpreter import OURS, SAFE_PATH, environment, module_command, others_safe
 
-from twin.runs.guard import interpreter
+from twin.runs.guard import process as interpreter
+from twin.runs.guard.process import OURS, SAFE_PATH, environment, module_command, others_safe
 
 
 def test_empty_entries_of_the_search_path_which_mean_the_current_folder_are_left_out(root: Path, monkeypatch):

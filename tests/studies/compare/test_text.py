@@ -3,11 +3,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from twin.studies.compare.picture import distinct, draw_comparison
 
 from tests.studies.compare.logs import log_of
 from twin.studies.compare.comparison import Comparison, compared
-from twin.studies.compare.text import MOST_OUTSIDE, comparison_text
+from twin.studies.compare.text import MOST_OUTSIDE, comparison_text, distinct, draw_comparison
 
 T = np.linspace(0.0, 10.0, 1001)
 

@@ -4,10 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from twin.studies.converge.coupling import FINEST
-from twin.studies.converge.reference import reference_of
-from twin.studies.converge.signals import chosen, largest_errors, sampled_run
-from twin.studies.converge.smoothing import comparable
 
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
 from twin.errors import InputRefused
@@ -15,7 +11,9 @@ from twin.experiment.experiment import Experiment
 from twin.experiment.variation import exactly_measured, shortened
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
+from twin.studies.converge.convergence import FINEST, comparable, reference_of
 from twin.studies.converge.monolith import applies, monolithic_rows, servos, within_limits
+from twin.studies.converge.order import chosen, largest_errors, sampled_run
 
 DURATION = 1.5
 

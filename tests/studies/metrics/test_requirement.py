@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from twin.studies.metrics.better import SAME, Standing, overall, standing
-from twin.studies.metrics.checked_requirement import checked_requirement
-from twin.studies.metrics.distance import distance
 
 from twin.errors import InputRefused
 from twin.experiment.requirement import AtMost, Formula, Joined, Not, Term, Until, Within, requirement
 from twin.recording.layout import Field
+from twin.studies.metrics.requirement import SAME, Standing, checked_requirement, distance, overall, standing
 from validation.yardsticks.temporal_logic import Curves, formula
 
 

@@ -2,10 +2,9 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from twin.studies.paper.fig4_picture import FP_BASED, FP_REFERENCE, P_BASED, PRE_DEFINE, draw_fig4
 
 from twin.recording.recording import Recording
-from twin.studies.paper.fig4_runs import fig4_runs
+from twin.studies.paper.fig4_runs import FP_BASED, FP_REFERENCE, P_BASED, PRE_DEFINE, draw_fig4, fig4_runs
 
 
 def test_the_picture_shows_the_four_curves_in_the_papers_colours(

@@ -5,8 +5,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from twin.studies.analyse.linear.sampled_law import STATES, LinearLaw, Settings, estimation, linear_law
-from twin.studies.analyse.linear.sampled_robot import Stepping, period_map, runge_kutta_step, tick_map
 
 from tests.laws.runs import PARAMETERS, Sampled, shipped
 from twin.controller.controller import Controller, Law
@@ -20,6 +18,17 @@ from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.leg import NO_ANCHOR
 from twin.runs.assembly.computer import belief
 from twin.studies.analyse.linear.drive_model import DriveModel
+from twin.studies.analyse.linear.loops import (
+    STATES,
+    LinearLaw,
+    Settings,
+    Stepping,
+    estimation,
+    linear_law,
+    period_map,
+    runge_kutta_step,
+    tick_map,
+)
 from twin.studies.analyse.linear.plant_system import linear_plant
 
 PERIOD = 2e-3
