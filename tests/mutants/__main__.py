@@ -1,6 +1,6 @@
 """`python -m tests.mutants`: draw mutants, try each, list those that no test notices.
 
-The same seed goes on where results/mutants.jsonl ends, if the commit is the same.
+The same draw goes on where its record ends, at the commit of the record, whatever has been changed since.
 """
 
 import argparse
@@ -16,13 +16,11 @@ from queue import SimpleQueue
 
 from tests.mutants.mutant import Mutant, drawn, possible_mutants
 from tests.mutants.place import Place
-from tests.mutants.report import Key, Report
+from tests.mutants.report import Key, Report, commit_of
 
 REPOSITORY = Path(__file__).parents[2]
-REPORT = REPOSITORY / "results" / "mutants.jsonl"
+RECORD = REPOSITORY / "results" / "mutants.jsonl"
 TARGET = 0.9
-PATIENCE = 3.0
-"""A mutant is given this many times what all tests took without one: an endless loop is noticed, too."""
 
 
 def main() -> int:
@@ -32,20 +30,21 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=random.randrange(10**6), help="of the draw; printed")
     parser.add_argument("--jobs", type=int, default=2, help="worktrees side by side")
     parser.add_argument("--rooms", nargs="*", help="only mutants in these rooms of twin/")
+    parser.add_argument("--commit", help="of the source; default: that of the record, or the present one")
+    parser.add_argument("--record", type=Path, default=RECORD, help="file that says what became of each mutant")
     asked = parser.parse_args()
-    commit = subprocess.run(["git", "rev-parse", "HEAD"], cwd=REPOSITORY, check=True, capture_output=True, text=True)
-    draw = {"seed": asked.seed, "count": asked.count, "rooms": asked.rooms, "commit": commit.stdout.strip()}
+    draw = {"seed": asked.seed, "count": asked.count, "rooms": asked.rooms}
+    draw["commit"] = _full(asked.commit) if asked.commit else commit_of(asked.record, draw) or _full("HEAD")
     with ExitStack() as ends:
         folder = Path(ends.enter_context(tempfile.TemporaryDirectory(prefix="mutants-")))
         places = []
         for number in range(asked.jobs):
-            places.append(Place(REPOSITORY, folder / str(number)))
+            places.append(Place(REPOSITORY, folder / str(number), draw["commit"]))
             ends.callback(places[-1].close)
-        # of the commit, whatever has been changed since
         every = possible_mutants(places[0].root)
         possible = [one for one in every if not asked.rooms or one.room in asked.rooms]
         mutants = drawn(possible, asked.count, asked.seed)
-        report = Report(REPORT, draw)
+        report = Report(asked.record, draw)
         left = [mutant for mutant in mutants if _key(mutant) not in report.outcomes]
         print(f"seed {asked.seed}: {len(mutants)} of {len(possible)} possible mutants, {len(left)} left", flush=True)
         print(f"if this ends early, --seed {asked.seed} goes on", flush=True)
@@ -61,15 +60,15 @@ def _try_all(mutants: list[Mutant], places: list[Place], report: Report) -> None
     begin = time.monotonic()
     with ThreadPoolExecutor(len(places)) as threads:
         rooms = sorted({mutant.room for mutant in mutants})
-        timeout = PATIENCE * max(threads.map(lambda place: place.warm(rooms), places))
-        print(f"tests without a mutant: {timeout / PATIENCE:.0f} s", flush=True)
+        seconds = max(threads.map(lambda place: place.warm(rooms), places))
+        print(f"tests without a mutant: {seconds:.0f} s", flush=True)
         for place in places:
             free.put(place)
 
         def tried(mutant: Mutant) -> str:
             place = free.get()
             try:
-                return place.tried(mutant, timeout)
+                return place.tried(mutant)
             finally:
                 free.put(place)
 
@@ -78,6 +77,12 @@ def _try_all(mutants: list[Mutant], places: list[Place], report: Report) -> None
             report.note(_key(mutant), mutant.line, outcome)
             took = time.monotonic() - begin
             print(f"{len(report.outcomes):4d}  {took:6.0f} s  {outcome:9}  {_name(mutant)}", flush=True)
+
+
+def _full(commit: str) -> str:
+    """The whole name of a commit."""
+    asked = ["git", "rev-parse", "--verify", f"{commit}^{{commit}}"]
+    return subprocess.run(asked, cwd=REPOSITORY, check=True, capture_output=True, text=True).stdout.strip()
 
 
 def _key(mutant: Mutant) -> Key:

@@ -6,25 +6,41 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from tests.mutants.executed import TestFile, environment, makes_machine_code, noted
 from tests.mutants.mutant import Mutant
+
+PATIENCE = 3.0
+"""A mutant is given this many times what its tests took without one: an endless loop is noticed, too."""
+BEGINNING, COMPILING = 20.0, 120.0
+"""Seconds that tests are given beside that, with all compiled code at hand and without."""
+NOTHING_TO_RUN = 5
+"""Exit code of pytest where all tests of a file are left out."""
 
 
 class Place:
-    """A worktree at the commit that is checked out.
+    """A worktree.
+
+    Args:
+        repository: that it belongs to.
+        root: an empty folder for it.
+        commit: that it is at.
 
     Attributes:
         root: its folder.
-        compiled: folder of its compiled code.
+        tests: files of tests that mutants are tried against; `warm` finds them.
     """
 
-    def __init__(self, repository: Path, root: Path):
-        """Make the worktree below `root`, an empty folder."""
-        self.root, self.compiled, self._warm = root / "source", root / "compiled", root / "warm"
-        self._repository, self._touched = repository, time.time()
-        self._git("worktree", "add", "--quiet", "--detach", str(self.root))
+    def __init__(self, repository: Path, root: Path, commit: str):
+        self._repository, self.root = repository, root / "source"
+        # below the package no name has the hash of the source in it, which every mutant changes
+        self._compiled = self.root / "twin" / "__pycache__" / "native" / "warm"
+        self._cache, self._warm, self._notes = root / "cache", root / "warm", root / "notes"
+        self._touched = time.time()
+        self.tests: list[TestFile] = []
+        self._git("worktree", "add", "--quiet", "--detach", str(self.root), commit)
         self._importers = _importers(self.root)
 
     def close(self) -> None:
@@ -37,47 +53,70 @@ class Place:
         Raises:
             RuntimeError: a test fails without any mutant.
         """
-        begin = time.monotonic()
-        outcome = self._tested(self._tests(rooms), timeout=None)
-        if outcome != "survived":
-            raise RuntimeError(f"{self.root}: tests fail without a mutant")
-        shutil.copytree(self.compiled, self._warm)
-        return time.monotonic() - begin
+        for folder in (self._compiled, self._cache):
+            folder.mkdir(0o700, parents=True)
+        for path in [file for room in (*rooms, "laws") for file in sorted(self._tests(room).rglob("test_*.py"))]:
+            self._notes.unlink(missing_ok=True)
+            begin = time.monotonic()
+            outcome = self._tested([path], None, environment(self.root, self._notes))
+            if outcome != "survived":
+                raise RuntimeError(f"{path}: fails without a mutant")
+            self.tests.append(TestFile(path, time.monotonic() - begin, *noted(self.root, self._notes)))
+        for folder in (self._compiled, self._cache):
+            shutil.copytree(folder, self._warm / folder.name)
+        return sum(file.seconds for file in self.tests)
 
-    def tried(self, mutant: Mutant, timeout: float) -> str:
+    def tried(self, mutant: Mutant) -> str:
         """What became of `mutant`: "killed", "survived" or "timed out", which counts as killed.
 
-        Its own test file runs first, then those of its room, then the laws; the first that fails ends it.
+        Tests that cannot notice it are left out. Its own test file runs first, then those of its room, then the laws;
+        the first that fails ends it.
         """
+        own, *other = self._watching(mutant)
         file = self.root / mutant.file
-        source = file.read_text()
-        stale = [f"{name.stem}." for name in self._dependents(mutant.file)]
+        source, found = file.read_text(), file.stat()
+        compiles = makes_machine_code(mutant, self.tests)
         try:
-            self._drop(stale)
+            self._make_ready(self._dependents(mutant.file) if compiles else ())
             self._write(file, mutant.applied(source))
-            own = self.root / "tests" / mutant.room / f"test_{mutant.file.stem}.py"
-            return self._tested([*([own] if own.exists() else []), *self._tests((mutant.room,))], timeout)
+            for tests in (own, other):
+                if tests:
+                    beside = COMPILING if compiles else BEGINNING
+                    timeout = PATIENCE * (beside + sum(test.seconds for test in tests))
+                    outcome = self._tested([test.path for test in tests], timeout)
+                    if outcome != "survived":
+                        return outcome
+            return "survived"
         finally:
-            self._write(file, source)
-            self._drop(stale)
-            self._restore(stale)
+            file.write_text(source)
+            # what was compiled without the mutant stays good
+            os.utime(file, ns=(found.st_atime_ns, found.st_mtime_ns))
 
-    def _tests(self, rooms: Iterable[str]) -> list[Path]:
-        return [self.root / "tests" / room for room in (*rooms, "laws")]
+    def _watching(self, mutant: Mutant) -> tuple[list[TestFile], list[TestFile]]:
+        """Test files that can notice `mutant`: its own, and the others, the fastest first in its room and in laws."""
+        folder = self._tests(mutant.room)
+        own = folder / f"test_{mutant.file.stem}.py"
+        near = [file for file in self.tests if file.runs(mutant) and file.path.is_relative_to(folder)]
+        laws = [file for file in self.tests if file.runs(mutant) and file.path.is_relative_to(self._tests("laws"))]
+        other = [file for files in (near, laws) for file in sorted(files, key=lambda file: file.seconds)]
+        return [file for file in near if file.path == own], [file for file in other if file.path != own]
 
-    def _tested(self, tests: list[Path], timeout: float | None) -> str:
+    def _tests(self, room: str) -> Path:
+        return self.root / "tests" / room
+
+    def _tested(self, tests: Sequence[Path], timeout: float | None, variables: Mapping[str, str] | None = None) -> str:
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not endurance", "-p", "no:cacheprovider"]
-        environment = {**os.environ, "PYTHONPATH": str(self.root), "NUMBA_CACHE_DIR": str(self.compiled)}
+        places = {"NUMBA_CACHE_DIR": str(self._compiled), "TWIN_CACHE": str(self._cache)}
         process = subprocess.Popen(
             [*command, *map(str, tests)],
             cwd=self.root,
-            env=environment,
+            env={**os.environ, "PYTHONPATH": str(self.root), **places, **(variables or {})},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             start_new_session=True,
         )
         try:
-            return "killed" if process.wait(timeout) else "survived"
+            return "survived" if process.wait(timeout) in (0, NOTHING_TO_RUN) else "killed"
         except subprocess.TimeoutExpired:
             return "timed out"
         finally:
@@ -99,18 +138,30 @@ class Place:
             found |= new
         return found
 
-    def _drop(self, stems: list[str]) -> None:
-        for path in self.compiled.rglob("*.nb*"):
-            if path.name.startswith(tuple(stems)):
-                path.unlink(missing_ok=True)
-
-    def _restore(self, stems: list[str]) -> None:
-        for path in self._warm.rglob("*.nb*"):
-            if path.name.startswith(tuple(stems)):
-                shutil.copy2(path, self.compiled / path.relative_to(self._warm))
+    def _make_ready(self, stale: Iterable[Path]) -> None:
+        """Make the caches as `warm` left them, without the compiled code of the files in `stale`."""
+        # objects are named after the module, what numba keeps after the file alone
+        names = {".".join(name.with_suffix("").parts[1:]) for name in stale} | {name.stem for name in stale}
+        for folder in (self._compiled, self._cache):
+            shutil.rmtree(folder)
+        # files there are replaced, never written into
+        shutil.copytree(
+            self._warm / self._compiled.name,
+            self._compiled,
+            copy_function=os.link,
+            ignore=lambda _, files: [file for file in files if _source(file) in names],
+        )
+        shutil.copytree(self._warm / self._cache.name, self._cache)
 
     def _git(self, *words: str) -> None:
         subprocess.run(["git", *words], cwd=self._repository, check=True)
+
+
+def _source(compiled: str) -> str:
+    """The module or file that a file of compiled code is named after: it is followed by function and form."""
+    if ".nb" in compiled:
+        return compiled.split(".")[0]
+    return compiled.rsplit("-", 1)[0].rpartition(".")[0]
 
 
 def _importers(root: Path) -> dict[Path, set[Path]]:

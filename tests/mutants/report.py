@@ -10,6 +10,14 @@ Key = tuple[str, str, int]
 """File, operator and occurrence of a mutant."""
 
 
+def commit_of(path: Path, draw: Mapping[str, Any]) -> str:
+    """The commit of the draw that the record at `path` is of; "" if it is not of `draw`: seed, count and rooms."""
+    first = _facts(path)[:1]
+    if not first or {**first[0], **draw} != first[0]:
+        return ""
+    return str(first[0]["commit"])
+
+
 class Report:
     """A file of which the first line says what was drawn, and each other one what became of a mutant.
 
@@ -65,14 +73,8 @@ class Report:
 
     def _kept(self) -> list[dict[str, Any]]:
         """Facts of the mutants in the file, if it is of this draw."""
-        found = []
-        for line in self._path.read_text().splitlines() if self._path.exists() else ():
-            try:
-                found.append(json.loads(line))
-            except ValueError:
-                # the last one, of a session that ended while it was written: its mutant is tried again
-                continue
-        return found[1:] if found[:1] == [self.draw] else []
+        draw, *found = _facts(self._path) or [{}]
+        return found if draw == self.draw else []
 
     def _take(self, fact: Mapping[str, Any]) -> None:
         key = fact["file"], fact["operator"], fact["occurrence"]
@@ -81,3 +83,14 @@ class Report:
     def _fact(self, key: Key) -> dict[str, Any]:
         names = ("file", "operator", "occurrence")
         return {**dict(zip(names, key, strict=True)), "line": self._lines[key], "outcome": self.outcomes[key]}
+
+
+def _facts(path: Path) -> list[dict[str, Any]]:
+    found = []
+    for line in path.read_text().splitlines() if path.exists() else ():
+        try:
+            found.append(json.loads(line))
+        except ValueError:
+            # the last one, of a session that ended while it was written: its mutant is tried again
+            continue
+    return found
