@@ -9,6 +9,7 @@ import random
 import subprocess
 import tempfile
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
@@ -16,7 +17,7 @@ from queue import SimpleQueue
 
 from tests.mutants.mutant import Mutant, drawn, possible_mutants
 from tests.mutants.place import Place
-from tests.mutants.report import Key, Report, commit_of
+from tests.mutants.report import IN_ROOM, Key, Report, commit_of
 
 REPOSITORY = Path(__file__).parents[2]
 RECORD = REPOSITORY / "results" / "mutants.jsonl"
@@ -45,35 +46,41 @@ def main() -> int:
         possible = [one for one in every if not asked.rooms or one.room in asked.rooms]
         mutants = drawn(possible, asked.count, asked.seed)
         report = Report(asked.record, draw)
-        left = [mutant for mutant in mutants if _key(mutant) not in report.outcomes]
-        print(f"seed {asked.seed}: {len(mutants)} of {len(possible)} possible mutants, {len(left)} left", flush=True)
+        print(f"seed {asked.seed}: {len(mutants)} of {len(possible)} possible mutants", flush=True)
         print(f"if this ends early, --seed {asked.seed} goes on", flush=True)
-        if left:
-            _try_all(left, places, report)
+        left = [mutant for mutant in mutants if _key(mutant) not in report.outcomes]
+        _try_all(left, places, report, lambda mutant: mutant.room)
+        # they take minutes, and few mutants are left for them
+        left = [mutant for mutant in mutants if report.outcomes[_key(mutant)] == IN_ROOM]
+        _try_all(left, places, report, lambda mutant: "laws")
     print(f"\n{report.text(len(possible), datetime.date.today().isoformat())}")
     return 0 if report.killed >= TARGET else 1
 
 
-def _try_all(mutants: list[Mutant], places: list[Place], report: Report) -> None:
-    """Note in `report` what becomes of each of `mutants` as it is known."""
+def _try_all(mutants: list[Mutant], places: list[Place], report: Report, folder_of: Callable[[Mutant], str]) -> None:
+    """Note in `report` what becomes of each of `mutants`, tried against a folder of tests/, as it is known."""
+    if not mutants:
+        return
     free: SimpleQueue[Place] = SimpleQueue()
     begin = time.monotonic()
     with ThreadPoolExecutor(len(places)) as threads:
-        rooms = sorted({mutant.room for mutant in mutants})
-        seconds = max(threads.map(lambda place: place.warm(rooms), places))
-        print(f"tests without a mutant: {seconds:.0f} s", flush=True)
+        folders = sorted({folder_of(mutant) for mutant in mutants})
+        seconds = max(threads.map(lambda place: place.warm(folders), places))
+        print(f"{len(mutants)} mutants against {', '.join(folders)}: {seconds:.0f} s without a mutant", flush=True)
         for place in places:
             free.put(place)
 
         def tried(mutant: Mutant) -> str:
             place = free.get()
             try:
-                return place.tried(mutant)
+                return place.tried(mutant, folder_of(mutant))
             finally:
                 free.put(place)
 
         # in the order of the draw, by one thread: a line is never written into another
         for mutant, outcome in zip(mutants, threads.map(tried, mutants), strict=True):
+            if outcome == "survived" and folder_of(mutant) == mutant.room:
+                outcome = IN_ROOM
             report.note(_key(mutant), mutant.line, outcome)
             took = time.monotonic() - begin
             print(f"{len(report.outcomes):4d}  {took:6.0f} s  {outcome:9}  {_name(mutant)}", flush=True)

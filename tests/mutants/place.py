@@ -11,6 +11,8 @@ from pathlib import Path
 
 from tests.mutants.executed import TestFile, environment, makes_machine_code, noted
 from tests.mutants.mutant import Mutant
+from twin.compiled.cache import compiled_home, source_digest
+from twin.compiled.store import FOLDER as OBJECTS
 
 PATIENCE = 3.0
 """A mutant is given this many times what its tests took without one: an endless loop is noticed, too."""
@@ -30,7 +32,7 @@ class Place:
 
     Attributes:
         root: its folder.
-        tests: files of tests that mutants are tried against; `warm` finds them.
+        tests: files of tests that mutants are tried against, by folder of tests/; `warm` finds them.
     """
 
     def __init__(self, repository: Path, root: Path, commit: str):
@@ -39,70 +41,72 @@ class Place:
         self._compiled = self.root / "twin" / "__pycache__" / "native" / "warm"
         self._cache, self._warm, self._notes = root / "cache", root / "warm", root / "notes"
         self._touched = time.time()
-        self.tests: list[TestFile] = []
+        self.tests: dict[str, list[TestFile]] = {}
         self._git("worktree", "add", "--quiet", "--detach", str(self.root), commit)
         self._importers = _importers(self.root)
+        for folder in (self._compiled, self._cache):
+            folder.mkdir(0o700, parents=True)
+        ready = compiled_home(repository / "twin") / source_digest(self.root / "twin") / OBJECTS
+        if ready.exists():
+            # of the same source, and named after nothing else
+            shutil.copytree(ready, self._compiled / OBJECTS)
+        self._keep()
 
     def close(self) -> None:
         """Remove the worktree."""
         self._git("worktree", "remove", "--force", str(self.root))
 
-    def warm(self, rooms: Iterable[str]) -> float:
-        """Compile and run all that mutants of `rooms` are tried against, unchanged; return the seconds it took.
+    def warm(self, folders: Iterable[str]) -> float:
+        """Compile and run all tests in `folders` of tests/, unchanged; return the seconds it took.
 
         Raises:
             RuntimeError: a test fails without any mutant.
         """
-        for folder in (self._compiled, self._cache):
-            folder.mkdir(0o700, parents=True)
-        for path in [file for room in (*rooms, "laws") for file in sorted(self._tests(room).rglob("test_*.py"))]:
-            self._notes.unlink(missing_ok=True)
-            begin = time.monotonic()
-            outcome = self._tested([path], None, environment(self.root, self._notes))
-            if outcome != "survived":
-                raise RuntimeError(f"{path}: fails without a mutant")
-            self.tests.append(TestFile(path, time.monotonic() - begin, *noted(self.root, self._notes)))
-        for folder in (self._compiled, self._cache):
-            shutil.copytree(folder, self._warm / folder.name)
-        return sum(file.seconds for file in self.tests)
+        self._make_ready(())
+        begin = time.monotonic()
+        for name in folders:
+            files = sorted((self.root / "tests" / name).rglob("test_*.py"))
+            self.tests[name] = [self._executed(path) for path in files]
+        self._keep()
+        return time.monotonic() - begin
 
-    def tried(self, mutant: Mutant) -> str:
+    def tried(self, mutant: Mutant, folder: str) -> str:
         """What became of `mutant`: "killed", "survived" or "timed out", which counts as killed.
 
-        Tests that cannot notice it are left out. Its own test file runs first, then those of its room, then the laws;
-        the first that fails ends it.
+        Of the tests in `folder` of tests/ those run that can notice it: its own test file first, then the fastest
+        first; the first that fails ends it.
         """
-        own, *other = self._watching(mutant)
+        compiles = makes_machine_code(mutant, [test for tests in self.tests.values() for test in tests])
         file = self.root / mutant.file
         source, found = file.read_text(), file.stat()
-        compiles = makes_machine_code(mutant, self.tests)
         try:
             self._make_ready(self._dependents(mutant.file) if compiles else ())
             self._write(file, mutant.applied(source))
-            for tests in (own, other):
-                if tests:
-                    beside = COMPILING if compiles else BEGINNING
-                    timeout = PATIENCE * (beside + sum(test.seconds for test in tests))
-                    outcome = self._tested([test.path for test in tests], timeout)
-                    if outcome != "survived":
-                        return outcome
+            for tests in self._noticing(mutant, folder):
+                timeout = PATIENCE * ((COMPILING if compiles else BEGINNING) + sum(test.seconds for test in tests))
+                outcome = self._tested([test.path for test in tests], timeout) if tests else "survived"
+                if outcome != "survived":
+                    return outcome
             return "survived"
         finally:
             file.write_text(source)
             # what was compiled without the mutant stays good
             os.utime(file, ns=(found.st_atime_ns, found.st_mtime_ns))
 
-    def _watching(self, mutant: Mutant) -> tuple[list[TestFile], list[TestFile]]:
-        """Test files that can notice `mutant`: its own, and the others, the fastest first in its room and in laws."""
-        folder = self._tests(mutant.room)
-        own = folder / f"test_{mutant.file.stem}.py"
-        near = [file for file in self.tests if file.runs(mutant) and file.path.is_relative_to(folder)]
-        laws = [file for file in self.tests if file.runs(mutant) and file.path.is_relative_to(self._tests("laws"))]
-        other = [file for files in (near, laws) for file in sorted(files, key=lambda file: file.seconds)]
-        return [file for file in near if file.path == own], [file for file in other if file.path != own]
+    def _executed(self, path: Path) -> TestFile:
+        self._notes.unlink(missing_ok=True)
+        begin = time.monotonic()
+        if self._tested([path], None, environment(self.root, self._notes)) != "survived":
+            raise RuntimeError(f"{path}: fails without a mutant")
+        test = TestFile(path, time.monotonic() - begin, *noted(self.root, self._notes))
+        print(f"{path.relative_to(self.root)}: {test.seconds:.0f} s", flush=True)
+        return test
 
-    def _tests(self, room: str) -> Path:
-        return self.root / "tests" / room
+    def _noticing(self, mutant: Mutant, folder: str) -> tuple[list[TestFile], list[TestFile]]:
+        """Test files in `folder` that can notice `mutant`: its own, which is there or not, and the others."""
+        own = self.root / "tests" / mutant.room / f"test_{mutant.file.stem}.py"
+        able = sorted((test for test in self.tests[folder] if test.runs(mutant)), key=lambda test: test.seconds)
+        return [test for test in able if test.path == own], [test for test in able if test.path != own]
 
     def _tested(self, tests: Sequence[Path], timeout: float | None, variables: Mapping[str, str] | None = None) -> str:
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not endurance", "-p", "no:cacheprovider"]
@@ -139,7 +143,7 @@ class Place:
         return found
 
     def _make_ready(self, stale: Iterable[Path]) -> None:
-        """Make the caches as `warm` left them, without the compiled code of the files in `stale`."""
+        """Make the caches as `_keep` found them, without the compiled code of the files in `stale`."""
         # objects are named after the module, what numba keeps after the file alone
         names = {".".join(name.with_suffix("").parts[1:]) for name in stale} | {name.stem for name in stale}
         for folder in (self._compiled, self._cache):
@@ -152,6 +156,12 @@ class Place:
             ignore=lambda _, files: [file for file in files if _source(file) in names],
         )
         shutil.copytree(self._warm / self._cache.name, self._cache)
+
+    def _keep(self) -> None:
+        """Make what the caches hold what they begin with."""
+        shutil.rmtree(self._warm, ignore_errors=True)
+        for folder in (self._compiled, self._cache):
+            shutil.copytree(folder, self._warm / folder.name)
 
     def _git(self, *words: str) -> None:
         subprocess.run(["git", *words], cwd=self._repository, check=True)
