@@ -70,6 +70,16 @@ def test_other_ways_to_flatten_an_array_are_known(law: Path, tmp_path: Path, spe
     assert planned(file).inputs == planned(law).inputs
 
 
+@pytest.mark.parametrize("spelled", ["J[{},{}]", "J({},{})", "J_{}{}"])
+def test_a_matrix_may_be_flattened_with_row_and_column(law: Path, tmp_path: Path, spelled: str):
+    file = law
+    for n in range(9):
+        file = with_description(
+            file, tmp_path / f"{n}.fmu", f'"J_{n + 1}"', f'"{spelled.format(n // 3 + 1, n % 3 + 1)}"'
+        )
+    assert planned(file).inputs == planned(law).inputs
+
+
 def test_arrays_of_fmi_3_are_ports_as_a_whole_and_units_become_si(root: Path, tmp_path: Path):
     good = root / "fmus" / "torque_motor_fmi3" / "torque_motor_fmi3.fmu"
     file = altered(
