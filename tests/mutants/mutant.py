@@ -129,7 +129,7 @@ def _lines(source: str) -> tuple[set[int], set[int]]:
 
 def _statements(source: str) -> dict[int, range]:
     """By line, the lines of the innermost statement that it belongs to, without the statements inside."""
-    found = {}
+    found: dict[int, range] = {}
     # outer ones come first
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.stmt):
