@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,7 +13,7 @@ from tests.drive.test_component import TICK, run
 from tests.drive.test_events import ALL
 from twin.cli import drive_info
 from twin.drive.component import FmuComponent
-from twin.drive.within import Stray
+from twin.drive.within import Stray, Watch
 from twin.errors import ComponentFailed
 from twin.experiment.schema import Drive
 from twin.runs.assembly.drive_component import drive
@@ -129,6 +130,14 @@ def test_nothing_is_called_back_where_nothing_is_offered_or_wanted(
     assert not component.instance.fmu.intermediateUpdate
     assert component.instance.ramp["within"] == 0
     component.close()
+
+
+def test_every_value_of_an_array_is_watched_by_its_own_name(shaft: Maker):
+    component = made(plan_of(shaft(WITHIN, theta_m=READ), "strays"))
+    theta_m = component.instance.description.variables["theta_m"]
+    instance: Any = SimpleNamespace(read=lambda variables: [0.0] * 4, handle=0, address=lambda function: 0)
+    watch = Watch(instance, [replace(theta_m, name="place", size=3), theta_m])
+    assert [stray.name for stray in watch.strays] == ["place[1]", "place[2]", "place[3]", "theta_m"]
 
 
 def test_info_tells_what_can_be_read_within_a_step(shaft: Maker):
