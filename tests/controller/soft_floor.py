@@ -59,6 +59,7 @@ class World(NamedTuple):
             the reference's velocity of `late` calls ago, as drives do that are fed forward.
         gone: (start, end) in s during which there is no floor. stuck: likewise, in which z does not follow.
         noise: force that the estimate is wrong by (N), drawn anew for every call.
+        drag: force per speed that the estimate takes for pressing where the platform goes down (N s/m).
     """
 
     follows: str = "command"
@@ -66,6 +67,7 @@ class World(NamedTuple):
     gone: tuple[float, float] = (0.0, 0.0)
     stuck: tuple[float, float] = (0.0, 0.0)
     noise: float = 0.0
+    drag: float = 0.0
 
 
 OBEDIENT = World()
@@ -81,9 +83,11 @@ def carried_out(tasks, seconds, world=OBEDIENT, **settings):
     p = np.array([*tasks[0].point, settings.get("approach", APPROACH).height])
     noise = world.noise * np.random.default_rng(1).uniform(-1.0, 1.0, calls)
     estimates = np.concatenate([p, J_HOME, np.zeros(6)])
+    z_before = p[2]
     for k in range(calls):
         there = not world.gone[0] <= k * T_s < world.gone[1]
-        F_z = STIFFNESS * max(0.0, FLOOR - p[2]) * there + noise[k]
+        F_z = STIFFNESS * max(0.0, FLOOR - p[2]) * there + noise[k] - world.drag * (p[2] - z_before) / T_s
+        z_before = p[2]
         estimates[:3], estimates[14] = p, -F_z
         rows[k], heights[k] = controller(estimates, k * T_s, T_s), p[2]
         if world.follows == "command":
