@@ -160,6 +160,8 @@ def test_structure_sizes_arrays_and_text_and_files_reach_the_fmu(shaft: Maker, t
         ("no_event_time", "fmi3UpdateDiscreteStates plans its next event for t = nan s, which has passed or is no"),
         ("crumbles", "fmi3DoStep takes more than 10000 parts for this step, and is at t = 0.01001 s"),
         ("refuses", "fmi3DoStep returned fmi3Discard and stays at t = 0.01 s, however short its steps"),
+        ("locked_out", "fmi3EnterEventMode returned fmi3Error"),
+        ("locked_in", "fmi3EnterStepMode returned fmi3Error"),
         ("ends", "fmi3DoStep asked to terminate the simulation"),
         ("endless_later", "fmi3UpdateDiscreteStates wants to be called for ever: more than 1000 times in one event"),
     ],
