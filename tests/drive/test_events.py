@@ -85,6 +85,13 @@ def test_an_input_clock_ticks_where_it_has_to(shaft: Maker, rhythm: str, first: 
     assert out["status"][1:].tolist() == np.maximum((k - first) // every, 0).tolist()
 
 
+@pytest.mark.parametrize("rhythm", ["changing", "countdown", 'constant" intervalDecimal="0.001'])
+def test_an_input_clock_may_tick_in_every_step(shaft: Maker, rhythm: str):
+    fmu = shaft(ALL, clocks=IN_CLOCK.format(f'intervalVariability="{rhythm}"'), omega_ref=CLOCKED)
+    component = made(fmu, parameters={"kind": KINDS["samples"], "period": TICK})
+    assert stepped(component, lambda t: round(t / TICK), 20)["omega_m"][1:].tolist() == list(range(20))
+
+
 def test_a_discrete_input_is_set_in_an_event_and_only_when_it_changes(shaft: Maker):
     """The FMU refuses to have it set anywhere else."""
     fmu = shaft(ALL, omega_ref='variability="discrete"')

@@ -93,6 +93,10 @@ def test_arrays_of_fmi_3_are_ports_as_a_whole_and_units_become_si(root: Path, tm
         planned(file, {"p_B": "jacobi"}, {"omega_ref": "n"})
 
 
+def test_a_list_of_one_variable_says_what_the_variable_says(law: Path):
+    assert planned(law, outputs={"dp_z": ("dp_z",)}).bindings == planned(law, outputs={"dp_z": "dp_z"}).bindings
+
+
 def test_an_input_that_has_been_given_a_value_keeps_it_and_is_fed_by_nobody(law: Path):
     plan = planned(law, way_1=0.0, way_2=0.01, way_3=-0.1)
     assert "p_ref_B" not in [port.name for port in plan.inputs]
