@@ -109,6 +109,16 @@ def test_an_input_that_has_been_given_a_value_keeps_it_and_is_fed_by_nobody(law:
         component.close()
 
 
+def test_inputs_of_a_sampled_part_are_held_where_they_could_rise_over_a_step(law: Path, tmp_path: Path):
+    able = with_description(law, tmp_path / "law.fmu", "<CoSimulation ", '<CoSimulation canInterpolateInputs="true" ')
+    component = planned(able).component("controller", 1e-3, 2, 10)
+    try:
+        inputs = component.instance.description.offered("input")
+        assert inputs and not any(map(component.instance.ramps, inputs))
+    finally:
+        component.close()
+
+
 def test_a_single_value_may_count_the_other_way(law: Path):
     plain, turned = planned(law), planned(law, outputs={"omega_ref": ("-omega_ref_1", "omega_ref_2", "omega_ref_3")})
     gains = [next(b.gain for b in plan.bindings if b.name == "omega_ref_1") for plan in (plain, turned)]
