@@ -111,7 +111,8 @@ def test_an_input_that_has_been_given_a_value_keeps_it_and_is_fed_by_nobody(law:
 
 def test_inputs_of_a_sampled_part_are_held_where_they_could_rise_over_a_step(law: Path, tmp_path: Path):
     able = with_description(law, tmp_path / "law.fmu", "<CoSimulation ", '<CoSimulation canInterpolateInputs="true" ')
-    component = planned(able).component("controller", 1e-3, 2, 10)
+    smooth = with_description(able, tmp_path / "smooth.fmu", ' variability="discrete"', "")
+    component = planned(smooth).component("controller", 1e-3, 2, 10)
     try:
         inputs = component.instance.description.offered("input")
         assert inputs and not any(map(component.instance.ramps, inputs))
