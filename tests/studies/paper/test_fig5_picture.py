@@ -1,12 +1,15 @@
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from PIL import Image
 
 from tests.studies.paper.fig5_recordings import pressed, pushed, rolled, tapped
 from twin.recording.recording import Recording
+from twin.studies.paper import fig5_picture
 from twin.studies.paper.fig5_picture import ESTIMATE, SHIFTED, draw_fig5
 from twin.studies.paper.fig5_score import Fig5Score, fig5_score, shown_tasks
 from twin.studies.paper.fig5_space import MOVING, REFERENCE, TRACE, TRUTH
@@ -30,6 +33,26 @@ def test_the_picture_shows_truth_estimate_reference_trace_and_arrows(score: Fig5
         rgb = [int(color[i : i + 2], 16) for i in (1, 3, 5)]
         # an arrow is some 40 pixels long, a curve hundreds; their cores are not blended with the background
         assert np.count_nonzero(np.all(pixels == rgb, axis=1)) > 30, color
+
+
+def test_panels_over_time_show_all_of_a_task_as_it_truly_was(score: Fig5Score, monkeypatch: pytest.MonkeyPatch):
+    figure = Figure()
+    monkeypatch.setattr(fig5_picture, "picture", lambda *size, **more: nullcontext(figure))
+    draw_fig5(score, Path())
+    columns = {task.kind: figure.axes[3 * k + 1 : 3 * k + 3] for k, task in enumerate(shown_tasks(score))}
+    for task in shown_tasks(score):
+        force = columns[task.kind][1]
+        (true,) = (line for line in force.lines if line.get_label() == "true")
+        if task.kind == "tap":
+            # the last three of four
+            assert force.get_xlim() == pytest.approx((0.5, 2.0), abs=0.01)
+        else:
+            assert force.get_xlim() == (task.run.t[0], task.run.t[-1])
+            np.testing.assert_array_equal(true.get_ydata(), task.run.F_z)
+    height = columns["press"][0]
+    (true,) = (line for line in height.lines if line.get_label() == "true")
+    np.testing.assert_array_equal(true.get_ydata(), 1e3 * score.tasks[0].run.p_B[:, 2])
+    assert height.get_xlim() == columns["press"][1].get_xlim()
 
 
 @pytest.mark.parametrize("kind", MAKERS)
