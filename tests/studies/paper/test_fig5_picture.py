@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D
 from PIL import Image
 
 from tests.studies.paper.fig5_recordings import pressed, pushed, rolled, tapped
@@ -53,6 +54,16 @@ def test_panels_over_time_show_all_of_a_task_as_it_truly_was(score: Fig5Score, m
     (true,) = (line for line in height.lines if line.get_label() == "true")
     np.testing.assert_array_equal(true.get_ydata(), 1e3 * score.tasks[0].run.p_B[:, 2])
     assert height.get_xlim() == columns["press"][1].get_xlim()
+
+
+def test_arrows_point_down_and_along_the_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    arrows: list[tuple[float, ...]] = []
+    monkeypatch.setattr(Axes3D, "quiver", lambda axes, *place, **look: arrows.append(place[3:]))
+    draw_fig5(fig5_score([pushed(tmp_path)]), tmp_path / "fig5.png")
+    down, along = arrows
+    assert down[:2] == (0.0, 0.0) and down[2] < 0.0
+    # half of the line from (0, 0) to (4, 3) mm
+    assert along == pytest.approx((2.0, 1.5, 0.0))
 
 
 @pytest.mark.parametrize("kind", MAKERS)
