@@ -140,6 +140,14 @@ def test_every_value_of_an_array_is_watched_by_its_own_name(shaft: Maker):
     assert [stray.name for stray in watch.strays] == ["place[1]", "place[2]", "place[3]", "theta_m"]
 
 
+def test_only_an_input_that_travels_as_a_double_is_set_on_its_line(shaft: Maker):
+    component = made(plan_of(shaft(WITHIN, omega_ref=READ, theta_m=READ), "strays").with_lines())
+    omega_ref = component.instance.description.variables["omega_ref"]
+    assert component.instance.ramps(omega_ref)
+    assert not any(component.instance.ramps(replace(omega_ref, type=other)) for other in ("Float32", "Boolean"))
+    component.close()
+
+
 def test_info_tells_what_can_be_read_within_a_step(shaft: Maker):
     offered: dict[str, Any] = {"theta_m": READ}
     said = "  outputs    can be read within a step: theta_m\n"
