@@ -12,7 +12,7 @@ from tests.drive.eventful import KINDS, Maker
 from tests.drive.test_component import TICK, made, run
 from twin.cli import drive_info
 from twin.drive import announcement
-from twin.drive.events import settle
+from twin.drive.events import CHANGING, COUNTDOWN, PERIODIC, settle
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.experiment.schema import Drive
@@ -90,6 +90,18 @@ def test_an_input_clock_may_tick_in_every_step(shaft: Maker, rhythm: str):
     fmu = shaft(ALL, clocks=IN_CLOCK.format(f'intervalVariability="{rhythm}"'), omega_ref=CLOCKED)
     component = made(fmu, parameters={"kind": KINDS["samples"], "period": TICK})
     assert stepped(component, lambda t: round(t / TICK), 20)["omega_m"][1:].tolist() == list(range(20))
+
+
+@pytest.mark.parametrize(
+    ("rhythm", "kind"), [("changing", CHANGING), ("countdown", COUNTDOWN), ("triggered", PERIODIC)]
+)
+def test_a_clock_is_asked_for_its_next_tick_as_its_kind_wants_it(shaft: Maker, rhythm: str, kind: int):
+    """One that counts down after every event, one that changes after its ticks, others never."""
+    fmu = shaft(ALL, clocks=IN_CLOCK.format(f'intervalVariability="{rhythm}"'), omega_ref=CLOCKED)
+    component = made(fmu, parameters={"kind": KINDS["samples"], "period": TICK})
+    (clock,) = component.instance.clocks
+    assert clock["kind"] == kind
+    component.close()
 
 
 def test_a_discrete_input_is_set_in_an_event_and_only_when_it_changes(shaft: Maker):
