@@ -12,6 +12,7 @@ from tests.drive.eventful import KINDS, Maker
 from tests.drive.test_component import TICK, made, run
 from twin.cli import drive_info
 from twin.drive import announcement
+from twin.drive.component import FmuComponent
 from twin.drive.events import CHANGING, COUNTDOWN, PERIODIC, settle
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.drive_files import lone_drive
@@ -99,6 +100,7 @@ def test_a_clock_is_asked_for_its_next_tick_as_its_kind_wants_it(shaft: Maker, r
     """One that counts down after every event, one that changes after its ticks, others never."""
     fmu = shaft(ALL, clocks=IN_CLOCK.format(f'intervalVariability="{rhythm}"'), omega_ref=CLOCKED)
     component = made(fmu, parameters={"kind": KINDS["samples"], "period": TICK})
+    assert isinstance(component, FmuComponent)
     (clock,) = component.instance.clocks
     assert clock["kind"] == kind
     component.close()
