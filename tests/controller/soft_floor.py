@@ -56,14 +56,18 @@ class World(NamedTuple):
         follows: "command": the platform is where it was told to be a call ago, exactly; "velocity": in z it moves at
             the reference's velocity of `late` calls ago, as drives do that are fed forward.
         gone: (start, end) in s during which there is no floor. stuck: likewise, in which z does not follow.
+        lifted: (time, height): from then on (s) the floor is so much higher (m).
         noise: force that the estimate is wrong by (N), drawn anew for every call.
+        drag: force per speed that the estimate takes for pressing where the platform goes down (N s/m).
     """
 
     follows: str = "command"
     late: int = 0
     gone: tuple[float, float] = (0.0, 0.0)
     stuck: tuple[float, float] = (0.0, 0.0)
+    lifted: tuple[float, float] = (0.0, 0.0)
     noise: float = 0.0
+    drag: float = 0.0
 
 
 OBEDIENT = World()
@@ -79,9 +83,12 @@ def carried_out(tasks, seconds, world=OBEDIENT, **settings):
     p = np.array([*tasks[0].point, settings.get("approach", APPROACH).height])
     noise = world.noise * np.random.default_rng(1).uniform(-1.0, 1.0, calls)
     estimates = np.concatenate([p, J_HOME, np.zeros(6)])
+    z_before = p[2]
     for k in range(calls):
         there = not world.gone[0] <= k * T_s < world.gone[1]
-        F_z = STIFFNESS * max(0.0, FLOOR - p[2]) * there + noise[k]
+        floor = FLOOR + world.lifted[1] * (k * T_s >= world.lifted[0])
+        F_z = STIFFNESS * max(0.0, floor - p[2]) * there + noise[k] - world.drag * (p[2] - z_before) / T_s
+        z_before = p[2]
         estimates[:3], estimates[14] = p, -F_z
         rows[k], heights[k] = controller(estimates, k * T_s, T_s), p[2]
         if world.follows == "command":

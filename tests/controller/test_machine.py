@@ -188,16 +188,39 @@ def test_a_series_of_taps_that_was_cut_short_takes_nothing_from_the_next():
     assert taps.count(2) == TAP.times
 
 
+def turn_of(rows, nth):
+    """Height at which a tap turns: z goes down a straight line before it and up one after it, which meet there."""
+    rise = call_of(rows, Kind.RISE, nth)
+    down = rows["z"][rise] + TAP.speed * rows["t"][rise]
+    up = rows["z"][rise + 2] - TAP.speed * rows["t"][rise + 2]
+    return (down + up) / 2.0
+
+
 def test_a_tap_turns_between_two_calls_right_at_the_depth_of_the_force():
     rows = carried_out([TAP], 8.0, WITH_DRIVES)
-    z, depth = rows["z"], rows["z"][call_of(rows, Kind.RETRACT)]
+    depth = rows["z"][call_of(rows, Kind.RETRACT)]
+    for nth in range(TAP.times):
+        # rounding; a turn at a call would be off by up to T_s times the speed, 2e-4 m
+        assert turn_of(rows, nth) == pytest.approx(depth, abs=1e-12)
+
+
+def test_while_a_tap_turns_between_two_calls_its_command_is_held():
+    rows = carried_out([TAP], 8.0, WITH_DRIVES)
     for nth in range(TAP.times):
         rise = call_of(rows, Kind.RISE, nth)
-        # z goes down a straight line before the turn and up one after it, and turns where they meet
-        down = z[rise] + TAP.speed * rows["t"][rise]
-        up = z[rise + 2] - TAP.speed * rows["t"][rise + 2]
-        # rounding; a turn at a call would be off by up to T_s times the speed, 2e-4 m
-        assert (down + up) / 2.0 == pytest.approx(depth, abs=1e-12)
+        assert rows["p_ref_B"][rise].tolist() == rows["p_ref_B"][rise - 1].tolist()
+
+
+@pytest.mark.parametrize("by", [-0.13e-3, 0.05e-3, 0.31e-3])
+def test_taps_turn_as_much_higher_as_the_surface_is(by):
+    """No multiple of the 0.2 mm that a tap goes down from call to call."""
+    # so high that it is at its speed where it touches
+    tap = TAP._replace(lift=0.012, period=0.6)
+    still = carried_out([tap], 8.0, WITH_DRIVES)
+    after = call_of(still, Kind.WAIT, 1)
+    moved = carried_out([tap], 8.0, WITH_DRIVES._replace(lifted=(after * T_s, by)))
+    # rounding
+    assert turn_of(moved, 3) - turn_of(still, 3) == pytest.approx(by, abs=1e-9)
 
 
 def test_a_tap_rises_as_far_above_the_depth_as_the_task_says():

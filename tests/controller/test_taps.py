@@ -32,11 +32,11 @@ def peaks(rows):
     return np.array([raw[a:b].max() for a, b in pairwise(begins)])
 
 
-def tapped(learning, late=10, turn=0.0):
+def tapped(learning, late=10, turn=0.0, drag=0.0):
     tap = TAP._replace(times=8, force=4.0)
     touch = NOT_LEARNING.model_copy(update={"turn": turn})
     adapting = Adapting(SENSING, tap_learning=learning) if learning else None
-    return peaks(carried_out([tap], 8.0, World("velocity", late), touch=touch, adapting=adapting))
+    return peaks(carried_out([tap], 8.0, World("velocity", late, drag=drag), touch=touch, adapting=adapting))
 
 
 def test_taps_of_a_drive_that_is_late_are_too_hard_and_stay_so_without_learning():
@@ -50,6 +50,11 @@ def test_taps_that_learn_come_to_the_force_that_was_asked_for(late):
     # what is left: one call at 100 mm/s is 0.2 N, the low-pass takes some of the peak
     assert learnt[-3:] == pytest.approx(4.0, abs=0.35)
     assert abs(learnt[3] - 4.0) < 0.6 * abs(learnt[0] - 4.0) or abs(learnt[3] - 4.0) < 0.35
+
+
+def test_what_the_estimate_makes_of_speed_is_learnt_in_the_air():
+    # 1 N at the speed of the touch, three times what is left as above
+    assert tapped(0.5, 3, drag=10.0)[-3:] == pytest.approx(4.0, abs=0.35)
 
 
 def test_nothing_of_it_is_on_by_default():

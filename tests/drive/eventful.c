@@ -24,7 +24,9 @@ enum {
     CRUMBLES = 17,    /* returns early after a millionth of the step */
     REFUSES = 18,     /* discards every step */
     ENDS = 19,        /* asks in an event to terminate */
-    ENDLESS_LATER = 20
+    ENDLESS_LATER = 20,
+    LOCKED_OUT = 21,  /* cannot enter event mode */
+    LOCKED_IN = 22    /* cannot leave it */
 };
 
 enum { OMEGA_REF, TAU_LOAD, THETA_M, OMEGA_M, KIND, PERIOD, STOP, STATUS, N_NUMBERS, IN_CLOCK = 20, OUT_CLOCK = 21,
@@ -116,8 +118,15 @@ fmi3Status fmi3ExitInitializationMode(fmi3Instance i)
     return enter(i, INITIALIZATION, ((Shaft *)i)->events ? EVENTS : STEPPING);
 }
 
-fmi3Status fmi3EnterEventMode(fmi3Instance i) { return enter(i, STEPPING, EVENTS); }
-fmi3Status fmi3EnterStepMode(fmi3Instance i) { return enter(i, EVENTS, STEPPING); }
+static fmi3Status change(Shaft *shaft, int from, int to, int refusing)
+{
+    if ((int)V(KIND) == refusing && shaft->slave.state.time > 0.0095)
+        return fmi3Error;
+    return enter(shaft, from, to);
+}
+
+fmi3Status fmi3EnterEventMode(fmi3Instance i) { return change(i, STEPPING, EVENTS, LOCKED_OUT); }
+fmi3Status fmi3EnterStepMode(fmi3Instance i) { return change(i, EVENTS, STEPPING, LOCKED_IN); }
 fmi3Status fmi3Terminate(fmi3Instance i) { return enter(i, STEPPING, TERMINATED); }
 
 fmi3Status fmi3Reset(fmi3Instance i)
@@ -206,7 +215,7 @@ fmi3Status fmi3DoStep(fmi3Instance i, fmi3Float64 t, fmi3Float64 h, fmi3Boolean 
         return fmi3Discard;
     if (kind == ENDLESS_LATER && later)
         *event = true;
-    if (later && (kind == PAST || kind == NO_EVENT_TIME || kind == ENDS))
+    if (later && (kind == PAST || kind == NO_EVENT_TIME || kind == ENDS || kind >= LOCKED_OUT))
         *event = true;
     if (later && kind >= STUCK && kind <= BEYOND) {
         const double wrong[] = {t, NAN, t - h, t + 2.0 * h};

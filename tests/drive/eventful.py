@@ -11,7 +11,7 @@ from tests.drive.compiled import Edit, compiled_library
 KINDS = {
     "follows": 0, "flips": 1, "bounces": 2, "samples": 3, "switches": 4, "discards": 5,
     "endless": 10, "stuck": 11, "no_time": 12, "before": 13, "beyond": 14, "past": 15, "no_event_time": 16,
-    "crumbles": 17, "refuses": 18, "ends": 19, "endless_later": 20,
+    "crumbles": 17, "refuses": 18, "ends": 19, "endless_later": 20, "locked_out": 21, "locked_in": 22,
 }  # fmt: skip
 
 OFFERED = (

@@ -12,7 +12,8 @@ from tests.drive.eventful import KINDS, Maker
 from tests.drive.test_component import TICK, made, run
 from twin.cli import drive_info
 from twin.drive import calls
-from twin.drive.event_step import settle
+from twin.drive.component import FmuComponent
+from twin.drive.event_step import CHANGING, COUNTDOWN, PERIODIC, settle
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.experiment.schema import Drive
@@ -83,6 +84,26 @@ def test_an_input_clock_ticks_where_it_has_to(shaft: Maker, rhythm: str, first: 
     # sums of 50 products
     assert out["theta_m"][1:] == pytest.approx(np.cumsum(held) * TICK, rel=1e-14)
     assert out["status"][1:].tolist() == np.maximum((k - first) // every, 0).tolist()
+
+
+@pytest.mark.parametrize("rhythm", ["changing", "countdown", 'constant" intervalDecimal="0.001'])
+def test_an_input_clock_may_tick_in_every_step(shaft: Maker, rhythm: str):
+    fmu = shaft(ALL, clocks=IN_CLOCK.format(f'intervalVariability="{rhythm}"'), omega_ref=CLOCKED)
+    component = made(fmu, parameters={"kind": KINDS["samples"], "period": TICK})
+    assert stepped(component, lambda t: round(t / TICK), 20)["omega_m"][1:].tolist() == list(range(20))
+
+
+@pytest.mark.parametrize(
+    ("rhythm", "kind"), [("changing", CHANGING), ("countdown", COUNTDOWN), ("triggered", PERIODIC)]
+)
+def test_a_clock_is_asked_for_its_next_tick_as_its_kind_wants_it(shaft: Maker, rhythm: str, kind: int):
+    """One that counts down after every event, one that changes after its ticks, others never."""
+    fmu = shaft(ALL, clocks=IN_CLOCK.format(f'intervalVariability="{rhythm}"'), omega_ref=CLOCKED)
+    component = made(fmu, parameters={"kind": KINDS["samples"], "period": TICK})
+    assert isinstance(component, FmuComponent)
+    (clock,) = component.instance.clocks
+    assert clock["kind"] == kind
+    component.close()
 
 
 def test_a_discrete_input_is_set_in_an_event_and_only_when_it_changes(shaft: Maker):
@@ -160,6 +181,8 @@ def test_structure_sizes_arrays_and_text_and_files_reach_the_fmu(shaft: Maker, t
         ("no_event_time", "fmi3UpdateDiscreteStates plans its next event for t = nan s, which has passed or is no"),
         ("crumbles", "fmi3DoStep takes more than 10000 parts for this step, and is at t = 0.01001 s"),
         ("refuses", "fmi3DoStep returned fmi3Discard and stays at t = 0.01 s, however short its steps"),
+        ("locked_out", "fmi3EnterEventMode returned fmi3Error"),
+        ("locked_in", "fmi3EnterStepMode returned fmi3Error"),
         ("ends", "fmi3DoStep asked to terminate the simulation"),
         ("endless_later", "fmi3UpdateDiscreteStates wants to be called for ever: more than 1000 times in one event"),
     ],

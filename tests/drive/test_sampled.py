@@ -70,6 +70,16 @@ def test_other_ways_to_flatten_an_array_are_known(law: Path, tmp_path: Path, spe
     assert planned(file).inputs == planned(law).inputs
 
 
+@pytest.mark.parametrize("spelled", ["J[{},{}]", "J({},{})", "J_{}{}"])
+def test_a_matrix_may_be_flattened_with_row_and_column(law: Path, tmp_path: Path, spelled: str):
+    file = law
+    for n in range(9):
+        file = with_description(
+            file, tmp_path / f"{n}.fmu", f'"J_{n + 1}"', f'"{spelled.format(n // 3 + 1, n % 3 + 1)}"'
+        )
+    assert planned(file).inputs == planned(law).inputs
+
+
 def test_arrays_of_fmi_3_are_ports_as_a_whole_and_units_become_si(root: Path, tmp_path: Path):
     good = root / "fmus" / "torque_motor_fmi3" / "torque_motor_fmi3.fmu"
     file = altered(
@@ -83,6 +93,10 @@ def test_arrays_of_fmi_3_are_ports_as_a_whole_and_units_become_si(root: Path, tm
         planned(file, {"p_B": "jacobi"}, {"omega_ref": "n"})
 
 
+def test_a_list_of_one_variable_says_what_the_variable_says(law: Path):
+    assert planned(law, outputs={"dp_z": ("dp_z",)}).bindings == planned(law, outputs={"dp_z": "dp_z"}).bindings
+
+
 def test_an_input_that_has_been_given_a_value_keeps_it_and_is_fed_by_nobody(law: Path):
     plan = planned(law, way_1=0.0, way_2=0.01, way_3=-0.1)
     assert "p_ref_B" not in [port.name for port in plan.inputs]
@@ -91,6 +105,17 @@ def test_an_input_that_has_been_given_a_value_keeps_it_and_is_fed_by_nobody(law:
         rows, status = play(component, np.zeros(1), np.full(1, 2e-3), np.zeros((1, 18)))
         assert status == 0
         assert rows[0, 3:6].tolist() == [0.0, 0.01, -0.1]
+    finally:
+        component.close()
+
+
+def test_inputs_of_a_sampled_part_are_held_where_they_could_rise_over_a_step(law: Path, tmp_path: Path):
+    able = with_description(law, tmp_path / "law.fmu", "<CoSimulation ", '<CoSimulation canInterpolateInputs="true" ')
+    smooth = with_description(able, tmp_path / "smooth.fmu", ' variability="discrete"', "")
+    component = planned(smooth).component("controller", 1e-3, 2, 10)
+    try:
+        inputs = component.instance.description.offered("input")
+        assert inputs and not any(map(component.instance.ramps, inputs))
     finally:
         component.close()
 

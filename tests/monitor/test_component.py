@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.conftest import examples
 from tests.laws.runs import Sampled
-from tests.monitor.motions import BELIEF, DT, LIMITS, OMEGA_REF, inputs, latched, ramp, standing, watched
+from tests.monitor.motions import BELIEF, DT, LIMITS, OMEGA_REF, SAMPLE, inputs, latched, ramp, standing, watched
 from twin.cosim.port import width
 from twin.monitor.checks import Reason
 from twin.monitor.component import INPUTS, OUTPUTS, SafetyMonitor
@@ -65,6 +65,14 @@ def test_no_input_whatsoever_makes_an_output_that_is_not_finite(changes):
     seen = watched(u)
     for name, values in seen.outputs.items():
         assert np.isfinite(values).all(), name
+
+
+def test_messages_may_have_been_counted_before_the_monitor_begins():
+    u = standing(60)
+    u[:, SAMPLE] += 1000.0
+    seen = watched(u)
+    assert seen.trip is None, seen.trip
+    np.testing.assert_array_equal(seen.outputs["utilisation"], watched(standing(60)).outputs["utilisation"])
 
 
 def test_it_says_what_is_true_of_a_robot_that_presses():

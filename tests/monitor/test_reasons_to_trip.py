@@ -52,6 +52,14 @@ def test_an_invalid_message_trips_at_once(column, value):
     assert trip_row(u, Reason.INVALID_SAMPLE) == FAULT
 
 
+def test_a_number_of_a_message_has_31_bits():
+    u = standing(FAULT + 5)
+    u[FAULT:, SAMPLE] = 2.0**31
+    assert trip_row(u, Reason.INVALID_SAMPLE) == FAULT
+    u[FAULT:, SAMPLE] = 2.0**31 - 1.0
+    assert trip_row(u, Reason.STALE) == FAULT
+
+
 def test_a_first_message_that_is_invalid_trips_at_once():
     u = standing(5)
     u[:, 0] = np.nan

@@ -45,6 +45,7 @@ class Mutant:
         occurrence: which of the places in the file that `operator` can change.
         line: of that place.
         is_compiled: whether the place is in a compiled function.
+        statement: lines of the statement there; of one that has others inside, those before them.
     """
 
     file: Path
@@ -52,6 +53,7 @@ class Mutant:
     occurrence: int
     line: int
     is_compiled: bool
+    statement: range
 
     @property
     def room(self) -> str:
@@ -78,11 +80,19 @@ def possible_mutants(root: Path) -> list[Mutant]:
         for path in sorted((root / "twin" / room).rglob("*.py")):
             source = path.read_text()
             compiled, idle = _lines(source)
+            statements = _statements(source)
             nodes = list(ast_nodes(get_ast(source)))
             for name, operator in operators.items():
                 places = [start for node in nodes for start, _ in operator.mutation_positions(node)]
                 found += [
-                    Mutant(path.relative_to(root), name, number, line, line in compiled)
+                    Mutant(
+                        path.relative_to(root),
+                        name,
+                        number,
+                        line,
+                        line in compiled,
+                        statements.get(line, range(line, line + 1)),
+                    )
                     for number, (line, _) in enumerate(places)
                     if line not in idle
                 ]
@@ -90,12 +100,17 @@ def possible_mutants(root: Path) -> list[Mutant]:
 
 
 def drawn(mutants: list[Mutant], count: int, seed: int) -> list[Mutant]:
-    """`count` of `mutants`, a quarter of them in compiled functions; the same for the same seed."""
+    """`count` of `mutants`, a quarter of them in compiled functions; the same for the same seed.
+
+    They are mixed, so that the first of them are a draw, too.
+    """
     draw = random.Random(seed)
     compiled = [mutant for mutant in mutants if mutant.is_compiled]
     other = [mutant for mutant in mutants if not mutant.is_compiled]
     quarter = count // 4
-    return draw.sample(compiled, min(quarter, len(compiled))) + draw.sample(other, min(count - quarter, len(other)))
+    found = draw.sample(compiled, min(quarter, len(compiled))) + draw.sample(other, min(count - quarter, len(other)))
+    draw.shuffle(found)
+    return found
 
 
 def _lines(source: str) -> tuple[set[int], set[int]]:
@@ -110,3 +125,17 @@ def _lines(source: str) -> tuple[set[int], set[int]]:
         elif isinstance(node, ast.AnnAssign) and node.value is None:
             idle |= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
     return compiled, idle
+
+
+def _statements(source: str) -> dict[int, range]:
+    """By line, the lines of the innermost statement that it belongs to, without the statements inside."""
+    found: dict[int, range] = {}
+    # outer ones come first
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.stmt):
+            whole = range(node.lineno, (node.end_lineno or node.lineno) + 1)
+            inside = [part.lineno for part in getattr(node, "body", ())]
+            head = range(node.lineno, max(node.lineno + 1, min(inside, default=whole.stop)))
+            # a `case` or `except` further down belongs to the whole
+            found |= {line: head if line in head else whole for line in whole}
+    return found

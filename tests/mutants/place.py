@@ -1,75 +1,120 @@
 """A worktree in which mutants are tried: its own source, its own compiled code, nothing of the one in use."""
 
+import ast
 import os
+import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from tests.mutants.executed import TestFile, environment, makes_machine_code, noted
 from tests.mutants.mutant import Mutant
+
+PATIENCE = 3.0
+"""A mutant is given this many times what its tests took without one: an endless loop is noticed, too."""
+BEGINNING, COMPILING = 20.0, 120.0
+"""Seconds that tests are given beside that, with all compiled code at hand and without."""
+NOTHING_TO_RUN = 5
+"""Exit code of pytest where all tests of a file are left out."""
 
 
 class Place:
-    """A worktree at the commit that is checked out.
+    """A worktree.
+
+    Args:
+        repository: that it belongs to.
+        root: an empty folder for it.
+        commit: that it is at.
 
     Attributes:
         root: its folder.
-        compiled: folder of its compiled code.
+        tests: files of tests that mutants are tried against, by folder of tests/; `warm` finds them.
     """
 
-    def __init__(self, repository: Path, root: Path):
-        """Make the worktree below `root`, an empty folder."""
-        self.root, self.compiled = root / "source", root / "compiled"
-        self._repository, self._touched = repository, time.time()
-        self._git("worktree", "add", "--quiet", "--detach", str(self.root))
+    def __init__(self, repository: Path, root: Path, commit: str):
+        self._repository, self.root = repository, root / "source"
+        # below the package no name has the hash of the source in it, which every mutant changes
+        self._compiled = self.root / "twin" / "__pycache__" / "native" / "warm"
+        self._cache, self._warm, self._notes = root / "cache", root / "warm", root / "notes"
+        self._touched = time.time()
+        self.tests: dict[str, list[TestFile]] = {}
+        self._git("worktree", "add", "--quiet", "--detach", str(self.root), commit)
+        self._importers = _importers(self.root)
+        for folder in (self._compiled, self._cache):
+            folder.mkdir(0o700, parents=True)
+        self._keep()
 
     def close(self) -> None:
         """Remove the worktree."""
         self._git("worktree", "remove", "--force", str(self.root))
 
-    def warm(self, rooms: Iterable[str]) -> float:
-        """Compile and run all that mutants of `rooms` are tried against, unchanged; return the seconds it took.
+    def warm(self, folders: Iterable[str]) -> float:
+        """Compile and run all tests in `folders` of tests/, unchanged; return the seconds it took.
 
         Raises:
             RuntimeError: a test fails without any mutant.
         """
+        self._make_ready(())
         begin = time.monotonic()
-        outcome = self._tested(self._tests(rooms), timeout=None)
-        if outcome != "survived":
-            raise RuntimeError(f"{self.root}: tests fail without a mutant")
+        for name in folders:
+            files = sorted((self.root / "tests" / name).rglob("test_*.py"))
+            self.tests[name] = [self._executed(path) for path in files]
+        self._keep()
         return time.monotonic() - begin
 
-    def tried(self, mutant: Mutant, timeout: float) -> str:
+    def tried(self, mutant: Mutant, folder: str) -> str:
         """What became of `mutant`: "killed", "survived" or "timed out", which counts as killed.
 
-        Its own test file runs first, then those of its room, then the laws; the first that fails ends it.
+        Of the tests in `folder` of tests/ those run that can notice it: its own test file first, then the fastest
+        first; the first that fails ends it.
         """
+        compiles = makes_machine_code(mutant, [test for tests in self.tests.values() for test in tests])
         file = self.root / mutant.file
-        source = file.read_text()
+        source, found = file.read_text(), file.stat()
         try:
+            self._make_ready(self._dependents(mutant.file) if compiles else ())
             self._write(file, mutant.applied(source))
-            own = self.root / "tests" / mutant.room / f"test_{mutant.file.stem}.py"
-            return self._tested([*([own] if own.exists() else []), *self._tests((mutant.room,))], timeout)
+            for tests in self._noticing(mutant, folder):
+                timeout = PATIENCE * ((COMPILING if compiles else BEGINNING) + sum(test.seconds for test in tests))
+                outcome = self._tested([test.path for test in tests], timeout) if tests else "survived"
+                if outcome != "survived":
+                    return outcome
+            return "survived"
         finally:
-            self._write(file, source)
+            file.write_text(source)
+            # what was compiled without the mutant stays good
+            os.utime(file, ns=(found.st_atime_ns, found.st_mtime_ns))
 
-    def _tests(self, rooms: Iterable[str]) -> list[Path]:
-        return [self.root / "tests" / room for room in (*rooms, "laws")]
+    def _executed(self, path: Path) -> TestFile:
+        self._notes.unlink(missing_ok=True)
+        begin = time.monotonic()
+        if self._tested([path], None, environment(self.root, self._notes)) != "survived":
+            raise RuntimeError(f"{path}: fails without a mutant")
+        test = TestFile(path, time.monotonic() - begin, *noted(self.root, self._notes))
+        print(f"{path.relative_to(self.root)}: {test.seconds:.0f} s", flush=True)
+        return test
 
-    def _tested(self, tests: list[Path], timeout: float | None) -> str:
+    def _noticing(self, mutant: Mutant, folder: str) -> tuple[list[TestFile], list[TestFile]]:
+        """Test files in `folder` that can notice `mutant`: its own, which is there or not, and the others."""
+        own = self.root / "tests" / mutant.room / f"test_{mutant.file.stem}.py"
+        able = sorted((test for test in self.tests[folder] if test.runs(mutant)), key=lambda test: test.seconds)
+        return [test for test in able if test.path == own], [test for test in able if test.path != own]
+
+    def _tested(self, tests: Sequence[Path], timeout: float | None, variables: Mapping[str, str] | None = None) -> str:
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not endurance", "-p", "no:cacheprovider"]
-        environment = {**os.environ, "PYTHONPATH": str(self.root), "NUMBA_CACHE_DIR": str(self.compiled)}
+        places = {"NUMBA_CACHE_DIR": str(self._compiled), "TWIN_CACHE": str(self._cache)}
         process = subprocess.Popen(
             [*command, *map(str, tests)],
             cwd=self.root,
-            env=environment,
+            env={**os.environ, "PYTHONPATH": str(self.root), **places, **(variables or {})},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             start_new_session=True,
         )
         try:
-            return "killed" if process.wait(timeout) else "survived"
+            return "survived" if process.wait(timeout) in (0, NOTHING_TO_RUN) else "killed"
         except subprocess.TimeoutExpired:
             return "timed out"
         finally:
@@ -78,10 +123,63 @@ class Place:
             process.wait()
 
     def _write(self, file: Path, source: str) -> None:
-        """Write `source` with a time of its own: Python tells versions of a file by time and size."""
+        """Write `source` with a time of its own: Python and numba tell versions of a file by time and size."""
         file.write_text(source)
         self._touched += 1
         os.utime(file, (self._touched, self._touched))
 
+    def _dependents(self, file: Path) -> set[Path]:
+        """Files whose compiled code may hold that of `file`: all that import it, however far away."""
+        found, new = {file}, {file}
+        while new:
+            new = {importer for name in new for importer in self._importers.get(name, ())} - found
+            found |= new
+        return found
+
+    def _make_ready(self, stale: Iterable[Path]) -> None:
+        """Make the caches as `_keep` found them, without the compiled code of the files in `stale`."""
+        # objects are named after the module, what numba keeps after the file alone
+        names = {".".join(name.with_suffix("").parts[1:]) for name in stale} | {name.stem for name in stale}
+        for folder in (self._compiled, self._cache):
+            shutil.rmtree(folder)
+        # files there are replaced, never written into
+        shutil.copytree(
+            self._warm / self._compiled.name,
+            self._compiled,
+            copy_function=os.link,
+            ignore=lambda _, files: [file for file in files if _source(file) in names],
+        )
+        shutil.copytree(self._warm / self._cache.name, self._cache)
+
+    def _keep(self) -> None:
+        """Make what the caches hold what they begin with."""
+        shutil.rmtree(self._warm, ignore_errors=True)
+        for folder in (self._compiled, self._cache):
+            shutil.copytree(folder, self._warm / folder.name)
+
     def _git(self, *words: str) -> None:
         subprocess.run(["git", *words], cwd=self._repository, check=True)
+
+
+def _source(compiled: str) -> str:
+    """The module or file that a file of compiled code is named after: it is followed by function and form."""
+    if ".nb" in compiled:
+        return compiled.split(".")[0]
+    return compiled.rsplit("-", 1)[0].rpartition(".")[0]
+
+
+def _importers(root: Path) -> dict[Path, set[Path]]:
+    """By file, the files below `root`/twin that import it."""
+    importers: dict[Path, set[Path]] = {}
+    for path in (root / "twin").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            modules = []
+            if isinstance(node, ast.ImportFrom) and node.module:
+                modules = [node.module, *(f"{node.module}.{name.name}" for name in node.names)]
+            elif isinstance(node, ast.Import):
+                modules = [name.name for name in node.names]
+            for module in modules:
+                name = Path(*module.split(".")).with_suffix(".py")
+                if (root / name).exists():
+                    importers.setdefault(name, set()).add(path.relative_to(root))
+    return importers

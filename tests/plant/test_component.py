@@ -10,7 +10,7 @@ from twin.cosim.python_class import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.errors import ComponentFailed
 from twin.plant.beginning import resting
-from twin.plant.component import STILL, Plant
+from twin.plant.component import LEFT_WORKSPACE, STILL, Plant
 from twin.plant.dynamics import derivative
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
@@ -135,3 +135,9 @@ def test_leaving_the_workspace_ends_the_run_with_a_sentence_that_says_where():
     assert "Last inputs: theta_m = (" in sentence
     assert "nan" not in sentence.lower()
     assert failure.value.exit_code == 3
+
+
+def test_the_sentence_says_in_millimetres_where_the_platform_was_before_the_step():
+    plant = Plant(PARAMETERS, *resting(PARAMETERS, (0.0123, -0.0056, -0.1)))
+    Sampled(plant)(resting(PARAMETERS, (0.0123, -0.0056, -0.1))[1], 0.0, 1e-3)
+    assert "near (12.3, -5.6, -100.0) mm" in plant.explain(LEFT_WORKSPACE)

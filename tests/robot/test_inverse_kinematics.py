@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 from tests.robot.poses import GEOMETRY, HOME, TURN, geometries, reachable_poses, working_poses
 from twin.errors import InputRefused, Unreachable
 from twin.robot.geometry import Geometry, distal_link, leg_coordinates
-from twin.robot.inverse_kinematics import joint_angles, leg_angle, leg_angle_inward, loop_coefficients
+from twin.robot.inverse_kinematics import (
+    distal_length_range,
+    joint_angles,
+    leg_angle,
+    leg_angle_inward,
+    loop_coefficients,
+)
 
 branches = st.sampled_from(["outward", "inward"])
 
@@ -96,6 +102,14 @@ def test_a_batch_equals_its_single_poses():
     batch = joint_angles(GEOMETRY, p_B)
     single = [[joint_angles(GEOMETRY, p) for p in row] for row in p_B]
     np.testing.assert_array_equal(batch, single)
+
+
+@pytest.mark.parametrize("leg", range(3))
+def test_the_range_of_distal_links_of_a_batch_is_that_of_its_single_poses(leg):
+    poses = np.random.default_rng(0).uniform((-0.02, -0.02, -0.11), (0.02, 0.02, -0.09), size=(2, 4, 3))
+    single = [[distal_length_range(GEOMETRY, leg, pose) for pose in row] for row in poses]
+    found = np.moveaxis(distal_length_range(GEOMETRY, leg, poses), 0, -1)
+    np.testing.assert_array_equal(found, single)
 
 
 def test_an_empty_batch_stays_empty():

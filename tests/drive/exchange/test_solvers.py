@@ -63,6 +63,13 @@ def same(one: Response, other: Response) -> bool:
     return np.array_equal(one.theta_m, other.theta_m) and np.array_equal(one.omega_m, other.omega_m)
 
 
+@pytest.mark.parametrize("parts", [1, 3, 4])
+def test_a_step_that_goes_into_the_tick_a_whole_number_of_times_is_not_made_shorter(motor: Planner, parts: int):
+    # as many as with one that is longer by a tenth
+    whole, longer = (motor(solver="rk4", solver_step_ms=share / parts) for share in (1.0, 1.1))
+    assert same(response(whole, *PULSE), response(longer, *PULSE))
+
+
 @pytest.mark.parametrize("solver", ["cvode", "rk4"])
 def test_both_standards_give_the_same_bits(motor: Planner, solver: str):
     inputs, parameters = CASES["all events"]

@@ -113,6 +113,7 @@ FIELDS = {
         ("always (|plant.F_ee_B| <= 18)", "N beside 1; expected the same unit"),
         ("always (|plant.F_ee_B| <= 18 mm)", "N beside m"),
         ("always (plant.F_ee_B <= 18 N)", r"a comparison of vectors; expected one component, x\[2\]"),
+        ("always (1 N <= plant.F_ee_B)", "a comparison of vectors"),
         ("always (plant.F_ee_B[3] <= 18 N)", r"it has 3 components; expected \[0\] to \[2\]"),
         ("always (controller.F_z[0] <= 18 N)", "expected no index"),
         ("always (plant.p_B - controller.F_z <= 1 m)", "m beside N"),

@@ -114,6 +114,7 @@ def test_a_circle_has_the_radius_and_the_centre_it_was_drawn_with(tmp_path: Path
     # the fit is exact on a circle; the recording keeps doubles
     assert found["radius"].value == pytest.approx(104.0, abs=1e-6)
     assert found["eccentricity"].value == pytest.approx(0.3, abs=1e-9)
+    assert found["unroundness"].value == pytest.approx(0.0, abs=1e-6)
 
 
 def test_turns_that_spiral_are_not_judged(tmp_path: Path):

@@ -1,12 +1,16 @@
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D
 from PIL import Image
 
 from tests.studies.paper.fig5_recordings import pressed, pushed, rolled, tapped
 from twin.recording.recording import Recording
+from twin.studies.paper import fig5_picture
 from twin.studies.paper.fig5 import MOVING, REFERENCE, TRACE, TRUTH, Fig5Score, fig5_score, shown_tasks
 from twin.studies.paper.fig5_picture import ESTIMATE, SHIFTED, draw_fig5
 from twin.studies.paper.text import fig5_text
@@ -29,6 +33,36 @@ def test_the_picture_shows_truth_estimate_reference_trace_and_arrows(score: Fig5
         rgb = [int(color[i : i + 2], 16) for i in (1, 3, 5)]
         # an arrow is some 40 pixels long, a curve hundreds; their cores are not blended with the background
         assert np.count_nonzero(np.all(pixels == rgb, axis=1)) > 30, color
+
+
+def test_panels_over_time_show_all_of_a_task_as_it_truly_was(score: Fig5Score, monkeypatch: pytest.MonkeyPatch):
+    figure = Figure()
+    monkeypatch.setattr(fig5_picture, "picture", lambda *size, **more: nullcontext(figure))
+    draw_fig5(score, Path())
+    columns = {task.kind: figure.axes[3 * k + 1 : 3 * k + 3] for k, task in enumerate(shown_tasks(score))}
+    for task in shown_tasks(score):
+        force = columns[task.kind][1]
+        (true,) = (line for line in force.lines if line.get_label() == "true")
+        if task.kind == "tap":
+            # the last three of four
+            assert force.get_xlim() == pytest.approx((0.5, 2.0), abs=0.01)
+        else:
+            assert force.get_xlim() == (task.run.t[0], task.run.t[-1])
+            np.testing.assert_array_equal(true.get_ydata(), task.run.F_z)
+    height = columns["press"][0]
+    (true,) = (line for line in height.lines if line.get_label() == "true")
+    np.testing.assert_array_equal(true.get_ydata(), 1e3 * score.tasks[0].run.p_B[:, 2])
+    assert height.get_xlim() == columns["press"][1].get_xlim()
+
+
+def test_arrows_point_down_and_along_the_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    arrows: list[tuple[float, ...]] = []
+    monkeypatch.setattr(Axes3D, "quiver", lambda axes, *place, **look: arrows.append(place[3:]))
+    draw_fig5(fig5_score([pushed(tmp_path)]), tmp_path / "fig5.png")
+    down, along = arrows
+    assert down[:2] == (0.0, 0.0) and down[2] < 0.0
+    # half of the line from (0, 0) to (4, 3) mm
+    assert along == pytest.approx((2.0, 1.5, 0.0))
 
 
 @pytest.mark.parametrize("kind", MAKERS)
@@ -64,6 +98,7 @@ def test_of_many_runs_there_is_a_table_and_a_line_for_each_way_to_fail(tmp_path:
         folder.mkdir()
     lines = fig5_text(fig5_score([make(at) for make, at in zip(makers, folders, strict=True)])).splitlines()
     assert max(map(len, lines)) <= 80
-    assert next(line for line in lines if line.startswith("velocity_servo")).split()[2] == "15/16"
+    # 0.601 of 0.5 mm
+    assert next(line for line in lines if line.startswith("velocity_servo")).split()[2:5] == ["15/16", "120", "%"]
     assert sum(line.startswith("FAIL") for line in lines) == 1
     assert any(line.split()[:5] == ["FAIL", "scale", "press", "stays", "1"] for line in lines)

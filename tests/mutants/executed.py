@@ -1,0 +1,59 @@
+"""Which lines of the package a test file runs, and so which test files can notice a mutant."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tests.mutants.mutant import Mutant
+
+TRACER = Path(__file__).parent / "tracer"
+
+
+@dataclass
+class TestFile:
+    """A file of tests and what it ran, in its own process and in those that it started.
+
+    Attributes:
+        path: of it.
+        seconds: it took, with compiling if it was the first, and with the tracer.
+        lines: that it ran, by file below the repository; nothing of what is compiled.
+        imported: those of them that ran because a module was imported.
+    """
+
+    __test__ = False
+
+    path: Path
+    seconds: float
+    lines: Mapping[Path, set[int]] = field(default_factory=dict)
+    imported: Mapping[Path, set[int]] = field(default_factory=dict)
+
+    def runs(self, mutant: Mutant) -> bool:
+        """Whether it may notice `mutant`: the statement ran, or, of compiled code, any of the file."""
+        lines = self.lines.get(mutant.file, set())
+        return bool(lines) if mutant.is_compiled else not lines.isdisjoint(mutant.statement)
+
+
+def environment(root: Path, notes: Path) -> dict[str, str]:
+    """Variables by which the tracer writes to `notes` what runs of the repository at `root`."""
+    return {
+        "PYTHONPATH": f"{root}:{TRACER}",
+        "MUTANTS_SOURCE": str(root / "twin") + "/",
+        "MUTANTS_NOTES": str(notes),
+    }
+
+
+def noted(root: Path, notes: Path) -> tuple[dict[Path, set[int]], dict[Path, set[int]]]:
+    """Lines that ran by file below `root`, and those that ran while modules were imported."""
+    lines: dict[Path, set[int]] = {}
+    imported: dict[Path, set[int]] = {}
+    for note in notes.read_text().splitlines() if notes.exists() else ():
+        name, line, *how = note.split(":")
+        for found in (lines, imported) if how else (lines,):
+            found.setdefault(Path(name).relative_to(root), set()).add(int(line))
+    return lines, imported
+
+
+def makes_machine_code(mutant: Mutant, files: Iterable[TestFile]) -> bool:
+    """Whether code that is compiled may differ: the place is compiled, or ran while modules were imported."""
+    here = (file.imported.get(mutant.file, set()) for file in files)
+    return mutant.is_compiled or any(not lines.isdisjoint(mutant.statement) for lines in here)
