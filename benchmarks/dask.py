@@ -9,7 +9,7 @@ from pathlib import Path
 from statistics import median
 
 from benchmarks.measurement import Measurement
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.studies.sweep.definition import short_definition
 from twin.studies.sweep.plan import Plan, plan_of
 from twin.studies.sweep.pool import Engine, Job, Pool
@@ -37,7 +37,7 @@ def measurements(path: Path) -> list[Measurement]:
         short_definition(path, [f"contact.stiffness_N_per_m=500:5000:{RUNS + WARM_UP}"], None), path, path.stem, "bench"
     )
     with tempfile.TemporaryDirectory() as scratch:
-        job = Job(experiment=path, recordings=Path(scratch), record="none", limits=Limits(), claims="")
+        job = Job(experiment=path, recordings=Path(scratch), record="none", limits=JobLimits(), claims="")
         added = [overhead(Dask(None, 1), job, plan) - overhead(Pool(1), job, plan) for _ in range(ROUNDS)]
         began = time.perf_counter()
         with connected(None, 1) as client:

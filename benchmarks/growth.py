@@ -21,7 +21,7 @@ from benchmarks.report import _twin
 from benchmarks.sweep import KEY
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.load import load_experiment
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.studies.figure import BLUE, picture
 from twin.studies.lines import markdown
 from twin.studies.sweep.definition import short_definition
@@ -84,7 +84,7 @@ def swept(runs: float) -> float:
     """Seconds of so many runs of Fig. 4 with a row each, in two processes, from the first order on."""
     plan = plan_of(short_definition(EXPERIMENT, [f"{KEY}=500:5000:{int(runs)}"], None), EXPERIMENT, "fig4", "growth")
     with tempfile.TemporaryDirectory() as scratch:
-        job = Job(experiment=EXPERIMENT, recordings=Path(scratch), record="none", limits=Limits(), claims="")
+        job = Job(experiment=EXPERIMENT, recordings=Path(scratch), record="none", limits=JobLimits(), claims="")
         began = time.perf_counter()
         assert sum(len(batch) for batch in Pool(2).results(job, plan.tasks)) == int(runs)
         return time.perf_counter() - began

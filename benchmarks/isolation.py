@@ -16,7 +16,7 @@ from twin.runs.assembly.drive_component import drive
 from twin.runs.assembly.drives import DrivePlan, Start
 from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.isolated_drive import IsolatedDrives
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.runs.guard.reporter import DirectReporter
 from twin.runs.loop import simulate
 from twin.runs.run import SLICE_TICKS
@@ -90,7 +90,7 @@ class FirstElsewhere:
 def stepped(experiment: Experiment, isolated: int) -> float:
     """Wall seconds of stepping `experiment` with the first `isolated` drives in processes of their own."""
     with (
-        IsolatedDrives(VOICE, Limits.step, count=isolated) as drives,
+        IsolatedDrives(VOICE, JobLimits.step, count=isolated) as drives,
         assemble(experiment, maker=FirstElsewhere(drives, isolated)) as assembly,
     ):
         return simulate(assembly, experiment.duration_ticks, (), SLICE_TICKS).completed().stepping

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.measurement import Measurement
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.studies.sweep.definition import short_definition
 from twin.studies.sweep.plan import Plan, Task, plan_of
 from twin.studies.sweep.pool import Job, Pool, WorkerProcess
@@ -28,7 +28,7 @@ def measurements(path: Path) -> list[Measurement]:
         short_definition(path, [f"{KEY}=500:5000:{2 * (RUNS + WARM_UP)}"], None), path, path.stem, "benchmark"
     )
     with tempfile.TemporaryDirectory() as scratch:
-        job = Job(experiment=path, recordings=Path(scratch), record="none", limits=Limits(), claims="")
+        job = Job(experiment=path, recordings=Path(scratch), record="none", limits=JobLimits(), claims="")
         # in turn, so that a machine that slows down or speeds up does so for both
         rounds = [(warm_run(job, plan, 1), warm_run(job, plan, 2)) for _ in range(3)]
         early, late = memory(job, plan.tasks[0])

@@ -15,6 +15,9 @@ KEPT = 3
 """Sources whose machine code is kept."""
 
 
+_OWN = Function.__call__
+
+
 def call_compiled() -> None:
     """From now on, in this process."""
     Function.__call__ = _called  # type: ignore[method-assign, assignment]
@@ -22,7 +25,7 @@ def call_compiled() -> None:
 
 def _called(function: Function, *arguments: Any) -> Any:
     by_test = sys._getframe(1).f_globals.get("__name__", "").startswith("tests.")
-    return (_compiled(function) if by_test else function.__wrapped__)(*arguments)
+    return _compiled(function)(*arguments) if by_test else _OWN(function, *arguments)
 
 
 @functools.cache

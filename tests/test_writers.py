@@ -8,13 +8,11 @@ import pytest
 
 ALONE = {
     "writing.py": "the place",
-    "recording/output.py": "a recording grows, is readable before it is finished, and renamed then",
+    "recording/writer.py": "a recording grows, is readable before it is finished, and renamed then",
     "studies/sweep/rows.py": "rows are only ever appended to",
     "cache_folder.py": "a cache",
     "drive/unpacked.py": "a cache",
     "drive/compiling.py": "a cache",
-    "compiled/cache.py": "a cache",
-    "compiled/seal.py": "a cache",
     "compiled/store.py": "a cache",
     "studies/sweep/dask/file_store.py": "a cache",
     "recording/folder.py": "the folder of a run must be new",

@@ -23,7 +23,7 @@ from twin.experiment.drive_files import lone_drive
 from twin.files import read_json, read_toml, xml_of
 from twin.runs.assembly.drives import planned
 from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.runs.guard.reporter import Reporter
 from twin.studies.lines import counted, labelled, markdown
 from twin.studies.reference.bare_run import TOLERANCE
@@ -102,13 +102,13 @@ def _surveyed(place: Path, sources: Path | None, wall: float) -> dict[str, Any]:
         # the same file in several places is one FMU
         if (digest := sha256(file)) not in rows:
             print(f"{number} of {len(files)}: {file.name}", flush=True)
-            rows[digest] = {"source": groups[file], **row(file, digest, Limits(wall=wall, memory=MEMORY))}
+            rows[digest] = {"source": groups[file], **row(file, digest, JobLimits(wall=wall, memory=MEMORY))}
     origins = {name: told.get(name, {}).get("from", "") for name in sorted(set(groups.values()))}
     where = f"{platform.machine()} {platform.system()}"
     return {"platform": where, "sources": origins, "fmus": list(rows.values())}
 
 
-def row(file: Path, digest: str, limits: Limits) -> dict[str, Any]:
+def row(file: Path, digest: str, limits: JobLimits) -> dict[str, Any]:
     """What the FMU `file` is and what came of trying it, in a process that may crash or hang.
 
     Keys: file, sha256; model, tool, fmi, kinds, platforms as of `Stated`, where it can be read; drive, whether it fits

@@ -8,7 +8,7 @@ from twin.cli.options import JobIsolation
 from twin.cli.terminal import CompileWatch, progress
 from twin.errors import ComponentFailed, visible_lines
 from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.studies.answer import JOB, Answer, answered
 from twin.writing import json_text
 
@@ -18,7 +18,7 @@ def ask(
     asked: dict[str, Any],
     as_json: bool = False,
     isolate: JobIsolation = JobIsolation.NONE,
-    limits: Limits = Limits(),  # noqa: B008, it is frozen
+    limits: JobLimits = JobLimits(),  # noqa: B008, it is frozen
     formats: Sequence[str] | None = None,
     columns: int = 2,
 ) -> None:
@@ -39,7 +39,7 @@ def answer_of(
     study: str,
     asked: dict[str, Any],
     isolate: JobIsolation = JobIsolation.NONE,
-    limits: Limits = Limits(),  # noqa: B008, it is frozen
+    limits: JobLimits = JobLimits(),  # noqa: B008, it is frozen
     formats: Sequence[str] | None = None,
     columns: int = 2,
 ) -> Answer:

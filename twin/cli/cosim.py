@@ -12,7 +12,7 @@ from twin.cli.options import JOB_ISOLATION, AsJson, Compile, Isolate, JobIsolati
 from twin.cli.terminal import CompileWatch, progress
 from twin.errors import ComponentFailed, InputRefused, visible_lines
 from twin.runs.guard.guard import JobEnded, guarded
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.runs.guard.recorded import left_behind, recorded_until_then
 from twin.writing import json_text
 
@@ -44,7 +44,7 @@ def cosim(
     compile_: Compile = False,
     as_json: AsJson = False,
     isolate: Isolate = JOB_ISOLATION,
-    limit_step: LimitStep = Limits.step,
+    limit_step: LimitStep = JobLimits.step,
     limit_wall: LimitWall = math.inf,
 ) -> None:
     """Run a system of co-simulation FMUs (SSP), and record the outputs of each.
@@ -82,7 +82,7 @@ def cosim(
     watch.start()
     try:
         if isolate == JobIsolation.RUN:
-            came = guarded(JOB, asked, Limits(limit_step, limit_wall), hear, show)
+            came = guarded(JOB, asked, JobLimits(limit_step, limit_wall), hear, show)
         else:
             from twin.runs.guard.job import function_called
             from twin.runs.guard.reporter import DirectReporter

@@ -27,7 +27,7 @@ from twin.cli.options import (
     Settings,
 )
 from twin.errors import InputRefused
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.studies.first_look import load_experiments
 from twin.writing import json_text
 
@@ -124,7 +124,7 @@ def check(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_check"),
     as_table: Annotated[bool, typer.Option("--table", help="Print one Markdown table of all drives.")] = False,
     isolate: Isolate = JOB_ISOLATION,
-    limit_step: LimitStep = Limits.step,
+    limit_step: LimitStep = JobLimits.step,
     limit_wall: LimitWall = math.inf,
     yes: Annotated[bool, typer.Option("--yes", help="Check what takes more than an hour.")] = False,
     compile_: Compile = False,
@@ -151,7 +151,7 @@ def check(
         if compile_:
             _build(table)
         asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN, "sure": yes}
-        limits = Limits(limit_step, limit_wall)
+        limits = JobLimits(limit_step, limit_wall)
         answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate, limits, formats, columns)
         answers.append(answer)
         if as_json or not as_table:
@@ -183,7 +183,7 @@ def compare(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where pictures go.")] = Path("results/drive_compare"),
     html: Annotated[bool, typer.Option("--html", help="Write all of it as one page, compare.html, too.")] = False,
     isolate: Isolate = JOB_ISOLATION,
-    limit_step: LimitStep = Limits.step,
+    limit_step: LimitStep = JobLimits.step,
     limit_wall: LimitWall = math.inf,
     formats: Formats = None,
     columns: Columns = 2,
@@ -199,7 +199,7 @@ def compare(
     """
     load_experiments({"experiments": experiments, "settings": settings, "drives": fmus, "body": body})
     asked = {"fmus": fmus, "experiments": experiments, "settings": settings or [], "body": body, "out": out}
-    limits = Limits(limit_step, limit_wall)
+    limits = JobLimits(limit_step, limit_wall)
     answer = answer_of("twin.studies.qualify.study:compare_drives", asked, isolate, limits, formats, columns)
     if html:
         from twin.report.page.drives import write_drives_page

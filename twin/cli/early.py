@@ -64,7 +64,8 @@ def list_drives(as_json: bool = False) -> int:
 
 def examine(as_json: bool = False, with_run: bool = False) -> int:
     """What `twin doctor` prints."""
-    from twin.cli.installation.examination import examination_text, examined, is_ready, verdict
+    from twin.cli.installation.examination import examination_text, examined, verdict
+    from twin.cli.installation.finding import is_ready
 
     findings = examined(Path.cwd(), with_run)
     if as_json:

@@ -19,7 +19,7 @@ from twin.errors import ComponentFailed, InputRefused
 from twin.runs.guard.guard import GRACE, JobEnded, guarded
 from twin.runs.guard.interrupt import INTERRUPTED
 from twin.runs.guard.job import function_called
-from twin.runs.guard.limits import LONG, Limits
+from twin.runs.guard.limits import LONG, JobLimits
 from twin.runs.guard.recorded import left_behind, recorded_until_then
 
 LIVE_JOB = "twin.runs.live.runs:served_runs"
@@ -59,7 +59,7 @@ def run(
         Isolation,
         typer.Option(help="Processes: one for the run; one for each drive besides; none, for debuggers, but this one."),
     ] = ISOLATION,
-    limit_step: LimitStep = Limits.step,
+    limit_step: LimitStep = JobLimits.step,
     limit_wall: LimitWall = math.inf,
     limit_memory: Annotated[
         float, typer.Option(metavar="MB", min=0.0, help="Most memory of the run's process.")
@@ -124,7 +124,7 @@ def run(
                 patience = limit_step + (GRACE if isolate == Isolation.DRIVE else 0.0)
                 # a paced run takes what it was told to take
                 expected = math.inf if yes or arguments["factor"] else LONG
-                limits = Limits(patience, limit_wall, 1e6 * limit_memory, expected)
+                limits = JobLimits(patience, limit_wall, 1e6 * limit_memory, expected)
                 guarded(job, arguments, limits, hear, display.show)
         except JobEnded as failure:
             raise ComponentFailed(f"{failure}\n{recorded_until_then(display.folder)}") from None

@@ -20,7 +20,6 @@ from twin.runs.guard.limits import cores
 from twin.writing import json_text
 
 if TYPE_CHECKING:
-    from twin.runs.guard.limits import Limits
     from twin.studies.sweep.definition import Definition
     from twin.studies.sweep.folder import KeptRows
     from twin.studies.sweep.plan import Plan
@@ -160,12 +159,12 @@ def check_start(place: str, definition: "Definition", sure: bool) -> None:
 
 def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
     """Run the plan, or estimate what it takes, and say what it came to."""
-    from twin.runs.guard.limits import Limits
+    from twin.runs.guard.limits import JobLimits
     from twin.studies.sweep.folder import kept
     from twin.studies.sweep.statistics.ranking import checked_rank
     from twin.studies.sweep.sweep import run_sweep, state_text
 
-    limits, line = Limits(step=how.limit_step), progress()
+    limits, line = JobLimits(step=how.limit_step), progress()
     line.say("making the runs")
     try:
         plan = plan_made()
@@ -230,7 +229,7 @@ def _engine(how: How) -> "Engine":
     return Dask(how.scheduler, how.processes)
 
 
-def _estimate(plan: "Plan", how: How, limits: "Limits", line: Progress) -> None:
+def _estimate(plan: "Plan", how: How, limits: "JobLimits", line: Progress) -> None:
     from twin.studies.sweep.sweep import estimate_text, estimated
 
     line.say("trying the first one")

@@ -56,6 +56,10 @@ class _Layout:
 c = _Layout()
 
 
+class OnlyCompiled(TypeError):
+    """Source that Python cannot run: it calls something that machine code alone has."""
+
+
 class Name(Typed):
     """Something that compiled functions call, made when numba meets it for the first time.
 
@@ -74,12 +78,15 @@ class Name(Typed):
         refresh()
         return made
 
+    def __call__(self, *arguments: Any) -> Any:
+        raise OnlyCompiled("a name of compiled code, called from Python")
+
 
 class Function(Name):
     """A compiled function: what is compiled calls it as such, Python calls its source.
 
     So no command waits for numba because of one number; what has to be fast in Python, or takes records, is a
-    `native.Entry`.
+    `native.Entry`. Where its source cannot answer, the machine code does.
 
     Args:
         function: its source.
@@ -97,8 +104,8 @@ class Function(Name):
         try:
             with np.errstate(all="ignore"):
                 return self.__wrapped__(*arguments)
-        except (ArithmeticError, ValueError):
-            # compiled code has infinity and NaN where Python's mathematics raises; such arguments are rare
+        except (ArithmeticError, ValueError, OnlyCompiled):
+            # compiled code has infinity and NaN where Python's mathematics raises, and instructions that Python has not
             return self.compiled(*arguments)
 
     @cached_property

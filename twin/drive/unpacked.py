@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 from twin.archive import place
 from twin.cache_folder import REMEDY, cache_folder, discard_foreign, evict, hold, remove
-from twin.drive.compiling import supply
 from twin.errors import InputRefused, disk_refusals
 
 HOME = "unpacked"
@@ -107,6 +106,9 @@ def unpacked(file: Path, digest: str) -> Path:
             _make(file, digest, folder)
             hold(folder)
             mended = ["all"]
+        # who only looks at what is kept does not wait for what reads FMUs
+        from twin.drive.compiling import supply
+
         supply(digest, folder / CONTENT)
     if mended:
         listed = ", ".join(mended[:3]) + (f" and {len(mended) - 3} more" if len(mended) > 3 else "")

@@ -9,19 +9,18 @@ from twin.archive import sha256
 from twin.cli.installation import examination as caches
 from twin.cli.installation import examination as surroundings
 from twin.cli.installation.examination import (
-    Finding,
     compiled_finding,
     disk_finding,
     drives_finding,
     examination_text,
     examined,
     home_finding,
-    installed_table,
-    package_findings,
     smoke_finding,
     unpacked_finding,
     verdict,
 )
+from twin.cli.installation.finding import Finding
+from twin.cli.installation.packages import installed_table, package_findings
 from twin.compiled import store
 from twin.drive.unpacked import unpacked
 

@@ -12,7 +12,7 @@ import pytest
 from twin.errors import TwinError
 from twin.runs.guard import guard
 from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.studies.identify.identification import NotIdentifiable
 
 JOBS = "tests.runs.guard.jobs"
@@ -56,23 +56,23 @@ def test_exit_code_0_without_a_result_is_a_death():
 
 def test_a_job_is_ended_at_its_time_limit():
     with pytest.raises(JobEndedLoading, match="the time limit of 2 s was over"):
-        guarded(f"{JOBS}:linger", {"farewell": ""}, Limits(wall=2.0))
+        guarded(f"{JOBS}:linger", {"farewell": ""}, JobLimits(wall=2.0))
 
 
 def test_what_is_compiled_within_a_call_is_not_charged_to_it():
-    assert guarded(f"{JOBS}:compile_within_a_call", {"seconds": 2.0}, Limits(step=0.2)) == "done"
+    assert guarded(f"{JOBS}:compile_within_a_call", {"seconds": 2.0}, JobLimits(step=0.2)) == "done"
 
 
 def test_a_call_that_waits_for_ever_is_ended_too():
     with pytest.raises(JobEndedLoading, match=r"^a.fmu \(it\) did not return within 0.25 s in fmi2DoStep, before"):
-        guarded(f"{JOBS}:sleep_within_a_call", {}, Limits(step=0.25))
+        guarded(f"{JOBS}:sleep_within_a_call", {}, JobLimits(step=0.25))
 
 
 def test_a_simulation_that_would_take_too_long_is_ended_as_soon_as_that_is_known(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(guard, "PATIENCE", 0.5)
     began = time.monotonic()
     with pytest.raises(JobEnded, match=r"\(crawler\) was at work when .* take about \d\d hours .* Say --yes") as ended:
-        guarded(f"{JOBS}:crawl", {"ticks": 20_000_000}, Limits(expected=3600.0))
+        guarded(f"{JOBS}:crawl", {"ticks": 20_000_000}, JobLimits(expected=3600.0))
     # 20 s of more than a day
     assert time.monotonic() - began < 20.0 and ended.value.exit_code == 3
 

@@ -9,7 +9,7 @@ import pytest
 from twin.runs.guard import guard
 from twin.runs.guard.black_box import Announcer, BlackBox, Call
 from twin.runs.guard.guard import JobEndedLoading, Watch
-from twin.runs.guard.limits import WAITING, Limits
+from twin.runs.guard.limits import WAITING, JobLimits
 from twin.runs.guard.process import GuardedProcess, processor_time
 
 STEP = 10.0
@@ -51,7 +51,7 @@ class Process:
 class Bench:
     """A watched call."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, limits: Limits):
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, limits: JobLimits):
         self.process = Process()
         monkeypatch.setattr(guard, "time", SimpleNamespace(monotonic=lambda: self.process.age))
         self.watch = Watch(self.process, limits)  # type: ignore[arg-type]
@@ -67,22 +67,22 @@ class Bench:
 
 
 def test_a_call_that_computes_is_ended_at_the_limit(monkeypatch: pytest.MonkeyPatch):
-    bench = Bench(monkeypatch, Limits(step=STEP))
+    bench = Bench(monkeypatch, JobLimits(step=STEP))
     bench.pass_time(STEP, STEP)
     with pytest.raises(JobEndedLoading, match="did not return within 10 s in fmi2DoStep"):
         bench.pass_time(2.0, 2.0)
 
 
 def test_a_call_that_gets_a_hundredth_of_a_processor_is_no_slower_for_that(monkeypatch: pytest.MonkeyPatch):
-    Bench(monkeypatch, Limits(step=STEP)).pass_time(100.0 * STEP, STEP)
+    Bench(monkeypatch, JobLimits(step=STEP)).pass_time(100.0 * STEP, STEP)
 
 
 def test_many_threads_at_once_are_not_slower_than_one(monkeypatch: pytest.MonkeyPatch):
-    Bench(monkeypatch, Limits(step=STEP)).pass_time(0.9 * STEP, 8.0 * STEP)
+    Bench(monkeypatch, JobLimits(step=STEP)).pass_time(0.9 * STEP, 8.0 * STEP)
 
 
 def test_a_call_that_waits_is_ended_too(monkeypatch: pytest.MonkeyPatch):
-    bench = Bench(monkeypatch, Limits(step=STEP))
+    bench = Bench(monkeypatch, JobLimits(step=STEP))
     bench.process.waits = True
     bench.pass_time(WAITING * STEP, 0.0)
     with pytest.raises(JobEndedLoading, match="did not return within 10 s in fmi2DoStep"):
@@ -90,21 +90,21 @@ def test_a_call_that_waits_is_ended_too(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_where_nobody_tells_of_the_processor_the_clock_decides(monkeypatch: pytest.MonkeyPatch):
-    bench = Bench(monkeypatch, Limits(step=STEP))
+    bench = Bench(monkeypatch, JobLimits(step=STEP))
     bench.process.processor_time = math.inf
     with pytest.raises(JobEndedLoading, match="did not return within 10 s"):
         bench.pass_time(STEP + 2.0, 0.0)
 
 
 def test_compiling_is_outside_all_limits(monkeypatch: pytest.MonkeyPatch):
-    bench = Bench(monkeypatch, Limits(step=STEP, wall=60.0))
+    bench = Bench(monkeypatch, JobLimits(step=STEP, wall=60.0))
     bench.pass_time(300.0, 300.0, compiling=300.0)
     # and the call has its whole time afterwards
     bench.pass_time(STEP, STEP)
 
 
 def test_a_job_is_ended_when_its_time_without_compiling_is_over(monkeypatch: pytest.MonkeyPatch):
-    bench = Bench(monkeypatch, Limits(wall=60.0))
+    bench = Bench(monkeypatch, JobLimits(wall=60.0))
     bench.pass_time(300.0, 300.0, compiling=270.0)
     with pytest.raises(JobEndedLoading, match="time limit of 60 s was over"):
         bench.pass_time(100.0, 100.0, compiling=50.0)

@@ -7,7 +7,7 @@ import pytest
 from tests.laws.runs import EXPERIMENTS, FORCE
 from twin.errors import TwinError
 from twin.runs.guard.guard import guarded
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 
 JOB = "twin.runs.guard.runs:recorded_runs"
 CLASS = """
@@ -36,5 +36,5 @@ def test_a_class_that_does_not_return_is_named(tmp_path: Path, text: str, said: 
         "settings": ["duration_s=0.1", f"controller.python={tmp_path}/mine.py:Controller"], "out": str(tmp_path / "x"),
     }  # fmt: skip
     with pytest.raises(TwinError, match=said) as ended:
-        guarded(JOB, asked, Limits(step=1.0))
+        guarded(JOB, asked, JobLimits(step=1.0))
     assert ended.value.exit_code == exit_code

@@ -7,6 +7,7 @@ import pytest
 from tests.laws.runs import shipped
 from tests.studies.faults.pressing import matrix, pressing
 from twin.errors import InputRefused, SafetyTrip
+from twin.experiment import fault
 from twin.experiment.fault_catalogue import CATALOGUE, NEVER
 from twin.studies.faults.matrix import (
     GLITCH_SHARE,
@@ -25,7 +26,7 @@ def test_there_is_a_case_for_every_kind_magnitude_and_onset():
     made = cases(shipped("pressing"), known_kinds(()), (0.5, 5.5), None)
     assert {case.fault.kind for case in made} == set(CATALOGUE)
     assert len(made) == 2 * sum(len(known.magnitudes or (None,)) for known in CATALOGUE.values())
-    assert all(case.fault.end == NEVER for case in made)
+    assert all(case.fault.end == fault.NEVER for case in made)
 
 
 def test_a_case_is_in_si_and_ticks_and_lasts_as_long_as_asked():

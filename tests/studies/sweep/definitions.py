@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.studies.sweep.definition import Definition
 from twin.studies.sweep.plan import Plan, planned
 from twin.studies.sweep.pool import Job
@@ -36,7 +36,7 @@ vary = [{{ key = "{STIFFNESS}", values = {values} }}, {SHORT}]
 """
 
 
-def job(plan: Plan, folder: Path, record: str = "none", limits: Limits = Limits(step=2.0)) -> Job:  # noqa: B008
+def job(plan: Plan, folder: Path, record: str = "none", limits: JobLimits = JobLimits(step=2.0)) -> Job:  # noqa: B008
     """What its runs have in common; recordings go to `folder`."""
     return Job(
         experiment=plan.experiment,

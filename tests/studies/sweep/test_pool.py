@@ -17,7 +17,7 @@ from tests.runs.guard.conftest import drive as drive  # the hostile drive
 from tests.runs.guard.hostile import EXIT, HANG, HANG_IN_INITIALISATION, LEAK, SEGFAULT, SEGFAULT_IN_FREE
 from tests.studies.sweep.definitions import job, stiffnesses, written
 from twin.errors import TwinError
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.studies.sweep.folder import kept
 from twin.studies.sweep.plan import Plan, Task, planned
 from twin.studies.sweep.pool import PATIENCE, Pool, WorkerProcess, raise_if_pressed, remembered
@@ -148,10 +148,12 @@ def test_another_thread_has_no_ctrl_c_to_remember():
 
 
 COST = ("seconds", "stepping_s")
-LIMITS = Limits(step=2.0)
+LIMITS = JobLimits(step=2.0)
 
 
-def results(plan: Plan, tasks: list[Task], folder: Path, processes: int, record: str = "none", limits: Limits = LIMITS):
+def results(
+    plan: Plan, tasks: list[Task], folder: Path, processes: int, record: str = "none", limits: JobLimits = LIMITS
+):
     """Facts by run, without the cost."""
     found: dict[int, dict] = {}
     for batch in Pool(processes).results(job(plan, folder, record, limits), tasks):
@@ -201,7 +203,7 @@ def test_a_drive_that_crashes_in_every_tenth_run_costs_those_runs_only(hostile, 
 def test_other_deaths_are_rows_with_a_reason_too(hostile, tmp_path: Path):
     attacks = {1: EXIT, 2: HANG, 4: HANG_IN_INITIALISATION, 5: SEGFAULT_IN_FREE}
     plan, tasks = hostile(5, attacks)
-    found = results(plan, tasks, tmp_path, 2, limits=Limits(step=0.7))
+    found = results(plan, tasks, tmp_path, 2, limits=JobLimits(step=0.7))
     assert {run: facts["status"] for run, facts in found.items()} == {
         run: "done" if run == 3 else "failed" for run in found
     }
@@ -214,7 +216,7 @@ def test_other_deaths_are_rows_with_a_reason_too(hostile, tmp_path: Path):
 def test_a_drive_that_grows_without_end_is_ended_at_the_limit_of_memory(hostile, tmp_path: Path):
     plan, tasks = hostile(2, {1: LEAK})
     tasks[0] = replace(tasks[0], settings=(*tasks[0].settings, "duration_s=20"))
-    found = results(plan, tasks, tmp_path, 1, limits=Limits(memory=5e8))
+    found = results(plan, tasks, tmp_path, 1, limits=JobLimits(memory=5e8))
     assert "grew to" in found[1]["reason"] or "memory" in found[1]["reason"]
     assert found[2]["status"] == "done"
 
@@ -260,7 +262,7 @@ def test_once_a_worker_listens_it_leaves_nothing_behind_however_the_sweep_ends(
 def test_letting_results_go_ends_every_process_at_once(hostile, tmp_path: Path):
     plan, tasks = hostile(3, {2: HANG, 3: HANG})
     before = children()
-    with closing(Pool(2).results(job(plan, tmp_path, limits=Limits(step=60.0)), tasks)) as batches:
+    with closing(Pool(2).results(job(plan, tmp_path, limits=JobLimits(step=60.0)), tasks)) as batches:
         next(batches)
         assert len(children() - before) == 2
     assert children() == before

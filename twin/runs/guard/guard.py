@@ -11,7 +11,7 @@ from twin.runs.guard.ahead import process_for
 from twin.runs.guard.black_box import Account, failure_sentence, manner
 from twin.runs.guard.child import STOP
 from twin.runs.guard.failure import error_of
-from twin.runs.guard.limits import PATIENCE, WAITING, Limits, duration_text
+from twin.runs.guard.limits import PATIENCE, WAITING, JobLimits, duration_text
 from twin.runs.guard.process import GuardedProcess, resident_memory
 
 POLL = 0.05
@@ -33,7 +33,7 @@ class JobEndedLoading(InputRefused):
 def guarded(
     job: str,
     arguments: dict[str, Any],
-    limits: Limits = Limits(),  # noqa: B008, it is frozen
+    limits: JobLimits = JobLimits(),  # noqa: B008, it is frozen
     listen: Callable[[dict[str, Any]], None] = lambda note: None,
     show: Callable[[int, int], None] = lambda done, total: None,
 ) -> Any:
@@ -118,7 +118,7 @@ class Watch:
         process, limits: what is watched.
     """
 
-    def __init__(self, process: GuardedProcess, limits: Limits):
+    def __init__(self, process: GuardedProcess, limits: JobLimits):
         self.account = Account()
         self.process, self.limits = process, limits
         self._doing: object = None

@@ -23,7 +23,7 @@ from twin.runs.assembly.drives import DrivePlan, Start
 from twin.runs.guard.black_box import manner
 from twin.runs.guard.called import Elsewhere
 from twin.runs.guard.guard import POLL, JobEnded, Watch, raise_failure
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.runs.guard.page import CALLER, DIED, NAP, STUCK, Page, ask, kernel
 from twin.runs.guard.process import GuardedProcess, cpu_clock
 from twin.runs.guard.reporter import Reporter, own_reporter
@@ -48,10 +48,12 @@ class IsolatedDrives:
 
     one_process = False
 
-    def __init__(self, reporter: Reporter | None = None, step: float = Limits.step, count: int = 3, keep: bool = False):
+    def __init__(
+        self, reporter: Reporter | None = None, step: float = JobLimits.step, count: int = 3, keep: bool = False
+    ):
         # raises where this cannot work, before anything is started
         kernel()
-        self._reporter, self._limits, self._keep = reporter or own_reporter(), Limits(step=step), keep
+        self._reporter, self._limits, self._keep = reporter or own_reporter(), JobLimits(step=step), keep
         self._processors = os.sched_getaffinity(0)
         self._idle = _kept(count) if keep else []
         self._idle += [GuardedProcess(JOB, helper=True) for _ in range(count - len(self._idle))]

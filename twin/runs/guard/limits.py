@@ -14,7 +14,7 @@ WAITING = 4.0
 
 
 @dataclass(frozen=True)
-class Limits:
+class JobLimits:
     """Limits that the supervisor enforces by ending the job.
 
     Attributes:

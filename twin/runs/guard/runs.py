@@ -10,7 +10,7 @@ from twin.recording.folder import claim_run_folder, create_run_folder
 from twin.runs.assembly.build import need_processes, planned_drives
 from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.guard import JobEnded
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.runs.guard.recorded import recorded_until_then
 from twin.runs.guard.reporter import Reporter
 from twin.runs.run import Run, execute
@@ -26,7 +26,7 @@ def recorded_runs(
     body: str | None,
     out: str | None,
     isolate_drives: bool = False,
-    limit_step: float = Limits.step,
+    limit_step: float = JobLimits.step,
     factor: float | None = None,
     sure: bool = False,
     viewer: Viewer | None = None,

@@ -114,5 +114,7 @@ def _work(experiment: Experiment, assembly: Assembly) -> tuple[NDArray[np.float6
     if inputs.ramp:
         return W_drive, 0.5 * (tau_load[:-1] + tau_load[1:]) * (inputs.end - inputs.start)
     k_s = spring_stiffness(p, 0) * series_share(p, 0)
-    tau = motor_load_torque(k_s, np.vectorize(dead_zone)(deflection(inputs.end, theta_l, p.N), p.backlash))
+    tau = motor_load_torque(
+        k_s, np.vectorize(dead_zone, otypes=[float])(deflection(inputs.end, theta_l, p.N), p.backlash)
+    )
     return W_drive, (tau**2 - tau_load[:-1] ** 2) / (2.0 * k_s)

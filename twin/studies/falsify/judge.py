@@ -23,7 +23,7 @@ from twin.experiment.requirement import requirement, signals_of
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.computer import geometry_of
 from twin.runs.assembly.load import load_experiment
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.runs.loop import simulate
 from twin.runs.recorder import fields_of
 from twin.runs.trace import Trace
@@ -105,7 +105,7 @@ class Crew:
 
 
 @contextmanager
-def crew(folder: Path, processes: int, limits: Limits = Limits()) -> Iterator[Crew]:  # noqa: B008, it is frozen
+def crew(folder: Path, processes: int, limits: JobLimits = JobLimits()) -> Iterator[Crew]:  # noqa: B008, it is frozen
     """`processes` warm workers, which end when the block does.
 
     Args:

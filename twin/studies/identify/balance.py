@@ -104,7 +104,7 @@ def pose(belief: Belief, theta_l: NDArray[np.float64]) -> Pose:
     p_B = position(geometry, theta_l)
     J = jacobian_rows(geometry, theta_l, p_B)
     inverse = np.asarray(np.linalg.inv(J), dtype=np.float64)
-    arms = np.vectorize(lambda theta: arm_gravity_torque(belief, belief, theta))(theta_l)
+    arms = np.vectorize(lambda theta: arm_gravity_torque(belief, belief, theta), otypes=[float])(theta_l)
     return Pose(p_B, J, arms, inverse[:, 2])
 
 

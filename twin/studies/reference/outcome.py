@@ -10,7 +10,7 @@ from twin.errors import InputRefused, TwinError
 from twin.experiment.schema import Drive
 from twin.runs.assembly.drives import planned
 from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.runs.guard.reporter import Reporter
 from twin.studies.answer import Answer
 from twin.studies.lines import counted, labelled, wrapped
@@ -72,7 +72,7 @@ class References:
         }
 
 
-def references(file: Path, apart: bool, limits: Limits = Limits()) -> References | None:  # noqa: B008, it is frozen
+def references(file: Path, apart: bool, limits: JobLimits = JobLimits()) -> References | None:  # noqa: B008, it is frozen
     """What came with the FMU `file` and what comes of it; None if nothing did.
 
     Args:
@@ -91,16 +91,16 @@ def references(file: Path, apart: bool, limits: Limits = Limits()) -> References
 
 def default_outcome(file: Path) -> Outcome:
     """What comes of the default experiment of an FMU, here."""
-    return _here(file, 0, Trial(DEFAULT), Limits())
+    return _here(file, 0, Trial(DEFAULT), JobLimits())
 
 
 def tried(reporter: Reporter, file: str, number: int) -> dict[str, Any]:
     """Fields of the outcome of the trial `number` of the FMU `file`; a job of the guard."""
     trial = carried(Path(file)).trials[number]
-    return asdict(_here(Path(file), number, trial, Limits(), lambda outcome: reporter.note(outcome=asdict(outcome))))
+    return asdict(_here(Path(file), number, trial, JobLimits(), lambda outcome: reporter.note(outcome=asdict(outcome))))
 
 
-def _apart(file: Path, number: int, trial: Trial, limits: Limits) -> Outcome:
+def _apart(file: Path, number: int, trial: Trial, limits: JobLimits) -> Outcome:
     noted: list[dict[str, Any]] = []
     try:
         # what can be refused without a process is
@@ -117,7 +117,7 @@ def _apart(file: Path, number: int, trial: Trial, limits: Limits) -> Outcome:
 
 
 def _here(
-    file: Path, number: int, trial: Trial, limits: Limits, ended: Callable[[Outcome], None] = lambda outcome: None
+    file: Path, number: int, trial: Trial, limits: JobLimits, ended: Callable[[Outcome], None] = lambda outcome: None
 ) -> Outcome:
     name = trial.name
     outcomes: list[Outcome] = []

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 from twin.runs.guard.ahead import process_for
 from twin.runs.guard.guard import POLL, JobEnded, JobEndedLoading, Watch, raise_failure
 from twin.runs.guard.interrupt import INTERRUPTED
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.runs.guard.process import GuardedProcess
 from twin.studies.left_behind import ORDERS, hold
 from twin.studies.sweep import SERVED
@@ -102,7 +102,7 @@ class Job:
     experiment: Path
     recordings: Path
     record: str
-    limits: Limits
+    limits: JobLimits
     claims: str
     trial: str = "twin.studies.sweep.worker:trial"
 

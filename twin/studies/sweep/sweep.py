@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.studies.left_behind import SCRATCH, held_folder
 from twin.studies.sweep.folder import claim
 from twin.studies.sweep.measures import within
@@ -57,7 +57,7 @@ def run_sweep(
     folder: Path,
     engine: Engine,
     record: str = "none",
-    limits: Limits = Limits(),  # noqa: B008, it is frozen
+    limits: JobLimits = JobLimits(),  # noqa: B008, it is frozen
     show: Callable[[State], None] = lambda state: None,
 ) -> None:
     """Run what of `plan` has no row in `folder` yet.
@@ -139,7 +139,7 @@ class SweepEstimate:
         return self.start + self.run * -(-runs // processes), self.size * runs
 
 
-def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[SweepEstimate, Row]:  # noqa: B008, it is frozen
+def estimated(plan: Plan, record: str, limits: JobLimits = JobLimits()) -> tuple[SweepEstimate, Row]:  # noqa: B008, it is frozen
     """What a run of `plan` costs, and the row of its first one, measured by running it twice and keeping nothing."""
     with held_folder(SCRATCH) as scratch:
         began = time.monotonic()
@@ -153,7 +153,7 @@ def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[Sweep
     return SweepEstimate(times[0], times[-1] - times[0], recorded + len(str(rows[0]))), rows[0]
 
 
-def _job(plan: Plan, folder: Path, record: str, limits: Limits) -> Job:
+def _job(plan: Plan, folder: Path, record: str, limits: JobLimits) -> Job:
     return Job(plan.experiment, folder / RECORDINGS, record, limits, plan.definition.claims or "")
 
 

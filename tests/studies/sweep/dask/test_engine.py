@@ -9,7 +9,7 @@ from tests.runs.guard.hostile import EXIT, HANG, NONE, SEGFAULT, hostile_drive
 from tests.studies.sweep.dask import deadly
 from tests.studies.sweep.dask.running import Running, kill, running
 from tests.studies.sweep.definitions import job, stiffnesses, written
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.studies.sweep.dask import engine as engine_module
 from twin.studies.sweep.dask.bundle import Bundle
 from twin.studies.sweep.dask.cluster import checked_workers, connected
@@ -24,7 +24,7 @@ COSTS = ("seconds", "stepping_s")
 FEW, SOME = "[500, 1000, 2000]", str([500 + 10 * number for number in range(24)])
 
 
-def rows(plan: Plan, folder: Path, engine: Engine, record: str = "none", limits: Limits = Limits()) -> list[dict]:  # noqa: B008
+def rows(plan: Plan, folder: Path, engine: Engine, record: str = "none", limits: JobLimits = JobLimits()) -> list[dict]:  # noqa: B008
     """Of every run, without what it cost."""
     run_sweep(plan, folder, engine, record, limits)
     return bare(folder)
@@ -74,7 +74,7 @@ vary = [
   {{ key = "duration_s", values = [1.1] }},
 ]
 """
-    plan, limits = planned(written(tmp_path, text)), Limits(step=1.0)
+    plan, limits = planned(written(tmp_path, text)), JobLimits(step=1.0)
     local = rows(plan, tmp_path / "here", Pool(2), limits=limits)
     assert [row["status"] for row in local] == ["done", "failed", "failed", "failed"]
     assert rows(plan, tmp_path / "there", Dask(cluster.address, 1), limits=limits) == local

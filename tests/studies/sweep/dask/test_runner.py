@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import JobLimits
 from twin.studies.sweep.dask import file_store, runner
 from twin.studies.sweep.dask.bundle import Bundle
 from twin.studies.sweep.dask.runner import difference, versions
@@ -17,7 +17,7 @@ def test_a_runner_that_nobody_uses_any_more_is_closed(root: Path, tmp_path: Path
     experiment = root / "experiments" / "fig4_position.toml"
     bundle = Bundle(experiment)
     file_store.keep(bundle.contents)
-    sweep = runner.SweepJob("mine", versions(), bundle.manifest, Job(experiment, tmp_path, "none", Limits(), ""))
+    sweep = runner.SweepJob("mine", versions(), bundle.manifest, Job(experiment, tmp_path, "none", JobLimits(), ""))
     runner._runners["mine"] = mine = runner.Runner(sweep, str(tmp_path))
     assert list(tmp_path.glob("twin_runner_*"))
     mine.results([])
