@@ -20,6 +20,7 @@ from twin.runs.guard.limits import cores
 from twin.writing import json_text
 
 if TYPE_CHECKING:
+    from twin.runs.guard.limits import JobLimits
     from twin.studies.sweep.definition import Definition
     from twin.studies.sweep.folder import KeptRows
     from twin.studies.sweep.plan import Plan

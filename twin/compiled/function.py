@@ -104,9 +104,15 @@ class Function(Name):
         try:
             with np.errstate(all="ignore"):
                 return self.__wrapped__(*arguments)
-        except (ArithmeticError, ValueError, OnlyCompiled):
-            # compiled code has infinity and NaN where Python's mathematics raises, and instructions that Python has not
+        except (ArithmeticError, ValueError):
+            # compiled code has infinity and NaN where Python's mathematics raises
             return self.compiled(*arguments)
+        except OnlyCompiled as missing:
+            try:
+                return self.compiled(*arguments)
+            except Exception as problem:
+                # what it takes or gives is nothing for Python, but whoever called it may be
+                raise missing from problem
 
     @cached_property
     def compiled(self) -> Callable:

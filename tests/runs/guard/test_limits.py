@@ -8,7 +8,7 @@ import pytest
 
 from twin.runs.guard import guard
 from twin.runs.guard.black_box import Announcer, BlackBox, Call
-from twin.runs.guard.guard import JobEndedLoading, Watch
+from twin.runs.guard.guard import JobEndedLoading, Watchdog
 from twin.runs.guard.limits import WAITING, JobLimits
 from twin.runs.guard.process import GuardedProcess, processor_time
 
@@ -54,7 +54,7 @@ class Bench:
     def __init__(self, monkeypatch: pytest.MonkeyPatch, limits: JobLimits):
         self.process = Process()
         monkeypatch.setattr(guard, "time", SimpleNamespace(monotonic=lambda: self.process.age))
-        self.watch = Watch(self.process, limits)  # type: ignore[arg-type]
+        self.watch = Watchdog(self.process, limits)  # type: ignore[arg-type]
         self.watch.raise_if_over()
 
     def pass_time(self, seconds: float, processor: float, compiling: float = 0.0) -> None:

@@ -8,18 +8,25 @@ import pytest
 
 from tests.laws.runs import FORCE, shipped
 from twin.runs.assembly.load import load_experiment
-from twin.studies.converge.convergence import COUPLINGS, CouplingSeries, Study, TickPoint, convergence, recommended
+from twin.studies.converge.convergence import (
+    COUPLINGS,
+    CouplingSeries,
+    CouplingStudy,
+    TickPoint,
+    convergence,
+    recommended,
+)
 from twin.studies.converge.text import convergence_facts, convergence_text, draw_convergence
 
 
 @pytest.fixture(scope="module")
-def study() -> Study:
+def study() -> CouplingStudy:
     return convergence(
         shipped(FORCE, "controller.force.trigger_time_s=0.2", "controller.force.trigger_N=1e9"), duration=1.0
     )
 
 
-def test_every_coupling_has_the_order_that_is_expected_of_it(study: Study):
+def test_every_coupling_has_the_order_that_is_expected_of_it(study: CouplingStudy):
     assert [one.coupling for one in study.series] == list(COUPLINGS)
     for one in study.series:
         for name in ("theta_m", "p_B"):
@@ -29,21 +36,21 @@ def test_every_coupling_has_the_order_that_is_expected_of_it(study: Study):
         assert one.orders["F_z"].slope is None
 
 
-def test_the_experiments_own_coupling_and_tick_are_among_the_runs(study: Study):
+def test_the_experiments_own_coupling_and_tick_are_among_the_runs(study: CouplingStudy):
     ticks = [point.tick for one in study.series if one.coupling == study.coupling for point in one.points]
     assert study.tick in ticks
     # two ticks make one period of the controller; four would not fit
     assert max(ticks) == 2.0 * study.tick
 
 
-def test_the_text_is_for_80_columns_and_begins_with_what_can_be_said(study: Study):
+def test_the_text_is_for_80_columns_and_begins_with_what_can_be_said(study: CouplingStudy):
     text = convergence_text(study, {"picture": "convergence.png"})
     assert max(map(len, text.splitlines())) <= 80
     assert text.startswith("fig4_force_position: presses on nothing\n")
     assert "largest error of p_B in um at" in text
 
 
-def test_nothing_is_recommended_in_the_air_and_nothing_is_amiss(study: Study, tmp_path: Path, recwarn):
+def test_nothing_is_recommended_in_the_air_and_nothing_is_amiss(study: CouplingStudy, tmp_path: Path, recwarn):
     assert study.choice is None and study.judged.name == "p_B"
     draw_convergence(study, tmp_path / "picture.png")
     assert not recwarn.list
@@ -69,7 +76,7 @@ def test_a_pressing_robot_is_told_what_to_use(tmp_path: Path):
         assert why in words and f"--set cosim.inputs={found.choice.coupling.inputs}" in words
 
 
-def test_facts_are_plain_numbers(study: Study):
+def test_facts_are_plain_numbers(study: CouplingStudy):
     facts = convergence_facts(study)
     assert facts["tolerance_N"] == 0.005
     assert len(facts["series"]) == len(COUPLINGS)  # type: ignore[arg-type]

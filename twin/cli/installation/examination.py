@@ -112,7 +112,7 @@ def smoke_finding(home: Path) -> Finding:
     import tempfile
     import time
 
-    from twin.runs.guard.interpreter import environment, module_command
+    from twin.runs.guard.process import environment, module_command
 
     with tempfile.TemporaryDirectory() as folder:
         command = module_command("twin", "run", str(home / "experiments" / SMOKE), "--json", "--set", "duration_s=1")

@@ -56,7 +56,7 @@ def guarded(
     """
     with process_for(job) as process:
         process.start(arguments)
-        watch = Watch(process, limits)
+        watch = Watchdog(process, limits)
         try:
             return _followed(process, watch, listen, show)
         except KeyboardInterrupt:
@@ -69,7 +69,7 @@ def guarded(
 
 def _followed(
     process: GuardedProcess,
-    watch: "Watch",
+    watch: "Watchdog",
     listen: Callable[[dict[str, Any]], None],
     show: Callable[[int, int], None],
 ) -> Any:
@@ -110,7 +110,7 @@ def raise_failure(report: dict[str, Any]) -> None:
         raise KeyboardInterrupt
 
 
-class Watch:
+class Watchdog:
     """Knows what a process is doing and for how long, and ends it at its limits.
 
     Attributes:

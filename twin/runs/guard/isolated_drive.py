@@ -22,7 +22,7 @@ from twin.errors import InputRefused, TwinError
 from twin.runs.assembly.drives import DrivePlan, Start
 from twin.runs.guard.black_box import manner
 from twin.runs.guard.called import Elsewhere
-from twin.runs.guard.guard import POLL, JobEnded, Watch, raise_failure
+from twin.runs.guard.guard import POLL, JobEnded, Watchdog, raise_failure
 from twin.runs.guard.limits import JobLimits
 from twin.runs.guard.page import CALLER, DIED, NAP, STUCK, Page, ask, kernel
 from twin.runs.guard.process import GuardedProcess, cpu_clock
@@ -84,7 +84,7 @@ class IsolatedDrives:
         told = {"name": name, "table": plan.table, "switched": plan.switched, "ticks": plan.ticks}
         told["ramped"] = plan.ramped
         process.start({**told, "tick": tick, "theta_m": theta_m, "tau_load": tau_load, "processor": processor})
-        watch = Watch(process, self._limits)
+        watch = Watchdog(process, self._limits)
         try:
             while True:
                 for report in process.reports(POLL):
@@ -136,7 +136,7 @@ class IsolatedDrive(Elsewhere):
     """
 
     def __init__(
-        self, name: str, plan: DrivePlan, watch: Watch, described: str, over: Callable[[GuardedProcess], None]
+        self, name: str, plan: DrivePlan, watch: Watchdog, described: str, over: Callable[[GuardedProcess], None]
     ):
         inputs, outputs, initial, self.function = pickle.loads(base64.b64decode(described))
         self._watch, self._over, self._plan = watch, over, plan

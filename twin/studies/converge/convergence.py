@@ -228,7 +228,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Study:
+class CouplingStudy:
     """What came of it.
 
     Attributes:
@@ -268,7 +268,7 @@ def convergence(
     duration: float | None = None,
     smooth: bool = False,
     say: Say = silent,
-) -> Study:
+) -> CouplingStudy:
     """Run `experiment` in every coupling and at every tick, and say which is good enough.
 
     Args:
@@ -300,7 +300,7 @@ def convergence(
                 raise
             left_out.append((coupling.name, str(why)))
     cosim = experiment.cosim
-    return Study(
+    return CouplingStudy(
         name=experiment.name,
         duration=used.experiment.duration_ticks * cosim.tick,
         tick=cosim.tick,

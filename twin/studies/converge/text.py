@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
-from twin.studies.converge.convergence import CouplingSeries, Study, TickPoint
+from twin.studies.converge.convergence import CouplingSeries, CouplingStudy, TickPoint
 from twin.studies.converge.order import FORCE, SIGNALS, Order, OrderFinding, Signal
 from twin.studies.figure import BLUE, GREEN, INK, ORANGE, PINK, RED, SKY, picture
 from twin.studies.lines import labelled, wrapped
@@ -36,7 +36,7 @@ REMARKS = {
 """How orders are marked, and why."""
 
 
-def convergence_text(study: Study, files: Mapping[str, str]) -> str:
+def convergence_text(study: CouplingStudy, files: Mapping[str, str]) -> str:
     """The whole report. files: kind -> path."""
     lines = [*_headline(study), ""]
     lines += [*_errors_by_tick(study), "", *_errors_by_signal(study), "", *_orders(study), "", *_power(study), ""]
@@ -48,7 +48,7 @@ def convergence_text(study: Study, files: Mapping[str, str]) -> str:
     return "\n".join(lines)
 
 
-def _headline(study: Study) -> list[str]:
+def _headline(study: CouplingStudy) -> list[str]:
     if not study.reference.pressed:
         why = "  so no tolerance of the force says which tick and coupling to use"
         return [f"{study.name}: presses on nothing", why]
@@ -68,7 +68,7 @@ def _headline(study: Study) -> list[str]:
     return told
 
 
-def _why_not(study: Study, own: TickPoint) -> list[str]:
+def _why_not(study: CouplingStudy, own: TickPoint) -> list[str]:
     """Why an experiment that has another coupling than the one recommended may keep it, and how to change it."""
     if study.choice is None or (study.choice.coupling, study.choice.point.tick) == (study.coupling, study.tick):
         return []
@@ -85,7 +85,7 @@ def _why_not(study: Study, own: TickPoint) -> list[str]:
     return wrapped(text, "  ", later=2, whole=True)
 
 
-def _settings(study: Study) -> str:
+def _settings(study: CouplingStudy) -> str:
     """The options that make the experiment as recommended."""
     assert study.choice is not None
     new, old = study.choice.coupling, study.coupling
@@ -95,13 +95,13 @@ def _settings(study: Study) -> str:
     return " ".join(f"--set cosim.{key}={value}" for key, value in said.items())
 
 
-def _own(study: Study) -> TickPoint | None:
+def _own(study: CouplingStudy) -> TickPoint | None:
     """The run of the experiment's own coupling and tick, if it is among the others."""
     points = [point for one in study.series if one.coupling == study.coupling for point in one.points]
     return next((point for point in points if point.tick == study.tick), None)
 
 
-def _errors_by_tick(study: Study) -> list[str]:
+def _errors_by_tick(study: CouplingStudy) -> list[str]:
     ticks = sorted({point.tick for one in study.series for point in one.points}, reverse=True)
     signal = study.judged
     told = [_columns(f"largest error of {signal.name} in {signal.unit} at", [f"{1e3 * tick:g} ms" for tick in ticks])]
@@ -111,7 +111,7 @@ def _errors_by_tick(study: Study) -> list[str]:
     return told
 
 
-def _errors_by_signal(study: Study) -> list[str]:
+def _errors_by_signal(study: CouplingStudy) -> list[str]:
     head = f"largest error at {1e3 * study.tick:g} ms"
     told = [_columns(head, [signal.name for signal in SIGNALS]), _columns("", [signal.unit for signal in SIGNALS])]
     for one in study.series:
@@ -121,7 +121,7 @@ def _errors_by_signal(study: Study) -> list[str]:
     return told
 
 
-def _orders(study: Study) -> list[str]:
+def _orders(study: CouplingStudy) -> list[str]:
     told = [_columns("observed order", [signal.name for signal in SIGNALS] + ["expected"])]
     for one in study.series:
         orders = [_order(one.orders[signal.name]) for signal in SIGNALS]
@@ -133,7 +133,7 @@ def _orders(study: Study) -> list[str]:
     return told
 
 
-def _power(study: Study) -> list[str]:
+def _power(study: CouplingStudy) -> list[str]:
     told = [
         _columns(f"power out of nothing at {1e3 * study.tick:g} ms", ["mean", "peak", "energy", "share"]),
         _columns("", ["uW", "uW", "uJ", "ppm"]),
@@ -173,7 +173,7 @@ def _order(order: Order) -> str:
     return mark if order.slope is None else f"{mark}{order.slope:.2f}"
 
 
-def convergence_facts(study: Study) -> dict[str, object]:
+def convergence_facts(study: CouplingStudy) -> dict[str, object]:
     """Everything that a study says in numbers, SI; what does not exist is None."""
     choice = study.choice
     return {
@@ -217,7 +217,7 @@ def _series_facts(one: CouplingSeries) -> dict[str, object]:
 STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (PINK, "D"), (SKY, "v"))
 
 
-def draw_convergence(study: Study, path: Path) -> None:
+def draw_convergence(study: CouplingStudy, path: Path) -> None:
     """Write the picture to `path` (PNG)."""
     with picture(path, 11, 5.6) as figure:
         by_tick, by_cost = figure.subplots(1, 2, sharey=True)
@@ -246,7 +246,7 @@ def draw_convergence(study: Study, path: Path) -> None:
         by_tick.set_title(f"{study.name}: what the coupling costs", loc="left", fontweight="bold")
 
 
-def _draw_tolerance(by_tick: Axes, by_cost: Axes, study: Study) -> None:
+def _draw_tolerance(by_tick: Axes, by_cost: Axes, study: CouplingStudy) -> None:
     """The tolerance of the force, and the run that is recommended for it."""
     limit = FORCE.scale * study.tolerance
     for axes in (by_tick, by_cost):
@@ -269,7 +269,7 @@ def _label(one: CouplingSeries, signal: Signal) -> str:
     return one.coupling.name + (f": order {slope:.2f}" if slope is not None else "")
 
 
-def _draw_slopes(axes: Axes, study: Study) -> None:
+def _draw_slopes(axes: Axes, study: CouplingStudy) -> None:
     """Slopes 1 and 2 from the largest error of each kind of input on, twice as high."""
     signal = study.judged
     for order in (1, 2):

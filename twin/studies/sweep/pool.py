@@ -14,7 +14,7 @@ from types import FrameType
 from typing import Any, Protocol
 
 from twin.runs.guard.ahead import process_for
-from twin.runs.guard.guard import POLL, JobEnded, JobEndedLoading, Watch, raise_failure
+from twin.runs.guard.guard import POLL, JobEnded, JobEndedLoading, Watchdog, raise_failure
 from twin.runs.guard.interrupt import INTERRUPTED
 from twin.runs.guard.limits import JobLimits
 from twin.runs.guard.process import GuardedProcess
@@ -188,7 +188,7 @@ class WorkerProcess:
         self._orders = hold(orders)
         self._ends.callback(os.close, self._orders)
         self._process = self._ends.enter_context(process_for(SERVED))
-        self._watch = Watch(self._process, self._job.limits)
+        self._watch = Watchdog(self._process, self._job.limits)
         self._process.start({**self._job.arguments, "orders": str(orders)})
         return self._process
 
