@@ -135,6 +135,7 @@ def refuse_more_than_one_set_makes(drive, task, K, factor, ramp):
     ("velocity_servo", "pushing", 400, 12, 1.0), ("velocity_servo", "pushing", 4000, 0.1, 0.5),
     ("velocity_servo", "pressing", 400, 12, 2.0), ("pmsm_foc", "pushing", 400, 6, 0.2),
     ("mx106", "pushing", 1600, 3, 0.0), ("torque_motor_fmi3", "rolling", 1600, 0.3, 0.0),
+    ("ideal_velocity", "pushing", 400, 6, 2.0),
 ])  # fmt: skip
 def test_where_the_tissue_changes_under_the_head_the_force_is_not_worse_than_with_one_set(drive, task, K, factor, ramp):
     refuse_more_than_one_set_makes(drive, task, K, factor, ramp)

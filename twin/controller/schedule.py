@@ -130,7 +130,7 @@ def dither(m, h, F, F_ref):
         F, F_ref: pressing force and its reference (N).
     """
     change = F_ref - m.F_ref
-    m.F_ref, m.leading = F_ref, change != 0.0
+    m.F_ref, m.leading, m.falling = F_ref, change != 0.0, change < 0.0
     if m.since == 0.0 or m.dither == 0.0:
         m.off, m.off_squared, m.notch.fast, m.notch.slow = F_ref - F, 0.0, 0.0, F_ref - F
         return 0.0, 0.0

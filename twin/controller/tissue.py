@@ -143,6 +143,7 @@ TISSUE = record_of(
     excited="i8",
     F_ref="f8",
     leading="i8",
+    falling="i8",
     off="f8",
     notch=STAGE,
     off_squared="f8",
@@ -165,9 +166,9 @@ passed the band. since: time in contact (s). recent: means over the last half sw
 the normal equations. known: whether there is an estimate; k, c: it (N/m, N s/m); error: its standard error when it
 was made, z_k, F_k, F_k_late, age: at which mean height and force, with that which the band-pass was late by, and how
 long ago. std: what may be wrong with it by now, which decides; std_late: the same with the lag of the band-pass,
-which is recorded. F_ref: reference in the call before (N); leading: whether it moves. off, notch, off_squared: force
-error, low-passed (N), without the dither, and its mean square (N^2). phase, amplitude, sine, cosine: of the dither
-(rad, m, 1, 1).
+which is recorded. F_ref: reference in the call before (N); leading, falling: whether it moves, and down. off, notch,
+off_squared: force error, low-passed (N), without the dither, and its mean square (N^2). phase, amplitude, sine, cosine:
+of the dither (rad, m, 1, 1).
 """
 
 
@@ -303,9 +304,14 @@ def _fits(m):
     recent, k, c = m.recent, m.k, m.c * m.omega
     crossed = k * recent.zF + c * recent.vF + k * c * recent.zv
     left = recent.FF + 2.0 * crossed + k * k * recent.zz + c * c * recent.vv
-    explained, count = MISFIT * m.std, COUNT * m.F_noise
+    explained = MISFIT * m.std
     # where little moves rounding is no noise, but a count now and then, in all of the spectrum
-    return left <= explained * explained * (recent.zz + recent.vv) + count * count * m.in_band
+    rounding = COUNT * COUNT * m.in_band
+    if m.falling and m.off > math.sqrt(rounding) * m.F_noise and -recent.zF > 2.0 * k * recent.zz:
+        # through many counts, which are noise, and by more than one too fast: fed forward with less than half of the
+        # stiffness that there is, which is worse than nothing
+        explained, rounding = max(explained, k), m.in_band
+    return left <= explained * explained * (recent.zz + recent.vv) + rounding * m.F_noise * m.F_noise
 
 
 @njit(cache=True)
