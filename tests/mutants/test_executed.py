@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip("cosmic_ray", reason="the extra mutants, which only make mutants asks for")
+
 from tests.mutants.executed import TestFile, environment, makes_machine_code, noted
 from tests.mutants.mutant import Mutant, possible_mutants
 
