@@ -2,44 +2,34 @@
 
 from enum import StrEnum
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from twin.cli.completion import body_names, drive_names, setting_keys
-from twin.studies.command import JOB_ISOLATION, JobIsolation
+from twin.cli import completion
+from twin.studies.command import BODY, DRIVE, ISOLATE, JOB_ISOLATION, SETTING, Argument, JobIsolation, Option
 
-DriveName = Annotated[
-    str | None,
-    typer.Option(
-        "--drive",
-        metavar="FMU",
-        help="Drive of every joint: an .fmu file, or a drive of fmus/.",
-        autocompletion=drive_names,
-    ),
-]
-BodyName = Annotated[
-    str | None,
-    typer.Option(
-        "--body",
-        metavar="BODY",
-        help="What to press on: a file of experiments/bodies/, such as back.",
-        autocompletion=body_names,
-    ),
-]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Override a value of the experiment, such as controller.force_N=4; of its first task: task.1.force_N=5.",
-        autocompletion=setting_keys,
-    ),
-]
-ColumnMap = Annotated[
-    list[str] | None,
-    typer.Option("--map", metavar="NAME=COLUMN[UNIT]", help="Which column is what; or a TOML file of such."),
-]
+COMPLETIONS = {
+    "experiment": completion.experiment_files,
+    "drive": completion.drive_names,
+    "body": completion.body_names,
+    "setting": completion.setting_keys,
+    "role": completion.role_names,
+}
+
+
+def typer_option(option: Option, flags: str = "") -> Any:
+    """`option` as Typer has it; `flags` where it has none of its own and Typer's would not do."""
+    said = {"help": option.help, "metavar": option.metavar, "min": option.least, "max": option.most}
+    said["autocompletion"] = COMPLETIONS.get(option.complete)
+    if isinstance(option, Argument):
+        return typer.Argument(**said)
+    return typer.Option(*(option.flags or flags).split(), **said)
+
+
+DriveName = Annotated[str | None, typer_option(DRIVE)]
+BodyName = Annotated[str | None, typer_option(BODY)]
+Settings = Annotated[list[str] | None, typer_option(SETTING)]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 Compile = Annotated[
     bool, typer.Option("--compile", help="Build FMUs without a binary for this machine from their sources, once.")
@@ -69,10 +59,7 @@ class Isolation(StrEnum):
 
 
 ISOLATION = Isolation(JOB_ISOLATION)
-Isolate = Annotated[
-    JobIsolation,
-    typer.Option("--isolate", help="Processes: one of its own for what steps FMUs; none, for debuggers, but this one."),
-]
+Isolate = Annotated[JobIsolation, typer_option(ISOLATE)]
 LimitStep = Annotated[float, typer.Option(metavar="S", min=0.0, help="Longest time of one call into a drive.")]
 LimitWall = Annotated[float, typer.Option(metavar="S", min=0.0, help="Longest time of the whole command.")]
 

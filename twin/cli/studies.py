@@ -7,22 +7,11 @@ from functools import partial
 from importlib import import_module
 from typing import Annotated, Any
 
-import typer
-
-from twin.cli import completion
 from twin.cli.ask import ask
-from twin.cli.options import JOB_ISOLATION, AsJson, Columns, Formats, Isolate, JobIsolation
+from twin.cli.options import JOB_ISOLATION, AsJson, Columns, Formats, Isolate, JobIsolation, typer_option
 from twin.cli.study_files import FOLDER, study_file
 from twin.errors import ComponentFailed
-from twin.studies.command import Argument, Study
-
-COMPLETIONS = {
-    "experiment": completion.experiment_files,
-    "drive": completion.drive_names,
-    "body": completion.body_names,
-    "setting": completion.setting_keys,
-    "role": completion.role_names,
-}
+from twin.studies.command import Study
 
 
 def study_command(name: str) -> Callable[..., None]:
@@ -84,14 +73,9 @@ def _parameter(own: inspect.Parameter) -> inspect.Parameter:
     default = None if own.default == () else own.default
     if _is_list(own.annotation):
         kind = list[typing.get_args(kind)[0]] | None  # type: ignore[misc]
-    offered = {"help": option.help, "metavar": option.metavar, "min": option.least, "max": option.most}
-    offered["autocompletion"] = COMPLETIONS.get(option.complete)
-    if isinstance(option, Argument):
-        said = typer.Argument(**offered)
-    else:
-        # without a name of its own Typer adds one that says no
-        flags = option.flags or (f"--{own.name.replace('_', '-')}" if kind is bool else "")
-        said = typer.Option(*flags.split(), **offered)
+    # without a name of its own Typer adds one that says no
+    flags = f"--{own.name.replace('_', '-')}" if kind is bool else ""
+    said = typer_option(option, flags)
     return own.replace(annotation=Annotated[kind, said], default=default, kind=inspect.Parameter.KEYWORD_ONLY)
 
 

@@ -89,26 +89,20 @@ class JobIsolation(StrEnum):
 
 JOB_ISOLATION = JobIsolation.RUN if os.name == "posix" else JobIsolation.NONE
 """Where processes can be guarded they are, unless one says no."""
-Isolate = Annotated[
-    JobIsolation,
-    Option("Processes: one of its own for what steps FMUs; none, for debuggers, but this one.", flags="--isolate"),
-]
-DriveName = Annotated[
-    str | None, Option("Drive of every joint: an .fmu file, or a drive of fmus/.", "FMU", complete="drive")
-]
-BodyName = Annotated[
-    str | None, Option("What to press on: a file of experiments/bodies/, such as back.", "BODY", complete="body")
-]
-Settings = Annotated[
-    Sequence[str],
-    Option(
-        "Override a value of the experiment, such as controller.force_N=4; of its first task: task.1.force_N=5.",
-        "KEY=VALUE",
-        "--set",
-        complete="setting",
-    ),
-]
-ColumnMaps = Annotated[
-    Sequence[str], Option("Which column is what; or a TOML file of such.", "NAME=COLUMN[UNIT]", "--map")
-]
+ISOLATE = Option("Processes: one of its own for what steps FMUs; none, for debuggers, but this one.", flags="--isolate")
+DRIVE = Option("Drive of every joint: an .fmu file, or a drive of fmus/.", "FMU", "--drive", complete="drive")
+BODY = Option("What to press on: a file of experiments/bodies/, such as back.", "BODY", "--body", complete="body")
+SETTING = Option(
+    "Override a value of the experiment, such as controller.force_N=4; of its first task: task.1.force_N=5.",
+    "KEY=VALUE",
+    "--set",
+    complete="setting",
+)
+COLUMN_MAP = Option("Which column is what; or a TOML file of such.", "NAME=COLUMN[UNIT]", "--map")
+
+Isolate = Annotated[JobIsolation, ISOLATE]
+DriveName = Annotated[str | None, DRIVE]
+BodyName = Annotated[str | None, BODY]
+Settings = Annotated[Sequence[str], SETTING]
+ColumnMaps = Annotated[Sequence[str], COLUMN_MAP]
 ExperimentName = Annotated[Path, Argument("Experiment file (TOML) or name.", "EXPERIMENT", complete="experiment")]
