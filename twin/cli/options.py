@@ -20,7 +20,7 @@ COMPLETIONS = {
 
 def typer_option(option: Option, flags: str = "") -> Any:
     """`option` as Typer has it; `flags` where it has none of its own and Typer's would not do."""
-    said = {"help": option.help, "metavar": option.metavar, "min": option.least, "max": option.most}
+    said: dict[str, Any] = {"help": option.help, "metavar": option.metavar, "min": option.least, "max": option.most}
     said["autocompletion"] = COMPLETIONS.get(option.complete)
     if isinstance(option, Argument):
         return typer.Argument(**said)
