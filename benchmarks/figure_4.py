@@ -5,10 +5,10 @@ from pathlib import Path
 from statistics import median
 
 from benchmarks.measurement import Measurement
+from twin.cosim.observers import simulate
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
-from twin.runs.loop import simulate
 from twin.runs.run import SLICE_TICKS, execute
 
 ROUNDS = 7

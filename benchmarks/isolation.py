@@ -10,6 +10,7 @@ from pathlib import Path
 
 from benchmarks.measurement import Measurement, Rounds
 from twin.cosim.component import Component
+from twin.cosim.observers import simulate
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.drive_component import drive
@@ -18,7 +19,6 @@ from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.isolated_drive import IsolatedDrives
 from twin.runs.guard.limits import JobLimits
 from twin.runs.guard.reporter import DirectReporter
-from twin.runs.loop import simulate
 from twin.runs.run import SLICE_TICKS
 
 ROUNDS = 9

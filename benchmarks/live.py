@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.measurement import Measurement, Rounds
+from twin.cosim.observers import TickEvent
 from twin.experiment.experiment import Experiment
+from twin.recording.recorder import RowStream
 from twin.runs.assembly.load import load_experiment
-from twin.runs.loop import TickEvent
-from twin.runs.recorder import RowStream
 from twin.runs.run import execute
 from twin.runs.scene.scene import Scene
 from twin.runs.tuning import Tuning

@@ -5,10 +5,10 @@ from pathlib import Path
 
 from benchmarks.figure_4 import stepped
 from benchmarks.measurement import Measurement, Rounds
+from twin.cosim.observers import simulate
 from twin.cosim.ssp.package import read_package
 from twin.errors import InputRefused
 from twin.runs.assembly.load import load_experiment
-from twin.runs.loop import simulate
 from twin.runs.run import SLICE_TICKS
 from twin.studies.build.system import build_ssp
 from twin.studies.systems.study import opened

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS
+from twin.cosim.observers import simulate
+from twin.monitor.component import own_monitor, trip_reason
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
-from twin.runs.loop import simulate
 from twin.runs.trace import Trace
 
 TASKS = ("pressing", "tapping", "rolling", "pushing", "massage")
@@ -29,7 +30,7 @@ def use(name: str, drive: str, body: str | None, seed: int) -> float:
     with assemble(experiment) as assembly:
         done = simulate(assembly, experiment.duration_ticks, [run])
     assert done.failure is None
-    assert done.monitor is not None and done.monitor.trip is None
+    assert own_monitor(done.simulation.system) is not None and trip_reason(done.simulation) == ""
     return float(np.max(run["monitor.utilisation"]))
 
 

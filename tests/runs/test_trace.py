@@ -7,6 +7,7 @@ import pytest
 
 from tests.drive.faulty import faulty_drive
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
+from twin.cosim.observers import simulate
 from twin.errors import ComponentFailed
 from twin.experiment.variation import shortened
 from twin.recording.errors import UnknownSeries
@@ -14,7 +15,6 @@ from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
-from twin.runs.loop import simulate
 from twin.runs.run import execute
 from twin.runs.trace import Trace, run_in_memory
 

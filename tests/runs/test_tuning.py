@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import shipped
+from twin.cosim.observers import TickEvent
 from twin.errors import InputRefused
 from twin.recording.reader import read
+from twin.recording.recorder import RowStream
 from twin.recording.recording import Recording
-from twin.runs.loop import TickEvent
-from twin.runs.recorder import RowStream
 from twin.runs.run import SLICE_TICKS, Run, execute
 from twin.runs.scene.scene import Scene
 from twin.runs.tuning import Tuning

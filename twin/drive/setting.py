@@ -139,3 +139,11 @@ def stated_unit(unit: str, definitions: Sequence[UnitDefinition]) -> Conversion 
         if one.name == unit:
             return meant(unit, Conversion(one.dimension, one.factor, one.offset))
     return None
+
+
+def stop_time(ticks: int | None, tick: float, substeps: int) -> float | None:
+    """When the last step ends (s): the run's duration, or what t + h of that step is rounded to, if that is later."""
+    if ticks is None:
+        return None
+    step = tick / substeps
+    return max(ticks * tick, (ticks * substeps - 1) * step + step)

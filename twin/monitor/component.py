@@ -3,9 +3,11 @@
 import numpy as np
 
 from twin.compiled.function import njit
-from twin.cosim.component import NativeComponent
+from twin.cosim.component import Component, NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port, by_port, memory_of, record, width
+from twin.cosim.simulation import Simulation
+from twin.cosim.system import System
 from twin.monitor.belief import BELIEF, MonitorBelief
 from twin.monitor.checks import (
     INVALID_SAMPLE,
@@ -22,6 +24,7 @@ from twin.monitor.checks import (
     first_reached,
     thresholds,
     time_joints,
+    trip_sentence,
     unusable,
     value_command,
     value_sample,
@@ -165,3 +168,24 @@ class SafetyMonitor(NativeComponent):
         """The tick at which the drives lost their power because they did not retract; None while they have it."""
         tick = int(self.memory[0]["retraction"]["power_off_tick"])
         return None if tick < 0 else tick
+
+
+def own_monitor(system: System) -> SafetyMonitor | None:
+    """The `SafetyMonitor` of `system`; None if it has none, or a third-party one."""
+    return next((c for c in system.components if isinstance(c, SafetyMonitor)), None)
+
+
+def trip_reason(simulation: Simulation) -> str:
+    """Why the safety monitor of a simulation tripped; "" if it did not, or there is none."""
+    if own := own_monitor(simulation.system):
+        return trip_sentence(own.trip) if own.trip else ""
+    if not simulation.system.has("monitor.tripped"):
+        return ""
+    other = simulation.system.component("monitor")
+    tripped = by_port(other.outputs, simulation.outputs(other))["tripped"][0] != 0.0
+    return other_trip(other) if tripped else ""
+
+
+def other_trip(monitor: Component) -> str:
+    """What is known of a trip of a third-party monitor."""
+    return f"safety monitor: {monitor.label or monitor.name} has tripped; why, its output 'reason' may say"

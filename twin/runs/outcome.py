@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.cosim.observers import Observer, TickEvent
 from twin.cosim.system import System
 from twin.plant.deviation import Deviation
-from twin.runs.loop import Observer, TickEvent
 
 END = 1.0
 """The end of a run is its last second (s)."""

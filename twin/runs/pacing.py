@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.runs.loop import Observer, TickEvent
+from twin.cosim.observers import Observer, TickEvent
 
 SLICE = 0.01
 """Wall time (s) between two deadlines: short for whoever turns a knob, long compared with what a slice costs."""

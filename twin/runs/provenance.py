@@ -1,8 +1,6 @@
 """Where a recording comes from."""
 
 import json
-import platform
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +8,9 @@ from twin.controller.program import PhaseKind
 from twin.drive.setting import FILE, told
 from twin.experiment.experiment import Experiment
 from twin.experiment.source import KEPT, NAMING
+from twin.recording.recorder import versions
 from twin.runs.assembly.assemble import Assembly
 from twin.runs.assembly.drives import DrivePlan
-
-PACKAGES = ("twin", "numpy", "numba", "llvmlite", "fmpy", "mcap")
 
 
 def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str, str]]:
@@ -54,7 +51,7 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
         **({"part": {role: part.sentence for role, part in assembly.others.items()}} if assembly.others else {}),
         **({"substituted": assembly.substituted} if assembly.substituted else {}),
         **({"phases": {str(kind.value): kind.phrase for kind in PhaseKind}} if experiment.tasks else {}),
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        "versions": versions(),
     }
 
 

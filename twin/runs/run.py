@@ -8,21 +8,24 @@ from typing import Any
 
 import numpy as np
 
+from twin.cosim.observers import Progress, simulate
 from twin.cosim.simulation import Simulation
 from twin.errors import ComponentFailed
 from twin.experiment.experiment import Experiment
+from twin.monitor.component import trip_reason
 from twin.recording.folder import RECORDING
+from twin.recording.recorder import BLOCK_TICKS, Recorder
 from twin.recording.writer import Writer
 from twin.runs.assembly.assemble import HERE, Assembly, assemble
 from twin.runs.assembly.build import DriveMaker
 from twin.runs.assembly.drives import DrivePlan
 from twin.runs.fastest_pole import too_fast
-from twin.runs.loop import Held, HeldForce, Observer, TickEvent, simulate
+from twin.runs.held_force import Held, HeldForce
 from twin.runs.outcome import RunOutcome, Tally
 from twin.runs.pacing import Pace, Punctuality
 from twin.runs.provenance import driven, provenance
-from twin.runs.recorder import BLOCK_TICKS, Recorder, streams_of
 from twin.runs.scene.scene import Scene
+from twin.runs.trace import streams_of
 from twin.runs.tuning import Tuning
 from twin.runs.viewer import Shown, Viewer
 from twin.runs.watch import Watch
@@ -31,7 +34,7 @@ from twin.writing import made_folder, write_json
 SLICE_TICKS = BLOCK_TICKS
 SUMMARY = "summary.json"
 
-Progress = Callable[[int, int], None]
+Report = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ class Run:
 def execute(
     experiment: Experiment,
     folder: str | Path,
-    progress: Progress = lambda done, total: None,
+    progress: Report = lambda done, total: None,
     substitutes: Mapping[str, Any] | None = None,
     timed: bool = False,
     maker: DriveMaker = HERE,
@@ -110,21 +113,11 @@ def execute(
     return run
 
 
-class _Progress(Observer):
-    """Tells how far a run of `ticks` has come."""
-
-    def __init__(self, tell: Progress, ticks: int):
-        self._tell, self._ticks = tell, ticks
-
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        self._tell(first + len(rows), self._ticks)
-
-
 def _recorded(
     experiment: Experiment,
     assembly: Assembly,
     path: Path,
-    progress: Progress,
+    progress: Report,
     timed: bool,
     pace: Pace | None,
     viewer: Viewer | None,
@@ -135,9 +128,9 @@ def _recorded(
     scene, tuning, tally = Scene(experiment, system), Tuning(experiment, assembly), Tally(system)
     topics = [stream.topic for stream in streams]
     with Writer(path, topics, system.tick, provenance(experiment, assembly), scene.forms) as writer:
-        recorder = Recorder(writer, streams, scene, tuning)
+        recorder = Recorder(writer, streams, scene.drawings, lambda: tuning.first)
         held = HeldForce(system, experiment.tasks)
-        observers = [tuning, Watch(assembly, experiment), tally, held, recorder, _Progress(progress, last_tick + 1)]
+        observers = [tuning, Watch(assembly, experiment), tally, held, recorder, Progress(progress, last_tick + 1)]
         observers += [pace] if pace else []
         observers += [Shown(viewer, streams, scene, tuning)] if viewer else []
         slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
@@ -152,7 +145,7 @@ def _recorded(
         stepping=done.stepping,
         writing=recorder.writing,
         events=tuple((event.tick * system.tick, event.level, event.text) for event in recorder.events),
-        trip=done.trip,
+        trip=trip_reason(done.simulation),
         drives=tuple(_told(plan) for _, plan in driven(assembly)),
         substituted=assembly.substituted,
         outcome=tally.outcome,

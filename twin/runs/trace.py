@@ -1,22 +1,46 @@
-"""A run in memory: all of its rows or those of every so many ticks, all of its signals or some."""
+"""The topics of a run, and a run in memory: all of its rows or every n-th, all of its signals or some."""
 
 import math
+import re
 from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.cosim.observers import Observer, TickEvent, simulate
 from twin.cosim.simulation import Simulation
+from twin.cosim.system import System
 from twin.errors import nearest
 from twin.experiment.experiment import Experiment
 from twin.recording.errors import UnknownSeries
-from twin.recording.layout import Field
+from twin.recording.layout import Field, Topic
 from twin.recording.messages import VALUE_TYPES
+from twin.recording.recorder import RowStream
 from twin.recording.series import NANOSECONDS
 from twin.runs.assembly.assemble import assemble
-from twin.runs.loop import Observer, TickEvent, simulate
-from twin.runs.recorder import streams_of
+
+
+def streams_of(system: System, shortest: int = 1) -> list[RowStream]:
+    """One per component, in their order.
+
+    `drive_1` is the topic drive/1, `fault_1` is fault/1, everything else has its own name.
+
+    Args:
+        shortest: ticks from one message to the next, at least.
+    """
+    streams = []
+    for c, component in enumerate(system.components):
+        name = re.sub(r"^(drive|fault)_", r"\1/", component.name)
+        fields = tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in component.outputs)
+        columns = slice(int(system.y_start[c]), int(system.y_start[c + 1]))
+        streams.append(RowStream(Topic(name, fields, max(shortest, component.period)), columns))
+    return streams
+
+
+def fields_of(system: System) -> dict[str, Field]:
+    """`topic.field` -> the field, of all that a recording of `system` has."""
+    return {f"{s.topic.name}.{field.name}": field for s in streams_of(system) for field in s.topic.fields}
 
 
 class _Kept(NamedTuple):

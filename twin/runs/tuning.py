@@ -4,13 +4,13 @@ import threading
 
 import numpy as np
 
+from twin.cosim.observers import Observer, TickEvent
 from twin.errors import InputRefused
 from twin.experiment.change import changed_value
 from twin.experiment.experiment import Experiment
 from twin.experiment.mistakes import unknown
 from twin.runs.assembly.assemble import Assembly, tunables
 from twin.runs.assembly.declared import DECLARED
-from twin.runs.loop import Observer, TickEvent
 
 
 class Tuning(Observer):

@@ -5,9 +5,9 @@ from typing import Protocol
 
 import numpy as np
 
+from twin.cosim.observers import Observer, TickEvent
 from twin.cosim.simulation import Simulation
-from twin.runs.loop import Observer, TickEvent
-from twin.runs.recorder import RowStream
+from twin.recording.recorder import RowStream
 from twin.runs.scene.scene import Scene
 from twin.runs.tuning import Tuning
 

@@ -8,14 +8,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from twin.controller.program import PhaseKind
-from twin.cosim.system import System
+from twin.cosim.observers import Observer, TickEvent, messages
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.monitor.checks import trip_sentence
-from twin.monitor.component import SafetyMonitor
+from twin.monitor.component import other_trip, own_monitor
 from twin.runs.assembly.assemble import Assembly
 from twin.runs.guard.limits import LONG, duration_text
-from twin.runs.loop import Observer, TickEvent, other_trip
 
 SECONDS_PER_TICK = 20e-6
 """Stepping and recording with a drive of compiled code; one written in Python takes ten times as long."""
@@ -88,7 +87,7 @@ class Watch(Observer):
             else []
         )
         self._touched, self._early = False, -1
-        self._monitor = next((c for c in assembly.system.components if isinstance(c, SafetyMonitor)), None)
+        self._monitor = own_monitor(assembly.system)
         self._tripped, self._power = False, True
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
@@ -173,21 +172,3 @@ class Watch(Observer):
             for tick, verb in ((fault.onset, "begins"), (fault.end, "ends")):
                 if first <= tick < first + count:
                     yield TickEvent(tick, "WARNING", f"{name} {verb}", f"fault_{number}")
-
-
-class Messages(Observer):
-    """Hands on what the components of a system have to say."""
-
-    def __init__(self, system: System):
-        self._system = system
-
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        if len(rows):
-            events += sorted(messages(self._system), key=lambda event: event.tick)
-
-
-def messages(system: System) -> Iterator[TickEvent]:
-    """What the components of `system` have had to say since they were last asked."""
-    for component in system.components:
-        for tick, text in component.said():
-            yield TickEvent(tick, "WARNING", text, component.name)

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from twin.cosim.observers import simulate
 from twin.cosim.port import Port, memory_of
 from twin.cosim.python_class import PythonComponent
 from twin.experiment.experiment import Experiment
@@ -16,7 +17,6 @@ from twin.plant.surface import apex_frame
 from twin.robot.sea import motor_load_torque
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.true_parameters import plant_parameters
-from twin.runs.loop import simulate
 from twin.runs.trace import Trace
 from validation.engine.constrained import Constrained, Numbers
 from validation.engine.mechanism import Mechanism

@@ -13,17 +13,18 @@ from examples.my_controller import Controller
 from tests.laws.runs import FORCE, shipped
 from tests.runs.assembly.own_parts import PARTS
 from twin.cosim.component import Component
+from twin.cosim.observers import simulate
 from twin.cosim.port import Port
 from twin.cosim.python_class import PythonComponent
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
+from twin.monitor.component import trip_reason
 from twin.recording.reader import read
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
 from twin.runs.assembly.recorded import recorded_experiment
 from twin.runs.assembly.robot import ROBOT
 from twin.runs.assembly.roles import CONTRACTS, other_part
-from twin.runs.loop import simulate
 from twin.runs.run import execute
 from twin.runs.trace import run_in_memory
 from twin.studies.accuracy.budget import accuracy_budget
@@ -141,9 +142,9 @@ def test_a_trip_of_another_monitor_is_one(mine: Path):
     )
     with assemble(experiment) as assembly:
         done = simulate(assembly, 1100)
-    assert "mine.py:Monitor has tripped" in done.trip
+    assert "mine.py:Monitor has tripped" in trip_reason(done.simulation)
     with assemble(experiment) as assembly:
-        assert simulate(assembly, 900).trip == ""
+        assert trip_reason(simulate(assembly, 900).simulation) == ""
 
 
 def test_the_run_and_its_text_say_that_twins_own_did_not_run(mine: Path, tmp_path: Path):

@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from twin.recording.layout import Field, Topic
 from twin.recording.messages import HEAD_SIZE, message_layout, message_records
+from twin.recording.recorder import RowStream
 from twin.runs.live.topics import Encoder
-from twin.runs.recorder import RowStream
 
 TOPICS = (
     Topic("a", (Field("x", 3, "double", "m", ""), Field("n", 2, "int", "1", ""), Field("on", 1, "bool", "1", "")), 1),

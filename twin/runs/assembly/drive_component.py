@@ -14,12 +14,12 @@ from twin.cosim.subsystem import INLET, Subsystem
 from twin.drive.component import ExchangeComponent, FmuComponent
 from twin.drive.contract import COMMANDS, LOAD, SHAFT, DriveRotor, Unwrapped
 from twin.drive.description import FmuDescription, refuse_step
-from twin.drive.setting import Setup
+from twin.drive.setting import Setup, stop_time
 from twin.drive.stepping import FmuPort
 from twin.drive.variable import Conversion
 from twin.experiment.schema import PositionCommand
 from twin.runs.assembly.drives import ENABLE, DrivePlan, Start, belongs
-from twin.runs.assembly.rates import rates, stop_time
+from twin.runs.assembly.rates import rates
 from twin.units import NUMBER
 
 OMEGA_REF = COMMANDS["velocity"].port

@@ -19,11 +19,3 @@ def rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
             f"{substeps} steps per tick of {1e3 * tick:g} ms; choose a period or substeps that fit"
         )
     return substeps, period
-
-
-def stop_time(ticks: int | None, tick: float, substeps: int) -> float | None:
-    """When the last step ends (s): the run's duration, or what t + h of that step is rounded to, if that is later."""
-    if ticks is None:
-        return None
-    step = tick / substeps
-    return max(ticks * tick, (ticks * substeps - 1) * step + step)

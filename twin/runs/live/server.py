@@ -8,12 +8,12 @@ from typing import Self
 
 import numpy as np
 
+from twin.cosim.observers import TickEvent
 from twin.errors import InputRefused
+from twin.recording.recorder import RowStream
 from twin.runs.live.broadcast import HOST, Broadcast
 from twin.runs.live.gate import Gate
 from twin.runs.live.topics import Topics
-from twin.runs.loop import TickEvent
-from twin.runs.recorder import RowStream
 from twin.runs.scene.scene import Scene
 from twin.runs.tuning import Tuning
 

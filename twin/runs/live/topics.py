@@ -5,13 +5,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
+from twin.cosim.observers import TickEvent
 from twin.recording.layout import Kind
 from twin.recording.messages import HEAD_SIZE, VALUE_TYPES, form_filling, form_records, message_layout
+from twin.recording.recorder import RowStream
 from twin.recording.schema import descriptor_set, descriptors_of, log_descriptor_set, message_names
 from twin.recording.writer import EVENTS, NANOSECONDS
 from twin.runs.live.protocol import Channel, Message
-from twin.runs.loop import TickEvent
-from twin.runs.recorder import RowStream
 from twin.runs.scene.scene import Scene
 
 

@@ -16,18 +16,18 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.cosim.observers import simulate
 from twin.cosim.system import System
 from twin.errors import InputRefused, SafetyTrip, nearest
 from twin.experiment import measure as measures
 from twin.experiment.experiment import Experiment
 from twin.experiment.measure import Led, Measure, Required, Watched
+from twin.monitor.component import trip_reason
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.computer import geometry_of
-from twin.runs.loop import simulate
-from twin.runs.recorder import fields_of
-from twin.runs.trace import Trace
+from twin.runs.trace import Trace, fields_of
 from twin.studies.metrics.requirement import checked_requirement, distance
 from twin.studies.metrics.response import (
     PERIODS,
@@ -134,8 +134,8 @@ def run_for_measures(experiment: Experiment) -> Signals:
     with assemble(experiment) as assembly:
         refuse_unknown(experiment, assembly.system)
         done = simulate(assembly, experiment.duration_ticks, [run]).completed()
-        if done.trip:
-            raise SafetyTrip(f"{experiment.name}: {done.trip}")
+        if trip := trip_reason(done.simulation):
+            raise SafetyTrip(f"{experiment.name}: {trip}")
         fmus = {fmu.path.name: fmu.sha256 for plan in assembly.drives for fmu in plan.parts.values()}
         fmus |= {part.label: part.sha256 for part in assembly.others.values()}
         return Signals(run, geometry_of(experiment.controller.model), fmus)

@@ -9,9 +9,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from twin.cosim.observers import simulate
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import assemble
-from twin.runs.loop import simulate
 from twin.runs.trace import Trace
 
 

@@ -16,17 +16,17 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
+from twin.cosim.observers import simulate
 from twin.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.experiment.experiment import Experiment
 from twin.experiment.measure import Required
 from twin.experiment.requirement import requirement, signals_of
+from twin.monitor.component import trip_reason
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.computer import geometry_of
 from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.limits import JobLimits
-from twin.runs.loop import simulate
-from twin.runs.recorder import fields_of
-from twin.runs.trace import Trace
+from twin.runs.trace import Trace, fields_of
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.falsify.space import Ended, Space, Wrong
 from twin.studies.falsify.text import Requirement
@@ -77,7 +77,8 @@ def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str =
     except Exception as problem:
         status = "refused" if isinstance(problem, InputRefused) else "failed"
         return RunFinding(status, str(problem), {}, time.perf_counter() - began, 0.0)
-    status, reason = ("failed", str(done.failure)) if done.failure else ("tripped" if done.trip else "done", done.trip)
+    trip = trip_reason(done.simulation)
+    status, reason = ("failed", str(done.failure)) if done.failure else ("tripped" if trip else "done", trip)
     return RunFinding(status, reason, found, time.perf_counter() - began, done.stepping, {"onsets": onsets})
 
 

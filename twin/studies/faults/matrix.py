@@ -15,14 +15,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.cosim.observers import Simulated, simulate
 from twin.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.experiment.experiment import Experiment
 from twin.experiment.fault import NEVER, Fault, checked_faults
 from twin.experiment.fault_catalogue import CATALOGUE, expected
 from twin.monitor.checks import Trip, trip_sentence
+from twin.monitor.component import own_monitor
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.roles import refuse_other_parts
-from twin.runs.loop import Simulated, simulate
 from twin.runs.trace import Trace
 
 GLITCH_SHARE = 0.02
@@ -133,11 +134,12 @@ def trial(experiment: Experiment, fault: Fault | None, watched: bool) -> FaultTr
 
 def fault_trial_of(run: Trace, done: Simulated) -> FaultTrial:
     """What became of a run that has kept force and position."""
+    monitor = own_monitor(done.simulation.system)
     return FaultTrial(
         force=np.linalg.norm(run["plant.F_ee_B"], axis=1),
         z=run["plant.p_B"][:, 2],
-        trip=done.monitor.trip if done.monitor else None,
-        power_off_tick=done.monitor.power_off_tick if done.monitor else None,
+        trip=monitor.trip if monitor else None,
+        power_off_tick=monitor.power_off_tick if monitor else None,
         failure=str(done.failure or ""),
         culprit=done.simulation.culprit,
     )

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from twin.controller.program import PhaseKind
+from twin.cosim.observers import simulate
 from twin.errors import ComponentFailed
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
-from twin.runs.loop import simulate
 from twin.runs.trace import Trace
 from twin.studies.figure import BLUE, GREEN, GREY, INK, ORANGE, PINK, SKY, VERMILION, picture
 from twin.studies.metrics.requirement import Standing, overall, standing

@@ -8,14 +8,15 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from twin.cosim.observers import Simulated, simulate
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
+from twin.monitor.component import trip_reason
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.computer import geometry_of
 from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.job import function_called
 from twin.runs.guard.reporter import Reporter
-from twin.runs.loop import Simulated, simulate
 from twin.runs.outcome import Tally
 from twin.runs.run import execute
 from twin.runs.trace import Trace
@@ -36,18 +37,18 @@ def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = 
     began = time.perf_counter()
     try:
         done, metrics, run = _simulated(load_experiment(path, settings, drive), bool(claims))
-        paper = {}
-        if claims and not done.trip:
+        trip, paper = trip_reason(done.simulation), {}
+        if claims and not trip:
             companion, _, other = _simulated(load_experiment(path, [*settings, COMPANION], drive), True)
-            if companion.trip:
-                raise ComponentFailed(f"without force control: {companion.trip}")
+            if early := trip_reason(companion.simulation):
+                raise ComponentFailed(f"without force control: {early}")
             assert run is not None and other is not None
             paper = findings(Fig4Runs(Fig4Run(run), Fig4Run(other)))
     # one run in a thousand that meets a mistake of ours is a row, too
     except Exception as problem:
         return RunFinding(*_told(problem), {}, time.perf_counter() - began, 0.0)
-    status = "tripped" if done.trip else "done"
-    return RunFinding(status, done.trip, metrics, time.perf_counter() - began, done.stepping, paper)
+    status = "tripped" if trip else "done"
+    return RunFinding(status, trip, metrics, time.perf_counter() - began, done.stepping, paper)
 
 
 def record(path: Path, drive: str | None, settings: Sequence[str], folder: Path) -> None:

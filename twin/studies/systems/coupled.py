@@ -14,10 +14,9 @@ from twin.drive.component import FmuComponent
 from twin.drive.description import refuse_step
 from twin.drive.instance import Instance
 from twin.drive.lifecycle import CosimInstance
-from twin.drive.setting import Setup
+from twin.drive.setting import Setup, stop_time
 from twin.drive.stepping import FmuPort
 from twin.errors import InputRefused
-from twin.runs.assembly.rates import stop_time
 from twin.studies.systems.plan import Part, Plan
 
 _T = TypeVar("_T")

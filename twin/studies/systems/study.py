@@ -4,20 +4,17 @@ A topic for each component of a system: its outputs, elements of an array as one
 """
 
 import json
-import platform
 import re
 import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from twin.cosim.interpolation import Scheme
+from twin.cosim.observers import Messages, Progress, Simulated, TickEvent, simulate
 from twin.cosim.ssp.flat import flattened
 from twin.cosim.ssp.package import Package, read_package
 from twin.cosim.system import System
@@ -28,13 +25,10 @@ from twin.drive.unpacked import unpacked
 from twin.errors import ComponentFailed, InputRefused, TwinError
 from twin.recording.folder import RECORDING, claim_run_folder, create_run_folder
 from twin.recording.layout import Field, Topic
+from twin.recording.recorder import BLOCK_TICKS, Recorder, RowStream, versions
 from twin.recording.schema import message_names
 from twin.recording.writer import Writer
 from twin.runs.guard.reporter import Reporter
-from twin.runs.loop import Observer, Simulated, TickEvent, simulate
-from twin.runs.provenance import PACKAGES
-from twin.runs.recorder import BLOCK_TICKS, Recorder, RowStream
-from twin.runs.watch import Messages
 from twin.studies.systems.coupled import Coupled, coupled
 from twin.studies.systems.plan import Part, Plan, distinct, element, field, fmu_sources, planned
 from twin.studies.systems.text import facts, text
@@ -195,7 +189,7 @@ def _recorded(plan: Plan, made: Coupled, path: Path, reporter: Reporter) -> tupl
     rows = streams(plan, made.system)
     with Writer(path, [stream.topic for stream in rows], plan.timing.tick, _provenance(plan)) as writer:
         recorder = Recorder(writer, rows)
-        observers = [Messages(made.system), recorder, _Progress(reporter, plan.timing.ticks + 1)]
+        observers = [Messages(made.system), recorder, Progress(reporter.progress, plan.timing.ticks + 1)]
         done = simulate(made, plan.timing.ticks, observers, BLOCK_TICKS, timed=True)
         if done.failure:
             partial = recorder.abandon(done.failure)
@@ -203,16 +197,6 @@ def _recorded(plan: Plan, made: Coupled, path: Path, reporter: Reporter) -> tupl
             raise ComponentFailed(f"{done.failure}\nRecorded until then: {partial} ({until:.3f} s).")
         recorder.finish()
     return done, recorder.events, recorder.writing
-
-
-class _Progress(Observer):
-    """Tells how far a run of `ticks` has come."""
-
-    def __init__(self, reporter: Reporter, ticks: int):
-        self._reporter, self._ticks = reporter, ticks
-
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        self._reporter.progress(first + len(rows), self._ticks)
 
 
 def _provenance(plan: Plan) -> dict[str, dict[str, str]]:
@@ -241,5 +225,5 @@ def _provenance(plan: Plan) -> dict[str, dict[str, str]]:
             )
             for part in plan.parts
         },
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        "versions": versions(),
     }

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from twin.cosim.observers import Simulated, TickEvent
 from twin.drive.setting import told
 from twin.drive.variable import Variable
-from twin.runs.loop import Simulated, TickEvent
 from twin.studies.lines import counted, labelled
 from twin.studies.systems.coupled import Coupled
 from twin.studies.systems.plan import Part, Plan

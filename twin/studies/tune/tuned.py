@@ -17,14 +17,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import differential_evolution
 
+from twin.cosim.observers import simulate
 from twin.cosim.system import MemoryChange
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.task import WayPoints
+from twin.monitor.component import trip_reason
 from twin.runs.assembly.assemble import FORCE_REFERENCE, assemble
 from twin.runs.assembly.declared import PLACES
 from twin.runs.assembly.roles import refuse_other_parts
-from twin.runs.loop import simulate
 from twin.runs.outcome import RunOutcome, Tally
 from twin.runs.trace import Trace
 from twin.studies.analyse.drive_response import Linearised
@@ -327,7 +328,7 @@ def whole_run(experiment: Experiment, drive: str, gains: LawGains) -> Whole:
     with assemble(tried) as assembly:
         tally = Tally(assembly.system)
         done = simulate(assembly, tried.duration_ticks, [tally])
-    return Whole(drive, None if done.failure else tally.outcome, done.trip)
+    return Whole(drive, None if done.failure else tally.outcome, trip_reason(done.simulation))
 
 
 SEARCH = 0.8

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.runs.loop import TickEvent
-from twin.runs.recorder import RowBlock
+from twin.cosim.observers import TickEvent
+from twin.recording.recorder import RowBlock
 
 SIZE = 12
 

@@ -1,27 +1,26 @@
-"""An observer that writes a run's recording.
+"""An observer that records a simulation.
 
-What components are called in a recording, in a viewer and in memory.
-
-Rows and events of several slices, put together again before they are recorded. A recording's chunks end where its
+Rows and events of several slices are put together again before they are recorded. A recording's chunks end where its
 blocks do. A paced run is sliced finer than one that runs freely; in blocks of one size both give the same bytes.
 """
 
-import re
+import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from twin.cosim.observers import Observer, TickEvent
 from twin.cosim.simulation import Simulation
-from twin.cosim.system import System
 from twin.errors import ComponentFailed
-from twin.recording.layout import Field, Topic
+from twin.recording.layout import Topic
 from twin.recording.writer import Writer
-from twin.runs.loop import Observer, TickEvent
-from twin.runs.scene.scene import Scene
-from twin.runs.tuning import Tuning
+
+Drawings = Callable[[int, np.ndarray], Iterable[tuple[Any, ...]]]
 
 
 @dataclass(frozen=True)
@@ -32,26 +31,10 @@ class RowStream:
     columns: slice
 
 
-def streams_of(system: System, shortest: int = 1) -> list[RowStream]:
-    """One per component, in their order.
-
-    `drive_1` is the topic drive/1, `fault_1` is fault/1, everything else has its own name.
-
-    Args:
-        shortest: ticks from one message to the next, at least.
-    """
-    streams = []
-    for c, component in enumerate(system.components):
-        name = re.sub(r"^(drive|fault)_", r"\1/", component.name)
-        fields = tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in component.outputs)
-        columns = slice(int(system.y_start[c]), int(system.y_start[c + 1]))
-        streams.append(RowStream(Topic(name, fields, max(shortest, component.period)), columns))
-    return streams
-
-
-def fields_of(system: System) -> dict[str, Field]:
-    """`topic.field` -> the field, of all that a recording of `system` has."""
-    return {f"{s.topic.name}.{field.name}": field for s in streams_of(system) for field in s.topic.fields}
+def versions() -> dict[str, str]:
+    """The versions of Python and of the packages that a recording depends on."""
+    packages = ("twin", "numpy", "numba", "llvmlite", "fmpy", "mcap")
+    return {"python": platform.python_version(), **{name: version(name) for name in packages}}
 
 
 class RowBlock:
@@ -101,10 +84,9 @@ class Recorder(Observer):
     """Hands rows, drawings and events to `writer`, a block at a time.
 
     Args:
-        streams: whose topics, and `scene`, whose forms `writer` has.
-        scene: None: nothing is drawn.
-        tuning: whose first change by hand the recording's metadata tell; an observer before this one. None: nothing
-            can be changed.
+        streams: of topics that `writer` has.
+        drawings: (topic, times, forms) of a block, from the tick of its first row and its rows; topics likewise.
+        changed: the first change that was made by hand while it ran, "" until then, which the metadata name.
 
     Attributes:
         events: all of them.
@@ -115,12 +97,12 @@ class Recorder(Observer):
         self,
         writer: Writer,
         streams: Sequence[RowStream],
-        scene: Scene | None = None,
-        tuning: Tuning | None = None,
+        drawings: Drawings = lambda first, rows: (),
+        changed: Callable[[], str] = str,
     ):
         self.events: list[TickEvent] = []
         self.writing = 0.0
-        self._writer, self._streams, self._scene, self._tuning = writer, streams, scene, tuning
+        self._writer, self._streams, self._drawings, self._changed = writer, streams, drawings, changed
         self._marked = False
 
     def begin(self, simulation: Simulation) -> None:
@@ -128,9 +110,9 @@ class Recorder(Observer):
         self._block = RowBlock(BLOCK_TICKS, simulation.system.outputs_width)
 
     def ready(self, tick: int) -> None:
-        if self._tuning and self._tuning.first and not self._marked:
-            # whoever repeats the experiment will not get this run
-            self._writer.write_metadata("changed", {"first": self._tuning.first, "all": "the events of 'tuning'"})
+        if not self._marked and (first := self._changed()):
+            # the experiment alone does not give this run again
+            self._writer.write_metadata("changed", {"first": first, "all": "the events of 'tuning'"})
             self._marked = True
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
@@ -163,7 +145,7 @@ class Recorder(Observer):
             start = -block.first % stream.topic.period
             rows = block.rows[start :: stream.topic.period, stream.columns]
             self._writer.write(stream.topic.name, block.first + start, rows)
-        for drawing in self._scene.drawings(block.first, block.rows) if self._scene else ():
+        for drawing in self._drawings(block.first, block.rows):
             self._writer.write(*drawing)
         for event in block.events:
             self._writer.write_event(event.tick, event.level, event.text, event.source)
