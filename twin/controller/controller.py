@@ -6,6 +6,7 @@ triggered by the pressing force F_z, or at a set time, and stays on: dp_z = -PID
 
 import math
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
@@ -36,6 +37,14 @@ OUTPUTS = (
     Port("F_z", 1, "N", "estimated pressing force, low-passed: what trigger and force loop use"),
     Port("F_z_ref", 1, "N", "reference of the force loop"),
 )
+
+
+Ports = tuple[Port, ...]
+
+
+def ports(inputs: Ports, outputs: Ports, adaptive: bool, tank: bool) -> tuple[Ports, Ports]:
+    """Those of a controller that adapts or does not, and has an energy tank behind it or has none."""
+    return inputs + (SHARE,) * tank, outputs + ADAPTIVE_OUTPUTS * adaptive
 
 
 class Law(Values, parts=(taken(Model, "N"), taken(Processor, "speed_limit"), taken(ForceLoop))):
@@ -149,43 +158,29 @@ def control(m, t, h, u, y, shift):
     y.triggered, y.F_z, y.F_z_ref = m.triggered, m.F_z, m.law.F_z_ref
 
 
-@njit(cache=True, inline="always")
-def adaptive_control(m, t, h, u, y):
-    """A call of the law with all that comes before and after it."""
-    adapt(m.adaptive, m.gain_table, m.force, h, u.p_B[2], -u.F_ee_B[2], u.J, m.law.F_z_ref)
-    for i in range(3):
-        m.lead[i] = m.law.N * u.J[3 * i + 2] * m.adaptive.v_shift
-    control(m, t, h, u, y, m.adaptive.shift)
-    tell(m.adaptive, m.force, m.triggered, y)
-
-
 ADAPTIVE_MEMORY = with_adaptive(MEMORY)
 
 
-@step_function(MEMORY, INPUTS, OUTPUTS)
-def step(m, t, h, u, y):
-    control(m, t, h, u, y, 0.0)
-    return 0
+@cache
+def step_over(adaptive, tank):
+    """The step of the law with or without all that comes before and after it, and an energy tank behind it."""
 
+    @step_function(ADAPTIVE_MEMORY if adaptive else MEMORY, *ports(INPUTS, OUTPUTS, adaptive, tank))
+    def step(m, t, h, u, y):
+        shift = 0.0
+        if tank:
+            follow_passed(m.force, m.position[2].error, u.share, h)
+        if adaptive:
+            adapt(m.adaptive, m.gain_table, m.force, h, u.p_B[2], -u.F_ee_B[2], u.J, m.law.F_z_ref)
+            for i in range(3):
+                m.lead[i] = m.law.N * u.J[3 * i + 2] * m.adaptive.v_shift
+            shift = m.adaptive.shift
+        control(m, t, h, u, y, shift)
+        if adaptive:
+            tell(m.adaptive, m.force, m.triggered, y)
+        return 0
 
-@step_function(MEMORY, (*INPUTS, SHARE), OUTPUTS)
-def tank_step(m, t, h, u, y):
-    follow_passed(m.force, m.position[2].error, u.share, h)
-    control(m, t, h, u, y, 0.0)
-    return 0
-
-
-@step_function(ADAPTIVE_MEMORY, INPUTS, (*OUTPUTS, *ADAPTIVE_OUTPUTS))
-def adaptive_step(m, t, h, u, y):
-    adaptive_control(m, t, h, u, y)
-    return 0
-
-
-@step_function(ADAPTIVE_MEMORY, (*INPUTS, SHARE), (*OUTPUTS, *ADAPTIVE_OUTPUTS))
-def adaptive_tank_step(m, t, h, u, y):
-    follow_passed(m.force, m.position[2].error, u.share, h)
-    adaptive_control(m, t, h, u, y)
-    return 0
+    return step
 
 
 class Controller(NativeComponent):
@@ -217,13 +212,11 @@ class Controller(NativeComponent):
         )
         memory["way_points"] = len(times_)
         kept = {"times": times_, "points": points_}
-        inputs: tuple[Port, ...] = (*INPUTS, SHARE) if tank else INPUTS
-        outputs: tuple[Port, ...] = OUTPUTS
-        chosen = tank_step if tank else step
         if adapting:
-            outputs, chosen = (*OUTPUTS, *ADAPTIVE_OUTPUTS), adaptive_tank_step if tank else adaptive_step
             kept |= adapting.fill(memory["adaptive"][0])
-        super().__init__("controller", inputs, outputs, True, chosen, memory, period=period, pointers=kept)
+        variant = adapting is not None, tank
+        sides = ports(INPUTS, OUTPUTS, *variant)
+        super().__init__("controller", *sides, True, step_over(*variant), memory, period=period, pointers=kept)
 
 
 NEVER = math.inf

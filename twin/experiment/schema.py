@@ -43,15 +43,29 @@ class PositionCommand(Settings):
     """[drive.position_command]: how a servo that takes a position is told it; angles as the servo counts its own."""
 
     period: float | None = setting(
-        "ms", default=None, gt=0, examples=[1.0], help="time between two commands; else one per tick"
+        "ms", into=None, default=None, gt=0, examples=[1.0], help="time between two commands; else one per tick"
     )
-    lower: float | None = setting("deg", default=None, examples=[-150.0], help="smallest angle that it takes")
-    upper: float | None = setting("deg", default=None, examples=[150.0], help="largest angle that it takes")
+    lower: float | None = setting(
+        "deg", default=None, absent=-math.inf, examples=[-150.0], help="smallest angle that it takes"
+    )
+    upper: float | None = setting(
+        "deg", default=None, absent=math.inf, examples=[150.0], help="largest angle that it takes"
+    )
     wrap_from: float | None = setting(
-        "deg", default=None, examples=[-180.0], help="it counts its angle from here over one turn only"
+        "deg",
+        field="wrap",
+        default=None,
+        absent=math.inf,
+        examples=[-180.0],
+        help="it counts its angle from here over one turn only",
     )
     lead: float | None = setting(
-        "deg", default=None, gt=0, examples=[20.0], help="most by which the command is ahead of the robot's motor shaft"
+        "deg",
+        default=None,
+        absent=math.inf,
+        gt=0,
+        examples=[20.0],
+        help="most by which the command is ahead of the robot's motor shaft",
     )
 
     @model_validator(mode="after")

@@ -3,6 +3,7 @@
 When a fault is active, in whole ticks that its component counts itself.
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from twin.compiled.function import carray, njit
@@ -55,7 +56,18 @@ def step(m, t, h, u, y):
     return 0
 
 
-class CommandFault(NativeComponent):
+class FaultComponent(NativeComponent):
+    """Something that breaks, between the wires of a healthy system.
+
+    Attributes:
+        numbers: of its [[fault]] that its memory has, not rounded to counts or ticks: by attribute the field, and how
+            many times the number is there.
+    """
+
+    numbers: Mapping[str, tuple[str, float]] = {}
+
+
+class CommandFault(FaultComponent):
     """Sampled component, every tick: commanded speeds in, the same within +-limit out while active.
 
     Args:

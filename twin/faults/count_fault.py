@@ -5,10 +5,9 @@ from enum import IntEnum
 import numpy as np
 
 from twin.compiled.function import njit
-from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port, memory_of, record
-from twin.faults.command_fault import ACTIVE, WINDOW, Span, tick_now, window, within
+from twin.faults.command_fault import ACTIVE, WINDOW, FaultComponent, Span, tick_now, window, within
 from twin.faults.randomness import drawn
 
 
@@ -26,6 +25,15 @@ class CountLaw(IntEnum):
     FLIP = 8
     SWAP = 9
 
+
+NUMBERS: dict[CountLaw, dict[str, str]] = {
+    CountLaw.BIAS: {"magnitude": "counts"},
+    CountLaw.GLITCH: {"magnitude": "counts", "share": "share"},
+    CountLaw.DROPOUT_HOLD: {"magnitude": "share"},
+    CountLaw.DROPOUT_ZERO: {"magnitude": "share"},
+    CountLaw.DROPOUT_NAN: {"magnitude": "share"},
+}
+"""Numbers of a [[fault]] that a law takes as they are, and the field of its memory."""
 
 # plain integers: what compiled code compares with
 _BIAS, _DRIFT, _QUANTISATION, _HOLD, _ZERO, _NAN, _STUCK, _GLITCH, _FLIP, _SWAP = (int(law) for law in CountLaw)
@@ -107,7 +115,7 @@ def step(m, t, h, u, y):
     return 0
 
 
-class CountFault(NativeComponent):
+class CountFault(FaultComponent):
     """Sampled component: three counts in, three counts out, one of them (two if swapped) wrong while active.
 
     Counts stay whole numbers, as an encoder's are, but the port is of kind "double": a lost one may be NaN.

@@ -6,10 +6,9 @@ from functools import cache
 import numpy as np
 
 from twin.compiled.function import njit
-from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port, memory_of, record
-from twin.faults.command_fault import ACTIVE, WINDOW, Span, tick_now, window, within
+from twin.faults.command_fault import ACTIVE, WINDOW, FaultComponent, Span, tick_now, window, within
 
 
 class DriveLaw(IntEnum):
@@ -109,7 +108,7 @@ def step_of(monitored):
     return step
 
 
-class DriveFault(NativeComponent):
+class DriveFault(FaultComponent):
     """Continuous component right behind a drive: the drive's shaft in, the shaft that the joint really has out.
 
     The step that begins at tick k is faulty for onset <= k < end. Afterwards the drive's motion is followed again from

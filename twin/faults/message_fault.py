@@ -9,10 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from twin.compiled.function import carray, njit, pointer_to
-from twin.cosim.component import NativeComponent
 from twin.cosim.native import doubles_at, step_function
 from twin.cosim.port import Port, memory_of, record, width
-from twin.faults.command_fault import ACTIVE, WINDOW, Span, tick_now, window, within
+from twin.faults.command_fault import ACTIVE, WINDOW, FaultComponent, Span, tick_now, window, within
 from twin.faults.randomness import drawn
 
 NEVER = 1 << 62
@@ -94,7 +93,7 @@ def step(m, t, h, u, y):
     return 0
 
 
-class MessageFault(NativeComponent):
+class MessageFault(FaultComponent):
     """Sampled component, every tick: the ports of a sender in, the same ports out, late or held while active.
 
     Once the fault is over the reader has the sender's own message again at once; what is still under way is dropped.

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from twin.compiled.function import carray
-from twin.cosim.component import Component, NativeComponent
+from twin.cosim.component import Component
 from twin.cosim.native import doubles_at, step_function
 from twin.cosim.port import Port, memory_of, record
-from twin.faults.command_fault import ACTIVE, WINDOW, Span, tick_now, window, within
+from twin.faults.command_fault import ACTIVE, WINDOW, FaultComponent, Span, tick_now, window, within
 
 VALUE = Port("value", 1, "SI", "the parameter as it holds now")
 MEMORY = record(window=WINDOW, address="i8", nominal="f8", chained="i8", factor="f8", added="f8", ramp="i8")
@@ -29,7 +29,7 @@ def step(m, t, h, u, y):
     return 0
 
 
-class ParameterFault(NativeComponent):
+class ParameterFault(FaultComponent):
     """Sampled component, first in every tick: writes the value that holds from now on.
 
     Before the onset and after the end that is the nominal value, to the last bit.

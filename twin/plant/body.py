@@ -20,7 +20,7 @@ from twin.compiled.function import carray, njit, pointer_to
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port, record, record_of
-from twin.plant.parameters import Triple
+from twin.settings import Settings, Triple, numbers, setting
 
 
 class MotionKind(IntEnum):
@@ -53,6 +53,36 @@ class Motion(NamedTuple):
     end: float = math.inf
     rate: float = 0.25
     rise: float = 1.0
+
+
+class Breathing(Settings):
+    """[contact.breathing]: the surface goes up by twice the amplitude and back with every breath."""
+
+    amplitude: float = setting(
+        "mm", field="displacement", ge=0, examples=[1.0], help="half the way from breath to breath"
+    )
+    rate: float = setting("1/min", gt=0, examples=[15.0], help="breaths per time")
+    start: float = setting("s", field="onset", default=0.0, ge=0, help="first breath")
+    end: float | None = setting("s", absent=math.inf, default=None, ge=0, examples=[20.0], help="last breath")
+
+    @property
+    def motion(self) -> Motion:
+        """Along z."""
+        return Motion(**(numbers(self) | {"kind": MotionKind.BREATHING, "displacement": (0.0, 0.0, self.amplitude)}))
+
+
+class Shift(Settings):
+    """[contact.shift]: the person moves once; if an end is given, back again from then on."""
+
+    by: Triple = setting("mm", field="displacement", examples=[[0.0, 0.0, 2.0]], help="how far (x, y, z)")
+    start: float = setting("s", field="onset", ge=0, examples=[5.0], help="when it moves")
+    rise: float = setting("s", gt=0, examples=[0.5], help="how long it takes")
+    end: float | None = setting("s", absent=math.inf, default=None, ge=0, examples=[20.0], help="when it moves back")
+
+    @property
+    def motion(self) -> Motion:
+        """As the table says."""
+        return Motion(MotionKind.SHIFT, **numbers(self))
 
 
 MOTION = record_of(Motion)

@@ -21,6 +21,7 @@ from typing import Any, Literal, NamedTuple
 from pydantic import ValidationInfo, field_validator
 
 from twin.compiled.function import njit
+from twin.plant.body import Breathing, Shift
 from twin.settings import Settings, setting
 
 
@@ -73,24 +74,6 @@ LAWS: dict[Law, LawKeys] = {
     "kelvin_voigt": LawKeys(("damper", "touch_depth")),
     "exponential": LawKeys(("damping", "stiffening")),
 }
-
-
-class Breathing(Settings):
-    """[contact.breathing]: the surface goes up by twice the amplitude and back with every breath."""
-
-    amplitude: float = setting("mm", ge=0, examples=[1.0], help="half the way from breath to breath")
-    rate: float = setting("1/min", gt=0, examples=[15.0], help="breaths per time")
-    start: float = setting("s", default=0.0, ge=0, help="first breath")
-    end: float | None = setting("s", default=None, ge=0, examples=[20.0], help="last breath")
-
-
-class Shift(Settings):
-    """[contact.shift]: the person moves once; if an end is given, back again from then on."""
-
-    by: tuple[float, float, float] = setting("mm", examples=[[0.0, 0.0, 2.0]], help="how far (x, y, z)")
-    start: float = setting("s", ge=0, examples=[5.0], help="when it moves")
-    rise: float = setting("s", gt=0, examples=[0.5], help="how long it takes")
-    end: float | None = setting("s", default=None, ge=0, examples=[20.0], help="when it moves back")
 
 
 class Contact(Settings):
@@ -164,6 +147,11 @@ class Contact(Settings):
     bristle_damping: float = setting("N s/m", field="sigma_1", ge=0, help="lateral damping while sticking")
     breathing: Breathing | None = None
     shift: Shift | None = None
+
+    @property
+    def motions(self) -> list[Breathing | Shift]:
+        """The tables of its motions that there are."""
+        return [table for table in (self.breathing, self.shift) if table is not None]
 
     @property
     def law_constants(self) -> dict[str, Any]:

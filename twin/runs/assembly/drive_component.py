@@ -20,6 +20,7 @@ from twin.drive.variable import Conversion
 from twin.experiment.schema import PositionCommand
 from twin.runs.assembly.drives import ENABLE, DrivePlan, Start, belongs
 from twin.runs.assembly.rates import rates, stop_time
+from twin.settings import numbers
 from twin.units import NUMBER
 
 OMEGA_REF = COMMANDS["velocity"].port
@@ -153,11 +154,4 @@ def _servo(plan: DrivePlan, parts: Sequence[FmuComponent]) -> Servo:
     (bound,) = (b for b in plan.bindings if b.port.name == "command")
     _, factor, _ = bound.variable.conversion or Conversion(NUMBER)
     zeros = [part.zero("theta_m") for part in parts if any(port.name == "theta_m" for port in part.outputs)]
-    return Servo(
-        zero=zeros[0] if zeros else 0.0,
-        ratio=factor / bound.gain,
-        lower=-math.inf if said.lower is None else said.lower,
-        upper=math.inf if said.upper is None else said.upper,
-        wrap=math.inf if said.wrap_from is None else said.wrap_from,
-        lead=math.inf if said.lead is None else said.lead,
-    )
+    return Servo(zero=zeros[0] if zeros else 0.0, ratio=factor / bound.gain, **numbers(said))

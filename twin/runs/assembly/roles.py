@@ -15,7 +15,7 @@ from twin.controller.task_controller import TASK_INPUTS, TASK_OUTPUTS
 from twin.controller.way_points import P_REF_B
 from twin.cosim.component import Component
 from twin.cosim.port import Port
-from twin.cosim.python_class import ClassComponent, PythonSource, Wanted, made, wanted_of
+from twin.cosim.python_class import NamedPorts, PythonComponent, PythonSource, Wanted, made, wanted_of
 from twin.drive.calls import announced
 from twin.drive.description import FmuDescription
 from twin.drive.sampled import SampledFmu, port_of, sampled_fmu
@@ -219,7 +219,7 @@ def _class_part(role: str, table: StandIn) -> OtherPart:
 def _maker(
     role: str, label: str, model: Callable[[], Any], wanted: tuple[Wanted, Wanted]
 ) -> Callable[[float, int, int], Component]:
-    return lambda tick, period, ticks: ClassComponent(role, label, model(), *wanted, period)
+    return lambda tick, period, ticks: PythonComponent(role, NamedPorts(model(), *wanted), period, label=label)
 
 
 def _source(table: StandIn) -> PythonSource:

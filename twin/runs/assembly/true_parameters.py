@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from twin.experiment.fault import NEVER, Fault
 from twin.plant.body import Motion, MotionKind
-from twin.plant.contact_law import Breathing, Contact, Shift
+from twin.plant.contact_law import Contact
 from twin.plant.encoder import Shaft
 from twin.plant.parameters import PlantParameters, TrueRobot
 
@@ -31,19 +31,12 @@ def shafts(plant: TrueRobot) -> tuple[Shaft, Shaft]:
 
 def surface_motions(contact: Contact) -> tuple[Motion, ...]:
     """How the surface moves; empty: it does not."""
-    return tuple(_motion(table) for table in (contact.breathing, contact.shift) if table is not None)
+    return tuple(table.motion for table in contact.motions)
 
 
 def fault_motions(faults: Sequence[Fault], tick: float) -> tuple[Motion, ...]:
     """How it moves because of those of `faults` that break the body; `tick` in s."""
     return tuple(motion for fault in faults if (motion := _broken(fault, tick)) is not None)
-
-
-def _motion(table: Breathing | Shift) -> Motion:
-    end = math.inf if table.end is None else table.end
-    if isinstance(table, Breathing):
-        return Motion(MotionKind.BREATHING, (0.0, 0.0, table.amplitude), table.start, end, rate=table.rate)
-    return Motion(MotionKind.SHIFT, table.by, table.start, end, rise=table.rise)
 
 
 def _broken(fault: Fault, tick: float) -> Motion | None:

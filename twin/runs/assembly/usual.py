@@ -31,7 +31,8 @@ def usual() -> tuple[Native, ...]:
     return (
         inverse_kinematics._angles.native, clearance._nearest.native, equilibrium._load.native, jacobian._rows.native,
         equilibrium._wind.native, component._begin.native, component.step_over(False, False), encoder.step,
-        estimator.step, controller.step, scale.step, cosim_step.plain_step, master.advance.native, filling._fill.native,
+        estimator.step, controller.step_over(False, False), scale.step, cosim_step.plain_step, master.advance.native,
+        filling._fill.native,
         deviation._add_up.native, frames._put_poses.native, arrows._put_arrows.native, weave._scatter.native,
     )  # fmt: skip
 

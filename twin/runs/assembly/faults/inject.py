@@ -15,7 +15,7 @@ from twin.experiment.fault import Fault
 from twin.experiment.fault_catalogue import kind_named, refuse_target
 from twin.experiment.ticks import whole_ticks
 from twin.faults.command_fault import CommandFault, Span
-from twin.faults.count_fault import CountFault, CountLaw
+from twin.faults.count_fault import NUMBERS, CountFault, CountLaw
 from twin.faults.drive_fault import DriveFault, DriveLaw
 from twin.faults.message_fault import MessageFault
 from twin.faults.parameter_fault import ParameterFault
@@ -111,6 +111,9 @@ def _break_encoder(
     share = fault.share if law == CountLaw.GLITCH else fault.magnitude
     random, element = first_state(fault.seed, number), _element(fault.target)
     broken = CountFault(*_named(number, fault), law, port, element, counts, share, random, encoder.period)
+    broken.numbers = {
+        key: (field, counts_per_rad if field == "counts" else 1.0) for key, field in NUMBERS.get(law, {}).items()
+    }
     circuit.put_behind(broken, ends([encoder], "output", name), ends([broken], "input", name))
 
 
@@ -131,6 +134,8 @@ def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) ->
         least = most
     random = first_state(fault.seed, number)
     late = MessageFault(*_named(number, fault), ports, sender.period, least, most, share, random)
+    if fault.kind == "sample_loss":
+        late.numbers = {"magnitude": ("share", 1.0)}
     told = [end for port in ports for end in ends([sender], "output", port.name)]
     circuit.put_behind(late, told, [end for port in ports for end in ends([late], "input", port.name)])
 
@@ -142,8 +147,9 @@ def _limit_command(circuit: Circuit, number: int, fault: Fault, speed_limit: flo
     """
     joints = [_element(fault.target)] if fault.target != "drives" else list(range(JOINTS))
     targets = [_axis(circuit, number, fault.target, joint, "omega_ref") for joint in joints]
-    limit = fault.magnitude * speed_limit if fault.kind == "brown_out" else fault.magnitude
-    limited = CommandFault(*_named(number, fault), limit, len(joints))
+    times = speed_limit if fault.kind == "brown_out" else 1.0
+    limited = CommandFault(*_named(number, fault), fault.magnitude * times, len(joints))
+    limited.numbers = {"magnitude": ("limit", times)}
     circuit.put_before(limited, targets, ends([limited], "input", "omega_ref"))
 
 
@@ -159,6 +165,8 @@ def _break_drive(circuit: Circuit, number: int, fault: Fault) -> None:
     broken = DriveFault(
         *_named(number, fault), law, fault.magnitude, start, monitored, drive.period, label, fault.target
     )
+    if law == DriveLaw.DRIVE_RUNAWAY:
+        broken.numbers = {"magnitude": ("omega", 1.0)}
     circuit.put_behind(broken, [theta_m], [End(broken.name, "theta_m")])
     circuit.feeds[End(broken.name, "tau_load")] = tau_load
     if monitored:
