@@ -8,7 +8,7 @@ import pytest
 from tests.drive.faulty import faulty_drive
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
 from twin.errors import ComponentFailed
-from twin.experiment.variation import shortened
+from twin.experiment.experiment import shortened
 from twin.recording.errors import UnknownSeries
 from twin.recording.reader import read
 from twin.recording.recording import Recording

@@ -3,6 +3,8 @@
 As `controller.py`, with four differences: the reference is a machine that feels its way (`machine.py`), velocity and
 the wind-up of the springs are fed forward, swings of the platform on its springs are damped, and the force loop acts in
 the phases that press, from the force that is there, so that neither it nor the reference ever jumps.
+
+[controller]: all tables of the robot's computer.
 """
 
 from collections.abc import Sequence
@@ -11,11 +13,11 @@ from functools import cache
 import numpy as np
 
 from twin.compiled.function import carray, njit, pointer_to
-from twin.controller.adaptive import Adapting, adapt, tell, with_adaptive
+from twin.controller.adaptive import Adapting, Breath, adapt, tell, with_adaptive
 from twin.controller.controller import INPUTS as ESTIMATES
 from twin.controller.controller import LAW, OUTPUTS, Law, follow_passed, force_correction, motor_speeds, ports
-from twin.controller.machine import MACHINE, walk
-from twin.controller.motion import motion
+from twin.controller.energy_tank import EnergyTank
+from twin.controller.machine import MACHINE, learn_taps, motion, walk
 from twin.controller.pid import (
     DAMPER,
     FEED_FORWARD,
@@ -23,7 +25,11 @@ from twin.controller.pid import (
     PID,
     Believed,
     Damping,
+    FeedForward,
+    ForceLoop,
     Gains,
+    PositionLoop,
+    Processor,
     damp,
     damper,
     friction_force,
@@ -33,10 +39,11 @@ from twin.controller.pid import (
     rest,
 )
 from twin.controller.program import PHASE, Phase
-from twin.controller.taps import learn_taps
+from twin.controller.tissue import Tissue
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port, memory_of, record
+from twin.robot.geometry import Model
 from twin.settings import Settings, numbers, setting
 
 TASK_INPUTS = (*ESTIMATES, Port("tau_l", 3, "N m", "estimated joint torques"))
@@ -212,3 +219,17 @@ class TaskController(NativeComponent):
         variant = adapting is not None, tank
         sides = ports(TASK_INPUTS, TASK_OUTPUTS, *variant)
         super().__init__("controller", *sides, True, step_over(*variant), memory, period=period, pointers=kept)
+
+
+class Computer(Processor):
+    """[controller]: the robot's computer. `touch`, `feed_forward` and `damping` belong to tasks."""
+
+    position: PositionLoop
+    force: ForceLoop
+    touch: Touch | None = None
+    feed_forward: FeedForward | None = None
+    damping: Damping | None = None
+    tissue: Tissue | None = None
+    breath: Breath | None = None
+    energy_tank: EnergyTank | None = None
+    model: Model

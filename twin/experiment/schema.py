@@ -1,4 +1,7 @@
-"""The tables of an experiment file that no part declares. Keys carry units, attributes are SI (see `twin.settings`)."""
+"""The tables of an experiment file that no part declares. Keys carry units, attributes are SI (see `twin.settings`).
+
+Times of an experiment as whole ticks.
+"""
 
 import math
 from typing import Annotated, Any, Literal
@@ -166,3 +169,16 @@ class Drive(Settings):
             if step is not None and "rk4" not in (method, self.solver):
                 raise ValueError('solver_step_ms is of solver = "rk4"; say that, or remove it')
         return self
+
+
+MOST_TICKS = 1e12
+"""Three centuries at 10 ms, or what nobody means."""
+
+
+def whole_ticks(time: float, tick: float) -> int | None:
+    """How many ticks (s) `time` (s) is; None if it is no whole number of them, up to rounding of the two, or more than
+    `MOST_TICKS`."""
+    if time / tick > MOST_TICKS:
+        return None
+    count = round(time / tick)
+    return count if abs(count * tick - time) <= 1e-9 * time else None

@@ -7,9 +7,9 @@ import pytest
 
 from tests.laws.runs import shipped
 from twin.controller.pid import Gains
-from twin.experiment.variation import with_model, with_plant
+from twin.experiment.experiment import with_model, with_plant
 from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.true_parameters import plant_parameters
+from twin.runs.assembly.build import plant_parameters
 from twin.runs.loop import simulate
 from twin.runs.trace import Trace
 from twin.studies.analyse.drive_response import Linearised

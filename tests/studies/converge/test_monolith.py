@@ -10,13 +10,13 @@ import pytest
 from twin.cosim.port import Port
 from twin.cosim.python_class import PythonComponent
 from twin.errors import ComponentFailed
-from twin.plant.scale import Scale
+from twin.plant.encoder import Scale
 from twin.studies.converge.monolith import Sampled
 
 STEPPED = """
 import numpy as np
 from twin.studies.converge.monolith import Sampled
-from twin.plant.scale import Scale
+from twin.plant.encoder import Scale
 print(Sampled(Scale(0.005 * 9.81))(np.array([0.0, 0.0, -5.0]))[0])
 """
 

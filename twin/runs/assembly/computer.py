@@ -11,31 +11,28 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.controller import program as programs
-from twin.controller.adaptive import Adapting
-from twin.controller.belief import Belief
-from twin.controller.computer import Computer
-from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
+from twin.controller.adaptive import Adapting, SchedulePoint, Scheduling
+from twin.controller.controller import NEVER, OMEGA_REF, P_REF_B, Belief, Controller, Estimator, Law, WayPointReference
 from twin.controller.energy_tank import Tank, TankValve
-from twin.controller.estimator import Estimator
 from twin.controller.pid import Believed, Gains, force_gains
 from twin.controller.program import Phase
-from twin.controller.schedule import SchedulePoint, Scheduling
-from twin.controller.task_controller import TaskController
+from twin.controller.task_controller import Computer, TaskController
 from twin.controller.tissue import Sensing
-from twin.controller.way_points import P_REF_B, WayPointReference
 from twin.cosim.delay import delay
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.task import Approach, Task
-from twin.monitor.belief import MonitorBelief
 from twin.monitor.checks import Limits, Monitor
 from twin.monitor.component import POWER, SafetyMonitor
-from twin.plant.parameters import Robot
-from twin.robot.geometry import Geometry
-from twin.robot.gravity import Masses, leg_inertia, moving_mass
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.jacobian import jacobian
-from twin.robot.model import Model
+from twin.monitor.observation import MonitorBelief
+from twin.plant.dynamics import Robot
+from twin.robot.geometry import Geometry, Model
+from twin.robot.kinematics import jacobian, joint_angles
+from twin.robot.statics import (
+    Masses,
+    leg_inertia,
+    moving_mass,
+)
 from twin.runs.assembly.build import Build, Makers
 from twin.settings import Triple
 

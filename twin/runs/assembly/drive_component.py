@@ -1,4 +1,4 @@
-"""A planned drive as one component with the contract's ports, whatever stands behind them."""
+"""A planned drive as one component with the contract's ports, whatever stands behind them, and how often it is stepped."""
 
 import math
 from collections.abc import Sequence
@@ -6,8 +6,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 
-from twin.controller.pid import DriveSpeedLoop, Gains
-from twin.controller.position_command import DriveSpeedIntegrator, Servo
+from twin.controller.pid import DriveSpeedIntegrator, DriveSpeedLoop, Gains, Servo
 from twin.cosim.component import Component
 from twin.cosim.port import Port
 from twin.cosim.subsystem import INLET, Subsystem
@@ -17,11 +16,37 @@ from twin.drive.description import FmuDescription, refuse_step
 from twin.drive.setting import Setup
 from twin.drive.stepping import FmuPort
 from twin.drive.variable import Conversion
-from twin.experiment.schema import PositionCommand
+from twin.errors import InputRefused
+from twin.experiment.schema import Drive, PositionCommand
 from twin.runs.assembly.drives import ENABLE, DrivePlan, Start, belongs
-from twin.runs.assembly.rates import rates, stop_time
 from twin.settings import numbers
 from twin.units import NUMBER
+
+
+def rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
+    """(inner ticks per tick, inner ticks per command of ours; where nothing is said of it, one command per tick)."""
+    key, loop = next(
+        ((key, found) for key in ("velocity_loop", "position_command") if (found := getattr(table, key))), ("", None)
+    )
+    if loop is None or loop.period is None:
+        return table.substeps, table.substeps
+    substeps = max(table.substeps, round(tick / loop.period))
+    period = round(loop.period / (tick / substeps))
+    if period < 1 or abs(period * tick / substeps - loop.period) > 1e-9 * loop.period:
+        raise InputRefused(
+            f"{name}: [drive.{key}] period_ms = {1e3 * loop.period:g} does not divide into the "
+            f"{substeps} steps per tick of {1e3 * tick:g} ms; choose a period or substeps that fit"
+        )
+    return substeps, period
+
+
+def stop_time(ticks: int | None, tick: float, substeps: int) -> float | None:
+    """When the last step ends (s): the run's duration, or what t + h of that step is rounded to, if that is later."""
+    if ticks is None:
+        return None
+    step = tick / substeps
+    return max(ticks * tick, (ticks * substeps - 1) * step + step)
+
 
 OMEGA_REF = COMMANDS["velocity"].port
 

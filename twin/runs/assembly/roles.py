@@ -9,10 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from twin.controller.estimator import INPUTS as ESTIMATOR_INPUTS
-from twin.controller.estimator import OUTPUTS as ESTIMATOR_OUTPUTS
+from twin.controller.controller import ESTIMATOR_INPUTS, ESTIMATOR_OUTPUTS, P_REF_B
 from twin.controller.task_controller import TASK_INPUTS, TASK_OUTPUTS
-from twin.controller.way_points import P_REF_B
 from twin.cosim.component import Component
 from twin.cosim.port import Port
 from twin.cosim.python_class import NamedPorts, PythonComponent, PythonSource, Wanted, made, wanted_of
@@ -25,9 +23,8 @@ from twin.experiment.drive_files import StandIn
 from twin.experiment.experiment import Experiment
 from twin.monitor.component import INPUTS as MONITOR_INPUTS
 from twin.monitor.component import OUTPUTS as MONITOR_OUTPUTS
-from twin.plant.body import OUTPUTS as BODY_OUTPUTS
-from twin.plant.scale import INPUTS as SCALE_INPUTS
-from twin.plant.scale import OUTPUTS as SCALE_OUTPUTS
+from twin.plant.contact_law import OUTPUTS as BODY_OUTPUTS
+from twin.plant.encoder import SCALE_INPUTS, SCALE_OUTPUTS
 
 
 class Contract(NamedTuple):

@@ -15,10 +15,9 @@ import numpy as np
 from twin.cosim.component import NativeComponent
 from twin.cosim.place import Place
 from twin.experiment.experiment import Experiment
-from twin.experiment.fault import Fault, table_of
-from twin.experiment.fault_catalogue import CATALOGUE
-from twin.faults.command_fault import FaultComponent
-from twin.robot.model import Model
+from twin.experiment.fault import CATALOGUE, Fault, table_of
+from twin.faults.drive_fault import FaultComponent
+from twin.robot.geometry import Model
 from twin.runs.assembly.declared import MEMORIES, PATHS, PLACES
 from twin.settings import taken
 from twin.studies.build.part import RobotPart

@@ -20,7 +20,7 @@ from twin.cosim.ssp.structure import (
     Structure,
 )
 from twin.experiment.experiment import Experiment
-from twin.runs.assembly.robot import COMMAND, POWER
+from twin.runs.assembly.assemble import COMMAND, POWER
 from twin.studies.build.drives import JointDrive, Socket
 
 Told = tuple[Connector, UnitDefinition | None]

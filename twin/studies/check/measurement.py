@@ -22,7 +22,7 @@ from twin.experiment import measure as measures
 from twin.experiment.experiment import Experiment
 from twin.experiment.measure import Led, Measure, Required, Watched
 from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles
+from twin.robot.kinematics import joint_angles
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.computer import geometry_of
 from twin.runs.loop import simulate

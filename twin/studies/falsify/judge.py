@@ -18,8 +18,7 @@ from typing import Any
 
 from twin.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.experiment.experiment import Experiment
-from twin.experiment.measure import Required
-from twin.experiment.requirement import requirement, signals_of
+from twin.experiment.measure import Required, requirement, signals_of
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.computer import geometry_of
 from twin.runs.assembly.load import load_experiment
