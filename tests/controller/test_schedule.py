@@ -5,14 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.controller.adaptive import (
-    SCHEDULE,
-    SchedulePoint,
-    follow_reference,
-    gains_at,
-    schedule_gains,
-    table_of,
-)
+from twin.controller.adaptive import SCHEDULE, SchedulePoint, follow_reference, gains_at, schedule_gains, table_of
 from twin.controller.pid import PID, Gains, loop, proposal
 from twin.controller.tissue import TISSUE
 

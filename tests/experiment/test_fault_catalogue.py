@@ -2,14 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.experiment.fault import (
-    ALWAYS,
-    CATALOGUE,
-    EVERY,
-    UNSEEN,
-    Kind,
-    Seen,
-)
+from twin.experiment.fault import ALWAYS, CATALOGUE, EVERY, UNSEEN, Kind, Seen
 
 NO_MAGNITUDE = "none"
 

@@ -10,7 +10,7 @@ import pytest
 
 from tests.laws.runs import EXPERIMENTS, co_simulated, shipped
 from twin.controller.program import PhaseKind as Kind
-from twin.experiment.task import Push, Roll, Tap
+from twin.controller.program import Push, Roll, Tap
 from twin.plant.contact import surface_frame
 from twin.robot.geometry import Geometry
 from twin.robot.kinematics import jacobian

@@ -12,16 +12,7 @@ from tests.plant.states import moving, positions
 from twin.compiled.native import Native
 from twin.cosim.port import memory_of, width
 from twin.errors import Unreachable
-from twin.plant.component import (
-    MEMORY,
-    OUTPUTS,
-    REST_OUTPUTS,
-    STILL,
-    Plant,
-    outputs_at_start,
-    rest,
-    resting,
-)
+from twin.plant.component import MEMORY, OUTPUTS, REST_OUTPUTS, STILL, Plant, outputs_at_start, rest, resting
 from twin.plant.contact import ANCHORS
 from twin.plant.dynamics import PlantParameters, derivative
 

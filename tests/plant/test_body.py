@@ -11,11 +11,7 @@ from twin.cosim.python_class import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.plant.component import Plant, resting
-from twin.plant.contact_law import (
-    Body,
-    Motion,
-    MotionKind,
-)
+from twin.plant.contact_law import Body, Motion, MotionKind
 
 BREATHING, SHIFT = MotionKind.BREATHING, MotionKind.SHIFT
 

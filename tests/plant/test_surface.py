@@ -9,12 +9,7 @@ from scipy.spatial.transform import Rotation
 from tests.laws.runs import PARAMETERS
 from tests.plant.states import moving, positions, share
 from twin.plant.component import STILL, resting
-from twin.plant.contact import (
-    Shape,
-    contact_force,
-    surface_frame,
-    upward,
-)
+from twin.plant.contact import Shape, contact_force, surface_frame, upward
 from twin.plant.dynamics import derivative
 from twin.robot.geometry import Geometry, skeleton
 from twin.robot.kinematics import joint_angles

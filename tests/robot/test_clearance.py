@@ -11,13 +11,7 @@ from tests.conftest import examples
 from tests.laws.runs import PARAMETERS
 from twin.robot.geometry import AXIS, Geometry, skeleton
 from twin.robot.kinematics import joint_angles
-from twin.robot.workspace import (
-    BARS,
-    Bars,
-    ball_joint_angles,
-    clearances,
-    segment_distance,
-)
+from twin.robot.workspace import BARS, Bars, ball_joint_angles, clearances, segment_distance
 
 GEOMETRY = Geometry(*PARAMETERS[:4])
 BAR = Bars(0.009, 0.004, 0.024)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import FORCE, shipped
-from twin.controller.program import PhaseKind
+from twin.controller.program import TASKS, PhaseKind, Press, Tap
 from twin.cosim.simulation import Simulation
-from twin.experiment.task import Press, Tap, checked_tasks
+from twin.experiment.task import checked_tasks
 from twin.recording.reader import read
 from twin.runs.assembly.assemble import FORCE_REFERENCE, Assembly, assemble, tunables
 from twin.runs.assembly.load import load_experiment
@@ -35,7 +35,7 @@ SYSTEM = SimpleNamespace(
 
 
 def tasks(*tables: dict[str, Any]) -> tuple[Press | Tap, ...]:
-    return cast(tuple[Press | Tap, ...], tuple(checked_tasks(tables, []).values()))
+    return cast(tuple[Press | Tap, ...], tuple(checked_tasks(TASKS, tables, []).values()))
 
 
 def rows(*spans: tuple[int, PhaseKind, list[float]]) -> np.ndarray:

@@ -39,12 +39,7 @@ import numpy as np
 
 from twin.compiled.function import carray, njit, pointer_to
 from twin.controller.machine import TAPS
-from twin.controller.pid import (
-    ForceLoop,
-    ScheduledGains,
-    low_pass_share,
-    state_variable,
-)
+from twin.controller.pid import ForceLoop, ScheduledGains, low_pass_share, state_variable
 from twin.controller.tissue import HIGHEST, TISSUE, Sensing, Tissue, sense, unlearn
 from twin.cosim.port import Port, record, record_of
 from twin.settings import Settings, Values, numbers, setting, taken

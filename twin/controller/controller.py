@@ -26,13 +26,7 @@ from twin.cosim.native import address_of, doubles_at, step_function
 from twin.cosim.port import Port, memory_of, port_record, record, record_of
 from twin.robot.geometry import Model
 from twin.robot.kinematics import jacobian_row, platform_position
-from twin.robot.statics import (
-    arm_gravity_torque,
-    dead_zone,
-    deflection,
-    load_torque,
-    platform_weight,
-)
+from twin.robot.statics import arm_gravity_torque, dead_zone, deflection, load_torque, platform_weight
 from twin.settings import FieldSource, Values, taken
 
 

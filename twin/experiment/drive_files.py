@@ -22,7 +22,7 @@ from twin.experiment import schema
 from twin.experiment.declared import Declared
 from twin.experiment.mistakes import checked, keys, sentences
 from twin.experiment.schema import TOLERANCE, Parameter
-from twin.experiment.source import COMMAND_LINE, KEPT, NAMING, Source, laid_over, names_stand_in, read_source, rules_for
+from twin.experiment.source import KEPT, NAMING, Source, laid_over, names_stand_in, read_source, rules_for
 from twin.files import meant
 from twin.places import HOME, located
 from twin.settings import Settings
@@ -102,13 +102,6 @@ def fill_from_body(source: Source, folder: Path) -> None:
         raise InputRefused(f"{path}: expected one table [contact], without 'body'")
     source.values["contact"] = laid_over(filling, contact)
     source.origins = {**body.origins, **source.origins}
-
-
-def replace_body(source: Source, name: str) -> None:
-    """Make body `name` what the robot presses on; of the [contact] before only the height stays."""
-    source.forget("contact", keep=("height_mm",))
-    source.values["contact"] = {"body": name, **source.values.get("contact", {})}
-    source.origins["contact.body"] = COMMAND_LINE
 
 
 def _body_file(name: Any, folder: Path) -> Path:

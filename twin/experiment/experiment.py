@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin.errors import InputRefused
-from twin.experiment import schema, task
+from twin.experiment import schema
 from twin.experiment.change import Change, checked_changes
 from twin.experiment.declared import Declared
 from twin.experiment.drive_files import StandIn, checked_apart, fill_from_body, joint_tables, role_named
@@ -22,11 +22,12 @@ from twin.experiment.measure import Measure, checked_measures
 from twin.experiment.mistakes import checked, keys, unknown
 from twin.experiment.schema import MOST_TICKS, whole_ticks
 from twin.experiment.source import KEPT, Source, with_numbers
-from twin.experiment.task import Reference, Task, WayPoints, checked_tasks
+from twin.experiment.task import Reference, WayPoints, checked_tasks
 from twin.settings import Settings, Triple, setting
 
 if TYPE_CHECKING:
     # what the tables of parts are called, for the type checker alone
+    from twin.controller.program import Approach, Task
     from twin.controller.task_controller import Computer
     from twin.monitor.checks import Monitor
     from twin.plant.contact_law import Contact
@@ -45,7 +46,6 @@ class Head(Settings):
 NEEDED: dict[str, type[Settings]] = {"cosim": schema.Cosim}
 OPTIONAL: dict[str, type[Settings]] = {
     "reference": Reference,
-    "approach": task.Approach,
     "recording": schema.Recording,
     "estimator": StandIn,
     "body": StandIn,
@@ -77,7 +77,7 @@ class Experiment:
         origins: where each value comes from.
         stand_ins: parts of another make by the name of their table; of [controller], [monitor] and [scale] only what
             acts all the same is in their own.
-    The tables are those that the parts declare, and those of `schema.py`, `reference.py` and `task.py`.
+    The tables are those that the parts declare, and those of `schema.py` and `task.py`.
     """
 
     name: str
@@ -94,8 +94,8 @@ class Experiment:
     cosim: schema.Cosim
     controller: Computer
     reference: WayPoints | None
-    approach: task.Approach | None
-    tasks: tuple[task.Task, ...]
+    approach: Approach | None
+    tasks: tuple[Task, ...]
     monitor: Monitor | None
     faults: tuple[Fault, ...]
     changes: tuple[Change, ...]
@@ -160,7 +160,7 @@ def checked_tables(declared: Declared, source: Source, folder: Path, mistakes: l
         # all that the body would have said is missing now, and that is no second mistake
         values = {**values, "contact": None}
     by_name, stand_ins = _by_name(declared, values, folder, mistakes)
-    tasks = checked_tasks(source.values.get("task"), mistakes)
+    tasks = checked_tasks(declared.tasks, source.values.get("task"), mistakes)
     drives = _joint_drives(source.values.get("drive"), folder, mistakes)
     ticks = _ticks(by_name, mistakes)
     # without a tick there are no ticks to count a fault's onset in

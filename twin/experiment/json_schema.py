@@ -31,7 +31,6 @@ from twin.experiment.fault import CATALOGUE, table_of
 from twin.experiment.measure import KINDS as MEASURES
 from twin.experiment.mistakes import model_in
 from twin.experiment.source import KEPT, Source, at, read_source, toml_value
-from twin.experiment.task import KINDS as TASKS
 from twin.places import located
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -70,7 +69,8 @@ def experiment_json_schema(declared: Declared) -> Node:
             **tables,
             "drive": drive,
             "task": _array(
-                _by_kind(TASKS, defined), "What the robot does, one task after the other; instead of [reference]."
+                _by_kind(declared.tasks, defined),
+                "What the robot does, one task after the other; instead of [reference].",
             ),
             "fault": _array(_faults(defined), "What breaks."),
             "change": _array([_complete(ChangeTable, {"key": changed}, defined)], changes),
@@ -219,7 +219,7 @@ def commented_experiment(declared: Declared, name: str, base: Path) -> str:
     for table, model in models.items():
         if table not in ("robot", "plant"):
             lines += page.table(table, model)
-    lines += ["", f"# {LED_BY_TASKS}", *page.array("task", TASKS, others.values["task"])]
+    lines += ["", f"# {LED_BY_TASKS}", *page.array("task", declared.tasks, others.values["task"])]
     kind = CATALOGUE[FAULT]
     assert kind.magnitudes is not None and kind.magnitude_key is not None
     fault = {"kind": FAULT, "target": kind.targets[0], "onset_s": 3.0, kind.magnitude_key: kind.magnitudes[1]}

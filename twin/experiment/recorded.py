@@ -17,7 +17,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from twin.errors import InputRefused, nearest
-from twin.experiment import schema, task
+from twin.experiment import schema
 from twin.experiment.declared import Declared, nested
 from twin.experiment.drive_files import known_experiments
 from twin.experiment.experiment import ARRAYS, Head
@@ -176,7 +176,12 @@ def flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
 @cache
 def _names(declared: Declared) -> dict[str, str]:
     """Key of an experiment file -> its name without the unit, of every key that has one."""
-    tables: dict[str, type[Settings]] = {**declared.tables, "drive": schema.Drive, "fault": FaultTable, **task.KINDS}
+    tables: dict[str, type[Settings]] = {
+        **declared.tables,
+        "drive": schema.Drive,
+        "fault": FaultTable,
+        **declared.tasks,
+    }
     models = [model for name, table in tables.items() for model in nested(table, name).values()]
     fields = {field.alias: name for model in models for name, field in model.model_fields.items() if field.alias}
     magnitudes = {kind.magnitude_key: "magnitude" for kind in CATALOGUE.values() if kind.magnitude_key}

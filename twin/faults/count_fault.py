@@ -21,15 +21,7 @@ import numpy as np
 from twin.compiled.function import carray, njit, pointer_to
 from twin.cosim.native import doubles_at, step_function
 from twin.cosim.port import Port, memory_of, record, width
-from twin.faults.drive_fault import (
-    ACTIVE,
-    WINDOW,
-    FaultComponent,
-    Span,
-    tick_now,
-    window,
-    within,
-)
+from twin.faults.drive_fault import ACTIVE, WINDOW, FaultComponent, Span, tick_now, window, within
 
 _GAMMA, _MIX_1, _MIX_2 = (np.uint64(n) for n in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
 _27, _30, _31, _11 = (np.uint64(n) for n in (27, 30, 31, 11))

@@ -17,14 +17,7 @@ from twin.compiled.function import njit
 from twin.cosim.port import record, record_of
 from twin.robot.geometry import Geometry, Model
 from twin.robot.kinematics import jacobian, joint_angles, platform_position
-from twin.robot.statics import (
-    Masses,
-    dead_zone,
-    deflection,
-    environment_force,
-    force_on_environment,
-    load_torque,
-)
+from twin.robot.statics import Masses, dead_zone, deflection, environment_force, force_on_environment, load_torque
 from twin.settings import Values, setting, taken
 
 

@@ -14,13 +14,12 @@ from typing import Literal, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.controller.program import PhaseKind
+from twin.controller.program import PhaseKind, Tap, Task
 from twin.cosim.component import Component
 from twin.cosim.port import by_port
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import ComponentFailed
-from twin.experiment.task import Tap, Task
 from twin.monitor.checks import trip_sentence
 from twin.monitor.component import SafetyMonitor
 

@@ -12,12 +12,7 @@ from twin.plant.dynamics import PlantParameters, acceleration, joint_torque, spr
 from twin.robot.geometry import LEG_COS, LEG_SIN, Geometry
 from twin.robot.kinematics import distal_volume, jacobian, joint_angles, position, transmission_sines
 from twin.robot.leg import NO_ANCHOR
-from twin.robot.statics import (
-    G_ACCELERATION,
-    arm_gravity_torque,
-    environment_force,
-    leg_force,
-)
+from twin.robot.statics import G_ACCELERATION, arm_gravity_torque, environment_force, leg_force
 from twin.robot.workspace import is_reachable
 from validation.engine.constrained import Numbers
 from validation.engine.mechanism import Mechanism

@@ -13,16 +13,7 @@ from twin.runs.assembly.build import plant_parameters
 from twin.runs.loop import simulate
 from twin.runs.trace import Trace
 from twin.studies.analyse.drive_response import Linearised
-from twin.studies.analyse.linear.hand import (
-    DRIFT,
-    NOTHING,
-    FreePlant,
-    Hand,
-    hand_of,
-    hertz,
-    power_share,
-    robot_with,
-)
+from twin.studies.analyse.linear.hand import DRIFT, NOTHING, FreePlant, Hand, hand_of, hertz, power_share, robot_with
 from twin.studies.analyse.linear.loops import LOOPS, linear_law
 from twin.studies.analyse.linear.plant_system import linear_plant
 from twin.studies.analyse.nudge import NUDGED, held, undisturbed

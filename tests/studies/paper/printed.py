@@ -2,13 +2,7 @@
 
 import numpy as np
 
-from twin.controller.controller import (
-    ESTIMATE,
-    ESTIMATOR_INPUTS,
-    ESTIMATOR_OUTPUTS,
-    Belief,
-    estimate,
-)
+from twin.controller.controller import ESTIMATE, ESTIMATOR_INPUTS, ESTIMATOR_OUTPUTS, Belief, estimate
 from twin.robot.geometry import LEG_COS, LEG_SIN
 from twin.robot.statics import arm_gravity_torque, platform_weight
 

@@ -8,14 +8,7 @@ from scipy.optimize import brentq
 
 from tests.robot.poses import GEOMETRY, HOME, MASSES
 from twin.robot.geometry import LEG_COS, LEG_SIN, distal_link
-from twin.robot.kinematics import (
-    jacobian,
-    joint_angles,
-    leg_angle,
-    loop_coefficients,
-    position,
-    sphere_centre,
-)
+from twin.robot.kinematics import jacobian, joint_angles, leg_angle, loop_coefficients, position, sphere_centre
 from twin.robot.statics import directed_load_torque, end_effector_force, environment_force, joint_torques, load_torque
 
 OFF_HOME = (0.012, -0.017, -0.104)

@@ -10,12 +10,7 @@ import numpy as np
 from twin.plant.contact import apex_frame
 from twin.report.page.markup import DataBlock
 from twin.report.page.run import ReportRun
-from twin.robot.geometry import (
-    AXIS,
-    OUTWARD,
-    Geometry,
-    skeleton,
-)
+from twin.robot.geometry import AXIS, OUTWARD, Geometry, skeleton
 from twin.studies.metrics.response import Curve
 
 RATE = 50.0

@@ -1,4 +1,4 @@
-"""A planned drive as one component with the contract's ports, whatever stands behind them, and how often it is stepped."""
+"""A planned drive as one component with the contract's ports, whatever stands behind them, and how often it steps."""
 
 import math
 from collections.abc import Sequence

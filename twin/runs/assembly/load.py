@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.errors import InputRefused, Unreachable
-from twin.experiment.drive_files import experiment_file, replace_body, shelved
+from twin.experiment.drive_files import experiment_file, shelved
 from twin.experiment.experiment import Experiment, Tables, checked_tables, experiment_of
 from twin.experiment.mistakes import unit_hints
 from twin.experiment.recorded import Metadata, recorded_fmus, recorded_name, recorded_values
 from twin.experiment.schema import Drive
-from twin.experiment.source import KEPT, Source, override, read_source, refuse_other_files, replace_drive
+from twin.experiment.source import KEPT, Source, override, read_source, refuse_other_files
 from twin.experiment.task import Chirp, Circle, JointStep, Reference, WayPoints
 from twin.files import json_of
 from twin.places import located
@@ -146,9 +146,9 @@ def load_experiment(
     refuse_other_files(source.values, path)
     folder = path.resolve().parent
     if drive is not None:
-        replace_drive(source, shelved(drive, folder))
+        source.name("drive", "fmu", shelved(drive, folder))
     if body is not None:
-        replace_body(source, body)
+        source.name("contact", "body", body)
     override(source, overrides)
     return checked_experiment(source, path.stem, path, folder)
 

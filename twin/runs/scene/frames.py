@@ -19,12 +19,7 @@ from numpy.typing import NDArray
 
 from twin.compiled.function import carray, njit
 from twin.compiled.native import entry
-from twin.robot.geometry import (
-    AXIS,
-    OUTWARD,
-    Geometry,
-    skeleton,
-)
+from twin.robot.geometry import AXIS, OUTWARD, Geometry, skeleton
 
 X, Y, Z = 0, 1, 2
 IDENTITY = (0.0, 0.0, 0.0, 1.0)

@@ -25,13 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.errors import InputRefused
-from twin.experiment.experiment import (
-    Experiment,
-    exactly_measured,
-    with_cosim,
-    with_model,
-    with_plant,
-)
+from twin.experiment.experiment import Experiment, exactly_measured, with_cosim, with_model, with_plant
 from twin.plant.dynamics import TrueRobot
 from twin.robot.geometry import Model
 from twin.runs.assembly.roles import refuse_other_parts

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
+from twin.controller.program import Push, Tap
 from twin.errors import InputRefused, Unreachable
 from twin.experiment.experiment import Experiment
-from twin.experiment.task import Push, Tap
 from twin.plant.component import resting
 from twin.plant.contact import contact_force, surface_depth
 from twin.plant.dynamics import PlantParameters

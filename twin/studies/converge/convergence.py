@@ -16,13 +16,7 @@ import numpy as np
 
 from twin.cosim.interpolation import Inputs, Scheme
 from twin.errors import ComponentFailed, InputRefused
-from twin.experiment.experiment import (
-    Experiment,
-    exactly_measured,
-    shortened,
-    with_cosim,
-    with_plant,
-)
+from twin.experiment.experiment import Experiment, exactly_measured, shortened, with_cosim, with_plant
 from twin.robot.statics import G_ACCELERATION
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.build import plant_parameters

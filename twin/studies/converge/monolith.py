@@ -28,19 +28,9 @@ from twin.errors import ComponentFailed
 from twin.experiment.experiment import Experiment
 from twin.plant.component import MOTION, OUTPUTS, STILL, Equations, outputs_near, resting
 from twin.plant.contact import ANCHORS, apex_frame
-from twin.plant.dynamics import (
-    PARAMETERS,
-    STATES,
-    UNTOUCHED,
-    PlantParameters,
-    derivative,
-)
+from twin.plant.dynamics import PARAMETERS, STATES, UNTOUCHED, PlantParameters, derivative
 from twin.plant.encoder import Encoder
-from twin.runs.assembly.build import (
-    plant_parameters,
-    shafts,
-    surface_motions,
-)
+from twin.runs.assembly.build import plant_parameters, shafts, surface_motions
 from twin.runs.assembly.computer import belief, controller
 from twin.runs.assembly.drives import ALONE, DrivePlan
 

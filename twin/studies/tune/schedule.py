@@ -13,11 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.controller.adaptive import (
-    SchedulePoint,
-    gains_at,
-    table_of,
-)
+from twin.controller.adaptive import SchedulePoint, gains_at, table_of
 from twin.controller.pid import ScheduledGains
 from twin.controller.tissue import Tissue
 from twin.errors import InputRefused

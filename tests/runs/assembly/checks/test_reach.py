@@ -5,11 +5,7 @@ import pytest
 
 from tests.laws.runs import EVERY_EXPERIMENT, FORCE, shipped
 from tests.runs.assembly.checks.test_tasks import told
-from twin.robot.workspace import (
-    Bars,
-    ball_joint_angles,
-    clearances,
-)
+from twin.robot.workspace import Bars, ball_joint_angles, clearances
 from twin.runs.assembly.checks.tasks import obstructed
 from twin.runs.assembly.computer import geometry_of
 

@@ -9,11 +9,7 @@ from twin.errors import InputRefused
 from twin.experiment.fault import CATALOGUE, Fault
 from twin.faults import count_fault, drive_fault
 from twin.runs.assembly.declared import BROKEN
-from twin.runs.assembly.faults import (
-    COUNT_LAWS,
-    DRIVE_LAWS,
-    inject,
-)
+from twin.runs.assembly.faults import COUNT_LAWS, DRIVE_LAWS, inject
 
 DEG = np.pi / 180.0
 TURN = 2.0 * np.pi

@@ -12,11 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twin.controller.adaptive import (
-    SchedulePoint,
-    gains_at,
-    table_of,
-)
+from twin.controller.adaptive import SchedulePoint, gains_at, table_of
 from twin.controller.pid import low_pass_share
 from twin.controller.task_controller import Computer
 from twin.errors import Unreachable

@@ -16,25 +16,17 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.controller.program import Approach, Push, Roll, Tap, Task
 from twin.controller.task_controller import Computer
 from twin.errors import Unreachable
-from twin.experiment.task import Approach, Push, Roll, Tap, Task, WayPoints
+from twin.experiment.task import WayPoints
 from twin.monitor.checks import Monitor
-from twin.plant.contact import (
-    Shape,
-    surface_depth,
-    surface_frame,
-)
+from twin.plant.contact import Shape, surface_depth, surface_frame
 from twin.plant.contact_law import elastic_force
 from twin.plant.dynamics import PlantParameters, TrueRobot
 from twin.robot.geometry import Geometry
 from twin.robot.kinematics import jacobian, joint_angles
-from twin.robot.workspace import (
-    BARS,
-    Bars,
-    ball_joint_angles,
-    clearances,
-)
+from twin.robot.workspace import BARS, Bars, ball_joint_angles, clearances
 from twin.runs.assembly.computer import geometry_of
 from twin.settings import Triple
 
