@@ -32,8 +32,7 @@ from twin.plant.dynamics import PlantParameters, TrueRobot
 from twin.plant.encoder import INPUTS as ANGLES
 from twin.plant.encoder import Encoder, Scale, Shaft
 from twin.robot.statics import G_ACCELERATION
-from twin.runs.assembly.drive_component import drive
-from twin.runs.assembly.drives import DrivePlan, Start, planned
+from twin.runs.assembly.drives import DrivePlan, Start, drive, planned
 from twin.runs.assembly.roles import OtherPart
 
 SUDDEN = 0.02
@@ -92,7 +91,7 @@ class DriveMaker(Protocol):
     one_process: bool
 
     def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
-        """As `twin.runs.assembly.drive_component.drive`."""
+        """As `twin.runs.assembly.drives.drive`."""
 
 
 class InThisProcess:

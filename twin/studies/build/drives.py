@@ -23,8 +23,7 @@ from twin.experiment.fault import CATALOGUE
 from twin.runs.assembly.assemble import HERE
 from twin.runs.assembly.build import Build, at_rest, joint_drives, motions, need_processes, planned_drives, turns_all
 from twin.runs.assembly.declared import BROKEN, PLACES
-from twin.runs.assembly.drive_component import rates
-from twin.runs.assembly.drives import DrivePlan
+from twin.runs.assembly.drives import DrivePlan, rates
 
 
 def refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> None:

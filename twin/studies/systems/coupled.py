@@ -17,7 +17,7 @@ from twin.drive.lifecycle import CosimInstance
 from twin.drive.setting import Setup
 from twin.drive.stepping import FmuPort
 from twin.errors import InputRefused
-from twin.runs.assembly.drive_component import stop_time
+from twin.runs.assembly.drives import stop_time
 from twin.studies.systems.plan import Part, Plan
 
 _T = TypeVar("_T")
