@@ -13,8 +13,7 @@ from twin.cosim.component import Component
 from twin.cosim.observers import simulate
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.drive_component import drive
-from twin.runs.assembly.drives import DrivePlan, Start
+from twin.runs.assembly.drives import DrivePlan, Start, drive
 from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.isolated_drive import IsolatedDrives
 from twin.runs.guard.limits import JobLimits
@@ -82,7 +81,7 @@ class FirstElsewhere:
         self._drives, self._count = drives, count
 
     def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
-        """See `twin.runs.assembly.drive_component.drive`."""
+        """See `twin.runs.assembly.drives.drive`."""
         elsewhere = int(name.removeprefix("drive_")) <= self._count
         return (self._drives.drive if elsewhere else drive)(name, plan, tick, theta_m, tau_load)
 

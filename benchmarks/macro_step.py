@@ -19,8 +19,7 @@ from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.unpacked import unpacked
 from twin.experiment.drive_files import lone_drive
-from twin.runs.assembly.drive_component import drive
-from twin.runs.assembly.drives import DrivePlan, planned
+from twin.runs.assembly.drives import DrivePlan, drive, planned
 from twin.runs.run import SLICE_TICKS
 
 TICKS = 20_000

@@ -8,8 +8,8 @@ import pytest
 from pydantic import ValidationError
 
 from twin.cosim.port import record_of
+from twin.plant.contact import Shape
 from twin.plant.contact_law import Contact, ContactLaw, Law
-from twin.plant.surface import Shape
 from twin.settings import Settings, Values, numbers, setting, taken
 
 

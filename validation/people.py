@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.plant.contact_law import Contact, elastic_force
-from twin.plant.parameters import PlantParameters
+from twin.plant.dynamics import PlantParameters
+from twin.runs.assembly.build import plant_parameters
 from twin.runs.assembly.load import load_experiment
-from twin.runs.assembly.true_parameters import plant_parameters
 from twin.studies.figure import BLUE, GREEN, GREY, INK, ORANGE, PINK, SKY, VERMILION, picture
 
 Numbers = NDArray[np.float64]

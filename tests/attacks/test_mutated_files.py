@@ -13,7 +13,7 @@ from tests.studies.sweep.statistics.rows import row
 from tests.studies.systems.archives import archive, component, connection, connector, line, structure, system, values
 from twin.cosim.ssp.flat import flattened
 from twin.cosim.ssp.package import read_package
-from twin.experiment.template import commented_experiment
+from twin.experiment.json_schema import commented_experiment
 from twin.recording.logs.column_map import column_map
 from twin.recording.logs.reader import read_log
 from twin.runs.assembly.declared import DECLARED

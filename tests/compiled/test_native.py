@@ -55,9 +55,8 @@ def test_what_stands_for_numbas_names_is_compiled_as_those_are():
 
 
 def test_the_twin_calls_the_source_of_what_is_compiled_and_numba_is_not_imported():
-    code = (
-        "import sys; from twin.robot.sea import load_torque as f; print(f(2.0, 3.0, 0.5, 1.0), 'numba' in sys.modules)"
-    )
+    code = "import sys; from twin.robot.statics import load_torque as f"
+    code += "; print(f(2.0, 3.0, 0.5, 1.0), 'numba' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["3.0", "False"]
 

@@ -7,27 +7,27 @@ import numpy as np
 from tests.laws.runs import Sampled
 from twin.controller.controller import NEVER, Law
 from twin.controller.pid import Believed, Damping, Gains
-from twin.controller.program import Pressing, Pushing, Rolling, Tapping, Travel, program
+from twin.controller.program import Approach, Press, Push, Roll, Tap, program
 from twin.controller.task_controller import TaskController, Touch
 
 T_s = 2e-3
 FLOOR, STIFFNESS = -0.1, 1000.0
 """Height (m) of the soft floor, and its stiffness (N/m)."""
-APPROACH = Travel(
-    height=-0.09, floor=-0.12, speed=0.04, descent=0.01, ramp=0.1, release=0.5, contact_force=0.6
-)  # fmt: skip
+APPROACH = Approach.of(height=-0.09, floor=-0.12, speed=0.04, descent=0.01, ramp=0.1, release=0.5)
+CONTACT = 0.6
+"""Pressing force (N) that counts as touching."""
 LAW = Law(N=2.0, omega_max=8.0, F_z_ref=0.0, trigger_force=NEVER, trigger_time=NEVER, dp_z_max=0.03, corner=0.0)
 FORCE_GAINS = Gains(5e-4, 4e-3)
 FORWARD = Believed(k_s=1.0, eta=1.0, mu=0.0, lag=0.0)
 UNDAMPED = Damping.of(gain=0.0, corner=4.0)
-TOUCH = Touch.of(contact=0.6, patience=0.3, turn=0.0, learning=0.0)
+TOUCH = Touch.of(contact=CONTACT, patience=0.3, turn=0.0, learning=0.0)
 J_HOME = np.array([0.0, -10.0, -15.0, 9.0, 5.0, -15.0, -9.0, 5.0, -15.0])
 """About the Jacobian at home (rad/m), row by row."""
 IN_THE_CENTRE = (0.0, 0.0)
-PRESS = Pressing(IN_THE_CENTRE, 5.0, 1.0, 2.0)
-TAP = Tapping(IN_THE_CENTRE, 3.0, 0.1, 0.006, 0.4, 5)
-ROLL = Rolling(IN_THE_CENTRE, 4.0, 1.0, 0.005, 1.0, 2.0)
-PUSH = Pushing((0.0, 0.01), 4.0, 1.0, (0.0, -0.01), 0.02)
+PRESS = Press.of(point=IN_THE_CENTRE, force=5.0, build_up=1.0, hold=2.0)
+TAP = Tap.of(point=IN_THE_CENTRE, force=3.0, speed=0.1, lift=0.006, period=0.4, times=5)
+ROLL = Roll.of(point=IN_THE_CENTRE, force=4.0, build_up=1.0, radius=0.005, rate=1.0, turns=2.0)
+PUSH = Push.of(point=(0.0, 0.01), force=4.0, build_up=1.0, to=(0.0, -0.01), speed=0.02)
 
 
 def task_controller(
@@ -45,7 +45,7 @@ def task_controller(
     start = (*tasks[0].point, approach.height)
     gains = Gains(position)
     return TaskController(
-        law, gains, force, forward, damping, touch, program(approach, tasks), start, adapting=adapting
+        law, gains, force, forward, damping, touch, program(approach, CONTACT, tasks), start, adapting=adapting
     )
 
 

@@ -3,8 +3,7 @@
 import numpy as np
 
 from tests.controller.test_taps import SENSING
-from twin.controller.adaptive import ADAPTIVE, Adapting
-from twin.controller.schedule import SchedulePoint, Scheduling, table_of
+from twin.controller.adaptive import ADAPTIVE, Adapting, SchedulePoint, Scheduling, table_of
 
 POINTS = [SchedulePoint(300.0, 4e-3, 8e-2), SchedulePoint(800.0, 3e-3, 4e-2)]
 

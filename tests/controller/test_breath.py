@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from twin.controller.breath import BREATH, breathe
+from twin.controller.adaptive import BREATH, breathe
 from twin.controller.tissue import TISSUE
 
 T_s = 2e-3

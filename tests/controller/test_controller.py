@@ -8,7 +8,7 @@ from tests.plant.states import positions
 from twin.controller.controller import NEVER, Controller, Law, follow_passed, reference_position
 from twin.controller.pid import PID, Gains, loop, proposal
 from twin.robot.geometry import Geometry
-from twin.robot.jacobian import jacobian
+from twin.robot.kinematics import jacobian
 from twin.runs.assembly.computer import belief, controller
 
 T_s = 2e-3

@@ -5,19 +5,15 @@ from hypothesis import strategies as st
 
 from tests.laws.runs import Sampled, shipped
 from tests.plant.states import positions
-from twin.controller.estimator import Estimator
+from twin.controller.controller import Estimator
 from twin.cosim.port import Port
 from twin.cosim.python_class import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import ComponentFailed
-from twin.robot.forward_kinematics import position
 from twin.robot.geometry import Geometry
-from twin.robot.gravity import Masses, environment_force
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.jacobian import jacobian
-from twin.robot.sea import deflection, load_torque
-from twin.robot.statics import end_effector_force
+from twin.robot.kinematics import jacobian, joint_angles, position
+from twin.robot.statics import Masses, deflection, end_effector_force, environment_force, load_torque
 from twin.runs.assembly.computer import belief
 
 BELIEF = belief(shipped())._replace(motor_zero=(0.01, -0.02, 0.03), joint_zero=(-0.005, 0.002, 0.001))

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from tests.conftest import examples
 from tests.controller.soft_floor import (
     APPROACH,
+    CONTACT,
     FLOOR,
     FORCE_GAINS,
     LAW,
@@ -23,7 +24,7 @@ from tests.controller.soft_floor import (
     phases_of,
 )
 from twin.controller.program import PhaseKind as Kind
-from twin.controller.program import Pressing, Pushing, Rolling, Tapping
+from twin.controller.program import Press, Push, Roll, Tap
 
 WITH_DRIVES = World(follows="velocity")
 SHORT_OF_END = 1.5 * T_s
@@ -35,10 +36,26 @@ points = st.tuples(*[st.floats(-0.01, 0.01)] * 2)
 forces = st.floats(1.0, 8.0)
 short = st.floats(0.1, 0.5)
 any_task = st.one_of(
-    st.builds(Pressing, points, forces, short, short),
-    st.builds(Tapping, points, forces, st.floats(0.02, 0.1), st.floats(0.003, 0.008), st.floats(0.2, 0.5), st.just(2)),
-    st.builds(Rolling, points, forces, short, st.floats(0.001, 0.005), st.floats(2.0, 4.0), st.just(1.0)),
-    st.builds(Pushing, points, forces, short, points, st.floats(0.01, 0.05)),
+    st.builds(Press.of, point=points, force=forces, build_up=short, hold=short),
+    st.builds(
+        Tap.of,
+        point=points,
+        force=forces,
+        speed=st.floats(0.02, 0.1),
+        lift=st.floats(0.003, 0.008),
+        period=st.floats(0.2, 0.5),
+        times=st.just(2),
+    ),
+    st.builds(
+        Roll.of,
+        point=points,
+        force=forces,
+        build_up=short,
+        radius=st.floats(0.001, 0.005),
+        rate=st.floats(2.0, 4.0),
+        turns=st.just(1.0),
+    ),
+    st.builds(Push.of, point=points, force=forces, build_up=short, to=points, speed=st.floats(0.01, 0.05)),
 )
 
 
@@ -56,8 +73,8 @@ def call_of(rows, kind, nth=0, task=1):
 def test_no_sequence_of_tasks_makes_the_command_jump(tasks, noise, floor_goes):
     world = World(noise=noise, gone=(3.0, 3.6) if floor_goes else (0.0, 0.0))
     rows = carried_out(tasks, 8.0, world)
-    fastest = max(APPROACH.speed, *(t.speed for t in tasks if isinstance(t, Tapping | Pushing)), 0.0)
-    fastest = max(fastest, *(2.0 * np.pi * t.rate * t.radius for t in tasks if isinstance(t, Rolling)), 0.0)
+    fastest = max(APPROACH.speed, *(t.speed for t in tasks if isinstance(t, Tap | Push)), 0.0)
+    fastest = max(fastest, *(2.0 * np.pi * t.rate * t.radius for t in tasks if isinstance(t, Roll)), 0.0)
     step = np.linalg.norm(np.diff(rows["p_cmd_B"], axis=0), axis=1)
     # what the force loop adds while it acts: its gains on what force and reference do; none where it starts or ends
     on = rows["triggered"] > 0.5
@@ -103,7 +120,7 @@ def test_the_next_task_travels_at_the_height_above_all_points():
 def test_descent_ends_at_the_first_call_that_feels_contact():
     rows = carried_out([PRESS], 3.0)
     began = call_of(rows, Kind.BUILD_UP)
-    assert rows["F_z"][began] >= APPROACH.contact_force > rows["F_z"][began - 1]
+    assert rows["F_z"][began] >= CONTACT > rows["F_z"][began - 1]
 
 
 def test_nothing_felt_down_to_the_floor_leads_back_up():
@@ -159,7 +176,7 @@ def test_force_reference_never_jumps_while_the_robot_presses():
     on = rows["triggered"] > 0.5
     change = np.abs(np.diff(rows["F_z_ref"]))[on[1:] & on[:-1]]
     # the steepest is the release: 3/2 of its mean
-    assert change.max() <= 1.5 * (PRESS.force - APPROACH.contact_force) / APPROACH.release * T_s * (1.0 + 1e-9)
+    assert change.max() <= 1.5 * (PRESS.force - CONTACT) / APPROACH.release * T_s * (1.0 + 1e-9)
 
 
 def test_every_press_starts_with_an_empty_force_loop():

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.controller.motion import circle_offset, circle_time, line_share, line_speed, line_time, motion, motion_time
+from twin.controller.machine import circle_offset, circle_time, line_share, line_speed, line_time, motion, motion_time
 from twin.controller.program import PHASE, Phase, PhaseKind
 
 lengths = st.floats(1e-4, 0.1)

@@ -19,7 +19,7 @@ from twin.controller.pid import (
     proposal,
     rest,
 )
-from twin.robot.jacobian import jacobian
+from twin.robot.kinematics import jacobian
 
 T_s = 2e-3
 errors = st.lists(st.floats(-10.0, 10.0), min_size=1, max_size=30)

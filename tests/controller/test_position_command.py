@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import Sampled
-from twin.controller.position_command import DriveSpeedIntegrator, Servo
+from twin.controller.pid import DriveSpeedIntegrator, Servo
 
 
 @pytest.mark.parametrize("ratio", [0.5, -3.0])

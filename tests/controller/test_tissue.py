@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from twin.controller.schedule import dither
+from twin.controller.adaptive import dither
 from twin.controller.tissue import HIGHEST, TISSUE, _solve, band_passed, sense
 
 T_s = 2e-3

@@ -1,8 +1,8 @@
 import numpy as np
 
 from twin.cosim.playback import columns, play
-from twin.plant.scale import Scale
-from twin.robot.gravity import G_ACCELERATION
+from twin.plant.encoder import Scale
+from twin.robot.statics import G_ACCELERATION
 
 
 def test_a_component_played_over_inputs_gives_what_it_would_give_in_a_run():

@@ -11,7 +11,7 @@ from examples.python_component import LaggingDrive, step_response
 from tests.cosim.models import U, continuous, sampled
 from twin.cosim.component import Component
 from twin.cosim.port import Port
-from twin.cosim.python_class import ClassComponent, PythonComponent, PythonSource, made, wanted_of
+from twin.cosim.python_class import NamedPorts, PythonComponent, PythonSource, made, wanted_of
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import ComponentFailed, InputRefused
@@ -80,7 +80,7 @@ def part_of(folder: Path, text: str, **parameters: float) -> Component:
     source = PythonSource(file)
     kind = source.class_of("Part")
     wanted = wanted_of("mine.py:Part", kind, INPUTS, OUTPUTS, ("v",))
-    return ClassComponent("part", "mine.py:Part", made("mine.py:Part", kind, parameters), *wanted, 2)
+    return PythonComponent("part", NamedPorts(made("mine.py:Part", kind, parameters), *wanted), 2, label="mine.py:Part")
 
 
 def outputs_of(part: Component, ticks: int = 4) -> np.ndarray:
@@ -93,7 +93,7 @@ def outputs_of(part: Component, ticks: int = 4) -> np.ndarray:
         def step(self, t: float, inputs: dict[str, Any]) -> dict[str, Any]:
             return {"p": np.array([1.0, 2.0, 3.0]) * t, "on": True}
 
-    way = ClassComponent("way", "Way", Way(), *wanted_of("Way", Way, INPUTS, INPUTS, ()), 1)
+    way = PythonComponent("way", NamedPorts(Way(), *wanted_of("Way", Way, INPUTS, INPUTS, ())))
     wires = [(f"way.{port.name}", f"part.{port.name}") for port in part.inputs]
     system = System([way, part], wires, 0.5)
     return Simulation(system, ticks).run()[:, system.columns(f"part.{part.outputs[0].name}")]

@@ -11,7 +11,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from tests.conftest import ROOT
-from twin.experiment import change, fault, measure, schema, task
+from twin.controller.program import TASKS
+from twin.experiment import change, fault, measure, schema
 from twin.experiment import drive_files as stand_in
 from twin.experiment.declared import nested
 from twin.experiment.experiment import Head
@@ -30,7 +31,7 @@ TABLES: dict[str, type[Settings]] = {
     "[drive.velocity_loop]": schema.VelocityLoop,
     "[drive.parts.NAME]": schema.Part,
     "a part of another make": stand_in.StandIn,
-    **{f'[[task]] kind = "{kind}"': table for kind, table in task.KINDS.items()},
+    **{f'[[task]] kind = "{kind}"': table for kind, table in TASKS.items()},
     "[[fault]]": fault.FaultTable,
     "[[change]]": change.ChangeTable,
     **{f'[[measure]] kind = "{kind}"': table for kind, table in measure.KINDS.items()},

@@ -74,7 +74,7 @@ def test_a_link_into_the_code_shows_the_code(site: Path, root: Path):
     page = (site / "repository" / "twin" / "robot" / "sea.py.html").read_text()
     text = re.sub(r"<[^>]+>", "", page)
     assert "def dead_zone(d, half_width):" in text
-    assert 'href="repository/twin/robot/sea.py.html"' in (site / "physics.html").read_text()
+    assert 'href="repository/twin/robot/statics.py.html"' in (site / "physics.html").read_text()
 
 
 def test_the_search_needs_no_server_and_looks_into_no_code(site: Path):

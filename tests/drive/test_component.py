@@ -22,8 +22,7 @@ from twin.drive.unpacked import unpacked
 from twin.errors import InputRefused
 from twin.experiment.schema import Drive
 from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.drive_component import drive
-from twin.runs.assembly.drives import planned
+from twin.runs.assembly.drives import drive, planned
 from twin.runs.assembly.load import load_experiment
 
 TICK = 1e-3

@@ -21,8 +21,7 @@ from twin.errors import InputRefused
 from twin.experiment.schema import Drive
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.runs.assembly.drive_component import drive
-from twin.runs.assembly.drives import planned
+from twin.runs.assembly.drives import drive, planned
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
 

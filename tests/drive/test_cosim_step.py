@@ -25,8 +25,7 @@ from twin.drive.variable import ITEM_SIZES, KINDS
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.drive_component import drive
-from twin.runs.assembly.drives import planned
+from twin.runs.assembly.drives import drive, planned
 from twin.runs.assembly.load import load_experiment
 
 STEP = ctypes.CFUNCTYPE(

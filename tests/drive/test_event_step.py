@@ -17,8 +17,7 @@ from twin.drive.event_step import CHANGING, COUNTDOWN, PERIODIC, settle
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.experiment.schema import Drive
-from twin.runs.assembly.drive_component import drive
-from twin.runs.assembly.drives import planned
+from twin.runs.assembly.drives import drive, planned
 from twin.studies.qualify.lifecycle import lifecycle_findings
 
 EVENTS = 'hasEventMode="true"'

@@ -24,8 +24,7 @@ from twin.drive.unpacked import unpacked
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.schema import Drive
 from twin.recording.reader import read
-from twin.runs.assembly.drive_component import drive
-from twin.runs.assembly.drives import planned
+from twin.runs.assembly.drives import drive, planned
 from twin.runs.guard.reporter import DirectReporter
 from twin.studies.qualify.lifecycle import examined
 from twin.studies.qualify.proposal import proposal

@@ -7,12 +7,11 @@ import pytest
 
 from tests.laws.runs import EXPERIMENTS, Sampled, shipped
 from twin.errors import InputRefused
-from twin.experiment.body_files import fill_from_body, replace_body
+from twin.experiment.drive_files import fill_from_body
 from twin.experiment.source import Source, override, read_source
-from twin.plant.beginning import resting
-from twin.plant.component import Plant
+from twin.plant.component import Plant, resting
 from twin.plant.contact_law import Contact, elastic_force
-from twin.runs.assembly.true_parameters import plant_parameters
+from twin.runs.assembly.build import plant_parameters
 
 BODIES = sorted(path.stem for path in (EXPERIMENTS / "bodies").glob("*.toml"))
 over_every_body = pytest.mark.parametrize("name", BODIES)
@@ -138,7 +137,7 @@ def test_what_the_experiment_says_is_laid_over_its_body():
 def test_a_body_of_the_command_line_keeps_the_height_alone():
     source = read_source(EXPERIMENTS / "fig4_force_position.toml")
     override(source, ["contact.height_mm=-99"])
-    replace_body(source, "belly")
+    source.name("contact", "body", "belly")
     fill_from_body(source, EXPERIMENTS)
     contact = Contact.model_validate(source.values["contact"])
     assert (contact.height, contact.stiffness, contact.law) == (-0.099, 500.0, "kelvin_voigt")

@@ -4,8 +4,7 @@ from typing import Any
 
 import pytest
 
-from twin.experiment.fault import NEVER, Fault, checked_faults, table_of
-from twin.experiment.fault_catalogue import CATALOGUE
+from twin.experiment.fault import CATALOGUE, NEVER, Fault, checked_faults, table_of
 from twin.experiment.mistakes import keys
 
 TICK = 1e-3

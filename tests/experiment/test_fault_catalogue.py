@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.experiment.fault_catalogue import ALWAYS, CATALOGUE, EVERY, NEVER, Kind, Seen
+from twin.experiment.fault import ALWAYS, CATALOGUE, EVERY, UNSEEN, Kind, Seen
 
 NO_MAGNITUDE = "none"
 
@@ -23,7 +23,7 @@ def cells(name: str, known: Kind) -> list[str]:
 def told(seen: Seen) -> str:
     """`yes`, `no`, `from 2`, `free: from -10, in contact: from -30`."""
     places = {"free": seen.free, "in contact": seen.contact}
-    if seen in (ALWAYS, NEVER):
+    if seen in (ALWAYS, UNSEEN):
         return "yes" if seen == ALWAYS else "no"
     words = {place: "no" if m is None else "yes" if m == EVERY else f"from {m:g}" for place, m in places.items()}
     if len(set(words.values())) == 1:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from twin.errors import InputRefused
-from twin.experiment.named import experiment_file, known_experiments
+from twin.experiment.drive_files import experiment_file, known_experiments
 from twin.runs.assembly.load import load_experiment
 
 NAME = "fig4_force_position"

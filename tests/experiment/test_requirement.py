@@ -1,6 +1,6 @@
 import pytest
 
-from twin.experiment.requirement import AtMost, Holds, Joined, Not, Term, Until, Within, requirement, signals_of
+from twin.experiment.measure import AtMost, Holds, Joined, Not, Term, Until, Within, requirement, signals_of
 
 
 def test_a_bound_on_a_force_is_a_comparison_in_newtons():

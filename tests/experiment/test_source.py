@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.errors import InputRefused
-from twin.experiment.source import Source, override, read_source, replace_drive, source_text
+from twin.experiment.source import Source, override, read_source, source_text
 from twin.places import located
 from twin.runs.assembly.load import load_experiment
 
@@ -140,7 +140,7 @@ def test_what_lies_nowhere_near_is_taken_from_the_repository(root: Path, tmp_pat
 
 def test_another_drive_brings_its_own_parameters(tmp_path: Path):
     source = read_source(write(tmp_path, "e.toml", '[drive]\nfmu = "x"\n[drive.parameters]\ndroop = 0.6\n'))
-    replace_drive(source, "y.fmu")
+    source.name("drive", "fmu", "y.fmu")
     assert source.values["drive"].keys() == {"fmu"}
     assert not any(key.startswith("drive.parameters") for key in source.origins)
 

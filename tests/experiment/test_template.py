@@ -6,8 +6,7 @@ import jsonschema
 import pytest
 
 from tests.experiment.schema_tables import tables
-from twin.experiment.json_schema import experiment_json_schema
-from twin.experiment.template import commented_experiment
+from twin.experiment.json_schema import commented_experiment, experiment_json_schema
 from twin.runs.assembly.declared import DECLARED
 from twin.runs.assembly.load import load_experiment
 

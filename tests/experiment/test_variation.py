@@ -4,8 +4,7 @@ import pytest
 
 from tests.laws.runs import shipped
 from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment
-from twin.experiment.variation import shortened, with_cosim
+from twin.experiment.experiment import Experiment, shortened, with_cosim
 
 STEP = "step_force_scale"
 

@@ -13,7 +13,7 @@ from twin.cosim.port import Port, width
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import End, Feeds, Scheme, Side, System, ends, wires
 from twin.experiment.fault import Fault
-from twin.runs.assembly.faults.inject import inject
+from twin.runs.assembly.faults import inject
 
 TICK = 1e-3
 PERIOD = 2

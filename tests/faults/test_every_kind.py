@@ -5,8 +5,7 @@ import pytest
 
 from tests.faults.robot import PERIOD, TICK, Robot, Run, run
 from twin.errors import ComponentFailed
-from twin.experiment.fault import Fault
-from twin.experiment.fault_catalogue import CATALOGUE
+from twin.experiment.fault import CATALOGUE, Fault
 
 ONSET, END = 41, 81
 LAST = 120

@@ -9,12 +9,10 @@ from tests.laws.runs import PARAMETERS as REAL
 from twin.cosim.port import Port
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System, wires
-from twin.experiment.fault import NEVER, Fault
-from twin.experiment.fault_catalogue import CATALOGUE
-from twin.plant.beginning import resting
-from twin.plant.component import Plant
+from twin.experiment.fault import CATALOGUE, NEVER, Fault
+from twin.plant.component import Plant, resting
 from twin.runs.assembly.declared import BROKEN
-from twin.runs.assembly.faults.inject import inject
+from twin.runs.assembly.faults import inject
 
 ONSET, END, LAST = 40, 80, 120
 NOMINAL = {

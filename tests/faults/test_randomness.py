@@ -1,6 +1,6 @@
 import numpy as np
 
-from twin.faults.randomness import drawn, first_state
+from twin.faults.count_fault import drawn, first_state
 
 MEMORY = np.dtype([("random", "u8")], align=True)
 

@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from tests.plant.kinetic import kinetic_energy
 from tests.plant.test_energy import stored
-from twin.plant.parameters import PlantParameters
-from twin.robot.gravity import G_ACCELERATION, platform_weight
+from twin.plant.dynamics import PlantParameters
+from twin.robot.statics import G_ACCELERATION, platform_weight
 from twin.runs.trace import Trace
 
 Numbers = NDArray[np.float64]

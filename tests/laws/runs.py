@@ -4,8 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from twin.experiment.experiment import Experiment
+from twin.runs.assembly.build import plant_parameters
 from twin.runs.assembly.load import load_experiment
-from twin.runs.assembly.true_parameters import plant_parameters
 from twin.runs.trace import Trace, run_in_memory
 from twin.studies.converge.monolith import Sampled
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tests.laws.runs import EXPERIMENTS
 from twin.cosim.observers import simulate
 from twin.errors import InputRefused
-from twin.experiment.fault_catalogue import CATALOGUE
+from twin.experiment.fault import CATALOGUE
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
 from twin.runs.trace import Trace

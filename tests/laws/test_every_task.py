@@ -10,12 +10,12 @@ import pytest
 
 from tests.laws.runs import EXPERIMENTS, co_simulated, shipped
 from twin.controller.program import PhaseKind as Kind
-from twin.experiment.task import Push, Roll, Tap
-from twin.plant.surface import surface_frame
+from twin.controller.program import Push, Roll, Tap
+from twin.plant.contact import surface_frame
 from twin.robot.geometry import Geometry
-from twin.robot.jacobian import jacobian
+from twin.robot.kinematics import jacobian
+from twin.runs.assembly.build import plant_parameters
 from twin.runs.assembly.load import load_experiment
-from twin.runs.assembly.true_parameters import plant_parameters
 
 TASKS = ("massage", "pressing", "pushing", "rolling", "tapping")
 BODIES = sorted(path.stem for path in (EXPERIMENTS / "bodies").glob("*.toml"))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from twin.plant.contact_law import elastic_force
+from twin.runs.assembly.build import plant_parameters
 from twin.runs.assembly.load import load_experiment
-from twin.runs.assembly.true_parameters import plant_parameters
 from twin.runs.trace import run_in_memory
 
 BODIES = sorted(path.stem for path in Path("experiments/bodies").glob("*.toml"))

@@ -6,14 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.laws.runs import Sampled, shipped
-from twin.monitor.belief import MonitorBelief
 from twin.monitor.checks import Limits, Trip
 from twin.monitor.checks import Monitor as Section
 from twin.monitor.component import SafetyMonitor
-from twin.monitor.observation import geometry
-from twin.robot.gravity import Masses, environment_force
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.jacobian import jacobian
+from twin.monitor.observation import MonitorBelief, geometry
+from twin.robot.kinematics import jacobian, joint_angles
+from twin.robot.statics import Masses, environment_force
 from twin.runs.assembly.computer import monitor_belief, monitor_limits
 
 BELIEF = monitor_belief(shipped().robot)

@@ -9,11 +9,10 @@ from hypothesis import strategies as st
 
 from tests.monitor.motions import BELIEF, DT, GEOMETRY, angles
 from tests.plant.states import positions
-from twin.monitor.belief import BELIEF as BELIEF_RECORD
+from twin.monitor.observation import BELIEF as BELIEF_RECORD
 from twin.monitor.observation import SEEN, low_pass_share, observe_joints, observe_platform, press_wind_up, resolution
-from twin.robot.forward_kinematics import position
-from twin.robot.sea import dead_zone, load_torque
-from twin.robot.statics import end_effector_force
+from twin.robot.kinematics import position
+from twin.robot.statics import dead_zone, end_effector_force, load_torque
 
 signs = st.tuples(*[st.sampled_from((-1.0, 1.0))] * 3).map(np.array)
 

@@ -11,10 +11,8 @@ from hypothesis import strategies as st
 from tests.laws.runs import PARAMETERS, Sampled
 from tests.monitor.motions import BELIEF, DT, GEOMETRY, LIMITS, latched, standing, watched
 from twin.monitor.checks import Reason
-from twin.monitor.component import SafetyMonitor
-from twin.monitor.retraction import RETRACTION, Retreat, retraction_speed, retreat
-from twin.plant.beginning import resting
-from twin.plant.component import Plant
+from twin.monitor.component import RETRACTION, Retreat, SafetyMonitor, retraction_speed, retreat
+from twin.plant.component import Plant, resting
 from twin.plant.encoder import Encoder, Shaft
 
 TICK = 1e-3

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.plant.parameters import PlantParameters
+from twin.plant.dynamics import PlantParameters
 from twin.robot.geometry import LEG_COS, LEG_SIN
-from twin.robot.gravity import leg_inertia, moving_mass
+from twin.robot.statics import leg_inertia, moving_mass
 
 Numbers = NDArray[np.float64]
 

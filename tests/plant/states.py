@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.laws.runs import PARAMETERS
-from twin.plant.beginning import resting
+from twin.plant.component import resting
 from twin.plant.contact_law import ContactLaw
-from twin.plant.parameters import PlantParameters
+from twin.plant.dynamics import PlantParameters
 
 # in steps of 1e-3: numbers near the smallest float would only test underflow
 SURFACES = {

@@ -12,11 +12,9 @@ from tests.plant.states import moving, positions
 from twin.compiled.native import Native
 from twin.cosim.port import memory_of, width
 from twin.errors import Unreachable
-from twin.plant.beginning import REST_OUTPUTS, outputs_at_start, rest, resting
-from twin.plant.component import MEMORY, OUTPUTS, STILL, Plant
+from twin.plant.component import MEMORY, OUTPUTS, REST_OUTPUTS, STILL, Plant, outputs_at_start, rest, resting
 from twin.plant.contact import ANCHORS
-from twin.plant.dynamics import derivative
-from twin.plant.parameters import PlantParameters
+from twin.plant.dynamics import PlantParameters, derivative
 
 tilts = st.sampled_from([0.0, 0.0175, -0.3])
 # 0: constant efficiency

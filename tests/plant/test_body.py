@@ -10,9 +10,8 @@ from twin.cosim.port import Port
 from twin.cosim.python_class import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
-from twin.plant.beginning import resting
-from twin.plant.body import Body, Motion, MotionKind
-from twin.plant.component import Plant
+from twin.plant.component import Plant, resting
+from twin.plant.contact_law import Body, Motion, MotionKind
 
 BREATHING, SHIFT = MotionKind.BREATHING, MotionKind.SHIFT
 

@@ -9,12 +9,10 @@ from twin.cosim.port import Port
 from twin.cosim.python_class import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.errors import ComponentFailed
-from twin.plant.beginning import resting
-from twin.plant.component import LEFT_WORKSPACE, STILL, Plant
+from twin.plant.component import LEFT_WORKSPACE, STILL, Plant, resting
 from twin.plant.dynamics import derivative
 from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.jacobian import jacobian
+from twin.robot.kinematics import jacobian, joint_angles
 from twin.runs.assembly.assemble import assemble
 
 GEOMETRY = Geometry(*PARAMETERS[:4])

@@ -10,11 +10,12 @@ from tests.conftest import examples
 from tests.laws.runs import PARAMETERS, Sampled
 from tests.plant.states import SURFACES, moving, positions, share
 from tests.plant.test_energy import LOSSLESS, STEP, energy
-from twin.plant.beginning import resting
-from twin.plant.component import STILL, Plant, integrate
+from twin.plant.component import STILL, Plant, integrate, resting
 from twin.plant.contact import (
     GRIPPED,
     HELD,
+    Shape,
+    apex_frame,
     bristle_rate,
     contact_force,
     drag,
@@ -24,13 +25,13 @@ from twin.plant.contact import (
     settled_bristle,
     stop_torque,
     stopped,
+    surface_frame,
     touch,
     unstopped,
 )
 from twin.plant.dynamics import UNTOUCHED, joint_torque, settle_friction, winding
-from twin.plant.surface import Shape, apex_frame, surface_frame
 from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles
+from twin.robot.kinematics import joint_angles
 
 GEOMETRY = Geometry(*PARAMETERS[:4])
 TAU_C, A = 0.01, 2e-4

@@ -9,11 +9,10 @@ from scipy.optimize import brentq
 
 from tests.laws.runs import PARAMETERS, Sampled
 from tests.plant.states import SURFACES, share
-from twin.plant.beginning import resting
-from twin.plant.component import Plant
+from twin.plant.component import Plant, resting
 from twin.plant.contact_law import ContactLaw, elastic_force, pressing_force
 from twin.robot.geometry import Geometry
-from twin.robot.jacobian import jacobian
+from twin.robot.kinematics import jacobian
 
 over_every_law = pytest.mark.parametrize("name", sorted(SURFACES))
 laws = st.sampled_from(sorted(SURFACES))

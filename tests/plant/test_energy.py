@@ -9,15 +9,13 @@ from tests.laws.runs import PARAMETERS
 from tests.plant.kinetic import kinetic_energy
 from tests.plant.states import SURFACES, moving
 from twin.plant.component import STILL, integrate
-from twin.plant.contact import normal_force
+from twin.plant.contact import Shape, apex_frame, normal_force
 from twin.plant.contact_law import ContactLaw
 from twin.plant.dynamics import spring_deflection
-from twin.plant.surface import Shape, apex_frame
 from twin.robot.geometry import Geometry
-from twin.robot.gravity import G_ACCELERATION, platform_weight
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.jacobian import jacobian
+from twin.robot.kinematics import jacobian, joint_angles
 from twin.robot.leg import NO_ANCHOR
+from twin.robot.statics import G_ACCELERATION, platform_weight
 
 STEP = 1e-4
 LOSSLESS = PARAMETERS._replace(b_j=0.0, damping=0.0, mu=0.0, backlash=0.0)

@@ -10,14 +10,11 @@ from tests.laws.runs import PARAMETERS, Sampled
 from tests.plant.kinetic import mass_matrix
 from tests.plant.states import moving, positions, share
 from tests.plant.test_energy import energies
-from twin.experiment.fault_catalogue import CATALOGUE
-from twin.plant.beginning import resting
-from twin.plant.component import STILL, Plant
-from twin.plant.dynamics import derivative, joint_torque, spring_deflection
-from twin.plant.parameters import Triple
+from twin.experiment.fault import CATALOGUE
+from twin.plant.component import STILL, Plant, resting
+from twin.plant.dynamics import Triple, derivative, joint_torque, spring_deflection
 from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.jacobian import jacobian
+from twin.robot.kinematics import jacobian, joint_angles
 
 GEOMETRY = Geometry(*PARAMETERS[:4])
 AIR = (0.0, 0.01, -0.090)

@@ -18,8 +18,7 @@ from twin.plant.component import STILL
 from twin.plant.contact import contact_force
 from twin.plant.dynamics import derivative
 from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.jacobian import jacobian
+from twin.robot.kinematics import jacobian, joint_angles
 
 STEP = mpf(10) ** -12
 

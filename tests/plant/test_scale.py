@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.laws.runs import Sampled
-from twin.plant.scale import Scale
+from twin.plant.encoder import Scale
 
 # 0.005 kg on the display
 RESOLUTION = 0.005 * 9.81

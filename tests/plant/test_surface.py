@@ -8,15 +8,12 @@ from scipy.spatial.transform import Rotation
 
 from tests.laws.runs import PARAMETERS
 from tests.plant.states import moving, positions, share
-from twin.plant.beginning import resting
-from twin.plant.component import STILL
-from twin.plant.contact import contact_force
+from twin.plant.component import STILL, resting
+from twin.plant.contact import Shape, contact_force, surface_frame, upward
 from twin.plant.dynamics import derivative
-from twin.plant.surface import Shape, surface_frame, upward
-from twin.robot.geometry import Geometry
-from twin.robot.gravity import G_ACCELERATION
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.skeleton import skeleton
+from twin.robot.geometry import Geometry, skeleton
+from twin.robot.kinematics import joint_angles
+from twin.robot.statics import G_ACCELERATION
 
 GEOMETRY = Geometry(*PARAMETERS[:4])
 tilts = st.floats(-np.pi, np.pi)

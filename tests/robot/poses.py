@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from twin.errors import Unreachable
 from twin.robot.geometry import Geometry
-from twin.robot.gravity import Masses
-from twin.robot.jacobian import jacobian
-from twin.robot.singularity import distal_volume
+from twin.robot.kinematics import distal_volume, jacobian
+from twin.robot.statics import Masses
 from twin.robot.workspace import height_range
 
 # assumed, because the paper prints neither lengths nor masses

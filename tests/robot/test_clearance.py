@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 
 from tests.conftest import examples
 from tests.laws.runs import PARAMETERS
-from twin.robot.clearance import BARS, Bars, ball_joint_angles, clearances, segment_distance
-from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.skeleton import AXIS, skeleton
+from twin.robot.geometry import AXIS, Geometry, skeleton
+from twin.robot.kinematics import joint_angles
+from twin.robot.workspace import BARS, Bars, ball_joint_angles, clearances, segment_distance
 
 GEOMETRY = Geometry(*PARAMETERS[:4])
 BAR = Bars(0.009, 0.004, 0.024)

@@ -4,13 +4,19 @@ import numpy as np
 import pytest
 
 from tests.robot.poses import GEOMETRY, HOME, MASSES
-from twin.robot.forward_kinematics import circumcentre, platform_position
-from twin.robot.gravity import arm_gravity_torque, environment_force, leg_inertia, platform_weight
-from twin.robot.inverse_kinematics import leg_angle, leg_angle_inward
-from twin.robot.jacobian import jacobian_row
+from twin.robot.kinematics import circumcentre, jacobian_row, leg_angle, leg_angle_inward, platform_position
 from twin.robot.leg import leg_motion, leg_vectors
-from twin.robot.sea import dead_zone, directed_load_torque, load_torque
-from twin.robot.statics import leg_force, resultant_force
+from twin.robot.statics import (
+    arm_gravity_torque,
+    dead_zone,
+    directed_load_torque,
+    environment_force,
+    leg_force,
+    leg_inertia,
+    load_torque,
+    platform_weight,
+    resultant_force,
+)
 
 P_B = (0.012, -0.017, -0.104)
 THETA_L = tuple(leg_angle(GEOMETRY, leg, *P_B) for leg in range(3))

@@ -7,11 +7,16 @@ from hypothesis import strategies as st
 
 from tests.robot.poses import GEOMETRY, TURN, geometries, reachable_poses, working_poses
 from twin.errors import Unreachable
-from twin.robot.forward_kinematics import circumcentre, platform_position, position, sphere_centre
 from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.jacobian import jacobian_rows
-from twin.robot.singularity import transmission_sines
+from twin.robot.kinematics import (
+    circumcentre,
+    jacobian_rows,
+    joint_angles,
+    platform_position,
+    position,
+    sphere_centre,
+    transmission_sines,
+)
 
 outward_arm = st.floats(-0.6, 1.2)
 

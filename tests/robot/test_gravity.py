@@ -4,16 +4,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.robot.poses import GEOMETRY, HOME, MASSES, triple, working_poses
-from twin.robot.gravity import (
+from twin.robot.kinematics import joint_angles
+from twin.robot.statics import (
     G_ACCELERATION,
     arm_gravity_torque,
+    end_effector_force,
     environment_force,
+    joint_torques,
     leg_inertia,
     moving_mass,
     platform_weight,
 )
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.statics import end_effector_force, joint_torques
 
 
 def potential_energy(p_B):

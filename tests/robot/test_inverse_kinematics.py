@@ -9,13 +9,7 @@ from hypothesis import strategies as st
 from tests.robot.poses import GEOMETRY, HOME, TURN, geometries, reachable_poses, working_poses
 from twin.errors import InputRefused, Unreachable
 from twin.robot.geometry import Geometry, distal_link, leg_coordinates
-from twin.robot.inverse_kinematics import (
-    distal_length_range,
-    joint_angles,
-    leg_angle,
-    leg_angle_inward,
-    loop_coefficients,
-)
+from twin.robot.kinematics import distal_length_range, joint_angles, leg_angle, leg_angle_inward, loop_coefficients
 
 branches = st.sampled_from(["outward", "inward"])
 

@@ -5,9 +5,7 @@ from hypothesis import given
 from tests.robot.poses import GEOMETRY, HOME, TURN, reachable_poses, triple, working_poses
 from twin.errors import Unreachable
 from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles, loop_coefficients
-from twin.robot.jacobian import jacobian
-from twin.robot.singularity import SingularPose
+from twin.robot.kinematics import SingularPose, jacobian, joint_angles, loop_coefficients
 
 STEP = 1e-30  # of the complex-step derivative: no subtraction, so no cancellation however small
 

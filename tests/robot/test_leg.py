@@ -11,8 +11,7 @@ from tests.robot.poses import GEOMETRY, geometries, reachable_poses, triple, wor
 from twin.compiled.function import njit
 from twin.robot import geometry as base
 from twin.robot.geometry import LEG_COS, LEG_SIN, coordinates_along, distal_link, leg_coordinates
-from twin.robot.inverse_kinematics import joint_angles, leg_angle
-from twin.robot.jacobian import jacobian, jacobian_row
+from twin.robot.kinematics import jacobian, jacobian_row, joint_angles, leg_angle
 from twin.robot.leg import NO_ANCHOR, SMALL, angle_near, angles_near, leg_motion, leg_vectors, links, move_anchor
 
 legs = st.integers(0, 2)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.robot.sea import dead_zone, deflection, directed_load_torque, load_torque, motor_load_torque
+from twin.robot.statics import dead_zone, deflection, directed_load_torque, load_torque, motor_load_torque
 
 wind_ups = st.floats(-1.0, 1.0)
 speeds = st.floats(-10.0, 10.0)

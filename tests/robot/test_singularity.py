@@ -5,11 +5,12 @@ import pytest
 from hypothesis import given
 
 from tests.robot.poses import GEOMETRY, HOME, reachable_poses
-from twin.robot.inverse_kinematics import joint_angles, loop_coefficients
-from twin.robot.jacobian import jacobian
-from twin.robot.singularity import (
+from twin.robot.kinematics import (
     SingularPose,
     distal_volume,
+    jacobian,
+    joint_angles,
+    loop_coefficients,
     refuse_parallel_singularity,
     refuse_serial_singularity,
     transmission_sines,

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given
 
 from tests.robot.poses import GEOMETRY, working_poses
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.skeleton import AXIS, OUTWARD, skeleton
+from twin.robot.geometry import AXIS, OUTWARD, skeleton
+from twin.robot.kinematics import joint_angles
 
 # rounding of a few operations on lengths of 0.1 m
 ROUNDING = 1e-15

@@ -6,9 +6,7 @@ from hypothesis import strategies as st
 from tests.robot.poses import GEOMETRY, HOME, TURN, reachable_poses, triple, working_poses
 from twin.errors import InputRefused, Unreachable
 from twin.robot.geometry import distal_link
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.jacobian import jacobian
-from twin.robot.singularity import SingularPose
+from twin.robot.kinematics import SingularPose, jacobian, joint_angles
 from twin.robot.statics import end_effector_force, joint_torques, leg_force
 from twin.robot.workspace import height_range
 

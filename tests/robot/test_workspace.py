@@ -6,9 +6,8 @@ from scipy.optimize import brentq
 
 from tests.robot.poses import GEOMETRY, HOME, TURN
 from twin.errors import Unreachable
-from twin.robot.forward_kinematics import position
 from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles, loop_coefficients
+from twin.robot.kinematics import joint_angles, loop_coefficients, position
 from twin.robot.workspace import condition_number, height_range, is_reachable, reach_margins
 
 anywhere = st.tuples(st.floats(-0.15, 0.15), st.floats(-0.15, 0.15), st.floats(-0.2, -1e-3)).map(np.array)

@@ -9,11 +9,10 @@ import pytest
 from tests.plant.kinetic import mass_matrix
 from twin.errors import ComponentFailed
 from twin.experiment.experiment import Experiment
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.jacobian import jacobian
+from twin.robot.kinematics import jacobian, joint_angles
+from twin.runs.assembly.build import plant_parameters
 from twin.runs.assembly.computer import geometry_of
 from twin.runs.assembly.load import load_experiment
-from twin.runs.assembly.true_parameters import plant_parameters
 from twin.runs.fastest_pole import STABLE, fastest_pole, too_fast
 from twin.runs.run import execute
 

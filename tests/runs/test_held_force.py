@@ -7,8 +7,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from twin.controller.program import PhaseKind
-from twin.experiment.task import Press, Tap, checked_tasks
+from twin.controller.program import TASKS, PhaseKind, Press, Tap
+from twin.experiment.task import checked_tasks
 from twin.recording.reader import read
 from twin.runs.assembly.load import load_experiment
 from twin.runs.held_force import SIGNALS, Held, HeldForce
@@ -28,7 +28,7 @@ SYSTEM = SimpleNamespace(
 
 
 def tasks(*tables: dict[str, Any]) -> tuple[Press | Tap, ...]:
-    return cast(tuple[Press | Tap, ...], tuple(checked_tasks(tables, []).values()))
+    return cast(tuple[Press | Tap, ...], tuple(checked_tasks(TASKS, tables, []).values()))
 
 
 def rows(*spans: tuple[int, PhaseKind, list[float]]) -> np.ndarray:

@@ -9,7 +9,7 @@ from tests.drive.faulty import faulty_drive
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
 from twin.cosim.observers import simulate
 from twin.errors import ComponentFailed
-from twin.experiment.variation import shortened
+from twin.experiment.experiment import shortened
 from twin.recording.errors import UnknownSeries
 from twin.recording.reader import read
 from twin.recording.recording import Recording

@@ -5,10 +5,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from twin.plant.parameters import PlantParameters
+from twin.plant.dynamics import PlantParameters
 from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.jacobian import jacobian
+from twin.robot.kinematics import jacobian, joint_angles
 from twin.runs.assembly.load import load_experiment
 from twin.runs.trace import Trace, run_in_memory
 from validation.engine.constrained import Constrained, Numbers

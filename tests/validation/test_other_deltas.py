@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from twin.errors import Unreachable
-from twin.robot.forward_kinematics import position
 from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles
+from twin.robot.kinematics import joint_angles, position
 from validation.engine.constrained import Numbers
 from validation.yardsticks import flexpicker, visual_kinematics
 from validation.yardsticks.flexpicker import FLEXPICKER

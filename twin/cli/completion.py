@@ -15,7 +15,7 @@ def experiment_files(incomplete: str) -> list[str]:
 
 def experiment_names(incomplete: str) -> list[str]:
     """Experiments that come with twin, without folder and suffix."""
-    from twin.experiment.named import known_experiments
+    from twin.experiment.drive_files import known_experiments
 
     return _starting_with(incomplete, known_experiments())
 
@@ -38,7 +38,7 @@ def role_names(incomplete: str) -> list[str]:
 
 def body_names(incomplete: str) -> list[str]:
     """Bodies of bodies/ and experiments/bodies/."""
-    from twin.experiment.body_files import FOLDERS
+    from twin.experiment.drive_files import FOLDERS
     from twin.places import located
 
     bodies = {body.stem for folder in FOLDERS for body in located(folder, Path.cwd()).glob("*.toml")}

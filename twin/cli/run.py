@@ -153,7 +153,7 @@ def _sweep(
     sure: bool,
 ) -> None:
     from twin.cli.sweep import How, carry_out, check_start
-    from twin.experiment.named import experiment_file
+    from twin.experiment.drive_files import experiment_file
     from twin.runs.guard.limits import cores
     from twin.studies.sweep.definition import short_definition
     from twin.studies.sweep.folder import HOME

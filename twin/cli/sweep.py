@@ -102,7 +102,7 @@ def run(
 
     Example: twin sweep run experiments/sweeps/stiffness_and_gain.toml --dry-run
     """
-    from twin.experiment.named import sweep_file
+    from twin.experiment.drive_files import sweep_file
     from twin.studies.sweep.definition import read_definition
     from twin.studies.sweep.folder import HOME
     from twin.studies.sweep.plan import planned

@@ -47,7 +47,7 @@ def show(
 
     Example: twin sweep show experiments/sweeps/stiffness_and_gain.toml
     """
-    from twin.experiment.named import sweep_file
+    from twin.experiment.drive_files import sweep_file
     from twin.studies.sweep.folder import HOME, kept
 
     # a sweep by its file or its name; else its folder

@@ -34,7 +34,7 @@ from twin.controller.pid import load_torques
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port, by_port, memory_of, record, record_of, width
-from twin.robot.model import Model
+from twin.robot.geometry import Model
 from twin.settings import Settings, Values, setting, taken
 
 INPUTS = (

@@ -1,13 +1,125 @@
-"""The machine that walks through a table of phases (Sec. III.B) and turns it into references."""
+"""The machine of phases: the paths of its reference, the walk through a table of phases, taps that learn.
+
+How the reference of a phase moves: straight lines with smooth ends, circles that are spiralled into and out of.
+
+The machine that walks through a table of phases (Sec. III.B) and turns it into references.
+
+Taps that learn from their force: what the last one pressed too hard, the next one goes less deep.
+
+The force of statics lacks the platform's inertia, as much as a light tap where it turns round, and the friction of the
+joints. Height and force pass one low-pass, whose derivatives of the height tell how the platform moves:
+
+    F = F_est + m d2z/dt2 + b dz/dt,                                                                             (K2)
+
+with b from the way through the air, where F is 0. The probe tells the stiffness, and how deep the surface is pressed in
+from the touch to the force that is asked for. A tap turns that much below the height at which it feels the surface, at
+whatever height that is by then; its largest F less the one asked for, over the stiffness, is what it was too deep.
+"""
 
 import math
 
 import numpy as np
 
 from twin.compiled.function import njit
-from twin.controller.motion import motion, motion_time, smooth
+from twin.controller.pid import state_variable
 from twin.controller.program import PhaseKind, Until
+from twin.controller.tissue import HIGHEST, LOWEST, moving_mass
 from twin.cosim.port import record
+
+
+@njit(cache=True)
+def smooth(x):
+    """The cubic 3 x^2 - 2 x^3 that goes from 0 to 1 with both slopes zero; 0 before, 1 after."""
+    x = min(max(x, 0.0), 1.0)
+    return x * x * (3.0 - 2.0 * x)
+
+
+@njit(cache=True)
+def _smooth_area(x):
+    """Integral of `smooth` from 0 to x <= 1."""
+    return x * x * x * (1.0 - 0.5 * x)
+
+
+@njit(cache=True)
+def line_speed(phase, length):
+    """Speed (m/s) on a line of `length` (m): the wanted one, less where the line is too short for both ramps."""
+    ramps = phase.ramp_in + phase.ramp_out
+    return phase.speed if 2.0 * length >= phase.speed * ramps else 2.0 * length / ramps
+
+
+@njit(cache=True)
+def line_time(phase, length):
+    """Time (s) the line takes."""
+    if length == 0.0:
+        return 0.0
+    return length / line_speed(phase, length) + 0.5 * (phase.ramp_in + phase.ramp_out)
+
+
+@njit(cache=True)
+def line_share(phase, length, t):
+    """(path, speed): how far (m) and how fast (m/s) along a line of `length` at `t` (s) from its start.
+
+    The speed rises along `smooth` within ramp_in and falls likewise within ramp_out, so position, speed and
+    acceleration are continuous, except that a ramp of 0 starts or ends at once.
+    """
+    total = line_time(phase, length)
+    if t >= total or length == 0.0:
+        return length, 0.0
+    v = line_speed(phase, length)
+    # a line that begins between two calls may do so a rounding after the second; without a ramp that would be t/0
+    t = max(t, 0.0)
+    if t < phase.ramp_in:
+        x = t / phase.ramp_in
+        return v * phase.ramp_in * _smooth_area(x), v * smooth(x)
+    if t > total - phase.ramp_out:
+        x = (total - t) / phase.ramp_out
+        return length - v * phase.ramp_out * _smooth_area(x), v * smooth(x)
+    return v * (t - 0.5 * phase.ramp_in), v
+
+
+@njit(cache=True)
+def circle_time(phase):
+    """Time (s) of a circle with the turns that lead into and out of it."""
+    return (phase.turns + 2.0) / phase.rate
+
+
+@njit(cache=True)
+def circle_offset(phase, t):
+    """(x, y, v_x, v_y): offset (m) and velocity (m/s) from the centre at `t` (s); at rest there at both ends."""
+    total = circle_time(phase)
+    if t <= 0.0 or t >= total:
+        return 0.0, 0.0, 0.0, 0.0
+    x = min(t, total - t) * phase.rate
+    r = phase.radius * smooth(x)
+    growth = 6.0 * phase.radius * phase.rate * x * (1.0 - x) if x < 1.0 else 0.0
+    if 2.0 * t > total:
+        growth = -growth
+    omega = 2.0 * np.pi * phase.rate
+    c, s = math.cos(omega * t), math.sin(omega * t)
+    return r * c, r * s, growth * c - r * omega * s, growth * s + r * omega * c
+
+
+@njit(cache=True)
+def motion_time(phase, length):
+    """Time (s) the phase's motion takes on a line of `length` (m), or on its circle."""
+    return circle_time(phase) if phase.radius > 0.0 else line_time(phase, length)
+
+
+@njit(cache=True)
+def motion(phase, start, end, length, t, p, v):
+    """Reference position into `p` (3,) m and velocity into `v` (3,) m/s at `t` (s) after the phase began."""
+    for i in range(3):
+        p[i], v[i] = start[i], 0.0
+    if phase.radius > 0.0:
+        x, y, v[0], v[1] = circle_offset(phase, t)
+        p[0], p[1] = start[0] + x, start[1] + y
+    elif length > 0.0:
+        path, speed = line_share(phase, length, t)
+        for i in range(3):
+            direction = (end[i] - start[i]) / length
+            p[i] = end[i] if path == length else start[i] + path * direction
+            v[i] = speed * direction
+
 
 MACHINE = record(
     index="i8",
@@ -199,3 +311,121 @@ def walk(m, phases, t, h, z, F, F_z, F_rate, F_delay, dp_z):
     motion(phase, m.start, m.end, m.length, elapsed, m.p, m.v)
     share = smooth(elapsed / phase.duration) if phase.duration > 0.0 else 1.0
     m.F_ref = m.F_start + share * (phase.F_end - m.F_start) if phase.force_on else 0.0
+
+
+CORNER = 35.0
+"""Of the low-pass (Hz): a tap at 100 mm/s loses 2 % of its peak, rounding adds 0.03 N."""
+DAMPING = 1.4
+"""1/Q of the low-pass: no peak of its own."""
+CLEAR = 2e-3
+"""Height (m) above where the probe touched from which on there is air."""
+MOVING = 0.02
+"""Speed (m/s) from which on friction in the air is looked at."""
+UNREACHED = 1e-4
+"""Height (m) above its turn at which a tap is over before it got there: its force ended it."""
+
+TAPS = record(
+    share="f8",
+    mass="f8",
+    g="f8",
+    z_fast="f8",
+    z_slow="f8",
+    F_fast="f8",
+    F_slow="f8",
+    z_0="f8",
+    kind="i8",
+    vF="f8",
+    vv="f8",
+    z_begun="f8",
+    F_begun="f8",
+    k="f8",
+    depth="f8",
+    z_before="f8",
+    F_before="f8",
+    felt="i8",
+    peak="f8",
+    level="f8",
+    speed="f8",
+    t_turn="f8",
+)
+"""share: of the error that the next tap corrects. mass: of what moves up and down (kg), as of the beginning of the
+phase. g: of the filters; 0: they do not run. z_fast .. F_slow: of the filters, from the height z_0 on. kind: phase of
+the call before. vF, vv: sums of speed times force and of its square in the air. z_begun, F_begun: where the probe
+began. k, depth: the stiffness it felt (N/m), and how deep a tap goes from the touch on (m). z_before, F_before: of the
+call before. felt: whether the tap that is on has felt the surface. peak, level: its largest force, and what is asked
+for (N). speed, t_turn: its speed, and how long before its lowest point it was to turn.
+"""
+
+
+@njit(cache=True, error_model="numpy")
+def _probed(m, z, F):
+    """The probe goes on: what it has felt by now."""
+    if m.kind != PhaseKind.PROBE:
+        m.z_begun, m.F_begun, m.k = z, F, 0.0
+    elif z < m.z_begun:
+        m.depth = m.z_begun - z
+        m.k = min(max((F - m.F_begun) / m.depth, LOWEST), HIGHEST)
+
+
+@njit(cache=True, error_model="numpy")
+def _tapping(m, machine, phase, elapsed, z, F):
+    """A tap goes down: feel the surface, and turn as far below it as was learnt."""
+    if m.kind != PhaseKind.TAP:
+        m.felt, m.peak, m.level, m.speed, m.t_turn = 0, 0.0, phase.level, phase.speed, machine.t_turn
+    m.peak = max(m.peak, F)
+    if not m.felt and m.k > 0.0 and elapsed >= phase.ramp_in and F >= m.F_begun:
+        m.felt = 1
+        share = (m.F_begun - m.F_before) / (F - m.F_before) if m.F_before < m.F_begun else 0.0
+        # where contact was there before, the surface is as far up as the force tells
+        surface = m.z_before + share * (z - m.z_before) if share > 0.0 else z + (F - m.F_begun) / m.k
+        machine.z_turn = surface - m.depth
+
+
+@njit(cache=True, error_model="numpy")
+def _correct(m, machine):
+    """The tap is over: what it was too deep, the next one turns higher, or earlier if its force has ended it."""
+    too_deep = m.share * (m.peak - m.level) / m.k
+    if machine.z_lowest - machine.z_turn > UNREACHED:
+        machine.t_turn = min(max(m.t_turn + too_deep / m.speed, 0.0), LONGEST_TURN)
+    else:
+        m.depth -= too_deep
+        machine.depth -= too_deep
+        machine.z_turn += too_deep
+
+
+@njit(cache=True, error_model="numpy")
+def learn_taps(m, tissue, machine, phase, t, h, z, F, J):
+    """Note the force of a tap; when it is over, correct the depth of the next one.
+
+    Args:
+        tissue: what is known of the robot's own mass.
+        machine: of the phases; where its taps turn is corrected.
+        phase: in which the call before ended.
+        z, F, J: height (m), pressing force (N) and Jacobian (9,) as estimated, unfiltered.
+    """
+    kind, omega = phase.kind, 2.0 * math.pi * CORNER
+    if kind != PhaseKind.DESCEND and (kind < PhaseKind.RETRACT or kind > PhaseKind.WAIT):
+        m.g, m.kind = 0.0, kind
+        return
+    if m.g == 0.0:
+        m.g, m.z_0 = math.tan(math.pi * CORNER * h), z
+        m.z_fast, m.z_slow, m.F_fast, m.F_slow = 0.0, 0.0, 0.0, F
+    if kind != m.kind:
+        m.mass = moving_mass(tissue, J)
+    low, first, second, m.z_fast, m.z_slow = state_variable(DAMPING, m.g, m.z_fast, m.z_slow, z - m.z_0)
+    F_low, _, _, m.F_fast, m.F_slow = state_variable(DAMPING, m.g, m.F_fast, m.F_slow, F)
+    z_low, v = m.z_0 + low, omega * first
+    force = F_low + m.mass * omega * omega * second
+    if abs(v) > MOVING and z_low > m.z_begun + CLEAR and m.k > 0.0:
+        m.vF, m.vv = m.vF - v * force, m.vv + v * v
+    if m.vv > 0.0:
+        force += m.vF / m.vv * v
+    if kind == PhaseKind.PROBE:
+        _probed(m, z_low, force)
+    elif kind == PhaseKind.TAP:
+        _tapping(m, machine, phase, t - machine.entered, z_low, force)
+    elif kind == PhaseKind.RISE:
+        m.peak = max(m.peak, force)
+    elif m.kind == PhaseKind.RISE and m.k > 0.0:
+        _correct(m, machine)
+    m.kind, m.z_before, m.F_before = kind, z_low, force

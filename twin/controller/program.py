@@ -9,9 +9,12 @@ A task as data: a table of phases that the compiled machine walks through.
 import math
 from collections.abc import Iterable, Sequence
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Literal, NamedTuple
+
+from pydantic import model_validator
 
 from twin.cosim.port import record_of
+from twin.settings import Settings, Triple, setting
 
 
 class PhaseKind(IntEnum):
@@ -74,7 +77,7 @@ class Phase(NamedTuple):
 
     kind: PhaseKind
     task: int
-    target: tuple[float, float, float] = (math.nan, math.nan, math.nan)
+    target: Triple = (math.nan, math.nan, math.nan)
     lift: float = 0.0
     speed: float = 0.0
     ramp_in: float = 0.0
@@ -101,94 +104,108 @@ Point = tuple[float, float]
 """x and y in the base frame (m)."""
 
 
-class Travel(NamedTuple):
-    """How all tasks come and go, SI.
+class Approach(Settings):
+    """[approach]: how all tasks come and go."""
 
-    Attributes:
-        height: z at which the platform travels between points (m).
-        floor: z below which it never descends (m).
-        speed: of travelling and of retracting (m/s).
-        descent: of going down gently (m/s).
-        ramp: time to get to speed and back to rest (s).
-        release: time in which the force is taken back (s).
+    height: float = setting("mm", help="z at which the robot travels between tasks")
+    floor: float = setting("mm", help="z below which it never searches for contact")
+    speed: float = setting("mm/s", gt=0, help="speed of travelling")
+    descent: float = setting("mm/s", gt=0, help="speed of going down until it touches")
+    ramp: float = setting("ms", gt=0, help="time in which a speed changes")
+    release: float = setting("s", gt=0, help="time in which the force is taken back")
+
+    @model_validator(mode="after")
+    def _floor_is_below(self) -> "Approach":
+        if self.floor >= self.height:
+            raise ValueError(f"floor_mm = {1e3 * self.floor:g} is not below height_mm = {1e3 * self.height:g}")
+        return self
+
+
+class TaskOnPoint(Settings):
+    """What every task has."""
+
+    point: Point = setting("mm", help="where (x, y)")
+    force: float = setting("N", gt=0, help="pressing force")
+
+
+class Press(TaskOnPoint):
+    """[[task]] kind = "press": onto a point, the force grows, is held, and taken back."""
+
+    kind: Literal["press"]
+    build_up: float = setting("s", gt=0, help="time in which the force grows")
+    hold: float = setting("s", gt=0, help="time for which it is held")
+
+
+class Tap(TaskOnPoint):
+    """[[task]] kind = "tap": down fast until the force is there, and up again, many times."""
+
+    kind: Literal["tap"]
+    speed: float = setting("mm/s", gt=0, help="speed of going down and up")
+    lift: float = setting("mm", gt=0, help="height above the surface between two taps")
+    period: float = setting("s", gt=0, help="from tap to tap")
+    times: int = setting(ge=1, help="number of taps")
+
+
+class Roll(TaskOnPoint):
+    """[[task]] kind = "roll": a small circle under a constant force."""
+
+    kind: Literal["roll"]
+    build_up: float = setting("s", gt=0, help="time in which the force grows")
+    radius: float = setting("mm", gt=0, help="radius of the circle")
+    rate: float = setting("Hz", gt=0, help="turns per time")
+    turns: float = setting(ge=1, help="number of turns")
+
+
+class Push(TaskOnPoint):
+    """[[task]] kind = "push": along a line under a constant force."""
+
+    kind: Literal["push"]
+    build_up: float = setting("s", gt=0, help="time in which the force grows")
+    to: Point = setting("mm", help="where the line ends (x, y)")
+    speed: float = setting("mm/s", gt=0, help="speed along the line")
+
+    @model_validator(mode="after")
+    def _goes_somewhere(self) -> "Push":
+        if self.to == self.point:
+            raise ValueError("to_mm is point_mm: expected another point, to which to push")
+        return self
+
+
+Task = Press | Tap | Roll | Push
+TASKS: dict[str, type[Task]] = {"press": Press, "tap": Tap, "roll": Roll, "push": Push}
+"""By the key `kind` of their tables."""
+
+
+def program(approach: Approach, contact_force: float, tasks: Sequence[Task]) -> list[Phase]:
+    """The phases of `tasks` in their order; the last phase holds for ever above the last point.
+
+    Args:
+        approach: how all tasks come and go.
         contact_force: pressing force that counts as touching (N).
+        tasks: see there.
     """
-
-    height: float
-    floor: float
-    speed: float
-    descent: float
-    ramp: float
-    release: float
-    contact_force: float
-
-
-class Pressing(NamedTuple):
-    """Press on a point: `force` (N) reached within `build_up` (s), held for `hold` (s)."""
-
-    point: Point
-    force: float
-    build_up: float
-    hold: float
-
-
-class Tapping(NamedTuple):
-    """Tap a point `times` times: down at `speed` (m/s) until `force` (N), up by `lift` (m), every `period` (s)."""
-
-    point: Point
-    force: float
-    speed: float
-    lift: float
-    period: float
-    times: int
-
-
-class Rolling(NamedTuple):
-    """Circle about a point under `force` (N): `radius` (m), `rate` (Hz), `turns` besides those that lead in and out."""
-
-    point: Point
-    force: float
-    build_up: float
-    radius: float
-    rate: float
-    turns: float
-
-
-class Pushing(NamedTuple):
-    """Push from a point straight to `to` (m) at `speed` (m/s) under `force` (N)."""
-
-    point: Point
-    force: float
-    build_up: float
-    to: Point
-    speed: float
-
-
-Task = Pressing | Tapping | Rolling | Pushing
-
-
-def program(approach: Travel, tasks: Sequence[Task]) -> list[Phase]:
-    """The phases of `tasks` in their order; the last phase holds for ever above the last point."""
     phases: list[Phase] = []
     for number, task in enumerate(tasks, start=1):
-        phases += _of_task(approach, task, number, len(phases))
+        phases += _of_task(approach, contact_force, task, number, len(phases))
     return [*phases, Phase(PhaseKind.DONE, len(tasks), duration=math.inf, next=len(phases))]
 
 
-def _of_task(approach: Travel, task: Task, number: int, first: int) -> list[Phase]:
+def _of_task(approach: Approach, contact_force: float, task: Task, number: int, first: int) -> list[Phase]:
     travel = Phase(
         PhaseKind.TRAVEL, number, (*task.point, approach.height), speed=approach.speed,
         ramp_in=approach.ramp, ramp_out=approach.ramp,
     )  # fmt: skip
     descend = Phase(
         PhaseKind.DESCEND, number, (math.nan, math.nan, approach.floor), speed=approach.descent, ramp_in=approach.ramp,
-        until=Until.FELT, level=approach.contact_force,
+        until=Until.FELT, level=contact_force,
     )  # fmt: skip
     retract = Phase(
         PhaseKind.RETRACT, number, (math.nan, math.nan, approach.height), speed=approach.speed,
         ramp_in=approach.ramp, ramp_out=approach.ramp,
     )  # fmt: skip
-    work = _taps(approach, task, number) if isinstance(task, Tapping) else _under_force(approach, task, number)
+    work = (
+        _taps(approach, task, number) if isinstance(task, Tap) else _under_force(approach, contact_force, task, number)
+    )
     chain = [travel, descend, *work, retract]
     last = first + len(chain) - 1
     linked = []
@@ -198,23 +215,23 @@ def _of_task(approach: Travel, task: Task, number: int, first: int) -> list[Phas
     return linked
 
 
-def _under_force(approach: Travel, task: Pressing | Rolling | Pushing, number: int) -> Iterable[Phase]:
+def _under_force(approach: Approach, contact_force: float, task: Press | Roll | Push, number: int) -> Iterable[Phase]:
     pressing = Phase(PhaseKind.BUILD_UP, number, force_on=True, F_end=task.force)
     yield pressing._replace(duration=task.build_up)
     match task:
-        case Pressing():
+        case Press():
             yield pressing._replace(kind=PhaseKind.HOLD, duration=task.hold)
-        case Rolling():
+        case Roll():
             yield pressing._replace(kind=PhaseKind.CIRCLE, radius=task.radius, rate=task.rate, turns=task.turns)
-        case Pushing():
+        case Push():
             yield pressing._replace(
                 kind=PhaseKind.PUSH, target=(*task.to, math.nan), speed=task.speed,
                 ramp_in=approach.ramp, ramp_out=approach.ramp,
             )  # fmt: skip
-    yield pressing._replace(kind=PhaseKind.RELEASE, F_end=approach.contact_force, duration=approach.release)
+    yield pressing._replace(kind=PhaseKind.RELEASE, F_end=contact_force, duration=approach.release)
 
 
-def _taps(approach: Travel, task: Tapping, number: int) -> Iterable[Phase]:
+def _taps(approach: Approach, task: Tap, number: int) -> Iterable[Phase]:
     down = Phase(PhaseKind.PROBE, number, (math.nan, math.nan, approach.floor), level=task.force)
     # a gentle touch first: where the force is reached is what the taps then aim at
     yield down._replace(speed=approach.descent, until=Until.FELT)

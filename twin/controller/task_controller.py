@@ -3,18 +3,21 @@
 As `controller.py`, with four differences: the reference is a machine that feels its way (`machine.py`), velocity and
 the wind-up of the springs are fed forward, swings of the platform on its springs are damped, and the force loop acts in
 the phases that press, from the force that is there, so that neither it nor the reference ever jumps.
+
+[controller]: all tables of the robot's computer.
 """
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
 from twin.compiled.function import carray, njit, pointer_to
-from twin.controller.adaptive import ADAPTIVE_OUTPUTS, Adapting, adapt, tell, with_adaptive
+from twin.controller.adaptive import Adapting, Breath, adapt, tell, with_adaptive
 from twin.controller.controller import INPUTS as ESTIMATES
-from twin.controller.controller import LAW, OUTPUTS, SHARE, Law, follow_passed, force_correction, motor_speeds
-from twin.controller.machine import MACHINE, walk
-from twin.controller.motion import motion
+from twin.controller.controller import LAW, OUTPUTS, Law, follow_passed, force_correction, motor_speeds, ports
+from twin.controller.energy_tank import EnergyTank
+from twin.controller.machine import MACHINE, learn_taps, motion, walk
 from twin.controller.pid import (
     DAMPER,
     FEED_FORWARD,
@@ -22,7 +25,11 @@ from twin.controller.pid import (
     PID,
     Believed,
     Damping,
+    FeedForward,
+    ForceLoop,
     Gains,
+    PositionLoop,
+    Processor,
     damp,
     damper,
     friction_force,
@@ -32,10 +39,11 @@ from twin.controller.pid import (
     rest,
 )
 from twin.controller.program import PHASE, Phase
-from twin.controller.taps import learn_taps
+from twin.controller.tissue import Tissue
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port, memory_of, record
+from twin.robot.geometry import Model
 from twin.settings import Settings, numbers, setting
 
 TASK_INPUTS = (*ESTIMATES, Port("tau_l", 3, "N m", "estimated joint torques"))
@@ -140,46 +148,31 @@ def control(m, t, h, u, y, shift, v_shift):
     y.task, y.phase = phase.task, phase.kind
 
 
-@njit(cache=True, inline="always")
-def adaptive_control(m, t, h, u, y):
-    """A call with all that comes before and after it."""
-    adapt(m.adaptive, m.gain_table, m.force, h, u.p_B[2], -u.F_ee_B[2], u.J, m.machine.F_ref)
-    if m.adaptive.taps.share > 0.0 and m.machine.index >= 0:
-        phases = carray(_phases_at(m.phases), m.count)
-        learn_taps(
-            m.adaptive.taps, m.adaptive.tissue, m.machine, phases[m.machine.index], t, h, u.p_B[2], -u.F_ee_B[2], u.J
-        )
-    control(m, t, h, u, y, m.adaptive.shift, m.adaptive.v_shift)
-    tell(m.adaptive, m.force, y.triggered, y)
-
-
 ADAPTIVE_MEMORY = with_adaptive(MEMORY)
 
 
-@step_function(MEMORY, TASK_INPUTS, TASK_OUTPUTS)
-def step(m, t, h, u, y):
-    control(m, t, h, u, y, 0.0, 0.0)
-    return 0
+@cache
+def step_over(adaptive, tank):
+    """As that of the law alone."""
 
+    @step_function(ADAPTIVE_MEMORY if adaptive else MEMORY, *ports(TASK_INPUTS, TASK_OUTPUTS, adaptive, tank))
+    def step(m, t, h, u, y):
+        shift = v_shift = 0.0
+        if tank:
+            follow_passed(m.force, m.position[2].error, u.share, h)
+        if adaptive:
+            known, machine, z, F = m.adaptive, m.machine, u.p_B[2], -u.F_ee_B[2]
+            adapt(known, m.gain_table, m.force, h, z, F, u.J, machine.F_ref)
+            if known.taps.share > 0.0 and machine.index >= 0:
+                phases = carray(_phases_at(m.phases), m.count)
+                learn_taps(known.taps, known.tissue, machine, phases[machine.index], t, h, z, F, u.J)
+            shift, v_shift = known.shift, known.v_shift
+        control(m, t, h, u, y, shift, v_shift)
+        if adaptive:
+            tell(m.adaptive, m.force, y.triggered, y)
+        return 0
 
-@step_function(MEMORY, (*TASK_INPUTS, SHARE), TASK_OUTPUTS)
-def tank_step(m, t, h, u, y):
-    follow_passed(m.force, m.position[2].error, u.share, h)
-    control(m, t, h, u, y, 0.0, 0.0)
-    return 0
-
-
-@step_function(ADAPTIVE_MEMORY, TASK_INPUTS, (*TASK_OUTPUTS, *ADAPTIVE_OUTPUTS))
-def adaptive_step(m, t, h, u, y):
-    adaptive_control(m, t, h, u, y)
-    return 0
-
-
-@step_function(ADAPTIVE_MEMORY, (*TASK_INPUTS, SHARE), (*TASK_OUTPUTS, *ADAPTIVE_OUTPUTS))
-def adaptive_tank_step(m, t, h, u, y):
-    follow_passed(m.force, m.position[2].error, u.share, h)
-    adaptive_control(m, t, h, u, y)
-    return 0
+    return step
 
 
 class TaskController(NativeComponent):
@@ -221,10 +214,22 @@ class TaskController(NativeComponent):
         for name, value in numbers(touch).items():
             machine[name] = value
         kept = {"phases": table}
-        inputs: tuple[Port, ...] = (*TASK_INPUTS, SHARE) if tank else TASK_INPUTS
-        outputs: tuple[Port, ...] = TASK_OUTPUTS
-        chosen = tank_step if tank else step
         if adapting:
-            outputs, chosen = (*TASK_OUTPUTS, *ADAPTIVE_OUTPUTS), adaptive_tank_step if tank else adaptive_step
             kept |= adapting.fill(memory["adaptive"][0])
-        super().__init__("controller", inputs, outputs, True, chosen, memory, period=period, pointers=kept)
+        variant = adapting is not None, tank
+        sides = ports(TASK_INPUTS, TASK_OUTPUTS, *variant)
+        super().__init__("controller", *sides, True, step_over(*variant), memory, period=period, pointers=kept)
+
+
+class Computer(Processor):
+    """[controller]: the robot's computer. `touch`, `feed_forward` and `damping` belong to tasks."""
+
+    position: PositionLoop
+    force: ForceLoop
+    touch: Touch | None = None
+    feed_forward: FeedForward | None = None
+    damping: Damping | None = None
+    tissue: Tissue | None = None
+    breath: Breath | None = None
+    energy_tank: EnergyTank | None = None
+    model: Model

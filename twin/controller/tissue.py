@@ -21,7 +21,7 @@ any more from that call on, all that was learnt is dropped, and learning begins 
 import math
 
 from twin.compiled.function import njit
-from twin.controller.loops import state_variable
+from twin.controller.pid import state_variable
 from twin.cosim.port import record, record_of
 from twin.settings import FieldSource, Settings, Values, setting, taken
 

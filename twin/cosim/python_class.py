@@ -1,8 +1,7 @@
-"""A part of the robot as a user's Python class: names of ports, and `step(t, inputs) -> outputs` with dictionaries.
+"""A component written as a plain Python class.
 
-It is slower than `PythonComponent`, which works in the master's memory, and nothing can be written by mistake.
-
-A component written as a plain Python class: the same interface, slower (a callback per step).
+Its step works in the master's memory. With `NamedPorts` around it a class takes and gives dictionaries by the names of
+ports, which is slower, and nothing can be written by mistake: so a user writes a part of the robot.
 """
 
 import ctypes
@@ -53,9 +52,24 @@ class PythonModel(Protocol):
 
 
 class PythonComponent(Component):
-    """Wraps a `PythonModel`; `initial_outputs` defaults to zeros."""
+    """A `PythonModel` as a component, slower than a compiled one: a callback per step.
 
-    def __init__(self, name: str, model: PythonModel, period: int = 1, initial_outputs: Sequence[float] | None = None):
+    Args:
+        name: of the component.
+        model: it.
+        period: in ticks.
+        initial_outputs: zeros if not given.
+        label: what an error calls it; its class if not given.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        model: PythonModel,
+        period: int = 1,
+        initial_outputs: Sequence[float] | None = None,
+        label: str = "",
+    ):
         inputs, outputs = tuple(model.inputs), tuple(model.outputs)
         views: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
         self.exception: BaseException | None = None
@@ -83,14 +97,16 @@ class PythonComponent(Component):
             if initial_outputs is None
             else np.asarray(initial_outputs, dtype=float),
             period=period,
-            label=type(model).__name__,
+            label=label or type(model).__name__,
             keep=function,
         )
 
     def explain(self, status: int) -> str:
         if isinstance(self.exception, KeyboardInterrupt):
             raise self.exception
-        return f"raised {type(self.exception).__name__}: {self.exception}"
+        if isinstance(self.exception, OutputsRefused):
+            return str(self.exception)
+        return raised(self.exception)
 
 
 def doubles(address: int, count: int) -> np.ndarray:
@@ -146,8 +162,13 @@ def _gain(label: str, port: Port, unit: Any) -> float:
     return told.scale
 
 
-class _Called:
-    """A user's class as `PythonComponent` calls one: arrays into a dictionary, and back."""
+class NamedPorts:
+    """A `PythonModel` of one that takes and gives dictionaries, and nothing but copies: arrays into them, and back.
+
+    Args:
+        model: with `step(t, inputs) -> outputs`.
+        inputs, outputs: what it has.
+    """
 
     sampled = True
 
@@ -159,29 +180,6 @@ class _Called:
         # copies, so that what a class keeps stays what it was
         given = {n: u[p] / g if s > 1 else float(u[p][0]) / g for n, s, p, g in self._inputs.places}
         _put(self._model.step(t, given), self._outputs, y)
-
-
-class ClassComponent(PythonComponent):
-    """Wraps an instance of a user's class as a sampled component.
-
-    Args:
-        name: of the component.
-        label: what an error calls it.
-        model: of the class.
-        inputs, outputs: what it has.
-        period: in ticks.
-    """
-
-    def __init__(self, name: str, label: str, model: Any, inputs: Wanted, outputs: Wanted, period: int):
-        super().__init__(name, _Called(model, inputs, outputs), period)
-        self.label = label
-
-    def explain(self, status: int) -> str:
-        if isinstance(self.exception, KeyboardInterrupt):
-            raise self.exception
-        if isinstance(self.exception, OutputsRefused):
-            return str(self.exception)
-        return raised(self.exception)
 
 
 def _put(answer: Any, wanted: Wanted, into: np.ndarray) -> None:

@@ -7,8 +7,8 @@ from typing import Any
 from twin.errors import InputRefused
 from twin.experiment.declared import Declared
 from twin.experiment.mistakes import checked, numbered, unknown
+from twin.experiment.schema import whole_ticks
 from twin.experiment.source import at
-from twin.experiment.ticks import whole_ticks
 from twin.settings import Settings, setting
 
 FORCE_LOOP = "controller.force."

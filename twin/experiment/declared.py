@@ -36,12 +36,14 @@ class Declared:
         needed: tables without which there is no experiment, by name, in the order of documents.
         optional: the other tables.
         changeable: by the key in the file.
+        tasks: tables of [[task]], by their key `kind`.
         tables: all of them.
     """
 
     needed: Mapping[str, type[Settings]]
     optional: Mapping[str, type[Settings]]
     changeable: Mapping[str, Changeable] = field(default_factory=dict)
+    tasks: Mapping[str, type[Settings]] = field(default_factory=dict)
 
     @property
     def tables(self) -> dict[str, type[Settings]]:

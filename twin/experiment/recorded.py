@@ -3,6 +3,8 @@
 A new experiment file and its schema, written.
 
 What differs between experiments: their values key by key, as people write them.
+
+What was typed behind the name of an experiment, out of what a recording says of it.
 """
 
 import os
@@ -15,16 +17,14 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from twin.errors import InputRefused, nearest
-from twin.experiment import schema, task
+from twin.experiment import schema
 from twin.experiment.declared import Declared, nested
+from twin.experiment.drive_files import known_experiments
 from twin.experiment.experiment import ARRAYS, Head
-from twin.experiment.fault import FaultTable
-from twin.experiment.fault_catalogue import CATALOGUE
-from twin.experiment.json_schema import SCHEMA_FILE, schema_text
+from twin.experiment.fault import CATALOGUE, FaultTable
+from twin.experiment.json_schema import SCHEMA_FILE, commented_experiment, schema_text
 from twin.experiment.mistakes import sentences, type_mistakes
-from twin.experiment.named import known_experiments
-from twin.experiment.source import Source
-from twin.experiment.template import commented_experiment
+from twin.experiment.source import COMMAND_LINE, Source, toml_value
 from twin.files import json_of
 from twin.settings import Settings
 from twin.writing import made_folder, write_text
@@ -176,7 +176,12 @@ def flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
 @cache
 def _names(declared: Declared) -> dict[str, str]:
     """Key of an experiment file -> its name without the unit, of every key that has one."""
-    tables: dict[str, type[Settings]] = {**declared.tables, "drive": schema.Drive, "fault": FaultTable, **task.KINDS}
+    tables: dict[str, type[Settings]] = {
+        **declared.tables,
+        "drive": schema.Drive,
+        "fault": FaultTable,
+        **declared.tasks,
+    }
     models = [model for name, table in tables.items() for model in nested(table, name).values()]
     fields = {field.alias: name for model in models for name, field in model.model_fields.items() if field.alias}
     magnitudes = {kind.magnitude_key: "magnitude" for kind in CATALOGUE.values() if kind.magnitude_key}
@@ -242,3 +247,37 @@ def _follows(key: str, facts: Sequence[Facts]) -> bool:
         if key.startswith(f"{filled}.") and all(one.get(own) == one.get(key) for one in facts):
             return True
     return False
+
+
+WHOLE = {"drive.fmu": "--drive", "contact.body": "--body"}
+"""Keys with an option of their own."""
+
+
+def options(values: Mapping[str, Any], origins: Mapping[str, str]) -> list[str]:
+    """The words that have set what was set on the command line: `--drive`, `pmsm_foc.fmu`, `--set`, `seed=3`.
+
+    Args:
+        values: of the experiment, as they are recorded.
+        origins: by dotted key.
+    """
+    words: list[str] = []
+    said, whole = dict(flat(values)), set()
+    for key, option in WHOLE.items():
+        if origins.get(key) == COMMAND_LINE and key in said:
+            words += [option, str(said[key])]
+            whole.add(key)
+    for key, value in said.items():
+        if origins.get(key) == COMMAND_LINE and key not in whole and not key.startswith("fault."):
+            words += ["--set", f"{key}={_toml(value)}"]
+    if any(origin == COMMAND_LINE for key, origin in origins.items() if key.startswith("fault.")):
+        words += ["--set", f"fault={_toml(values.get('fault', ()))}"]
+    return words
+
+
+def _toml(value: object) -> str:
+    """A value as --set takes it."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    return toml_value(value)

@@ -1,4 +1,7 @@
-"""The tables of an experiment file that no part declares. Keys carry units, attributes are SI (see `twin.settings`)."""
+"""The tables of an experiment file that no part declares. Keys carry units, attributes are SI (see `twin.settings`).
+
+Times of an experiment as whole ticks.
+"""
 
 import math
 from typing import Annotated, Any, Literal
@@ -43,15 +46,29 @@ class PositionCommand(Settings):
     """[drive.position_command]: how a servo that takes a position is told it; angles as the servo counts its own."""
 
     period: float | None = setting(
-        "ms", default=None, gt=0, examples=[1.0], help="time between two commands; else one per tick"
+        "ms", into=None, default=None, gt=0, examples=[1.0], help="time between two commands; else one per tick"
     )
-    lower: float | None = setting("deg", default=None, examples=[-150.0], help="smallest angle that it takes")
-    upper: float | None = setting("deg", default=None, examples=[150.0], help="largest angle that it takes")
+    lower: float | None = setting(
+        "deg", default=None, absent=-math.inf, examples=[-150.0], help="smallest angle that it takes"
+    )
+    upper: float | None = setting(
+        "deg", default=None, absent=math.inf, examples=[150.0], help="largest angle that it takes"
+    )
     wrap_from: float | None = setting(
-        "deg", default=None, examples=[-180.0], help="it counts its angle from here over one turn only"
+        "deg",
+        field="wrap",
+        default=None,
+        absent=math.inf,
+        examples=[-180.0],
+        help="it counts its angle from here over one turn only",
     )
     lead: float | None = setting(
-        "deg", default=None, gt=0, examples=[20.0], help="most by which the command is ahead of the robot's motor shaft"
+        "deg",
+        default=None,
+        absent=math.inf,
+        gt=0,
+        examples=[20.0],
+        help="most by which the command is ahead of the robot's motor shaft",
     )
 
     @model_validator(mode="after")
@@ -152,3 +169,16 @@ class Drive(Settings):
             if step is not None and "rk4" not in (method, self.solver):
                 raise ValueError('solver_step_ms is of solver = "rk4"; say that, or remove it')
         return self
+
+
+MOST_TICKS = 1e12
+"""Three centuries at 10 ms, or what nobody means."""
+
+
+def whole_ticks(time: float, tick: float) -> int | None:
+    """How many ticks (s) `time` (s) is; None if it is no whole number of them, up to rounding of the two, or more than
+    `MOST_TICKS`."""
+    if time / tick > MOST_TICKS:
+        return None
+    count = round(time / tick)
+    return count if abs(count * tick - time) <= 1e-9 * time else None

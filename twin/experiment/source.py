@@ -89,16 +89,18 @@ class Rule(NamedTuple):
         names: whether it does so, by its keys.
         kept: keys of the table before that stay; None: none, nor the table's place among the others.
         by_key: whether a single key of it on the command line does so, too.
+        by_option: as `kept`, where it is named by an option of its own, `--drive` or `--body`.
     """
 
     names: Callable[[Mapping[str, Any]], bool]
     kept: tuple[str, ...] | None
     by_key: bool = False
+    by_option: tuple[str, ...] | None = None
 
 
 RULES: dict[str, tuple[Rule, ...]] = {
     "drive": (Rule(names_drive, None),),
-    "contact": (Rule(_has("body"), None),),
+    "contact": (Rule(_has("body"), None, by_option=("height_mm",)),),
     # of way points one file may give the times and another the places
     "reference": (Rule(_has(*SHAPES), ()), Rule(_has("t_s", "p_mm"), ("t_s", "p_mm"))),
     **{role: (Rule(names_stand_in, kept, by_key=True),) for role, kept in KEPT.items()},
@@ -146,6 +148,13 @@ class Source:
                 # another drive has other parameters: nothing of the one before can stay
                 self.forget(name, rule.kept)
         self.put(tables, origin)
+
+    def name(self, table: str, key: str, value: str) -> None:
+        """Let an option of the command line name what [table] is, by its `key`: `--drive` or `--body`."""
+        (rule,) = rules_for(table, {key: value})
+        self.forget(table, rule.by_option)
+        self.values[table] = {key: value, **self.values.get(table, {})}
+        self.origins[f"{table}.{key}"] = COMMAND_LINE
 
     def forget(self, table: str, keep: Collection[str] | None = None) -> None:
         """Take out what is said of [table], but the keys `keep`; without these the table itself."""
@@ -211,7 +220,7 @@ def with_numbers(items: Mapping[str, Any], into: tuple[Any, ...], where: str) ->
 def read_source(path: Path) -> Source:
     """The file at `path` laid over the files it `extends`.
 
-    What takes another one's place is in `replaced.py`.
+    What takes another one's place is in `RULES`.
 
     Raises:
         InputRefused: no such file, not TOML, a circle of `extends`.
@@ -261,11 +270,6 @@ def key_names(key: str) -> list[str]:
             return names
     # no key of TOML: whoever checks the names refuses them
     return key.split(".")
-
-
-def replace_drive(source: Source, fmu: str) -> None:
-    """Make the drive at path `fmu` that of every joint, with the parameters of its own mapping or its start values."""
-    source.lay({"drive": {"fmu": fmu}}, COMMAND_LINE)
 
 
 def laid_over(base: Mapping[str, Any], table: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,15 +1,152 @@
-"""A drive that does not do what it should: a shaft of its own between the drive and everyone who sees the shaft."""
+"""Faults of commands, constants and drives, and what all faults share.
 
+A drive that cannot run as fast as it is told: the command is limited on its last way into the drive.
+
+When a fault is active, in whole ticks that its component counts itself.
+
+A constant of another component that changes while the robot runs.
+
+A drive that does not do what it should: a shaft of its own between the drive and everyone who sees the shaft.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
 from enum import IntEnum
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
-from twin.compiled.function import njit
-from twin.cosim.component import NativeComponent
-from twin.cosim.native import step_function
+from twin.compiled.function import carray, njit
+from twin.cosim.component import Component, NativeComponent
+from twin.cosim.native import doubles_at, step_function
 from twin.cosim.port import Port, memory_of, record
-from twin.faults.command_fault import ACTIVE, WINDOW, Span, tick_now, window, within
+
+WINDOW = record(next="i8", period="i8", onset="i8", end="i8")
+"""The tick of the next step, ticks between steps, and the fault's first and first healthy tick."""
+
+ACTIVE = Port("active", 1, "1", "whether the fault is active", "bool")
+
+
+class Span(NamedTuple):
+    """The ticks onset <= k < end in which a fault is active; of a continuous component, steps that begin at these."""
+
+    onset: int
+    end: int
+
+
+def window(span: Span, period: int) -> tuple[int, int, int, int]:
+    """A `WINDOW` before the first step of a component of `period` ticks."""
+    return 0, period, span.onset, span.end
+
+
+@njit(cache=True)
+def tick_now(window):
+    """The tick of the present step; called once per step, because it counts them."""
+    k = window.next
+    window.next = k + window.period
+    return k
+
+
+@njit(cache=True)
+def within(window, k):
+    """Whether the fault is active at tick `k`."""
+    return window.onset <= k and k < window.end
+
+
+COMMAND_MEMORY = record(window=WINDOW, size="i8", limit="f8")
+
+
+@step_function(COMMAND_MEMORY)
+def command_step(m, t, h, u, y):
+    asked, given = carray(u, m.size), carray(y, m.size + 1)
+    active = within(m.window, tick_now(m.window))
+    for j in range(m.size):
+        given[j] = min(max(asked[j], -m.limit), m.limit) if active else asked[j]
+    given[m.size] = active
+    return 0
+
+
+class FaultComponent(NativeComponent):
+    """Something that breaks, between the wires of a healthy system.
+
+    Attributes:
+        numbers: of its [[fault]] that its memory has, not rounded to counts or ticks: by attribute the field, and how
+            many times the number is there.
+    """
+
+    numbers: Mapping[str, tuple[str, float]] = {}
+
+
+class CommandFault(FaultComponent):
+    """Sampled component, every tick: commanded speeds in, the same within +-limit out while active.
+
+    Args:
+        name: of the component.
+        span: when it is active.
+        limit: of the drives' speed (rad/s).
+        size: number of drives behind it.
+    """
+
+    def __init__(self, name: str, span: Span, limit: float, size: int):
+        port = Port("omega_ref", size, "rad/s", "commanded motor speed, as far as the drive can follow")
+        memory = memory_of(COMMAND_MEMORY, window=window(span, 1), size=size, limit=limit)
+        super().__init__(name, (port,), (port, ACTIVE), True, command_step, memory)
+
+
+VALUE = Port("value", 1, "SI", "the parameter as it holds now")
+PARAMETER_MEMORY = record(window=WINDOW, address="i8", nominal="f8", chained="i8", factor="f8", added="f8", ramp="i8")
+"""`chained`: another fault writes to the same address before; what it wrote is this one's nominal value."""
+
+
+@step_function(PARAMETER_MEMORY, outputs=(VALUE, ACTIVE))
+def parameter_step(m, t, h, u, y):
+    parameter = carray(doubles_at(m.address), 1)
+    k = tick_now(m.window)
+    active = within(m.window, k)
+    value = parameter[0] if m.chained else m.nominal
+    if active:
+        grown = min(1.0, (k - m.window.onset) / m.ramp) if m.ramp else 1.0
+        value = value * (1.0 + grown * (m.factor - 1.0)) + grown * m.added
+    parameter[0] = value
+    y.value, y.active = value, active
+    return 0
+
+
+class ParameterFault(FaultComponent):
+    """Sampled component, first in every tick: writes the value that holds from now on.
+
+    Before the onset and after the end that is the nominal value, to the last bit.
+
+    Args:
+        name: of the component.
+        span: when it is active.
+        owner: the component in whose memory the parameter lies.
+        parameter: what it is called there.
+        cell: the parameter itself, a view (1,) of that memory.
+        factor, added: what the nominal value is multiplied by, and what is added to it (SI).
+        ramp: ticks in which both grow from nothing; 0: at once.
+        chained: whether a fault before it in the tick writes to the same place.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        span: Span,
+        owner: Component,
+        parameter: str,
+        cell: np.ndarray,
+        factor: float,
+        added: float,
+        ramp: int,
+        chained: bool,
+    ):
+        memory = memory_of(
+            PARAMETER_MEMORY, window=window(span, 1), factor=factor, added=added, ramp=ramp, chained=chained
+        )
+        memory["address"], memory["nominal"] = cell.ctypes.data, cell[0]
+        value = replace(VALUE, meaning=f"{parameter} of {owner.name}, as it holds now")
+        super().__init__(name, (), (value, ACTIVE), True, parameter_step, memory, keep=owner)
 
 
 class DriveLaw(IntEnum):
@@ -109,7 +246,7 @@ def step_of(monitored):
     return step
 
 
-class DriveFault(NativeComponent):
+class DriveFault(FaultComponent):
     """Continuous component right behind a drive: the drive's shaft in, the shaft that the joint really has out.
 
     The step that begins at tick k is faulty for onset <= k < end. Afterwards the drive's motion is followed again from

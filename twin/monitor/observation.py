@@ -1,4 +1,8 @@
-"""What the monitor makes of an encoder message: pose, speeds and force, by its own belief and its own low-pass.
+"""What the monitor sees: its own belief of the robot, and what that makes of an encoder message.
+
+What the monitor believes of the robot: its own record, so that the controller's wrong model is not also its own.
+
+What the monitor makes of an encoder message: pose, speeds and force, by its own belief and its own low-pass.
 
 What one encoder count is worth in the quantities that the monitor limits: below that nothing can be told apart.
 """
@@ -10,14 +14,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twin.compiled.function import njit
-from twin.cosim.port import record
-from twin.monitor.belief import MonitorBelief
-from twin.robot.forward_kinematics import platform_position
-from twin.robot.geometry import Geometry
-from twin.robot.gravity import Masses, environment_force, force_on_environment
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.jacobian import jacobian
-from twin.robot.sea import dead_zone, deflection, load_torque
+from twin.cosim.port import record, record_of
+from twin.robot.geometry import Geometry, Model
+from twin.robot.kinematics import jacobian, joint_angles, platform_position
+from twin.robot.statics import Masses, dead_zone, deflection, environment_force, force_on_environment, load_torque
+from twin.settings import Values, setting, taken
+
+
+class MonitorBelief(
+    Values,
+    parts=(
+        taken(Model),
+        {"backlash": setting("rad", help="half width of the dead zone of the spring deflection, motor side")},
+        taken(Model, into="encoders"),
+    ),
+):
+    """The monitor's model of the robot, SI."""
+
+
+BELIEF = record_of(MonitorBelief)
 
 
 class Resolution(NamedTuple):

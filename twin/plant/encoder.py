@@ -1,6 +1,10 @@
-"""The encoders: angles become counts, and that is all a controller ever gets.
+"""What is measured of the plant: the counts of its encoders, and the display of the scale under it.
+
+The encoders: angles become counts, and that is all a controller ever gets.
 
 White noise from a generator whose whole state is one word in a component's memory: same seed, same bytes.
+
+The electronic scale under the robot: it shows the vertical force in steps.
 """
 
 import math
@@ -14,6 +18,7 @@ from twin.compiled.function import njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port, memory_of, record
+from twin.settings import Settings, setting
 
 # Steele, Lea and Flood (2014), Fast splittable pseudorandom number generators, OOPSLA; the constants of splitmix64
 _STRIDE = np.uint64(0x9E3779B97F4A7C15)
@@ -129,3 +134,36 @@ class Encoder(NativeComponent):
 
     def explain(self, status: int) -> str:
         return "got an angle that it cannot count (NaN, infinite or beyond 2^53 counts)"
+
+
+class Display(Settings):
+    """[scale]: the electronic scale's display."""
+
+    resolution: float = setting("g", gt=0, help="smallest step of the display")
+    period: float = setting("ms", gt=0, help="time between two readings")
+
+
+SCALE_INPUTS = (Port("F_ee_B", 3, "N", "force by the robot on the scale in base frame B"),)
+SCALE_OUTPUTS = (Port("F_z", 1, "N", "reading of the scale, pressing positive"),)
+SCALE_MEMORY = record(resolution="f8")
+
+
+@step_function(SCALE_MEMORY, SCALE_INPUTS, SCALE_OUTPUTS)
+def scale_step(m, t, h, u, y):
+    y.F_z = np.floor(-u.F_ee_B[2] / m.resolution + 0.5) * m.resolution
+    return 0
+
+
+class Scale(NativeComponent):
+    """Reads the true contact force, rounded to the nearest step of `resolution` (N), every `period` ticks."""
+
+    def __init__(self, resolution: float, period: int = 1):
+        super().__init__(
+            "scale",
+            SCALE_INPUTS,
+            SCALE_OUTPUTS,
+            True,
+            scale_step,
+            memory_of(SCALE_MEMORY, resolution=resolution),
+            period=period,
+        )

@@ -4,10 +4,9 @@ import numpy as np
 
 from twin.errors import Unreachable
 from twin.experiment.experiment import Experiment
-from twin.plant.beginning import resting
-from twin.plant.equations import Equations
-from twin.plant.parameters import STATES, PlantParameters
-from twin.runs.assembly.true_parameters import plant_parameters
+from twin.plant.component import Equations, resting
+from twin.plant.dynamics import STATES, PlantParameters
+from twin.runs.assembly.build import plant_parameters
 
 STABLE = 2.7
 """|pole| times step up to which classical Runge-Kutta is stable: 2.78 on the real axis, 2.83 on the imaginary one."""

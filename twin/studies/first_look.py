@@ -33,7 +33,7 @@ def find_experiments(asked: Asked) -> None:
     Raises:
         InputRefused: one is not, or is no TOML.
     """
-    from twin.experiment.named import experiment_file
+    from twin.experiment.drive_files import experiment_file
     from twin.experiment.source import read_source
 
     for experiment in _named(asked, "experiment"):

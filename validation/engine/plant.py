@@ -8,15 +8,12 @@ from twin.cosim.observers import simulate
 from twin.cosim.port import Port, memory_of
 from twin.cosim.python_class import PythonComponent
 from twin.experiment.experiment import Experiment
-from twin.plant.beginning import resting
-from twin.plant.component import OUTPUTS, STILL, inputs, settle
-from twin.plant.contact import touch
-from twin.plant.dynamics import spring_deflection, spring_stiffness
-from twin.plant.parameters import PARAMETERS, PlantParameters
-from twin.plant.surface import apex_frame
-from twin.robot.sea import motor_load_torque
+from twin.plant.component import OUTPUTS, STILL, inputs, resting, settle
+from twin.plant.contact import apex_frame, touch
+from twin.plant.dynamics import PARAMETERS, PlantParameters, spring_deflection, spring_stiffness
+from twin.robot.statics import motor_load_torque
 from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.true_parameters import plant_parameters
+from twin.runs.assembly.build import plant_parameters
 from twin.runs.trace import Trace
 from validation.engine.constrained import Constrained, Numbers
 from validation.engine.mechanism import Mechanism

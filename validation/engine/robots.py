@@ -7,24 +7,19 @@ from typing import Protocol
 import numpy as np
 
 from twin.plant.component import STILL
-from twin.plant.dynamics import acceleration, joint_torque, spring_deflection
-from twin.plant.parameters import PlantParameters
-from twin.plant.surface import apex_frame
-from twin.robot.forward_kinematics import position
+from twin.plant.contact import apex_frame
+from twin.plant.dynamics import PlantParameters, acceleration, joint_torque, spring_deflection
 from twin.robot.geometry import LEG_COS, LEG_SIN, Geometry
-from twin.robot.gravity import G_ACCELERATION, arm_gravity_torque, environment_force
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.jacobian import jacobian
+from twin.robot.kinematics import distal_volume, jacobian, joint_angles, position, transmission_sines
 from twin.robot.leg import NO_ANCHOR
-from twin.robot.singularity import distal_volume, transmission_sines
-from twin.robot.statics import leg_force
+from twin.robot.statics import G_ACCELERATION, arm_gravity_torque, environment_force, leg_force
 from twin.robot.workspace import is_reachable
 from validation.engine.constrained import Numbers
 from validation.engine.mechanism import Mechanism
 
 WEIGHTLESS = "rods, weightless"
 CLEAR = 0.1
-"""How far from a singularity, as the measures of `twin.robot.singularity` and `holding`: 0 there, at most 1."""
+"""How far from a singularity, as the measures of `twin.robot.kinematics` and `holding`: 0 there, at most 1."""
 WAY = 21
 """Points of a way that are looked at."""
 

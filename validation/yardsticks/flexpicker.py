@@ -5,9 +5,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from twin.robot.forward_kinematics import position
 from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles
+from twin.robot.kinematics import joint_angles, position
 from validation.yardstick import Yardstick
 
 BASE_SIDE, PLATFORM_SIDE = 0.567, 0.076

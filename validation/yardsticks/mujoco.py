@@ -6,9 +6,9 @@ from functools import cache, partial
 import numpy as np
 
 from twin.experiment.experiment import Experiment
-from twin.plant.parameters import PlantParameters
+from twin.plant.dynamics import PlantParameters
+from twin.runs.assembly.build import plant_parameters
 from twin.runs.assembly.load import load_experiment
-from twin.runs.assembly.true_parameters import plant_parameters
 from twin.runs.trace import Trace, run_in_memory
 from validation.masters.robot import ROOT
 from validation.yardstick import Yardstick

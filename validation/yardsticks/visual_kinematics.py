@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.jacobian import jacobian
-from twin.robot.singularity import distal_volume, transmission_sines
+from twin.robot.kinematics import distal_volume, jacobian, joint_angles, transmission_sines
 from twin.robot.workspace import is_reachable
 from validation.yardstick import Yardstick
 

@@ -22,8 +22,7 @@ from twin.experiment.drive_files import lone_drive
 from twin.experiment.recorded import recorded_fmus
 from twin.experiment.schema import Drive
 from twin.recording.reader import read
-from twin.runs.assembly.drive_component import drive
-from twin.runs.assembly.drives import planned
+from twin.runs.assembly.drives import drive, planned
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
 from twin.studies.qualify.bench import response

@@ -15,8 +15,7 @@ from twin.cosim.system import System
 from twin.drive.component import FmuComponent
 from twin.experiment.drive_files import lone_drive
 from twin.experiment.schema import Drive
-from twin.runs.assembly.drive_component import drive
-from twin.runs.assembly.drives import DrivePlan, planned
+from twin.runs.assembly.drives import DrivePlan, drive, planned
 from twin.studies.qualify.bench import Response, playback, response
 
 TICK = 1e-3

@@ -19,8 +19,7 @@ from twin.report.page.provenance import command, differences, drives, provenance
 from twin.report.page.run import ReportRun, report_runs
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.declared import DECLARED
-from twin.runs.assembly.load import load_experiment
-from twin.runs.assembly.recorded import recorded_experiment
+from twin.runs.assembly.load import load_experiment, recorded_experiment
 from twin.runs.run import SUMMARY, execute
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from tests.laws.runs import PARAMETERS
 from tests.studies.paper.fig5_recordings import pressed
-from twin.plant.surface import Shape, surface_frame
+from twin.plant.contact import Shape, surface_frame
 from twin.recording.recording import Recording
 from twin.report.page.markup import DataBlock
 from twin.report.page.run import ReportRun

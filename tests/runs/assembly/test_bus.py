@@ -6,7 +6,7 @@ from tests.laws.runs import co_simulated, shipped
 from twin.cosim.component import Component
 from twin.cosim.port import Port
 from twin.cosim.system import End
-from twin.runs.assembly.robot import ROBOT, connected
+from twin.runs.assembly.assemble import ROBOT, connected
 
 TICKS = 20
 RUNAWAY = 'fault=[{kind="drive_runaway", target="drive_2", onset_s=0.4, magnitude_rad_per_s=8.0}]'

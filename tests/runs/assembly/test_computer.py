@@ -7,7 +7,7 @@ from tests.monitor.motions import LIMITS
 from twin.controller import program as programs
 from twin.controller.program import PhaseKind as Kind
 from twin.monitor.checks import Limits, Monitor
-from twin.runs.assembly.computer import monitor_limits, program_of
+from twin.runs.assembly.computer import monitor_limits
 
 
 def test_every_limit_of_the_component_is_in_the_table():
@@ -28,16 +28,15 @@ def test_a_command_is_saturated_at_the_controllers_limit_unless_another_is_given
 def test_the_program_is_that_of_the_tasks_in_the_manner_of_the_approach():
     experiment = shipped("massage")
     assert experiment.approach is not None
-    phases = program_of(experiment.approach, 0.6, experiment.tasks)
+    phases = programs.program(experiment.approach, 0.6, experiment.tasks)
     assert [phase.task for phase in phases if phase.kind == Kind.TRAVEL] == [1, 2, 3, 4]
     travel, descend, build_up = phases[:3]
     assert (travel.target, travel.speed, travel.ramp_in) == ((0.0, 0.0, -0.092), 0.04, 0.1)
     assert (descend.target[2], descend.speed, descend.level) == (-0.13, 0.01, 0.6)
     assert (build_up.F_end, build_up.duration) == (8.0, 3.5)
-    manner = programs.Travel(-0.092, -0.13, 0.04, 0.01, 0.1, 0.5, 0.6)
-    roll = programs.Rolling((0.0, 0.0), 5.0, 2.0, 0.005, 1.0, 6.0)
+    roll = programs.Roll.of(point=(0.0, 0.0), force=5.0, build_up=2.0, radius=0.005, rate=1.0, turns=6.0)
     found = [phase for phase in phases if phase.task == 3 and phase.kind == Kind.CIRCLE]
-    (expected,) = (phase for phase in programs.program(manner, [roll]) if phase.kind == Kind.CIRCLE)
+    (expected,) = (phase for phase in programs.program(experiment.approach, 0.6, [roll]) if phase.kind == Kind.CIRCLE)
     assert [(phase.radius, phase.rate, phase.turns) for phase in found] == [
         (expected.radius, expected.rate, expected.turns)
     ]

@@ -5,7 +5,7 @@ import pytest
 
 from tests.laws.runs import co_simulated, shipped
 from twin.errors import InputRefused
-from twin.experiment.variation import with_cosim
+from twin.experiment.experiment import with_cosim
 
 
 @pytest.mark.parametrize("ticks", [1, 3])

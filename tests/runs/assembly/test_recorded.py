@@ -11,7 +11,7 @@ from tests.laws.runs import FORCE, shipped
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.recorded import recorded_experiment
+from twin.runs.assembly.load import recorded_experiment
 from twin.runs.provenance import provenance
 
 

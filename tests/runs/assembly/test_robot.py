@@ -13,8 +13,7 @@ from twin.cosim.python_class import PythonComponent
 from twin.drive import unpacked as drives
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.robot import ROBOT
+from twin.runs.assembly.assemble import ROBOT, assemble
 
 ALONE = ["encoder", "estimator", "controller", "scale", "drive_1", "drive_2", "drive_3", "plant"]
 TOLD = "reference"

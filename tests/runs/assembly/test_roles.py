@@ -20,10 +20,8 @@ from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
 from twin.monitor.component import trip_reason
 from twin.recording.reader import read
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.load import load_experiment
-from twin.runs.assembly.recorded import recorded_experiment
-from twin.runs.assembly.robot import ROBOT
+from twin.runs.assembly.assemble import ROBOT, assemble
+from twin.runs.assembly.load import load_experiment, recorded_experiment
 from twin.runs.assembly.roles import CONTRACTS, other_part
 from twin.runs.run import execute
 from twin.runs.trace import run_in_memory

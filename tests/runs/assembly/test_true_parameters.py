@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import FORCE, shipped
-from twin.plant.body import MotionKind
-from twin.plant.parameters import PlantParameters
-from twin.runs.assembly.true_parameters import plant_parameters, surface_motions
+from twin.plant.contact_law import MotionKind
+from twin.plant.dynamics import PlantParameters
+from twin.runs.assembly.build import plant_parameters, surface_motions
 
 FILE = {
     "plant.a_mm": 51.0, "plant.b_mm": 31.0, "plant.l_a_mm": 61.0, "plant.l_b_mm": 115.0,

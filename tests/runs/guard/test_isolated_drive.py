@@ -14,7 +14,7 @@ from twin.cosim.system import System
 from twin.errors import ComponentFailed, InputRefused
 from twin.recording.reader import read
 from twin.runs.assembly.assemble import Assembly, assemble
-from twin.runs.assembly.drive_component import drive as drive_here
+from twin.runs.assembly.drives import drive as drive_here
 from twin.runs.assembly.drives import planned
 from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.guard import guarded

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from tests.robot.poses import GEOMETRY, HOME, triple, working_poses
 from tests.runs.scene.pictures import at
 from twin.errors import InputRefused
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.skeleton import AXIS, OUTWARD
+from twin.robot.geometry import AXIS, OUTWARD
+from twin.robot.kinematics import joint_angles
 from twin.runs.scene.frames import FRAMES, HALF_WIDTH, IDENTITY, pointing, poses, product, turn
 
 # rounding of a dozen operations on numbers up to 1

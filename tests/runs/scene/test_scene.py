@@ -12,7 +12,7 @@ from tests.robot.poses import GEOMETRY
 from tests.runs.scene.pictures import at, frames, messages, numbers
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.robot.skeleton import AXIS, OUTWARD
+from twin.robot.geometry import AXIS, OUTWARD
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
 from twin.runs.scene.frames import FRAMES, HALF_WIDTH
@@ -131,7 +131,7 @@ def test_a_body_is_drawn_tilted_as_the_plants_surface_and_moves_with_it(shifted:
     np.testing.assert_allclose(surface[:, :3], apex + shifted["body.s_B"][::20], atol=ROUNDING)
     np.testing.assert_allclose(surface[-1, :3] - surface[0, :3], [3e-3, 4e-3, 5e-3], atol=ROUNDING)
     tilt, tilt_x = math.radians(10), math.radians(-5)
-    # the normal that twin/plant/surface.py derives
+    # the normal that twin/plant/contact.py derives
     normal = [math.sin(tilt) * math.cos(tilt_x), -math.sin(tilt_x), math.cos(tilt) * math.cos(tilt_x)]
     found = at(surface, (0.0, 0.0, 1.0)) - surface[:, :3]
     np.testing.assert_allclose(found, np.tile(normal, (len(found), 1)), atol=ROUNDING)

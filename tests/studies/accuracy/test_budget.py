@@ -7,8 +7,8 @@ import pytest
 
 from tests.laws.runs import EVERY_EXPERIMENT, FORCE, shipped
 from twin.errors import InputRefused
-from twin.experiment.variation import with_model
-from twin.robot.gravity import G_ACCELERATION
+from twin.experiment.experiment import with_model
+from twin.robot.statics import G_ACCELERATION
 from twin.studies.accuracy.budget import (
     EFFECTS,
     NOT_MODELLED,

@@ -8,21 +8,12 @@ import pytest
 from tests.laws.runs import shipped
 from twin.controller.pid import Gains
 from twin.cosim.observers import simulate
-from twin.experiment.variation import with_model, with_plant
+from twin.experiment.experiment import with_model, with_plant
 from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.true_parameters import plant_parameters
+from twin.runs.assembly.build import plant_parameters
 from twin.runs.trace import Trace
 from twin.studies.analyse.drive_response import Linearised
-from twin.studies.analyse.linear.hand import (
-    DRIFT,
-    NOTHING,
-    FreePlant,
-    Hand,
-    hand_of,
-    hertz,
-    power_share,
-    robot_with,
-)
+from twin.studies.analyse.linear.hand import DRIFT, NOTHING, FreePlant, Hand, hand_of, hertz, power_share, robot_with
 from twin.studies.analyse.linear.loops import LOOPS, linear_law
 from twin.studies.analyse.linear.plant_system import linear_plant
 from twin.studies.analyse.nudge import NUDGED, held, undisturbed

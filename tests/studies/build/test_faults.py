@@ -10,7 +10,7 @@ import pytest
 from tests.studies.build.conftest import FIG4, MASSAGE
 from tests.studies.build.slaves import Kept, Slave
 from twin.errors import InputRefused
-from twin.experiment.fault_catalogue import CATALOGUE
+from twin.experiment.fault import CATALOGUE
 from twin.runs.assembly.load import load_experiment
 from twin.runs.trace import run_in_memory
 from twin.studies.build.layout import laid_out, tables

@@ -6,9 +6,8 @@ import pytest
 from tests.laws.runs import shipped
 from tests.studies.check.traces import EXPERIMENT, measuring, t, trace
 from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment
-from twin.experiment.variation import shortened
-from twin.robot.inverse_kinematics import joint_angles
+from twin.experiment.experiment import Experiment, shortened
+from twin.robot.kinematics import joint_angles
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.computer import geometry_of
 from twin.runs.trace import run_in_memory

@@ -9,10 +9,10 @@ import pytest
 from tests.conftest import ROOT
 from tests.laws.runs import co_simulated, shipped
 from twin.robot.geometry import Geometry
-from twin.robot.gravity import G_ACCELERATION
-from twin.robot.jacobian import jacobian
+from twin.robot.kinematics import jacobian
+from twin.robot.statics import G_ACCELERATION
+from twin.runs.assembly.build import plant_parameters
 from twin.runs.assembly.load import load_experiment
-from twin.runs.assembly.true_parameters import plant_parameters
 from twin.studies.check.baseline import read_baseline
 
 JOINTS = ("1", "2", "3", "1_side", "2_side", "3_side")

@@ -7,8 +7,7 @@ import pytest
 
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
 from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment
-from twin.experiment.variation import exactly_measured, shortened
+from twin.experiment.experiment import Experiment, exactly_measured, shortened
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
 from twin.studies.converge.convergence import FINEST, comparable, reference_of

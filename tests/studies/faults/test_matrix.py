@@ -8,7 +8,7 @@ from tests.laws.runs import shipped
 from tests.studies.faults.pressing import matrix, pressing
 from twin.errors import InputRefused, SafetyTrip
 from twin.experiment import fault
-from twin.experiment.fault_catalogue import CATALOGUE, NEVER
+from twin.experiment.fault import CATALOGUE, UNSEEN
 from twin.studies.faults.matrix import (
     GLITCH_SHARE,
     FaultTrial,
@@ -106,7 +106,7 @@ def test_the_bound_is_broken_where_it_was_said_to_be_and_that_is_not_hidden():
     }
 
 
-SAID = [kind for kind, known in CATALOGUE.items() if known.seen != NEVER and kind != "drive_failure"]
+SAID = [kind for kind, known in CATALOGUE.items() if known.seen != UNSEEN and kind != "drive_failure"]
 """Of `drive_failure` no monitor is needed: the run ends."""
 
 

@@ -6,14 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.studies.replay.logs import EXPERIMENTS, ran
-from twin.controller.belief import Belief
+from twin.controller.controller import Belief
 from twin.recording.logs.log import Log
 from twin.recording.logs.reader import recorded
 from twin.robot.geometry import Geometry
-from twin.robot.gravity import arm_gravity_torque, platform_weight
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.jacobian import jacobian
-from twin.robot.statics import joint_torques
+from twin.robot.kinematics import jacobian, joint_angles
+from twin.robot.statics import arm_gravity_torque, joint_torques, platform_weight
 from twin.studies.identify.identification import Identification, identified
 from twin.studies.identify.windows import (
     BACKLASH,

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from twin.controller.belief import Belief
-from twin.controller.estimator import ESTIMATE, INPUTS, OUTPUTS, estimate
+from twin.controller.controller import ESTIMATE, ESTIMATOR_INPUTS, ESTIMATOR_OUTPUTS, Belief, estimate
 from twin.robot.geometry import LEG_COS, LEG_SIN
-from twin.robot.gravity import arm_gravity_torque, platform_weight
+from twin.robot.statics import arm_gravity_torque, platform_weight
 
 
 def rotation(angle: float) -> np.ndarray:
@@ -21,7 +20,7 @@ PRINTED = (np.eye(3), rotation(2 * np.pi / 3), rotation(-2 * np.pi / 3))
 class PrintedEstimator:
     """Takes the place of the estimator: everything as there, but the force by Eq. 21-27 with the printed Eq. 23."""
 
-    inputs, outputs, sampled = INPUTS, OUTPUTS, True
+    inputs, outputs, sampled = ESTIMATOR_INPUTS, ESTIMATOR_OUTPUTS, True
 
     def __init__(self, belief: Belief):
         self.belief = belief

@@ -7,13 +7,9 @@ import pytest
 from scipy.optimize import brentq
 
 from tests.robot.poses import GEOMETRY, HOME, MASSES
-from twin.robot.forward_kinematics import position, sphere_centre
 from twin.robot.geometry import LEG_COS, LEG_SIN, distal_link
-from twin.robot.gravity import environment_force
-from twin.robot.inverse_kinematics import joint_angles, leg_angle, loop_coefficients
-from twin.robot.jacobian import jacobian
-from twin.robot.sea import directed_load_torque, load_torque
-from twin.robot.statics import end_effector_force, joint_torques
+from twin.robot.kinematics import jacobian, joint_angles, leg_angle, loop_coefficients, position, sphere_centre
+from twin.robot.statics import directed_load_torque, end_effector_force, environment_force, joint_torques, load_torque
 
 OFF_HOME = (0.012, -0.017, -0.104)
 START = (0.0, 0.020, -0.085)

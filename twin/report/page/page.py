@@ -111,7 +111,7 @@ def _data(runs: Sequence[ReportRun]) -> tuple[dict[str, Any], int]:
 
 def _budget(run: ReportRun, say: Say) -> "Budget":
     # what runs experiments takes a while to load
-    from twin.runs.assembly.recorded import recorded_experiment
+    from twin.runs.assembly.load import recorded_experiment
     from twin.studies.accuracy.budget import accuracy_budget
 
     experiment = recorded_experiment(run.recording.metadata, run.recording.path)

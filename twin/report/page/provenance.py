@@ -9,8 +9,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from twin.experiment.command_line import options
-from twin.experiment.recorded import FROM_ROBOT, differing, flat, name_and_unit, recorded_facts, told
+from twin.experiment.recorded import FROM_ROBOT, differing, flat, name_and_unit, options, recorded_facts, told
 from twin.experiment.source import COMMAND_LINE
 from twin.report.page.markup import Markup, element, joined, table
 from twin.report.page.measures import number

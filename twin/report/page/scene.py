@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from twin.plant.surface import apex_frame
+from twin.plant.contact import apex_frame
 from twin.report.page.markup import DataBlock
 from twin.report.page.run import ReportRun
-from twin.robot.geometry import Geometry
-from twin.robot.skeleton import AXIS, OUTWARD, skeleton
+from twin.robot.geometry import AXIS, OUTWARD, Geometry, skeleton
 from twin.studies.metrics.response import Curve
 
 RATE = 50.0
@@ -56,7 +55,7 @@ def surface(contact: Mapping[str, Any]) -> list[list[list[float]]]:
     """Points of the untouched surface in B, (LINES + 1, LINES + 1, 3), mm, apex in the middle.
 
     Args:
-        contact: the experiment's [contact]. Shapes and axes are those of `twin.plant.surface`.
+        contact: the experiment's [contact]. Shapes and axes are those of `twin.plant.contact`.
     """
     tilts = SimpleNamespace(**{name: math.radians(contact.get(f"{name}_deg", 0.0)) for name in ("tilt", "tilt_x")})
     e_1, e_2, n = (np.array(axis) for axis in apex_frame(tilts))

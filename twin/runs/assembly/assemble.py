@@ -1,4 +1,12 @@
-"""From an experiment to a system that can be simulated: every row of the robot's table made, joined, and broken.
+"""The robot put together: its components in one table, made, joined, and broken where faults say so.
+
+The robot as one table: its components in the order of a tick, and where each of their inputs comes from.
+
+A row may stand for no component at all (an experiment without a scale), for one, or for three (a drive for each
+joint). Its inputs are those that its components have: a plant on a body that does not move has no `s_B`. Values are
+joined in order, so three drives of one axis and one drive of three axes are wired alike; one value feeds many.
+
+From an experiment to a system that can be simulated: every row of the robot's table made, joined, and broken.
 
 What of an experiment may be changed while it runs, and where the controller keeps it. A change is a number written into
 the controller's record between two ticks. Nothing jumps but what has to: the integral of a loop is kept in units of its
@@ -16,19 +24,132 @@ import numpy as np
 
 from twin.compiled.native import help_with
 from twin.cosim.component import Component
-from twin.cosim.system import End, Feeds, MemoryChange, System, wires
+from twin.cosim.system import End, Feeds, MemoryChange, System, ends, wires
 from twin.drive.groups import AT_END
 from twin.errors import InputRefused, nearest
 from twin.experiment.change import changeable
 from twin.experiment.experiment import Experiment
-from twin.runs.assembly.build import Build, DriveMaker, InThisProcess, Makers, need_processes, planned_drives
+from twin.runs.assembly import build, computer
+from twin.runs.assembly.build import (
+    Build,
+    DriveMaker,
+    InThisProcess,
+    Makers,
+    Parts,
+    at_rest,
+    joint_drives,
+    need_processes,
+    planned_drives,
+)
 from twin.runs.assembly.declared import DECLARED, PLACES
 from twin.runs.assembly.drives import DrivePlan
-from twin.runs.assembly.faults.inject import inject
-from twin.runs.assembly.mechanics import at_rest
-from twin.runs.assembly.robot import ROBOT, connected
+from twin.runs.assembly.faults import inject
 from twin.runs.assembly.roles import CONTRACTS, OtherPart, given_part, other_parts
 from twin.runs.assembly.usual import compile_beside
+
+Source = tuple[str, str]
+
+
+class Row(NamedTuple):
+    """Components of the robot.
+
+    Attributes:
+        name: of the row, and of its component if there is one.
+        parts: what makes its components, if the experiment has any.
+        inputs: by port (row, port), where it comes from; of several the first one whose row has components.
+    """
+
+    name: str
+    parts: Parts
+    inputs: Mapping[str, tuple[Source, ...]]
+
+
+def _row(name: str, parts: Parts, **inputs: str | tuple[str, ...]) -> Row:
+    """A row with its sources as "row.port"."""
+    told = {port: (source,) if isinstance(source, str) else source for port, source in inputs.items()}
+    return Row(name, parts, {port: tuple(map(_source, sources)) for port, sources in told.items()})
+
+
+def _source(text: str) -> Source:
+    row, _, port = text.partition(".")
+    return row, port
+
+
+COMMAND = ("bus.omega_ref", "monitor.omega_ref", "delay.omega_ref", "tank.omega_ref", "controller.omega_ref")
+"""What the drives are told: the last word on the way from the controller."""
+POWER = ("bus.power", "monitor.power")
+"""Whether they may have power."""
+
+ROBOT = (
+    _row("body", build.body),
+    _row("latency", build.latency, theta_m="drive.theta_m", theta_l="plant.theta_l"),
+    _row(
+        "encoder", build.encoder,
+        theta_m=("latency.theta_m", "drive.theta_m"), theta_l=("latency.theta_l", "plant.theta_l"),
+    ),
+    _row("estimator", computer.estimators, count_m="encoder.count_m", count_l="encoder.count_l"),
+    _row("reference", computer.references),
+    _row(
+        "controller", computer.controllers,
+        p_ref_B="reference.p_ref_B",
+        p_B="estimator.p_B", J="estimator.J", F_ee_B="estimator.F_ee_B", tau_l="estimator.tau_l",
+        share="tank.share",
+    ),
+    _row(
+        "tank", computer.tanks,
+        omega_ref=COMMAND[4:], p_B="estimator.p_B", J="estimator.J", F_ee_B="estimator.F_ee_B", valid="estimator.valid",
+        sample="encoder.sample",
+    ),
+    _row("delay", computer.delays, omega_ref=COMMAND[3:]),
+    _row(
+        "monitor", computer.monitors,
+        omega_ref=COMMAND[2:], count_m="encoder.count_m", count_l="encoder.count_l", sample="encoder.sample",
+    ),
+    _row("bus", computer.buses, omega_ref=COMMAND[1:], power=POWER[1:]),
+    _row("scale", build.scale, F_ee_B="plant.F_ee_B"),
+    _row("drive", joint_drives, omega_ref=COMMAND, tau_load="plant.tau_load", enable=POWER),
+    _row(
+        "plant", build.plant,
+        theta_m="drive.theta_m", theta_m_start="drive.theta_m", s_B="body.s_B", v_s_B="body.v_s_B",
+    ),
+)  # fmt: skip
+"""In the order in which a tick evaluates them."""
+
+
+def connected(made: Mapping[str, list[Component]]) -> Feeds:
+    """What feeds each input of the components of `made`, by row.
+
+    Raises:
+        InputRefused: a component has not the port, or not the number of values, that another one needs of it.
+    """
+    feeds: Feeds = {}
+    for row in ROBOT:
+        for port, sources in row.inputs.items():
+            targets = ends(made[row.name], "input", port)
+            there = [source for source in sources if made[source[0]]]
+            if targets and there:
+                feeds.update(zip(targets, _values(there[0], made, targets), strict=True))
+    return feeds
+
+
+def _values(source: Source, made: Mapping[str, list[Component]], targets: list[End]) -> list[End]:
+    """A value of the output `source` for each of `targets`."""
+    name, port = source
+    values = ends(made[name], "output", port)
+    first = targets[0]
+    if not values:
+        offered = ", ".join(p.name for component in made[name] for p in component.outputs) or "none"
+        raise InputRefused(
+            f"{name}: has no output '{port}', which {first.component}.{first.port} needs; it has {offered}"
+        )
+    if len(values) == 1:
+        return values * len(targets)
+    if len(values) != len(targets):
+        raise InputRefused(
+            f"wire {name}.{port} -> {first.component}.{first.port}: {len(values)} values into {len(targets)}"
+        )
+    return values
+
 
 FORCE_REFERENCE = "controller.force.reference_N"
 

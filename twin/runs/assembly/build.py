@@ -1,9 +1,16 @@
-"""An experiment on its way to components: what several of them have to know when they are made, and the joints' drives.
+"""The robot's drives, plant, body, encoders and scale, from an experiment.
+
+[plant] and [contact] as the constants of plant and encoders; [contact] and [[fault]] as how the surface moves.
+
+An experiment on its way to components: what several of them have to know when they are made, and the joints' drives.
 
 These are one for each joint, or one FMU that turns all.
+
+What is true: the plant at rest, what it presses on, the encoders and the scale.
 """
 
-from collections.abc import Callable, Collection, Mapping
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -13,13 +20,63 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.cosim.component import Component
+from twin.cosim.delay import delay
 from twin.drive.description import FmuDescription
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
-from twin.plant.component import Plant
-from twin.runs.assembly.drive_component import drive
-from twin.runs.assembly.drives import DrivePlan, Start, planned
+from twin.experiment.fault import NEVER, Fault
+from twin.experiment.schema import whole_ticks
+from twin.plant.component import Plant, resting
+from twin.plant.contact_law import Body, Contact, Motion, MotionKind
+from twin.plant.dynamics import PlantParameters, TrueRobot
+from twin.plant.encoder import INPUTS as ANGLES
+from twin.plant.encoder import Encoder, Scale, Shaft
+from twin.robot.statics import G_ACCELERATION
+from twin.runs.assembly.drives import DrivePlan, Start, drive, planned
 from twin.runs.assembly.roles import OtherPart
+
+SUDDEN = 0.02
+"""Time (s) in which a surface jumps or drops away as a fault."""
+BREATHING_RATE = 0.25
+"""Of breathing as a fault (Hz): 15 per minute."""
+
+
+def plant_parameters(plant: TrueRobot, contact: Contact) -> PlantParameters:
+    """What is true, SI."""
+    return PlantParameters.made(plant, contact)
+
+
+def shafts(plant: TrueRobot) -> tuple[Shaft, Shaft]:
+    """The encoders of the motors and of the joints."""
+    p = plant
+    return (
+        Shaft(p.motor_counts_per_turn, p.motor_zero, p.motor_noise, p.motor_eccentricity, p.motor_eccentric_at),
+        Shaft(p.joint_counts_per_turn, p.joint_zero, p.joint_noise, p.joint_eccentricity, p.joint_eccentric_at),
+    )
+
+
+def surface_motions(contact: Contact) -> tuple[Motion, ...]:
+    """How the surface moves; empty: it does not."""
+    return tuple(table.motion for table in contact.motions)
+
+
+def fault_motions(faults: Sequence[Fault], tick: float) -> tuple[Motion, ...]:
+    """How it moves because of those of `faults` that break the body; `tick` in s."""
+    return tuple(motion for fault in faults if (motion := _broken(fault, tick)) is not None)
+
+
+def _broken(fault: Fault, tick: float) -> Motion | None:
+    onset, end = fault.onset * tick, math.inf if fault.end == NEVER else fault.end * tick
+    up, down = (0.0, 0.0, fault.magnitude), (0.0, 0.0, -fault.magnitude)
+    match fault.kind:
+        case "surface_jump":
+            return Motion(MotionKind.SHIFT, up, onset, end, rise=SUDDEN)
+        case "contact_loss":
+            return Motion(MotionKind.SHIFT, down, onset, end, rise=SUDDEN)
+        case "breathing":
+            return Motion(MotionKind.BREATHING, up, onset, end, rate=BREATHING_RATE)
+    return None
+
 
 JOINTS = 3
 
@@ -34,7 +91,7 @@ class DriveMaker(Protocol):
     one_process: bool
 
     def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
-        """As `twin.runs.assembly.drive_component.drive`."""
+        """As `twin.runs.assembly.drives.drive`."""
 
 
 class InThisProcess:
@@ -126,3 +183,56 @@ def _lonely(fmus: Collection[FmuDescription]) -> FmuDescription | None:
     """One of `fmus` that stands there more than once, and can live only once in a process."""
     digests = [fmu.sha256 for fmu in fmus]
     return next((fmu for fmu in fmus if fmu.lives_once and digests.count(fmu.sha256) > 1), None)
+
+
+def at_rest(experiment: Experiment, moved: bool = False) -> tuple[Plant, np.ndarray]:
+    """The plant in static equilibrium at the first way point of its reference, and the motor angles (3,), rad, there.
+
+    Args:
+        moved: whether a body of another make moves the surface.
+
+    Raises:
+        Unreachable: the robot cannot be there.
+    """
+    parameters = plant_parameters(experiment.plant, experiment.contact)
+    x, theta_m = resting(parameters, experiment.start)
+    moving, ramp = bool(motions(experiment)) or moved, experiment.cosim.inputs == "linear"
+    return Plant(parameters, x, theta_m, experiment.plant.substeps, moving, ramp), theta_m
+
+
+def plant(build: Build) -> Makers:
+    """Springs, mechanism and contact."""
+    return {"plant": lambda: build.plant}
+
+
+def body(build: Build) -> Makers:
+    """A surface that moves."""
+    found = motions(build.experiment)
+    return {"body": lambda: Body(found)} if found else {}
+
+
+def encoder(build: Build) -> Makers:
+    """Motor and joint encoders."""
+    experiment = build.experiment
+    motor, joint = shafts(experiment.plant)
+    return {"encoder": lambda: Encoder(motor, joint, experiment.controller_ticks, experiment.seed)}
+
+
+def latency(build: Build) -> Makers:
+    """The way of the angles into the encoders, if it takes time."""
+    ticks = whole_ticks(build.experiment.plant.encoder_latency, build.experiment.cosim.tick)
+    initial = np.concatenate([build.theta_m, build.plant.initial("theta_l")])
+    return {"latency": lambda: delay("latency", ANGLES, ticks, initial)} if ticks else {}
+
+
+def scale(build: Build) -> Makers:
+    """The electronic scale's display."""
+    table = build.experiment.scale
+    if table is None:
+        return {}
+    return {"scale": lambda: Scale(table.resolution * G_ACCELERATION, build.experiment.scale_ticks)}
+
+
+def motions(experiment: Experiment) -> tuple[Motion, ...]:
+    """How the surface moves, by itself and because of faults."""
+    return surface_motions(experiment.contact) + fault_motions(experiment.faults, experiment.cosim.tick)

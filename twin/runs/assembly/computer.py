@@ -11,31 +11,23 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.controller import program as programs
-from twin.controller.adaptive import Adapting
-from twin.controller.belief import Belief
-from twin.controller.computer import Computer
-from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
+from twin.controller.adaptive import Adapting, SchedulePoint, Scheduling
+from twin.controller.controller import NEVER, OMEGA_REF, P_REF_B, Belief, Controller, Estimator, Law, WayPointReference
 from twin.controller.energy_tank import Tank, TankValve
-from twin.controller.estimator import Estimator
 from twin.controller.pid import Believed, Gains, force_gains
 from twin.controller.program import Phase
-from twin.controller.schedule import SchedulePoint, Scheduling
-from twin.controller.task_controller import TaskController
+from twin.controller.task_controller import Computer, TaskController
 from twin.controller.tissue import Sensing
-from twin.controller.way_points import P_REF_B, WayPointReference
 from twin.cosim.delay import delay
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
-from twin.experiment.task import Approach, Task
-from twin.monitor.belief import MonitorBelief
 from twin.monitor.checks import Limits, Monitor
 from twin.monitor.component import POWER, SafetyMonitor
-from twin.plant.parameters import Robot
-from twin.robot.geometry import Geometry
-from twin.robot.gravity import Masses, leg_inertia, moving_mass
-from twin.robot.inverse_kinematics import joint_angles
-from twin.robot.jacobian import jacobian
-from twin.robot.model import Model
+from twin.monitor.observation import MonitorBelief
+from twin.plant.dynamics import Robot
+from twin.robot.geometry import Geometry, Model
+from twin.robot.kinematics import jacobian, joint_angles
+from twin.robot.statics import Masses, leg_inertia, moving_mass
 from twin.runs.assembly.build import Build, Makers
 from twin.settings import Triple
 
@@ -105,13 +97,6 @@ def sensing(computer: Computer, p_B: Triple) -> Sensing:
     )
 
 
-PROGRAMS: dict[str, type[programs.Task]] = {
-    "press": programs.Pressing,
-    "tap": programs.Tapping,
-    "roll": programs.Rolling,
-    "push": programs.Pushing,
-}
-"""By the kind of a [[task]], whose keys they have, too."""
 LATE = 1.5
 """Periods of the controller after which a message of the encoders is late."""
 
@@ -140,7 +125,7 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
         return Controller(law, position, force, experiment.reference.t, experiment.reference.p, ticks, besides, tank)
     if program is None:
         assert experiment.approach is not None and c.touch is not None
-        program = program_of(experiment.approach, c.touch.contact, experiment.tasks)
+        program = programs.program(experiment.approach, c.touch.contact, experiment.tasks)
     assert c.touch is not None and c.feed_forward is not None and c.damping is not None
     return TaskController(
         law,
@@ -155,12 +140,6 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
         besides,
         tank,
     )
-
-
-def program_of(approach: Approach, contact_force: float, tasks: Sequence[Task]) -> list[Phase]:
-    """The phases of `tasks`; `contact_force` (N) counts as touching."""
-    manner = programs.Travel(contact_force=contact_force, **dict(approach))
-    return programs.program(manner, [PROGRAMS[task.kind](**task.model_dump(exclude={"kind"})) for task in tasks])
 
 
 def estimators(build: Build) -> Makers:

@@ -4,26 +4,22 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from twin.controller.belief import Belief
-from twin.controller.breath import Breath
-from twin.controller.computer import Computer
-from twin.controller.controller import Law
+from twin.controller.adaptive import Breath, Scheduling
+from twin.controller.controller import Belief, Law
 from twin.controller.energy_tank import EnergyTank, Tank
-from twin.controller.loops import ForceLoop, PositionLoop
-from twin.controller.pid import Believed, Damping
-from twin.controller.processor import Processor
-from twin.controller.schedule import Scheduling
-from twin.controller.task_controller import Touch
+from twin.controller.pid import Believed, Damping, ForceLoop, PositionLoop, Processor
+from twin.controller.program import TASKS, Approach
+from twin.controller.task_controller import Computer, Touch
 from twin.controller.tissue import Sensing
 from twin.cosim.place import Place
 from twin.experiment.declared import Changeable, Declared, nested
 from twin.experiment.experiment import NEEDED, OPTIONAL
-from twin.monitor.belief import MonitorBelief
 from twin.monitor.checks import Monitor
+from twin.monitor.observation import MonitorBelief
 from twin.plant.contact_law import Contact
-from twin.plant.parameters import PlantParameters, Robot, TrueRobot
-from twin.plant.scale import Display
-from twin.robot.gravity import G_ACCELERATION
+from twin.plant.dynamics import PlantParameters, Robot, TrueRobot
+from twin.plant.encoder import Display
+from twin.robot.statics import G_ACCELERATION
 from twin.settings import FieldSource, Settings, Values, taken
 
 _ENCODERS = ("zero", "noise", "eccentricity", "eccentric_at")
@@ -93,7 +89,7 @@ _NEEDED: dict[str, type[Settings]] = {
 _OPTIONAL: dict[str, type[Settings]] = {
     "scale": Display,
     "reference": OPTIONAL["reference"],
-    "approach": OPTIONAL["approach"],
+    "approach": Approach,
     "monitor": Monitor,
     **OPTIONAL,
 }
@@ -124,5 +120,5 @@ BROKEN = {
 }
 """Where a kind of fault changes a number."""
 _CHANGEABLE = {key: Changeable(source.table, source.name) for key, (_, source) in _TUNABLE.items()}
-DECLARED = Declared(_NEEDED, _OPTIONAL, _CHANGEABLE)
+DECLARED = Declared(_NEEDED, _OPTIONAL, _CHANGEABLE, TASKS)
 """As `twin.experiment` is handed it."""

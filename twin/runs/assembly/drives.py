@@ -1,21 +1,34 @@
-"""From a joint's [drive] table to a plan that has passed every check which needs no binary."""
+"""A joint's drive: from its [drive] table to a plan that has passed every check without a binary, and to a component.
 
+The component has the contract's ports, whatever stands behind them; a plan also says how often it is stepped.
+"""
+
+import math
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from twin.controller.pid import DriveSpeedIntegrator, DriveSpeedLoop, Gains, Servo
+from twin.cosim.component import Component
 from twin.cosim.port import Port
-from twin.drive.contract import COMMANDS, OMEGA_M, SHAFT, THETA_M
-from twin.drive.description import FmuDescription, described
+from twin.cosim.subsystem import INLET, Subsystem
+from twin.drive.component import ExchangeComponent, FmuComponent
+from twin.drive.contract import COMMANDS, LOAD, OMEGA_M, SHAFT, THETA_M, DriveRotor, Unwrapped
+from twin.drive.description import FmuDescription, described, refuse_step
 from twin.drive.mapping import Binding, Wiring, bindings
-from twin.drive.setting import Setting
+from twin.drive.setting import Setting, Setup, stop_time
 from twin.drive.solvers import USUAL_TOLERANCE, Solver
+from twin.drive.stepping import FmuPort
 from twin.drive.unpacked import unpacked
-from twin.drive.variable import Variable
+from twin.drive.variable import Conversion, Variable
 from twin.errors import InputRefused
-from twin.experiment.schema import Drive
+from twin.experiment.schema import Drive, PositionCommand
+from twin.settings import numbers
+from twin.units import NUMBER
 
 Start = float | np.ndarray
 ENABLE = "enable"
@@ -228,3 +241,154 @@ def _checked_wire(label: str, variables: dict[str, Variable], source: str, targe
             f"'{variables[source].unit}' do not measure the same"
         )
     return source, target
+
+
+def rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
+    """(inner ticks per tick, inner ticks per command of ours; where nothing is said of it, one command per tick)."""
+    key, loop = next(
+        ((key, found) for key in ("velocity_loop", "position_command") if (found := getattr(table, key))), ("", None)
+    )
+    if loop is None or loop.period is None:
+        return table.substeps, table.substeps
+    substeps = max(table.substeps, round(tick / loop.period))
+    period = round(loop.period / (tick / substeps))
+    if period < 1 or abs(period * tick / substeps - loop.period) > 1e-9 * loop.period:
+        raise InputRefused(
+            f"{name}: [drive.{key}] period_ms = {1e3 * loop.period:g} does not divide into the "
+            f"{substeps} steps per tick of {1e3 * tick:g} ms; choose a period or substeps that fit"
+        )
+    return substeps, period
+
+
+OMEGA_REF = COMMANDS["velocity"].port
+
+
+def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
+    """The component: outputs as `plan.outputs`, inputs omega_ref and tau_load.
+
+    Args:
+        tick: of the system it will be part of (s).
+        theta_m: motor angle at t = 0 (rad).
+        tau_load: load at t = 0 (N m). Three of each for a drive of three axes.
+
+    Raises:
+        InputRefused: an FMU cannot be loaded or initialised, or the rates do not fit the tick.
+    """
+    substeps, period = rates(name, plan.table, tick)
+    alone = plan.is_bare and len(plan.parts) == 1 and substeps == 1
+    with ExitStack() as made:
+        parts = []
+        for part, description in plan.parts.items():
+            refuse_step(description, tick, substeps)
+            stop = stop_time(plan.ticks, tick, substeps)
+            setup = Setup(plan.tolerance(part), stop, tick / substeps, plan.ramped and alone)
+            parts.append(_part(part or name, part, plan, description, theta_m, tau_load, setup))
+            made.callback(parts[-1].close)
+        if alone:
+            component: Component = parts[0]
+        else:
+            component = _inner_system(name, plan, parts, tick, substeps, period, theta_m)
+        made.pop_all()
+    return component
+
+
+def _part(
+    name: str,
+    part: str,
+    plan: DrivePlan,
+    description: FmuDescription,
+    theta_m: Start,
+    tau_load: Start,
+    setup: Setup,
+) -> FmuComponent:
+    """One FMU: ports for the roles it fills, and for its ends of wires between parts."""
+    mine = [b for b in plan.bindings if belongs(part, b.name)]
+    # an optional input keeps the value it was given before initialisation
+    inputs = [
+        FmuPort(b.port, b.variable, b.gain, b.offset)
+        for b in mine
+        if b.role.causality == "input"
+        and (b.role.required or b.role in SHAFT or (plan.switched and b.port.name == ENABLE))
+    ]
+    outputs = [FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine if b.role.causality == "output"]
+    inputs += [_wire_port(part, description, target) for _, target in plan.wires if belongs(part, target)]
+    sources = dict.fromkeys(source for source, _ in plan.wires if belongs(part, source))
+    outputs += [_wire_port(part, description, source) for source in sources]
+    solver = plan.solver(part)
+    return (FmuComponent if solver is None else partial(ExchangeComponent, solver=solver))(
+        name,
+        description,
+        plan.folder(part),
+        inputs,
+        outputs,
+        plan.settings[part],
+        inputs_at_start={"tau_load": tau_load, ENABLE: 1.0, "theta_m": theta_m},
+        outputs_at_start={"theta_m": theta_m},
+        setup=setup,
+    )
+
+
+def _wire_port(part: str, description: FmuDescription, end: str) -> FmuPort:
+    variable = description.variables[end.removeprefix(f"{part}.")]
+    _, gain, offset = variable.conversion or Conversion(NUMBER)
+    return FmuPort(Port(_port_name(end), variable.size, "SI", variable.description), variable, gain, offset)
+
+
+def _port_name(end: str) -> str:
+    """A port name for a wire's end that no role has, without the dots that wires are written with."""
+    return "wire:" + end.replace(".", ":")
+
+
+def _inner_system(
+    name: str, plan: DrivePlan, parts: list[FmuComponent], tick: float, substeps: int, period: int, theta_m: Start
+) -> Component:
+    """The drive as a system of its own with a finer tick."""
+    takes = {port.name: f"{part.name}.{port.name}" for part in parts for port in part.inputs}
+    gives = {port.name: f"{part.name}.{port.name}" for part in parts for port in part.outputs}
+    table, command = plan.table, COMMANDS[plan.table.command].port
+    components: list[Component] = list(parts)
+    wires = [(gives[_port_name(source)], takes[_port_name(target)]) for source, target in plan.wires]
+    servo = _servo(plan, parts)
+    if math.isfinite(servo.wrap):
+        components.append(Unwrapped(math.tau / abs(servo.ratio), float(theta_m)))
+        wires.append((gives["theta_m"], "unwrapped.wrapped"))
+        gives["theta_m"] = "unwrapped.theta_m"
+    if table.rotor:
+        rotor = DriveRotor(table.rotor.J, table.rotor.b, float(theta_m))
+        components.append(rotor)
+        wires.append((gives["tau_motor"], "rotor.tau_motor"))
+        takes["tau_load"] = "rotor.tau_load"
+        for port in rotor.outputs:
+            gives[port.name] = f"rotor.{port.name}"
+            if port.name in takes:
+                wires.append((gives[port.name], takes[port.name]))
+    outputs = [(port, gives[port.name]) for port in plan.outputs]
+    if table.command == "position":
+        components.append(DriveSpeedIntegrator(servo, float(theta_m), period))
+        wires += [(gives["theta_m"], "position_command.theta_m"), ("position_command.goal", takes["command"])]
+        takes["omega_ref"] = "position_command.omega_ref"
+        outputs.append((command, "position_command.command"))
+    elif table.velocity_loop:
+        loop = table.velocity_loop
+        components.append(DriveSpeedLoop(Gains(loop.kp, loop.ki), loop.limit, command, period))
+        wires += [(gives["omega_m"], "velocity_loop.omega_m"), ("velocity_loop.command", takes["command"])]
+        takes["omega_ref"] = "velocity_loop.omega_ref"
+        outputs.append((command, "velocity_loop.command"))
+    inputs = [replace(port, size=plan.axes) for port in (OMEGA_REF, LOAD.port)]
+    if plan.switched:
+        inputs.append(plan.port(ENABLE))
+    wires += [(f"{INLET}.{port.name}", takes[port.name]) for port in inputs]
+    return Subsystem(
+        name, tuple(inputs), outputs, components, wires, tick / substeps, substeps, label=plan.label
+    )  # fmt: skip
+
+
+def _servo(plan: DrivePlan, parts: Sequence[FmuComponent]) -> Servo:
+    """How the FMU counts its shaft's angle, where it is told a position."""
+    said = plan.table.position_command or PositionCommand()
+    if plan.table.command != "position":
+        return Servo(0.0, 1.0)
+    (bound,) = (b for b in plan.bindings if b.port.name == "command")
+    _, factor, _ = bound.variable.conversion or Conversion(NUMBER)
+    zeros = [part.zero("theta_m") for part in parts if any(port.name == "theta_m" for port in part.outputs)]
+    return Servo(zero=zeros[0] if zeros else 0.0, ratio=factor / bound.gain, **numbers(said))

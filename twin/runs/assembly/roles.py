@@ -9,13 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from twin.controller.estimator import INPUTS as ESTIMATOR_INPUTS
-from twin.controller.estimator import OUTPUTS as ESTIMATOR_OUTPUTS
+from twin.controller.controller import ESTIMATOR_INPUTS, ESTIMATOR_OUTPUTS, P_REF_B
 from twin.controller.task_controller import TASK_INPUTS, TASK_OUTPUTS
-from twin.controller.way_points import P_REF_B
 from twin.cosim.component import Component
 from twin.cosim.port import Port
-from twin.cosim.python_class import ClassComponent, PythonSource, Wanted, made, wanted_of
+from twin.cosim.python_class import NamedPorts, PythonComponent, PythonSource, Wanted, made, wanted_of
 from twin.drive.calls import announced
 from twin.drive.description import FmuDescription
 from twin.drive.sampled import SampledFmu, port_of, sampled_fmu
@@ -25,9 +23,8 @@ from twin.experiment.drive_files import StandIn
 from twin.experiment.experiment import Experiment
 from twin.monitor.component import INPUTS as MONITOR_INPUTS
 from twin.monitor.component import OUTPUTS as MONITOR_OUTPUTS
-from twin.plant.body import OUTPUTS as BODY_OUTPUTS
-from twin.plant.scale import INPUTS as SCALE_INPUTS
-from twin.plant.scale import OUTPUTS as SCALE_OUTPUTS
+from twin.plant.contact_law import OUTPUTS as BODY_OUTPUTS
+from twin.plant.encoder import SCALE_INPUTS, SCALE_OUTPUTS
 
 
 class Contract(NamedTuple):
@@ -219,7 +216,7 @@ def _class_part(role: str, table: StandIn) -> OtherPart:
 def _maker(
     role: str, label: str, model: Callable[[], Any], wanted: tuple[Wanted, Wanted]
 ) -> Callable[[float, int, int], Component]:
-    return lambda tick, period, ticks: ClassComponent(role, label, model(), *wanted, period)
+    return lambda tick, period, ticks: PythonComponent(role, NamedPorts(model(), *wanted), period, label=label)
 
 
 def _source(table: StandIn) -> PythonSource:

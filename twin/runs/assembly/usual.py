@@ -8,14 +8,13 @@ import os
 import subprocess
 
 from twin.compiled.native import Native
-from twin.controller import controller, estimator
+from twin.controller import controller
 from twin.cosim import master
 from twin.drive import cosim_step
-from twin.plant import beginning as equilibrium
-from twin.plant import component, deviation, encoder, scale
+from twin.plant import component, deviation, encoder
 from twin.recording import messages as filling
 from twin.recording import writer as weave
-from twin.robot import clearance, inverse_kinematics, jacobian
+from twin.robot import kinematics, workspace
 from twin.runs.guard.process import environment, module_command
 from twin.runs.scene import frames
 from twin.runs.scene import scene as arrows
@@ -29,10 +28,11 @@ FEW = 3
 def usual() -> tuple[Native, ...]:
     """The functions of a run of Fig. 4, in the order in which it asks for them."""
     return (
-        inverse_kinematics._angles.native, clearance._nearest.native, equilibrium._load.native, jacobian._rows.native,
-        equilibrium._wind.native, component._begin.native, component.step_over(False, False), encoder.step,
-        estimator.step, controller.step, scale.step, cosim_step.plain_step, master.advance.native, filling._fill.native,
-        deviation._add_up.native, frames._put_poses.native, arrows._put_arrows.native, weave._scatter.native,
+        kinematics._angles.native, workspace._nearest.native, component._load.native, kinematics._rows.native,
+        component._wind.native, component._begin.native, component.step_over(False, False), encoder.step,
+        controller.estimator_step, controller.step_over(False, False), encoder.scale_step, cosim_step.plain_step,
+        master.advance.native, filling._fill.native, deviation._add_up.native, frames._put_poses.native,
+        arrows._put_arrows.native, weave._scatter.native,
     )  # fmt: skip
 
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from twin.cosim.component import Component
 from twin.experiment.schema import Drive
-from twin.runs.assembly.drive_component import drive
-from twin.runs.assembly.drives import Start, planned
+from twin.runs.assembly.drives import Start, drive, planned
 from twin.runs.guard.called import called_function
 from twin.runs.guard.page import IDLE, STOPPED, Page, serve
 from twin.runs.guard.reporter import PipeReporter

@@ -72,7 +72,7 @@ class IsolatedDrives:
         os.sched_setaffinity(0, self._processors)
 
     def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
-        """As `twin.runs.assembly.drive_component.drive`, in a process of its own.
+        """As `twin.runs.assembly.drives.drive`, in a process of its own.
 
         Raises:
             InputRefused: likewise; also if it crashes or hangs while it is made.

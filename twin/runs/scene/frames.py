@@ -6,7 +6,7 @@
     platform            origin O_P, axes those of B: the parallelograms keep it so (Sec. II.A)
     surface             origin at the surface's apex, z its normal there
 
-All are the truth: joints of `twin.robot.skeleton`, the surface of `twin.plant.surface`.
+All are the truth: joints of `twin.robot.geometry`, the surface of `twin.plant.contact`.
 
 Unit quaternions (x, y, z, w) as tuples, Hamilton's product; each turns vectors, not axes. Compiled; where one is drawn
 once only, Python takes `py_func`, for which nothing is compiled.
@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from twin.compiled.function import carray, njit
 from twin.compiled.native import entry
-from twin.robot.geometry import Geometry
-from twin.robot.skeleton import AXIS, OUTWARD, skeleton
+from twin.robot.geometry import AXIS, OUTWARD, Geometry, skeleton
 
 X, Y, Z = 0, 1, 2
 IDENTITY = (0.0, 0.0, 0.0, 1.0)

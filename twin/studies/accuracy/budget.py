@@ -25,10 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment
-from twin.experiment.variation import exactly_measured, with_cosim, with_model, with_plant
-from twin.plant.parameters import TrueRobot
-from twin.robot.model import Model
+from twin.experiment.experiment import Experiment, exactly_measured, with_cosim, with_model, with_plant
+from twin.plant.dynamics import TrueRobot
+from twin.robot.geometry import Model
 from twin.runs.assembly.roles import refuse_other_parts
 from twin.runs.trace import run_in_memory
 from twin.studies.steps import Say, Steps, silent

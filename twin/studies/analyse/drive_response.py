@@ -26,14 +26,14 @@ from twin.controller.pid import Gains, force_gains
 from twin.cosim.simulation import Simulation
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
-from twin.experiment.ticks import whole_ticks
+from twin.experiment.schema import whole_ticks
 from twin.plant.contact import stopped
 from twin.plant.dynamics import series_share, spring_stiffness
 from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles
+from twin.robot.kinematics import joint_angles
+from twin.runs.assembly.build import shafts
 from twin.runs.assembly.computer import belief
 from twin.runs.assembly.drives import DrivePlan, planned
-from twin.runs.assembly.true_parameters import shafts
 from twin.studies.analyse.linear.drive_model import DriveModel, fitted_drive
 from twin.studies.analyse.linear.loops import (
     LOOPS,

@@ -16,9 +16,8 @@ from twin.controller.program import Phase, PhaseKind
 from twin.controller.task_controller import TaskController
 from twin.cosim.observers import Observer, TickEvent, simulate
 from twin.cosim.system import System
-from twin.experiment.experiment import Experiment
+from twin.experiment.experiment import Experiment, exactly_measured, with_plant
 from twin.experiment.task import WayPoints
-from twin.experiment.variation import exactly_measured, with_plant
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.computer import controller
 from twin.runs.trace import Trace

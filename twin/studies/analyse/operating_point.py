@@ -7,16 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
+from twin.controller.program import Push, Tap
 from twin.errors import InputRefused, Unreachable
 from twin.experiment.experiment import Experiment
-from twin.experiment.task import Push, Tap
-from twin.plant.beginning import resting
-from twin.plant.contact import contact_force
-from twin.plant.parameters import PlantParameters
-from twin.plant.surface import surface_depth
+from twin.plant.component import resting
+from twin.plant.contact import contact_force, surface_depth
+from twin.plant.dynamics import PlantParameters
 from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles
-from twin.runs.assembly.true_parameters import plant_parameters
+from twin.robot.kinematics import joint_angles
+from twin.runs.assembly.build import plant_parameters
 
 CLEARANCE = 1e-3
 """Height (m) over the surface at which a pose is looked at in free air, too."""

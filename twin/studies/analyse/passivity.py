@@ -17,8 +17,7 @@ from scipy.optimize import differential_evolution
 
 from twin.controller.pid import Gains
 from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment
-from twin.experiment.variation import with_model, with_plant
+from twin.experiment.experiment import Experiment, with_model, with_plant
 from twin.runs.assembly.roles import refuse_other_parts
 from twin.studies.analyse.drive_response import Linearised, closed_in
 from twin.studies.analyse.linear.drive_model import Matrix

@@ -19,13 +19,11 @@ from twin.drive.setting import FilePath, Setting
 from twin.drive.variable import Variable
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
-from twin.experiment.fault_catalogue import CATALOGUE
+from twin.experiment.fault import CATALOGUE
 from twin.runs.assembly.assemble import HERE
-from twin.runs.assembly.build import Build, joint_drives, need_processes, planned_drives, turns_all
+from twin.runs.assembly.build import Build, at_rest, joint_drives, motions, need_processes, planned_drives, turns_all
 from twin.runs.assembly.declared import BROKEN, PLACES
-from twin.runs.assembly.drives import DrivePlan
-from twin.runs.assembly.mechanics import at_rest, motions
-from twin.runs.assembly.rates import rates
+from twin.runs.assembly.drives import DrivePlan, rates
 
 
 def refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> None:

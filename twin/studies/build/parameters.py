@@ -4,12 +4,9 @@ A number has a place in the memory of a component, which is its SI value, or tha
 so all that is derived of it is derived again when it is put there. What is not in these tables is fixed: it decides how
 many ticks or phases there are, or which law holds, or something is worked out of it in Python.
 
-Numbers of a [[fault]] that stay open in what is built of it; times are counted in ticks, and fixed.
-
 What of an experiment's file decides on a part and cannot be set in it any more.
 """
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -18,47 +15,18 @@ import numpy as np
 from twin.cosim.component import NativeComponent
 from twin.cosim.place import Place
 from twin.experiment.experiment import Experiment
-from twin.experiment.fault import Fault, table_of
-from twin.experiment.fault_catalogue import CATALOGUE
-from twin.faults.command_fault import CommandFault
-from twin.faults.count_fault import CountFault, CountLaw
-from twin.faults.drive_fault import DriveFault
-from twin.faults.message_fault import MessageFault
-from twin.robot.model import Model
+from twin.experiment.fault import CATALOGUE, Fault, table_of
+from twin.faults.drive_fault import FaultComponent
+from twin.robot.geometry import Model
 from twin.runs.assembly.declared import MEMORIES, PATHS, PLACES
+from twin.settings import taken
 from twin.studies.build.part import RobotPart
 from twin.units import Unit, known_unit
-
-_LOST = (CountLaw.DROPOUT_HOLD, CountLaw.DROPOUT_ZERO, CountLaw.DROPOUT_NAN)
 
 
 def fault_of(experiment: Experiment, name: str) -> Fault | None:
     """The fault whose component is called `name`, `fault_1` of the first; None if that is no fault."""
     return next((fault for n, fault in enumerate(experiment.faults, start=1) if name == f"fault_{n}"), None)
-
-
-def fault_numbers(
-    experiment: Experiment, fault: Fault, component: NativeComponent
-) -> Iterator[tuple[str, np.ndarray, float]]:
-    """What of `fault` is a number in the memory of its `component`: its key, where it is, and times what.
-
-    What is rounded, to counts or ticks, on its way there is not among them.
-    """
-    memory = component.memory[0:1]
-    if isinstance(component, DriveFault) and fault.kind == "drive_runaway":
-        yield "magnitude", memory["omega"], 1.0
-    elif isinstance(component, CommandFault):
-        yield "magnitude", memory["limit"], experiment.controller.speed_limit if fault.kind == "brown_out" else 1.0
-    elif isinstance(component, CountFault):
-        law = memory["law"][0]
-        if law in (CountLaw.BIAS, CountLaw.GLITCH):
-            of_motor, plant = component.inputs[0].name == "count_m", experiment.plant
-            counts = plant.motor_counts_per_turn if of_motor else plant.joint_counts_per_turn
-            yield "magnitude", memory["counts"], counts / (2.0 * math.pi)
-        if law in _LOST or law == CountLaw.GLITCH:
-            yield "share" if law == CountLaw.GLITCH else "magnitude", memory["share"], 1.0
-    elif isinstance(component, MessageFault) and fault.kind == "sample_loss":
-        yield "magnitude", memory["share"], 1.0
 
 
 def fault_beside(fault: Fault) -> tuple[str, ...]:
@@ -86,6 +54,7 @@ _FIRST = {
         "height", "tilt", "tilt_x", "stiffness", "friction", "bristle", "bristle_damping", "damping", "exponent",
         "reference_depth", "damper", "touch_depth", "stiffening", "radius",
     ),
+    "contact.breathing": ("amplitude", "start", "rate", "end"),
     "controller.force": ("limit", "filter", "kp", "ki", "kd", "derivative_filter", "follow", "rate"),
     "controller.energy_tank": ("size", "horizon", "touch", "bias", "release"),
 }  # fmt: skip
@@ -142,9 +111,8 @@ def parameters(part: RobotPart) -> list[Parameter]:
         for key, destination in _numbers(part, component):
             if key not in worked_out:
                 found.setdefault(key, []).append(destination)
-        fault = fault_of(part.experiment, component.name)
-        for attribute, memory, times in fault_numbers(part.experiment, fault, component) if fault else ():
-            found[f"{component.name}.{attribute}"] = [Destination(component.name, memory, times=times)]
+        for attribute, (field, times) in component.numbers.items() if isinstance(component, FaultComponent) else ():
+            found[f"{component.name}.{attribute}"] = [Destination(component.name, component.memory[field], times=times)]
     offered = [_parameter(part.experiment, key, tuple(found[key])) for key in sorted(found, key=_order) if key != START]
     if START in found:
         meaning = "where the platform is at the start, at rest"
@@ -227,19 +195,14 @@ def _is_open(part: RobotPart, record: str, path: str, name: str) -> bool:
 def _body(part: RobotPart) -> Found:
     body = part.component("body")
     assert body is not None
-    contact, motions = part.experiment.contact, iter(body.pointers["motions"])
-    for table, way in ((contact.breathing, "amplitude"), (contact.shift, "by")):
-        if table is None:
-            continue
-        name, motion = ("breathing", next(motions)) if way == "amplitude" else ("shift", next(motions))
-        displacement = motion["displacement"]
-        yield f"contact.{name}.{way}", Destination("body", displacement[2:] if way == "amplitude" else displacement)
-        other = "rate" if name == "breathing" else "rise"
-        for key, field in (("start", "onset"), (other, other), ("end", "end")):
-            if getattr(table, key) is not None:
-                # a number of a record as an array of one
-                place = np.ndarray((1,), buffer=motion, offset=motion.dtype.fields[field][1])
-                yield f"contact.{name}.{key}", Destination("body", place)
+    motions = body.pointers["motions"]
+    for row, table in enumerate(part.experiment.contact.motions):
+        for field, source in taken(type(table)).items():
+            if getattr(table, source.name) is not None:
+                numbers = motions[row : row + 1][field].reshape(-1)
+                # an amplitude is the last of the three numbers of its displacement
+                there = numbers if source.form == "3f8" else numbers[-1:]
+                yield f"{PATHS[type(table)]}.{source.name}", Destination("body", there)
 
 
 def senses(part: RobotPart) -> bool:

@@ -12,12 +12,10 @@ from twin.cosim.port import Port, width
 from twin.cosim.system import End, Feeds
 from twin.errors import InputRefused, nearest
 from twin.experiment.experiment import Experiment
-from twin.plant.beginning import REST_OUTPUTS, outputs_at_start, rest
+from twin.plant.component import REST_OUTPUTS, outputs_at_start, rest
 from twin.plant.component import inputs as plant_inputs
-from twin.runs.assembly.assemble import HERE, broken
-from twin.runs.assembly.build import JOINTS, Build
-from twin.runs.assembly.mechanics import at_rest
-from twin.runs.assembly.robot import ROBOT, Row, connected
+from twin.runs.assembly.assemble import HERE, ROBOT, Row, broken, connected
+from twin.runs.assembly.build import JOINTS, Build, at_rest
 from twin.runs.assembly.roles import CONTRACTS
 from twin.studies.build.drives import refuse_broken, refuse_changed, refuse_others
 

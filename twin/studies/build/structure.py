@@ -10,17 +10,9 @@ from importlib.metadata import version
 
 from twin.cosim.ssp.metadata import Annotation, Metadata
 from twin.cosim.ssp.parameters import ParameterBinding, ParameterSet, Transformation, UnitDefinition
-from twin.cosim.ssp.structure import (
-    Connection,
-    Connector,
-    DefaultExperiment,
-    End,
-    SspComponent,
-    SspSystem,
-    Structure,
-)
+from twin.cosim.ssp.structure import Connection, Connector, DefaultExperiment, End, SspComponent, SspSystem, Structure
 from twin.experiment.experiment import Experiment
-from twin.runs.assembly.robot import COMMAND, POWER
+from twin.runs.assembly.assemble import COMMAND, POWER
 from twin.studies.build.drives import JointDrive, Socket
 
 Told = tuple[Connector, UnitDefinition | None]

@@ -12,9 +12,8 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from twin.errors import InputRefused, TwinError
-from twin.experiment.drive_files import shelved
+from twin.experiment.drive_files import experiment_file, shelved
 from twin.experiment.experiment import Experiment
-from twin.experiment.named import experiment_file
 from twin.places import HOME, located
 from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.guard import guarded

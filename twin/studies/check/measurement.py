@@ -24,7 +24,7 @@ from twin.experiment.experiment import Experiment
 from twin.experiment.measure import Led, Measure, Required, Watched
 from twin.monitor.component import trip_reason
 from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles
+from twin.robot.kinematics import joint_angles
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.computer import geometry_of
 from twin.runs.trace import Trace, fields_of

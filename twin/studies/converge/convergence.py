@@ -16,12 +16,11 @@ import numpy as np
 
 from twin.cosim.interpolation import Inputs, Scheme
 from twin.errors import ComponentFailed, InputRefused
-from twin.experiment.experiment import Experiment
-from twin.experiment.variation import exactly_measured, shortened, with_cosim, with_plant
-from twin.robot.gravity import G_ACCELERATION
+from twin.experiment.experiment import Experiment, exactly_measured, shortened, with_cosim, with_plant
+from twin.robot.statics import G_ACCELERATION
 from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.build import plant_parameters
 from twin.runs.assembly.roles import refuse_other_parts
-from twin.runs.assembly.true_parameters import plant_parameters
 from twin.runs.trace import run_in_memory
 from twin.studies.converge.monolith import ATOL, applies, monolithic_rows, servos, within_limits
 from twin.studies.converge.order import (

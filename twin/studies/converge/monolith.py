@@ -21,22 +21,18 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import DOP853
 
 from twin.compiled.native import entry
-from twin.controller.estimator import Estimator
+from twin.controller.controller import Estimator
 from twin.cosim.component import Component
 from twin.cosim.port import memory_of, places, record, width
 from twin.errors import ComponentFailed
 from twin.experiment.experiment import Experiment
-from twin.plant.beginning import resting
-from twin.plant.component import OUTPUTS, STILL, outputs_near
-from twin.plant.contact import ANCHORS
-from twin.plant.dynamics import UNTOUCHED, derivative
+from twin.plant.component import MOTION, OUTPUTS, STILL, Equations, outputs_near, resting
+from twin.plant.contact import ANCHORS, apex_frame
+from twin.plant.dynamics import PARAMETERS, STATES, UNTOUCHED, PlantParameters, derivative
 from twin.plant.encoder import Encoder
-from twin.plant.equations import MOTION, Equations
-from twin.plant.parameters import PARAMETERS, STATES, PlantParameters
-from twin.plant.surface import apex_frame
+from twin.runs.assembly.build import plant_parameters, shafts, surface_motions
 from twin.runs.assembly.computer import belief, controller
 from twin.runs.assembly.drives import ALONE, DrivePlan
-from twin.runs.assembly.true_parameters import plant_parameters, shafts, surface_motions
 
 _STEP = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p

@@ -34,9 +34,9 @@ from twin.cosim.port import by_port
 from twin.cosim.simulation import Simulation
 from twin.experiment.experiment import Experiment
 from twin.plant.dynamics import series_share, spring_stiffness
-from twin.robot.sea import dead_zone, deflection, motor_load_torque
+from twin.robot.statics import dead_zone, deflection, motor_load_torque
 from twin.runs.assembly.assemble import Assembly, assemble
-from twin.runs.assembly.true_parameters import plant_parameters
+from twin.runs.assembly.build import plant_parameters
 from twin.runs.trace import Trace
 
 

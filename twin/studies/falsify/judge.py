@@ -19,8 +19,7 @@ from typing import Any
 from twin.cosim.observers import simulate
 from twin.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.experiment.experiment import Experiment
-from twin.experiment.measure import Required
-from twin.experiment.requirement import requirement, signals_of
+from twin.experiment.measure import Required, requirement, signals_of
 from twin.monitor.component import trip_reason
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.computer import geometry_of

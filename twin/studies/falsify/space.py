@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import tomlkit
 
-from twin.experiment.fault_catalogue import CATALOGUE
+from twin.experiment.fault import CATALOGUE
 from twin.experiment.source import laid_over
 from twin.studies.faults.matrix import GLITCH_SHARE
 from twin.studies.lines import counted, wrapped

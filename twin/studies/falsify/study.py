@@ -60,7 +60,7 @@ def falsify(
         ComponentFailed, SafetyTrip: the healthy run fails, or its monitor trips.
         NotWritten: the disk refuses.
     """
-    from twin.experiment.named import experiment_file
+    from twin.experiment.drive_files import experiment_file
     from twin.experiment.source import Source, override
     from twin.runs.assembly.load import load_experiment
     from twin.runs.guard.limits import cores

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from twin.cosim.observers import Simulated, simulate
 from twin.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.experiment.experiment import Experiment
-from twin.experiment.fault import NEVER, Fault, checked_faults
-from twin.experiment.fault_catalogue import CATALOGUE, expected
+from twin.experiment.fault import CATALOGUE, NEVER, Fault, checked_faults, expected
 from twin.monitor.checks import Trip, trip_sentence
 from twin.monitor.component import own_monitor
 from twin.runs.assembly.assemble import assemble

@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
-from twin.experiment.fault_catalogue import CATALOGUE
+from twin.experiment.fault import CATALOGUE
 from twin.studies.faults.matrix import ALLOWANCE, FaultRow
 from twin.studies.figure import BARE, INK, LESS_IS_BETTER, LIGHT_IS_GOOD, VERMILION, picture
 from twin.studies.lines import markdown, wrapped

@@ -31,11 +31,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.controller.belief import Belief
-from twin.robot.forward_kinematics import position
+from twin.controller.controller import Belief
 from twin.robot.geometry import Geometry
-from twin.robot.gravity import arm_gravity_torque, platform_weight
-from twin.robot.jacobian import jacobian_rows
+from twin.robot.kinematics import jacobian_rows, position
+from twin.robot.statics import arm_gravity_torque, platform_weight
 from twin.studies.identify.windows import (
     BACKLASH,
     COMPLIANCE,

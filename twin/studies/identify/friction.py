@@ -12,7 +12,7 @@ zone (18). eta is then k_s eta / k_s.
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.controller.belief import Belief
+from twin.controller.controller import Belief
 from twin.recording.logs.log import Log, LogRefused
 from twin.studies.identify.balance import on_scale, pose, pressing_force, wind_up, wound
 from twin.studies.identify.fit import Fit, line

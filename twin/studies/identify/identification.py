@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from twin.controller.belief import Belief
+from twin.controller.controller import Belief
 from twin.errors import TwinError, Unreachable
 from twin.recording.logs.log import Log, LogRefused
 from twin.studies.identify.balance import CONTACT, OnePose, in_air, on_scale, one_pose

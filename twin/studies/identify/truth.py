@@ -5,8 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from twin.experiment.schema import Cosim
-from twin.plant.dynamics import series_share, spring_stiffness
-from twin.plant.parameters import TrueRobot
+from twin.plant.dynamics import TrueRobot, series_share, spring_stiffness
 from twin.studies.replay.model import RobotModel
 
 
@@ -34,7 +33,7 @@ def truth(model: RobotModel) -> Mapping[str, float]:
         "backlash": plant.backlash,
         "b_j": plant.b_j - k * plant.N**2 * early,
         "height": surface.z_s,
-        # the normal of `surface.surface_frame` leans towards +x and -y
+        # the normal of `surface_frame` of the plant leans towards +x and -y
         "slope_x": -float(np.tan(surface.tilt)),
         "slope_y": float(np.tan(surface.tilt_x)),
         "stiffness": surface.K,

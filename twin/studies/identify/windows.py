@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.controller.belief import Belief
+from twin.controller.controller import Belief
 from twin.recording.logs.log import LogRefused, in_gap
 from twin.studies.replay.replay import RobotLog
 

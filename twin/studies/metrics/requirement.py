@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from twin.errors import InputRefused, nearest
-from twin.experiment.requirement import AtMost, Formula, Holds, Joined, Not, Sum, Term, Until, Within, requirement
+from twin.experiment.measure import AtMost, Formula, Holds, Joined, Not, Sum, Term, Until, Within, requirement
 from twin.units import known_unit
 
 Curve = NDArray[np.float64]

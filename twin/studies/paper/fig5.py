@@ -17,8 +17,7 @@ import numpy as np
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 
-from twin.controller.program import PhaseKind
-from twin.experiment.task import Press, Push, Roll, Tap, Task
+from twin.controller.program import PhaseKind, Press, Push, Roll, Tap, Task
 from twin.recording.errors import UnknownSeries
 from twin.recording.recording import Recording
 from twin.studies.figure import BLUE, GREY, INK, VERMILION

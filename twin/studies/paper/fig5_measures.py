@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.controller.program import PhaseKind
+from twin.controller.program import TASKS, PhaseKind, Press, Push, Roll, Tap, Task
 from twin.errors import InputRefused
 from twin.experiment.recorded import recorded_values
-from twin.experiment.task import Press, Push, Roll, Tap, Task, checked_tasks
+from twin.experiment.task import checked_tasks
 from twin.monitor.checks import MEANINGS, Reason
 from twin.recording.recording import Recording
 from twin.runs.assembly.declared import DECLARED
@@ -152,7 +152,7 @@ def task_runs(recording: Recording) -> list[TaskRun]:
         InputRefused: it holds none, or lacks what they are judged on.
     """
     tables = _tuples(settings(recording).get("task", []))
-    tasks = tuple(checked_tasks(tables, []).values())
+    tasks = tuple(checked_tasks(TASKS, tables, []).values())
     if tasks and (missing := lacking(FIG5, recording.fields())):
         raise InputRefused(
             f"{recording.path}: no {', '.join(missing)}; Fig. 5 is judged phase by phase of each task, so the "

@@ -10,9 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
-from twin.controller.program import PhaseKind
+from twin.controller.program import PhaseKind, Push, Roll, Tap
 from twin.experiment.source import names_stand_in
-from twin.experiment.task import Push, Roll, Tap
 from twin.monitor.checks import Monitor
 from twin.recording.errors import UnknownSeries
 from twin.studies.figure import GREEN, ORANGE, picture

@@ -25,9 +25,8 @@ from twin.drive.mapping import candidates
 from twin.drive.variable import Variable
 from twin.errors import ComponentFailed, visible
 from twin.experiment.experiment import Experiment
-from twin.runs.assembly.drive_component import OMEGA_REF, drive
-from twin.runs.assembly.drives import DrivePlan
-from twin.runs.assembly.robot import ROBOT
+from twin.runs.assembly.assemble import ROBOT
+from twin.runs.assembly.drives import OMEGA_REF, DrivePlan, drive
 from twin.runs.assembly.roles import OtherPart
 from twin.runs.trace import Trace
 from twin.studies.lines import wrapped

@@ -20,8 +20,7 @@ import numpy as np
 
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.schema import Drive, Part
-from twin.runs.assembly.drives import DrivePlan
-from twin.runs.assembly.rates import rates
+from twin.runs.assembly.drives import DrivePlan, rates
 from twin.studies.metrics.response import Curve, overshoot, rise_time, settling_time
 from twin.studies.qualify.bench import Response, response
 from twin.studies.qualify.definitions import (

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from twin.errors import InputRefused
-from twin.experiment.drive_files import lone_drive
-from twin.experiment.named import experiment_file
+from twin.experiment.drive_files import experiment_file, lone_drive
 from twin.studies.answer import Answer
 from twin.studies.qualify.bench import told
 from twin.studies.qualify.comparison import COMPARED, comparison_facts, draw_drive_compare, trials, verdict

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from twin.cosim.playback import columns, play
 from twin.errors import ComponentFailed
-from twin.plant.body import Body
 from twin.plant.component import OUTPUTS, Plant
-from twin.plant.parameters import STATES
+from twin.plant.contact_law import Body
+from twin.plant.dynamics import STATES
 from twin.recording.logs.log import LogRefused
 from twin.studies.replay.model import RobotModel
 

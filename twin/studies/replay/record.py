@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.controller.estimator import OUTPUTS as ESTIMATES
+from twin.controller.controller import ESTIMATOR_OUTPUTS as ESTIMATES
 from twin.cosim.port import Port
 from twin.plant.component import OUTPUTS as MOTION
-from twin.plant.scale import OUTPUTS as SCALE
+from twin.plant.encoder import SCALE_OUTPUTS as SCALE
 from twin.recording.layout import Field, Topic
 from twin.recording.writer import Writer
 from twin.studies.replay.replay import Outputs, Replay

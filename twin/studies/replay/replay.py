@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.controller.belief import Belief
-from twin.controller.estimator import Estimator, angle
+from twin.controller.controller import Belief, Estimator, angle
 from twin.cosim.playback import columns, play
 from twin.errors import InputRefused
 from twin.recording.logs.log import Log, LogRefused, LogSeries

@@ -13,9 +13,15 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused, TwinError, nearest
-from twin.experiment.command_line import options
-from twin.experiment.named import experiment_file
-from twin.experiment.recorded import differing, experiment_facts, recorded_facts, recorded_name, recorded_values
+from twin.experiment.drive_files import experiment_file
+from twin.experiment.recorded import (
+    differing,
+    experiment_facts,
+    options,
+    recorded_facts,
+    recorded_name,
+    recorded_values,
+)
 from twin.files import read_json
 from twin.recording.folder import LATEST, NAMED, RECORDING, STAMP
 from twin.recording.reader import last_time, origin

@@ -47,7 +47,7 @@ def tune(
     Raises:
         InputRefused, ComponentFailed: see `tuned`; or the folder cannot be used.
     """
-    from twin.experiment.named import experiment_file
+    from twin.experiment.drive_files import experiment_file
     from twin.runs.assembly.load import load_experiment
     from twin.studies.tune.prediction import Goals, stiffness_range
     from twin.studies.tune.schedule import RANGE, schedule_lines, schedule_text, scheduled

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from twin.errors import InputRefused
-from twin.runs.assembly.checks.adapting import believed_loop, radius
+from twin.runs.assembly.checks.agreement import believed_loop, radius
 from twin.runs.assembly.load import load_experiment
 from twin.studies.tune.prediction import LawGains, corners, predicted
 

@@ -4,7 +4,7 @@ import pytest
 
 from tests.monitor.motions import BELIEF
 from twin.monitor.checks import Monitor
-from twin.runs.assembly.checks.monitor import contradictions
+from twin.runs.assembly.checks.agreement import contradictions
 
 
 def told(**values):

@@ -6,11 +6,10 @@ from tests.faults.robot import COUNTS, SPEED_LIMIT, TICK, Robot, plant, run
 from twin.cosim.component import Component
 from twin.cosim.system import End, Feeds
 from twin.errors import InputRefused
-from twin.experiment.fault import Fault
-from twin.experiment.fault_catalogue import CATALOGUE
+from twin.experiment.fault import CATALOGUE, Fault
 from twin.faults import count_fault, drive_fault
 from twin.runs.assembly.declared import BROKEN
-from twin.runs.assembly.faults.inject import COUNT_LAWS, DRIVE_LAWS, inject
+from twin.runs.assembly.faults import COUNT_LAWS, DRIVE_LAWS, inject
 
 DEG = np.pi / 180.0
 TURN = 2.0 * np.pi

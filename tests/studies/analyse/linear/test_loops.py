@@ -7,14 +7,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.laws.runs import PARAMETERS, Sampled, shipped
-from twin.controller.controller import Controller, Law
-from twin.controller.estimator import Estimator
+from twin.controller.controller import Controller, Estimator, Law
 from twin.controller.pid import Damping, Gains
-from twin.plant.beginning import resting
-from twin.plant.component import STILL, integrate
-from twin.plant.surface import apex_frame
+from twin.plant.component import STILL, integrate, resting
+from twin.plant.contact import apex_frame
 from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles
+from twin.robot.kinematics import joint_angles
 from twin.robot.leg import NO_ANCHOR
 from twin.runs.assembly.computer import belief
 from twin.studies.analyse.linear.drive_model import DriveModel

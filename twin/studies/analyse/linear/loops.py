@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.compiled.native import entry
-from twin.controller.belief import BELIEF, Belief
-from twin.controller.estimator import ESTIMATE, estimate
+from twin.controller.controller import BELIEF, ESTIMATE, Belief, estimate
 from twin.controller.pid import DAMPER, PID, Damping, Gains, accept, damp, damper, low_pass_share, proposal
 from twin.cosim.port import memory_of, record
 from twin.studies.analyse.linear.drive_model import DriveModel, Matrix

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.cosim.port import Port
-from twin.plant.component import INPUTS, OUTPUTS
-from twin.plant.equations import Equations
-from twin.plant.parameters import PlantParameters
+from twin.plant.component import INPUTS, OUTPUTS, Equations
+from twin.plant.dynamics import PlantParameters
 
 STATE_LABELS = ["p_B_x", "p_B_y", "p_B_z", "v_B_x", "v_B_y", "v_B_z", "z_b_1", "z_b_2"]
 
@@ -39,7 +38,7 @@ def plant_system(parameters: PlantParameters) -> control.NonlinearIOSystem:
             can be replaced for one call: `control.linearize(system, x, u, params={"k_s": 2.0})`.
 
     Returns:
-        A system with inputs theta_m_1 .. theta_m_3 (rad), the 8 states of `twin/plant/parameters.py` (`STATE_LABELS`)
+        A system with inputs theta_m_1 .. theta_m_3 (rad), the 8 states of `twin/plant/dynamics.py` (`STATE_LABELS`)
         and the 24 values of the component's output ports, labelled as in `signal_labels`. Outside the workspace its
         derivative is NaN.
     """

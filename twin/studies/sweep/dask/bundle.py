@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.drive.setting import MOST_BYTES
-from twin.experiment.body_files import FOLDERS
-from twin.experiment.drive_files import FILE, JOINTS, MAPPING, joint_tables, shelved
+from twin.experiment.drive_files import FILE, FOLDERS, JOINTS, MAPPING, joint_tables, shelved
 from twin.experiment.source import KEPT, read_source, source_text
 from twin.files import read_bytes
 from twin.places import located

@@ -4,25 +4,79 @@ What of a fault would do nothing, or cannot be done, is refused.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
 from twin.cosim.component import Component
 from twin.cosim.system import End, Feeds, ends
 from twin.errors import InputRefused
-from twin.experiment.fault import Fault
-from twin.experiment.fault_catalogue import kind_named, refuse_target
-from twin.experiment.ticks import whole_ticks
-from twin.faults.command_fault import CommandFault, Span
-from twin.faults.count_fault import CountFault, CountLaw
-from twin.faults.drive_fault import DriveFault, DriveLaw
-from twin.faults.message_fault import MessageFault
-from twin.faults.parameter_fault import ParameterFault
-from twin.faults.randomness import first_state
+from twin.experiment.fault import Fault, kind_named, refuse_target
+from twin.experiment.schema import whole_ticks
+from twin.faults.count_fault import NUMBERS, CountFault, CountLaw, MessageFault, first_state
+from twin.faults.drive_fault import CommandFault, DriveFault, DriveLaw, ParameterFault, Span
 from twin.runs.assembly.build import JOINTS
 from twin.runs.assembly.declared import BROKEN
-from twin.runs.assembly.faults.circuit import Circuit
+
+
+class Circuit:
+    """A copy of a system's components and feeds; the components themselves are shared.
+
+    Attributes:
+        components: in the order in which a tick evaluates them.
+        feeds: see `twin.cosim.system`.
+    """
+
+    def __init__(self, components: Iterable[Component], feeds: Mapping[End, End]):
+        self.components = list(components)
+        self.feeds = dict(feeds)
+        self._stand_ins: dict[End, End] = {}
+
+    def component(self, name: str, number: int, target: str) -> Component:
+        """The component `name`, which fault `number` on `target` needs.
+
+        Raises:
+            InputRefused: there is none.
+        """
+        for component in self.components:
+            if component.name == name:
+                return component
+        names = ", ".join(c.name for c in self.components) or "none"
+        raise InputRefused(
+            f"[[fault]] {number} target = \"{target}\": expected a system with a component '{name}'; "
+            f"there are {names}. Change the target or add what it names"
+        )
+
+    def has(self, name: str) -> bool:
+        """Whether there is a component `name`."""
+        return any(component.name == name for component in self.components)
+
+    def put_behind(self, fault: Component, outputs: Sequence[End], inputs: Sequence[End]) -> None:
+        """Feed `inputs` of `fault` from `outputs` (or the faults behind them); who read these reads it instead.
+
+        Args:
+            inputs: of the fault, which has outputs of the same names.
+        """
+        sources = [self._stand_ins.get(output, output) for output in outputs]
+        instead = dict(zip(sources, inputs, strict=True))
+        self.feeds = {target: instead.get(source, source) for target, source in self.feeds.items()}
+        self.feeds.update(zip(inputs, sources, strict=True))
+        self._stand_ins.update(zip(outputs, inputs, strict=True))
+        self.place(fault, sources)
+
+    def put_before(self, fault: Component, targets: Sequence[End], inputs: Sequence[End]) -> None:
+        """Let `fault` feed `targets` from what has fed them; `inputs`: its own, and its outputs of the same names."""
+        sources = [self.feeds[target] for target in targets]
+        self.feeds.update(zip(targets, inputs, strict=True))
+        self.feeds.update(zip(inputs, sources, strict=True))
+        self.place(fault, sources)
+
+    def place(self, fault: Component, sources: Iterable[End]) -> None:
+        """Right behind the last component that feeds it; behind one that may return NaN, it may too."""
+        feeding = {source.component for source in sources}
+        fault.finite = fault.finite and all(c.finite for c in self.components if c.name in feeding)
+        self.components.insert(1 + max(i for i, c in enumerate(self.components) if c.name in feeding), fault)
+
 
 THREE_AXES = "drive"
 """Name of a drive that turns all joints; others are drive_1 .. drive_3."""
@@ -111,6 +165,9 @@ def _break_encoder(
     share = fault.share if law == CountLaw.GLITCH else fault.magnitude
     random, element = first_state(fault.seed, number), _element(fault.target)
     broken = CountFault(*_named(number, fault), law, port, element, counts, share, random, encoder.period)
+    broken.numbers = {
+        key: (field, counts_per_rad if field == "counts" else 1.0) for key, field in NUMBERS.get(law, {}).items()
+    }
     circuit.put_behind(broken, ends([encoder], "output", name), ends([broken], "input", name))
 
 
@@ -131,6 +188,8 @@ def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) ->
         least = most
     random = first_state(fault.seed, number)
     late = MessageFault(*_named(number, fault), ports, sender.period, least, most, share, random)
+    if fault.kind == "sample_loss":
+        late.numbers = {"magnitude": ("share", 1.0)}
     told = [end for port in ports for end in ends([sender], "output", port.name)]
     circuit.put_behind(late, told, [end for port in ports for end in ends([late], "input", port.name)])
 
@@ -142,8 +201,9 @@ def _limit_command(circuit: Circuit, number: int, fault: Fault, speed_limit: flo
     """
     joints = [_element(fault.target)] if fault.target != "drives" else list(range(JOINTS))
     targets = [_axis(circuit, number, fault.target, joint, "omega_ref") for joint in joints]
-    limit = fault.magnitude * speed_limit if fault.kind == "brown_out" else fault.magnitude
-    limited = CommandFault(*_named(number, fault), limit, len(joints))
+    times = speed_limit if fault.kind == "brown_out" else 1.0
+    limited = CommandFault(*_named(number, fault), fault.magnitude * times, len(joints))
+    limited.numbers = {"magnitude": ("limit", times)}
     circuit.put_before(limited, targets, ends([limited], "input", "omega_ref"))
 
 
@@ -159,6 +219,8 @@ def _break_drive(circuit: Circuit, number: int, fault: Fault) -> None:
     broken = DriveFault(
         *_named(number, fault), law, fault.magnitude, start, monitored, drive.period, label, fault.target
     )
+    if law == DriveLaw.DRIVE_RUNAWAY:
+        broken.numbers = {"magnitude": ("omega", 1.0)}
     circuit.put_behind(broken, [theta_m], [End(broken.name, "theta_m")])
     circuit.feeds[End(broken.name, "tau_load")] = tau_load
     if monitored:
