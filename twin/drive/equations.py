@@ -25,19 +25,22 @@ from twin.drive.calls import (
 )
 from twin.drive.groups import set_all
 
-_FUNCTIONS = (
-    "set_time",
-    "set_states",
-    "states_of",
-    "nominals_of",
-    "derivatives_of",
-    "indicators_of",
-    "enter_event_mode",
-    "update",
-    "enter_time_mode",
-    "completed",
-    "number_of_states",
-)
+FUNCTIONS = {
+    "set_time": "SetTime",
+    "set_states": "SetContinuousStates",
+    "states_of": "GetContinuousStates",
+    "nominals_of": "GetNominalsOfContinuousStates",
+    "derivatives_of": "GetDerivatives",
+    "indicators_of": "GetEventIndicators",
+    "enter_event_mode": "EnterEventMode",
+    "update": "NewDiscreteStates",
+    "enter_time_mode": "EnterContinuousTimeMode",
+    "completed": "CompletedIntegratorStep",
+    "number_of_states": "GetNumberOfContinuousStates",
+}
+"""Those of the FMU, by field of `MEMORY`, as FMI 2.0 calls them, which does not have the last."""
+FUNCTIONS_3 = FUNCTIONS | {"derivatives_of": "GetContinuousStateDerivatives", "update": "UpdateDiscreteStates"}
+"""As FMI 3.0 does."""
 _SOLVER = ("cvode", "vector", "absolute", "cv_step", "cv_restart", "cv_stop", "cv_tolerances", "cv_values")
 _ARRAYS = ("x", "began", "k_1", "k_2", "k_3", "k_4", "z", "z_before", "scales", "info", "last_inputs", "reached_at")
 _COUNTS = ("version", "instance", "states", "size", "indicators", "width", "needs_completed", "final")
@@ -45,7 +48,7 @@ _PORTS = ("inputs", "input_groups", "outputs", "output_groups")
 _MOVING = ("fresh", "restart", "trouble", "element", "flag")
 
 MEMORY = np.dtype(
-    [(name, "i8") for name in (*_FUNCTIONS, *_SOLVER, *_ARRAYS, *_COUNTS, *_PORTS, *_MOVING)]
+    [(name, "i8") for name in (*FUNCTIONS, *_SOLVER, *_ARRAYS, *_COUNTS, *_PORTS, *_MOVING)]
     + [(name, "f8") for name in ("tolerance", "longest", "now", "reached", "next_event", "asked")],
     align=True,
 )
@@ -63,28 +66,11 @@ MEMORY = np.dtype(
 
 memory_at = pointer_to(MEMORY)
 
-CALLS = {
-    128: "SetTime",
-    144: "SetContinuousStates",
-    160: "GetContinuousStates",
-    176: "GetNominalsOfContinuousStates",
-    192: "GetDerivatives",
-    208: "GetEventIndicators",
-    224: "EnterEventMode",
-    240: "NewDiscreteStates",
-    256: "EnterContinuousTimeMode",
-    272: "CompletedIntegratorStep",
-    288: "GetNumberOfContinuousStates",
-}
-"""What a bad status starts with, and the function of FMI 2.0 that returned it."""
+CALLS = range(128, 128 + 16 * len(FUNCTIONS), 16)
+"""What a bad status starts with, by the function of `FUNCTIONS` that returned it."""
 (
     SET_TIME, SET_STATES, STATES, NOMINALS, DERIVATIVES, INDICATORS, EVENT_MODE, UPDATE, TIME_MODE, COMPLETED, NUMBER,
 ) = CALLS  # fmt: skip
-CALLS_3 = {
-    DERIVATIVES: "GetContinuousStateDerivatives",
-    UPDATE: "UpdateDiscreteStates",
-}
-"""Those that FMI 3.0 calls otherwise."""
 
 NOT_FINITE, INDICATOR_NOT_FINITE, ENDLESS_UPDATE, MANY_EVENTS, PAST_EVENT, OTHER_SIZE, OVERFLOW, MANY_STEPS, FAILED = (
     range(1024, 1033)
@@ -110,12 +96,11 @@ _FLAGS = {
 
 def sentence(m: Any, status: int) -> str:
     """The verb phrase for `status` of a step with the memory `m`; "" if it is not of model exchange alone."""
-    prefix = f"fmi{m['version']}"
+    prefix, names = f"fmi{m['version']}", FUNCTIONS if m["version"] == 2 else FUNCTIONS_3
     if status // 16 * 16 in CALLS:
-        start = status // 16 * 16
-        name = CALLS_3.get(start, CALLS[start]) if m["version"] == 3 else CALLS[start]
+        name = list(names.values())[CALLS.index(status // 16 * 16)]
         return f"{prefix}{name} returned {prefix}{STATUSES.get(status % 16, f' status {status % 16}')}"
-    update = "fmi2NewDiscreteStates" if m["version"] == 2 else "fmi3UpdateDiscreteStates"
+    update = f"{prefix}{names['update']}"
     now, asked, element = float(m["now"]), float(m["asked"]), int(m["element"])
     own = {
         NOT_FINITE: f"said NaN or infinity for derivative {element + 1} of {m['states']} at {asked:.9g} s",
@@ -183,7 +168,7 @@ def indicators(m, z):
 
 _words_at, _bytes_at, _counts_at = pointer_to(np.int32), pointer_to(np.uint8), pointer_to(np.int64)
 
-NEEDED, ENDED, NOMINALS_CHANGED, STATES_CHANGED, TIME_DEFINED = range(5)
+NEEDED, ENDED, NOMINALS_CHANGED, _, TIME_DEFINED = range(5)
 """The flags that come back of an update, in both standards' order; in FMI 2.0 words, in FMI 3.0 bytes."""
 TIME_PLACE = 24
 """Where in the memory of what comes back the time of the next event is."""

@@ -4,14 +4,13 @@ import math
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
 
 from twin.controller.pid import DriveSpeedLoop, Gains
 from twin.controller.position_command import DriveSpeedIntegrator, Servo
 from twin.cosim.component import Component
 from twin.cosim.port import Port
 from twin.cosim.subsystem import INLET, Subsystem
-from twin.drive.component import ExchangeComponent, FmuComponent
+from twin.drive.component import FmuComponent
 from twin.drive.contract import COMMANDS, LOAD, SHAFT, DriveRotor, Unwrapped
 from twin.drive.description import FmuDescription, refuse_step
 from twin.drive.setting import Setup
@@ -76,8 +75,7 @@ def _part(
     inputs += [_wire_port(part, description, target) for _, target in plan.wires if belongs(part, target)]
     sources = dict.fromkeys(source for source, _ in plan.wires if belongs(part, source))
     outputs += [_wire_port(part, description, source) for source in sources]
-    solver = plan.solver(part)
-    return (FmuComponent if solver is None else partial(ExchangeComponent, solver=solver))(
+    return FmuComponent(
         name,
         description,
         plan.folder(part),
@@ -87,6 +85,7 @@ def _part(
         inputs_at_start={"tau_load": tau_load, ENABLE: 1.0, "theta_m": theta_m},
         outputs_at_start={"theta_m": theta_m},
         setup=setup,
+        solver=plan.solver(part),
     )
 
 

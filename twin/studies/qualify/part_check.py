@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.cosim.component import Component
-from twin.cosim.port import Port, by_port
+from twin.cosim.port import by_port
 from twin.drive.component import FmuComponent
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
@@ -20,7 +20,7 @@ from twin.studies.answer import Answer
 from twin.studies.lines import wrapped
 from twin.studies.metrics.requirement import FIG4, FIG5, MEASURES, OF_A_CONSTANT_FORCE
 from twin.studies.qualify.bench import Inputs, Played, inputs_for, played, replayed_from_state
-from twin.studies.qualify.definitions import Check, judged
+from twin.studies.qualify.definitions import Check, Verdict, judged
 
 VERDICTS = {"ok": "ok", "FAIL": "fails", "note": "note"}
 """What a verdict is called here."""
@@ -70,10 +70,19 @@ def checked_part(
     bench = _Bench(part, experiment, period, inputs_for(part, run, experiment, period))
     say("calling it")
     first = bench.play(bench.inputs)
-    checks = [_calls(bench, first), *_scored(part, bool(experiment.tasks))]
+    n, count = len(first.rows), len(bench.inputs.t)
+    called = f"{n} calls, all outputs finite"
+    if first.failure:
+        called = f"{first.failure} at t = {bench.inputs.t[n]:.6g} s, call {n + 1}"
+    elif n < count:
+        called = f"{n} of {count} calls, all outputs finite; the rest would take too long"
+    checks = [judged("calls", not first.failure, called), *_scored(part, bool(experiment.tasks))]
     if not first.failure:
         say("calling it again")
-        checks += [_repeats(bench, first), *_of_fmu(bench, first), _answers(bench, first)]
+        inputs = bench.inputs.first(min(ENOUGH, len(first.rows)))
+        again = bench.play(inputs)
+        checks.append(_repeated("repeatable", "a new one", first, again))
+        checks += [*_of_fmu(bench, inputs, first), _answers(bench, first)]
     apart = _apart(part, run, bench.inputs, experiment, first.rows) if own else None
     return Checked(part, bench.inputs.period, tuple(checks), first.cost, apart)
 
@@ -95,16 +104,6 @@ class _Bench:
             return played(component, inputs)
 
 
-def _calls(bench: _Bench, first: Played) -> Check:
-    n, count = len(first.rows), len(bench.inputs.t)
-    if first.failure:
-        t = bench.inputs.t[n]
-        return Check("calls", "FAIL", f"{first.failure} at t = {t:.6g} s, call {n + 1}")
-    if n < count:
-        return Check("calls", "ok", f"{n} of {count} calls, all outputs finite; the rest would take too long")
-    return Check("calls", "ok", f"{n} calls, all outputs finite")
-
-
 def _scored(part: OtherPart, has_tasks: bool) -> Iterator[Check]:
     """What a run with this part cannot be scored by, because the part lacks a port that twin's own has."""
     ports = {f"{part.role}.{port.name}" for port in part.outputs}
@@ -119,25 +118,16 @@ def _scored(part: OtherPart, has_tasks: bool) -> Iterator[Check]:
         yield Check("scored", "note", detail)
 
 
-def _repeats(bench: _Bench, first: Played) -> Check:
-    inputs = bench.inputs.first(min(ENOUGH, len(first.rows)))
-    again = bench.play(inputs)
-    same = _same(first, again)
-    return judged("repeatable", same, _sameness("a new one", same, again))
-
-
-def _of_fmu(bench: _Bench, first: Played) -> Iterator[Check]:
+def _of_fmu(bench: _Bench, inputs: Inputs, first: Played) -> Iterator[Check]:
+    """Whether an FMU can be reset, and its state saved and restored, which no run needs."""
     if bench.part.fmu is None:
         return
-    inputs = bench.inputs.first(min(ENOUGH, len(first.rows)))
     with bench.made() as component:
         assert isinstance(component, FmuComponent)
         played(component, inputs)
         try:
             component.instance.reset()
-            again = played(component, inputs)
-            same = _same(first, again)
-            yield judged("reset", same, _sameness("after a reset it", same, again), otherwise="note")
+            yield _repeated("reset", "after a reset it", first, played(component, inputs), otherwise="note")
         except ComponentFailed as problem:
             yield Check("reset", "note", f"{problem}; runs and sweeps make it anew each time")
     if not bench.part.fmu.interface.canGetAndSetFMUstate:
@@ -172,15 +162,12 @@ def _answers(bench: _Bench, first: Played) -> Check:
     return Check("instant", "note", f"outputs answer inputs {late:g} ms late: a delay inside, besides delay_ticks")
 
 
-def _same(first: Played, again: Played) -> bool:
+def _repeated(name: str, who: str, first: Played, again: Played, otherwise: Verdict = "FAIL") -> Check:
+    """The check `name`: whether what `who` did `again` is what was done first."""
     n = min(len(first.rows), len(again.rows))
-    return not again.failure and bool(np.array_equal(first.rows[:n], again.rows[:n]))
-
-
-def _sameness(who: str, same: bool, again: Played) -> str:
-    if again.failure:
-        return f"{who} {again.failure}"
-    return f"{who} gives " + ("the same bits" if same else "other outputs from the same inputs")
+    same = not again.failure and bool(np.array_equal(first.rows[:n], again.rows[:n]))
+    outcome = again.failure or "gives " + ("the same bits" if same else "other outputs from the same inputs")
+    return judged(name, same, f"{who} {outcome}", otherwise)
 
 
 def _apart(
@@ -261,16 +248,13 @@ def checked_text(done: Checked) -> str:
         lines += wrapped(check.detail, f"  {VERDICTS[check.verdict]:6} {check.name:11} ")
     lines.append(f"  {'':6} {'cost':11} {1e6 * done.cost:.2g} us per call")
     for name, apart in (done.apart or {}).items():
-        unit = next(port.unit for port in part.outputs if port.name == name)
-        lines.append(f"  {'':6} {name:11} {_difference(apart, unit)}")
+        unit = next(f" {port.unit}" if port.unit != "1" else "" for port in part.outputs if port.name == name)
+        said = (
+            f"at most {apart:.3g}{unit} from twin's own on the same inputs" if apart else "as twin's own, bit for bit"
+        )
+        lines.append(f"  {'':6} {name:11} {said}")
     verdict = "can take its place" if done.good else "cannot take its place"
     return "\n".join([*lines, f"{part.label} {verdict} as {part.role}"])
-
-
-def _difference(apart: float, unit: str) -> str:
-    if apart == 0.0:
-        return "as twin's own, bit for bit"
-    return f"at most {apart:.3g}{'' if unit == '1' else f' {unit}'} from twin's own on the same inputs"
 
 
 def component_facts(done: Checked) -> dict[str, object]:
@@ -291,17 +275,12 @@ def component_facts(done: Checked) -> dict[str, object]:
 
 def contracts_text() -> str:
     """Every part and its ports, for people."""
-    return "\n".join(line for role in CONTRACTS for line in _contract(role))
-
-
-def _contract(role: str) -> Iterator[str]:
-    contract = CONTRACTS[role]
-    yield f"[{role}]"
-    for arrow, ports in (("<-", contract.inputs), ("->", contract.outputs)):
-        for port in ports:
-            needed = " (needed)" if arrow == "->" and port.name in contract.required else ""
-            yield from wrapped(f"{port.meaning}{needed}", f"  {arrow} {_sized(port):12} {port.unit:6} ")
-
-
-def _sized(port: Port) -> str:
-    return port.name if port.size == 1 else f"{port.name}[{port.size}]"
+    lines = []
+    for role, contract in CONTRACTS.items():
+        lines.append(f"[{role}]")
+        for arrow, ports in (("<-", contract.inputs), ("->", contract.outputs)):
+            for port in ports:
+                needed = " (needed)" if arrow == "->" and port.name in contract.required else ""
+                sized = port.name if port.size == 1 else f"{port.name}[{port.size}]"
+                lines += wrapped(f"{port.meaning}{needed}", f"  {arrow} {sized:12} {port.unit:6} ")
+    return "\n".join(lines)

@@ -6,7 +6,6 @@ Each experiment is run in a process of its own, if that is asked for.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,10 +15,9 @@ from twin.cosim.port import Port
 from twin.cosim.signals import playback
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
-from twin.drive.component import ExchangeComponent, FmuComponent
+from twin.drive.component import FmuComponent
 from twin.drive.description import FmuDescription, described
 from twin.drive.setting import Setup
-from twin.drive.solvers import Solver
 from twin.drive.stepping import FmuPort
 from twin.drive.unpacked import unpacked
 from twin.drive.variable import Variable
@@ -91,10 +89,9 @@ def bare_run(description: FmuDescription, trial: Trial, files: Prepared, ended: 
     start = dict(zip((p.port.name for p in inputs), stimuli[0], strict=True))
     setup = Setup(description.tolerance, step * last, step)
     set_ = description.settings(files.parameters)
-    kind = FmuComponent if description.kind == "co_simulation" else partial(ExchangeComponent, solver=Solver())
     folder = unpacked(description.path, description.sha256)
     try:
-        component = kind("fmu", description, folder, inputs, outputs, set_, start, setup=setup)
+        component = FmuComponent("fmu", description, folder, inputs, outputs, set_, start, setup=setup)
     except InputRefused as refusal:
         raise ComponentFailed(str(refusal)) from None
     try:
