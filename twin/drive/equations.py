@@ -213,31 +213,31 @@ def handled(m, u, jumped):
 
 
 @njit(cache=True)
+def _flag(m, n):
+    """The flag number `n` that came back."""
+    return carray(_words_at(m.info), 5)[n] != 0 if m.version == 2 else carray(_bytes_at(m.info), 5)[n] != 0
+
+
+@njit(cache=True)
 def _settled(m):
     """Update the discrete states until that is no longer needed."""
     nominals_changed = False
     for _ in range(MOST_UPDATES):
         if m.version == 2:
             status = on_pointer(m.update, (m.instance, m.info))
-            flags = carray(_words_at(m.info), 5)
-            needed, ended = flags[NEEDED] != 0, flags[ENDED] != 0
-            scaled, timed = flags[NOMINALS_CHANGED] != 0, flags[TIME_DEFINED] != 0
         else:
             i = m.info
             status = update_3(m.update, (m.instance, i, i + 1, i + 2, i + 3, i + 4, i + TIME_PLACE))
-            bits = carray(_bytes_at(m.info), 5)
-            needed, ended = bits[NEEDED] != 0, bits[ENDED] != 0
-            scaled, timed = bits[NOMINALS_CHANGED] != 0, bits[TIME_DEFINED] != 0
         if status > 1:
             return UPDATE + status
-        if ended:
+        if _flag(m, ENDED):
             return TERMINATE
-        nominals_changed |= scaled
-        if not needed:
+        nominals_changed |= _flag(m, NOMINALS_CHANGED)
+        if not _flag(m, NEEDED):
             break
     else:
         return ENDLESS_UPDATE
-    m.next_event = carray(doubles_at(m.info + TIME_PLACE), 1)[0] if timed else np.inf
+    m.next_event = carray(doubles_at(m.info + TIME_PLACE), 1)[0] if _flag(m, TIME_DEFINED) else np.inf
     # not a number is no time either
     if not m.next_event >= m.now - slack(m.now):
         m.asked = m.next_event
@@ -280,12 +280,9 @@ def step_completed(m):
         return False, 0
     if m.version == 2:
         status = completed_2(m.completed, (m.instance, m.final, m.info, m.info + 4))
-        flags = carray(_words_at(m.info), 2)
-        wanted, ended = flags[0] != 0, flags[1] != 0
     else:
         status = completed_3(m.completed, (m.instance, m.final, m.info, m.info + 4))
-        bits = carray(_bytes_at(m.info), 5)
-        wanted, ended = bits[0] != 0, bits[4] != 0
     if status > 1:
         return False, COMPLETED + status
-    return wanted, TERMINATE if ended else 0
+    # the second is behind four bytes: a word, or four flags
+    return _flag(m, 0), TERMINATE if _flag(m, 1 if m.version == 2 else 4) else 0

@@ -129,7 +129,12 @@ def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
             else:
                 metadata.setdefault(found.name, {}).update(found.metadata)
         if scan.complete:
-            _compare(scan, contents)
+            said, there = scan.statistics, sum(contents.counts.values())
+            if said is None:
+                raise Damage(scan.position, "its index does not say how many messages there are")
+            counts = {channel: count for channel, count in said.channel_message_counts.items() if count}
+            if counts != contents.counts or said.message_count != sum(counts.values()):
+                raise Damage(scan.position, f"{there} messages are there where its index counts {said.message_count}")
     except Damage as error:
         damage = error
     if contents.foreign and not contents.series:
@@ -149,17 +154,6 @@ def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
     else:
         note = _shortfall(streams, metadata)
     return Recording(path, streams, contents.events, metadata, not note, note)
-
-
-def _compare(scan: Scan, contents: Contents) -> None:
-    """Raise Damage if what is there is not what the index says was written."""
-    said = scan.statistics
-    if said is None:
-        raise Damage(scan.position, "its index does not say how many messages there are")
-    counts = {channel: count for channel, count in said.channel_message_counts.items() if count}
-    if counts != contents.counts or said.message_count != sum(counts.values()):
-        there = sum(contents.counts.values())
-        raise Damage(scan.position, f"{there} messages are there where its index counts {said.message_count}")
 
 
 def _reach(streams: dict[str, Stream]) -> str:

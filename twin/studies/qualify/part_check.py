@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.cosim.component import Component
-from twin.cosim.port import by_port
+from twin.cosim.port import Port, by_port
 from twin.drive.component import FmuComponent
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
@@ -20,7 +20,7 @@ from twin.studies.answer import Answer
 from twin.studies.lines import wrapped
 from twin.studies.metrics.requirement import FIG4, FIG5, MEASURES, OF_A_CONSTANT_FORCE
 from twin.studies.qualify.bench import Inputs, Played, inputs_for, played, replayed_from_state
-from twin.studies.qualify.definitions import Check, Verdict, judged
+from twin.studies.qualify.definitions import Check, judged
 
 VERDICTS = {"ok": "ok", "FAIL": "fails", "note": "note"}
 """What a verdict is called here."""
@@ -81,7 +81,7 @@ def checked_part(
         say("calling it again")
         inputs = bench.inputs.first(min(ENOUGH, len(first.rows)))
         again = bench.play(inputs)
-        checks.append(_repeated("repeatable", "a new one", first, again))
+        checks.append(judged("repeatable", *_repeated("a new one", first, again)))
         checks += [*_of_fmu(bench, inputs, first), _answers(bench, first)]
     apart = _apart(part, run, bench.inputs, experiment, first.rows) if own else None
     return Checked(part, bench.inputs.period, tuple(checks), first.cost, apart)
@@ -127,7 +127,8 @@ def _of_fmu(bench: _Bench, inputs: Inputs, first: Played) -> Iterator[Check]:
         played(component, inputs)
         try:
             component.instance.reset()
-            yield _repeated("reset", "after a reset it", first, played(component, inputs), otherwise="note")
+            again = played(component, inputs)
+            yield judged("reset", *_repeated("after a reset it", first, again), otherwise="note")
         except ComponentFailed as problem:
             yield Check("reset", "note", f"{problem}; runs and sweeps make it anew each time")
     if not bench.part.fmu.interface.canGetAndSetFMUstate:
@@ -162,12 +163,12 @@ def _answers(bench: _Bench, first: Played) -> Check:
     return Check("instant", "note", f"outputs answer inputs {late:g} ms late: a delay inside, besides delay_ticks")
 
 
-def _repeated(name: str, who: str, first: Played, again: Played, otherwise: Verdict = "FAIL") -> Check:
-    """The check `name`: whether what `who` did `again` is what was done first."""
+def _repeated(who: str, first: Played, again: Played) -> tuple[bool, str]:
+    """Whether what `who` did `again` is what was done first, and that as a phrase."""
     n = min(len(first.rows), len(again.rows))
     same = not again.failure and bool(np.array_equal(first.rows[:n], again.rows[:n]))
     outcome = again.failure or "gives " + ("the same bits" if same else "other outputs from the same inputs")
-    return judged(name, same, f"{who} {outcome}", otherwise)
+    return same, f"{who} {outcome}"
 
 
 def _apart(
@@ -248,13 +249,16 @@ def checked_text(done: Checked) -> str:
         lines += wrapped(check.detail, f"  {VERDICTS[check.verdict]:6} {check.name:11} ")
     lines.append(f"  {'':6} {'cost':11} {1e6 * done.cost:.2g} us per call")
     for name, apart in (done.apart or {}).items():
-        unit = next(f" {port.unit}" if port.unit != "1" else "" for port in part.outputs if port.name == name)
-        said = (
-            f"at most {apart:.3g}{unit} from twin's own on the same inputs" if apart else "as twin's own, bit for bit"
-        )
-        lines.append(f"  {'':6} {name:11} {said}")
+        unit = next(port.unit for port in part.outputs if port.name == name)
+        lines.append(f"  {'':6} {name:11} {_difference(apart, unit)}")
     verdict = "can take its place" if done.good else "cannot take its place"
     return "\n".join([*lines, f"{part.label} {verdict} as {part.role}"])
+
+
+def _difference(apart: float, unit: str) -> str:
+    if apart == 0.0:
+        return "as twin's own, bit for bit"
+    return f"at most {apart:.3g}{'' if unit == '1' else f' {unit}'} from twin's own on the same inputs"
 
 
 def component_facts(done: Checked) -> dict[str, object]:
@@ -275,12 +279,17 @@ def component_facts(done: Checked) -> dict[str, object]:
 
 def contracts_text() -> str:
     """Every part and its ports, for people."""
-    lines = []
-    for role, contract in CONTRACTS.items():
-        lines.append(f"[{role}]")
-        for arrow, ports in (("<-", contract.inputs), ("->", contract.outputs)):
-            for port in ports:
-                needed = " (needed)" if arrow == "->" and port.name in contract.required else ""
-                sized = port.name if port.size == 1 else f"{port.name}[{port.size}]"
-                lines += wrapped(f"{port.meaning}{needed}", f"  {arrow} {sized:12} {port.unit:6} ")
-    return "\n".join(lines)
+    return "\n".join(line for role in CONTRACTS for line in _contract(role))
+
+
+def _contract(role: str) -> Iterator[str]:
+    contract = CONTRACTS[role]
+    yield f"[{role}]"
+    for arrow, ports in (("<-", contract.inputs), ("->", contract.outputs)):
+        for port in ports:
+            needed = " (needed)" if arrow == "->" and port.name in contract.required else ""
+            yield from wrapped(f"{port.meaning}{needed}", f"  {arrow} {_sized(port):12} {port.unit:6} ")
+
+
+def _sized(port: Port) -> str:
+    return port.name if port.size == 1 else f"{port.name}[{port.size}]"
