@@ -48,7 +48,11 @@ def entries(file: Path, kind: str = "FMU") -> dict[str, int]:
                     f"{file}: would expand from {packed / 1e6:.1f} to {size / 1e6:.0f} MB; do not trust this file"
                 )
             for info in infos:
-                _refuse_escape(file, info)
+                name = place(info)
+                if name.startswith("/") or ".." in PurePosixPath(name).parts or ":" in name:
+                    raise InputRefused(f"{file}: entry '{name}' points outside the archive; do not trust this file")
+                if stat.S_ISLNK(info.external_attr >> 16):
+                    raise InputRefused(f"{file}: entry '{name}' is a link; do not trust this file")
             damaged = archive.testzip()
             if damaged:
                 raise InputRefused(f"{file}: entry '{damaged}' is damaged; get the {kind} again")
@@ -91,11 +95,3 @@ def content_of(file: Path, entry: str, limit: int = LIMIT) -> bytes:
                 f"{file}: {entry}: {info.file_size / 2**20:.0f} MB; expected at most {limit / 2**20:g} MB"
             )
         return archive.read(info)
-
-
-def _refuse_escape(file: Path, info: zipfile.ZipInfo) -> None:
-    name = place(info)
-    if name.startswith("/") or ".." in PurePosixPath(name).parts or ":" in name:
-        raise InputRefused(f"{file}: entry '{name}' points outside the archive; do not trust this file")
-    if stat.S_ISLNK(info.external_attr >> 16):
-        raise InputRefused(f"{file}: entry '{name}' is a link; do not trust this file")

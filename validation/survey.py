@@ -26,13 +26,13 @@ from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
 from twin.runs.guard.limits import JobLimits
 from twin.runs.guard.reporter import Reporter
 from twin.studies.lines import counted, labelled, markdown
-from twin.studies.reference.bare_run import TOLERANCE
-from twin.studies.reference.carried import carried
-from twin.studies.reference.outcome import BAD, DEFAULT, WORDS, Outcome, default_outcome, references
+from twin.studies.reference.carried import Trial, carried
+from twin.studies.reference.outcome import BAD, TOLERANCE, WORDS, Outcome, outcome_of, references
 from twin.writing import made_folder, write_json, write_text
 
 DOCS = Path(__file__).parents[1] / "docs"
 JOB = "validation.survey:tried"
+DEFAULT = "default experiment"
 POINTER = b"version https://git-lfs"
 LONGEST = 400
 """Characters of a sentence: what an FMU says in its own words may be long."""
@@ -150,7 +150,7 @@ def tried(reporter: Reporter, file: str) -> dict[str, Any]:
     reporter.note(tried=counted(came, "experiment") + " that came with it" if came else DEFAULT)
     found = references(path, apart=False)
     if not (came and found):
-        return _told(default_outcome(path))
+        return _told(outcome_of(path, Trial(DEFAULT)))
     order = (*BAD, "agrees", "ran")
     return _told(min(found.outcomes, key=lambda outcome: order.index(outcome.word)))
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.drive.test_sampled import planned
-from twin.drive.stepping import FmuPort, grouped, placed
+from twin.drive.stepping import FmuPort, Stepping, placed
 
 
 @pytest.mark.parametrize(("side", "access"), [("input", "Set"), ("output", "Get")])
@@ -14,9 +14,10 @@ def test_there_is_room_for_every_value_and_for_the_one_before(root: Path, side: 
     ports = [FmuPort(b.port, b.variable, b.gain, b.offset) for b in plan.bindings if b.role.causality == side]
     component = plan.component("controller", 1e-3, 2, 10)
     try:
-        groups = grouped(component.instance, placed(ports), access)
+        stepping = Stepping(component.instance)
+        table = stepping._grouped(placed(ports), access)
     finally:
         component.close()
-    sizes = [int(row["bytes"]) for row in groups.table for _ in ("buffer", "last")]
-    assert [array.nbytes for array in groups.moving] == sizes
-    assert {int(row["bytes"]) // int(row["values"]) for row in groups.table} <= {4, 8}
+    sizes = [int(row["bytes"]) for row in table for _ in ("buffer", "last")]
+    assert [array.nbytes for array in stepping._moving] == sizes
+    assert {int(row["bytes"]) // int(row["values"]) for row in table} <= {4, 8}

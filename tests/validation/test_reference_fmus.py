@@ -55,8 +55,8 @@ def test_results_at_other_times_fail(folder: Path):
 def stepped(folder: Path) -> float:
     """The step of the default experiment (s)."""
     from twin.drive.description import described
-    from twin.studies.reference.bare_run import BareRun, bare_run
     from twin.studies.reference.carried import Prepared, Trial
+    from twin.studies.reference.outcome import BareRun, bare_run
 
     runs: list[BareRun] = []
     description = described(folder / "2.0" / f"{MODELS[0]}.fmu")

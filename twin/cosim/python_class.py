@@ -18,7 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from twin.cosim.component import Component
-from twin.cosim.port import Port, width
+from twin.cosim.port import Port, places, width
 from twin.errors import InputRefused, nearest
 from twin.files import read_bytes
 from twin.units import known_unit, weight_hint
@@ -145,11 +145,8 @@ class Wanted:
         self.ports = tuple(port for port in offered if port.name in units)
         self.gains = {port.name: _gain(label, port, units[port.name]) for port in self.ports}
         self.units = {port.name: units[port.name] or port.unit for port in self.ports}
-        ends = np.cumsum([port.size for port in self.ports])
-        self.places = [
-            (port.name, port.size, slice(int(end) - port.size, int(end)), self.gains[port.name])
-            for port, end in zip(self.ports, ends, strict=True)
-        ]
+        at = places(self.ports)
+        self.places = [(port.name, port.size, at[port.name], self.gains[port.name]) for port in self.ports]
 
 
 def _gain(label: str, port: Port, unit: Any) -> float:

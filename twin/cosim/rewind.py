@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from twin.compiled.function import carray
-from twin.cosim.native import bytes_at, step_function
+from twin.compiled.memory import copy
+from twin.cosim.native import step_function
 
 
 @dataclass(frozen=True)
@@ -30,22 +30,18 @@ _MEMORY = np.dtype([("record", "i8"), ("copy", "i8"), ("size", "i8")], align=Tru
 
 @step_function(_MEMORY)
 def _save(m, t, h, u, y):
-    record, copy = carray(bytes_at(m.record), m.size), carray(bytes_at(m.copy), m.size)
-    for i in range(m.size):
-        copy[i] = record[i]
+    copy(m.copy, m.record, m.size)
     return 0
 
 
 @step_function(_MEMORY)
 def _restore(m, t, h, u, y):
-    record, copy = carray(bytes_at(m.record), m.size), carray(bytes_at(m.copy), m.size)
-    for i in range(m.size):
-        record[i] = copy[i]
+    copy(m.record, m.copy, m.size)
     return 0
 
 
 def record_rewind(record: np.ndarray) -> Rewind:
     """Of a component whose whole state is `record`, (1,)."""
-    copy = record.copy()
-    memory = np.array([(record.ctypes.data, copy.ctypes.data, record.nbytes)], dtype=_MEMORY)
-    return Rewind(_save.address, _restore.address, memory.ctypes.data, (memory, copy))
+    saved = record.copy()
+    memory = np.array([(record.ctypes.data, saved.ctypes.data, record.nbytes)], dtype=_MEMORY)
+    return Rewind(_save.address, _restore.address, memory.ctypes.data, (memory, saved))

@@ -9,11 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.compiled.function import carray, pointer_to
+from twin.compiled.memory import copy
 from twin.cosim.component import Component
 from twin.cosim.interpolation import Scheme
 from twin.cosim.master import LOOP, ticks
 from twin.cosim.native import address_of, doubles_at, integers_at, step_function
-from twin.cosim.port import Port, width
+from twin.cosim.port import Port, record, width
 from twin.cosim.simulation import failed_phrase
 from twin.cosim.system import System
 from twin.errors import InputRefused
@@ -23,28 +24,15 @@ INLET = "inlet"
 
 NEVER = 1 << 62
 
-_INLET_MEMORY = np.dtype([("u", "i8"), ("size", "i8")], align=True)
-_MEMORY = np.dtype(
-    [
-        ("loop", "i8"),
-        ("y", "i8"),
-        ("substeps", "i8"),
-        ("next", "i8"),
-        ("outlet", "i8"),
-        ("outlet_size", "i8"),
-        ("inlet", "i8"),
-    ],
-    align=True,
-)
+_INLET_MEMORY = record(u="i8", size="i8")
+_MEMORY = record(loop="i8", y="i8", substeps="i8", next="i8", outlet="i8", outlet_size="i8", inlet="i8")
 INNER_FAILED = 2
 _loop_at = pointer_to(LOOP)
 
 
 @step_function(_INLET_MEMORY)
 def _inlet_step(m, t, h, u, y):
-    outer, inner = carray(doubles_at(m.u), m.size), carray(y, m.size)
-    for j in range(m.size):
-        inner[j] = outer[j]
+    copy(address_of(y), m.u, 8 * m.size)
     return 0
 
 

@@ -16,7 +16,7 @@ from twin.cosim.port import by_port
 from twin.cosim.rewind import Rewind
 from twin.drive.cosim_step import SHORTER
 from twin.drive.description import FmuDescription
-from twin.drive.exchange import Integrator, Model
+from twin.drive.exchange import Integrator, Model, step
 from twin.drive.instance import Instance
 from twin.drive.lifecycle import CosimInstance
 from twin.drive.setting import Setting, Setup
@@ -72,7 +72,7 @@ def release(instance: Instance) -> None:
 
 
 class FmuComponent(Component):
-    """One FMU instance as a component, a continuous one if nothing else is said.
+    """One FMU instance as a component, a continuous one if nothing else is said; for model exchange with its solver.
 
     Args:
         name: of the component and the FMU instance.
@@ -86,9 +86,11 @@ class FmuComponent(Component):
         setup: of the run.
         sampled: whether it is evaluated at t_k; what its outputs are before the first time is nobody's business then.
         instance: of the FMU, in step mode; None: one is made, and initialised with what is said here.
+        solver: of the equations of one for model exchange; None: CVODE.
 
     Raises:
-        InputRefused: the FMU cannot be brought into step mode, or an output is not finite then.
+        InputRefused: the FMU cannot be brought into step mode, or an output is not finite then; there is no CVODE for
+            this platform.
     """
 
     def __init__(
@@ -104,6 +106,7 @@ class FmuComponent(Component):
         setup: Setup = Setup(),  # noqa: B008, it is frozen
         sampled: bool = False,
         instance: Instance | None = None,
+        solver: Solver | None = None,
     ):
         wanted = inputs_at_start or {}
         started = [(p.variable, p.in_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
@@ -122,7 +125,11 @@ class FmuComponent(Component):
             raise InputRefused(f"{description.path}: an output is not finite after initialisation: {initial}")
         self._shift = shift
         try:
-            self._stepping = self._stepped(inputs, outputs, shift)
+            self._stepping = (
+                ExchangeStepping(self.instance, solver or Solver(), inputs, outputs, shift)
+                if isinstance(self.instance, Model)
+                else Stepping(self.instance, inputs, outputs, shift)
+            )
         except TwinError:
             self.instance.close()
             raise
@@ -152,10 +159,9 @@ class FmuComponent(Component):
     @property
     def called(self) -> str:
         """What of the FMU its step calls, for people."""
+        if isinstance(self.instance, Model):
+            return "its equations of model exchange"
         return f"{self.instance.description.prefix}DoStep"
-
-    def _stepped(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort], shift: np.ndarray) -> Stepping:
-        return Stepping(self.instance, inputs, outputs, shift)
 
     def _raw(self, port: FmuPort) -> np.ndarray:
         """Values of an output before the first step; what a clock updates cannot be read before that ticks."""
@@ -185,6 +191,8 @@ class FmuComponent(Component):
         return told
 
     def close(self) -> None:
+        if isinstance(self._stepping, ExchangeStepping):
+            self._stepping.integrator.close()
         state, self._state = self._state, None
         try:
             if state is not None and state[0]["state"]:
@@ -226,49 +234,9 @@ class ExchangeStepping(Stepping):
         tables = self._grouped(placed(inputs), "Set"), self._grouped(placed(outputs, shift), "Get")
         self.integrator = Integrator(instance, solver, tables, sum(p.port.size for p in inputs))
         self._moving.append(self.integrator.block)
-        self.address, self.memory = self.integrator.address, self.integrator.memory
+        self.address, self.memory = step.address, self.integrator.memory
 
     def explain(self, status: int) -> str:
         told = self.integrator.explain(status)
         said = f" ('{self.instance.messages[-1]}')" if self.instance.messages else ""
         return f"{told}{said}" if told else super().explain(status)
-
-
-class ExchangeComponent(FmuComponent):
-    """One model-exchange FMU and its solver as a continuous component.
-
-    Args:
-        solver: which; all others are those of `FmuComponent`.
-
-    Raises:
-        InputRefused: as `FmuComponent`, or there is no CVODE for this platform.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        description: FmuDescription,
-        folder: Path,
-        inputs: Sequence[FmuPort],
-        outputs: Sequence[FmuPort],
-        settings: Sequence[Setting] = (),
-        inputs_at_start: Mapping[str, float | np.ndarray] | None = None,
-        outputs_at_start: Mapping[str, float | np.ndarray] | None = None,
-        setup: Setup = Setup(),  # noqa: B008, it is frozen
-        solver: Solver = Solver(),  # noqa: B008, it is frozen
-    ):
-        self._solver = solver
-        super().__init__(name, description, folder, inputs, outputs, settings, inputs_at_start, outputs_at_start, setup)
-
-    @property
-    def called(self) -> str:
-        return "its equations of model exchange"
-
-    def close(self) -> None:
-        if isinstance(self._stepping, ExchangeStepping):
-            self._stepping.integrator.close()
-        super().close()
-
-    def _stepped(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort], shift: np.ndarray) -> Stepping:
-        assert isinstance(self.instance, Model)
-        return ExchangeStepping(self.instance, self._solver, inputs, outputs, shift)

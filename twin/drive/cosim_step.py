@@ -9,6 +9,7 @@ nothing, and over longer parts again as long as that goes well. To repeat a step
 import numpy as np
 
 from twin.compiled.function import carray, njit, pointer_to
+from twin.compiled.memory import copy
 from twin.cosim.native import address_of, bytes_at, step_function
 from twin.cosim.port import record
 from twin.drive.calls import (
@@ -209,19 +210,12 @@ PIECE = np.dtype([("array", "i8"), ("copy", "i8"), ("size", "i8")])
 _pieces_at = pointer_to(PIECE)
 
 
-@njit(cache=True)
-def _copy(source, target, size):
-    from_, to = carray(bytes_at(source), size), carray(bytes_at(target), size)
-    for i in range(size):
-        to[i] = from_[i]
-
-
 @step_function(STATE_MEMORY)
 def save(m, t, h, u, y):
     status = on_pointer(m.get, (m.instance, m.cell))
     pieces = carray(_pieces_at(m.piece_table), m.pieces)
     for i in range(m.pieces):
-        _copy(pieces[i].array, pieces[i].copy, pieces[i].size)
+        copy(pieces[i].copy, pieces[i].array, pieces[i].size)
     return SAVE + status if status > 1 else 0
 
 
@@ -230,5 +224,5 @@ def restore(m, t, h, u, y):
     status = on_pointer(m.set, (m.instance, m.state))
     pieces = carray(_pieces_at(m.piece_table), m.pieces)
     for i in range(m.pieces):
-        _copy(pieces[i].copy, pieces[i].array, pieces[i].size)
+        copy(pieces[i].array, pieces[i].copy, pieces[i].size)
     return RESTORE + status if status > 1 else 0

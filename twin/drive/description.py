@@ -26,6 +26,10 @@ from twin.files import xml_of
 DESCRIPTION = "modelDescription.xml"
 NUMBERS = ("intervalDecimal", "shiftDecimal", "intervalCounter", "shiftCounter", "resolution")
 """Of a Clock (FMI 3.0.2, 2.2.9)."""
+CAPABILITIES = (
+    "canHandleVariableCommunicationStepSize", "canInterpolateInputs", "canBeInstantiatedOnlyOncePerProcess",
+)  # fmt: skip
+"""Of an FMI 1.0 slave."""
 
 
 def complete(model: Any, file: Path) -> None:
@@ -35,7 +39,12 @@ def complete(model: Any, file: Path) -> None:
     with zipfile.ZipFile(file) as archive:
         root = xml_of(archive.read(DESCRIPTION), f"{file}: {DESCRIPTION}")
     if model.fmiVersion == "1.0":
-        _capabilities(model, root)
+        # FMI 1.0 for Co-Simulation, 4.3.1
+        if model.coSimulation is not None:
+            model.coSimulation.needsExecutionTool = root.find("Implementation/CoSimulation_Tool") is not None
+            for stated in root.iterfind("Implementation/*/Capabilities"):
+                for name in CAPABILITIES:
+                    setattr(model.coSimulation, name, _true(stated.get(name)))
     else:
         by_name = {element.get("name"): element for element in root.iterfind("ModelVariables/*")}
         for variable in model.modelVariables:
@@ -45,18 +54,6 @@ def complete(model: Any, file: Path) -> None:
             variable.min, variable.max = variable.min or element.get("min"), variable.max or element.get("max")
             for name in NUMBERS if variable.type == "Clock" else ():
                 setattr(variable, name, element.get(name))
-
-
-def _capabilities(model: Any, root: Any) -> None:
-    """FMI 1.0 for Co-Simulation, 4.3.1."""
-    if model.coSimulation is None:
-        return
-    model.coSimulation.needsExecutionTool = root.find("Implementation/CoSimulation_Tool") is not None
-    for stated in root.iterfind("Implementation/*/Capabilities"):
-        for name in (
-            "canHandleVariableCommunicationStepSize", "canInterpolateInputs", "canBeInstantiatedOnlyOncePerProcess",
-        ):  # fmt: skip
-            setattr(model.coSimulation, name, _true(stated.get(name)))
 
 
 def _true(text: str | None) -> bool:

@@ -25,19 +25,22 @@ from twin.drive.calls import (
 )
 from twin.drive.groups import set_all
 
-_FUNCTIONS = (
-    "set_time",
-    "set_states",
-    "states_of",
-    "nominals_of",
-    "derivatives_of",
-    "indicators_of",
-    "enter_event_mode",
-    "update",
-    "enter_time_mode",
-    "completed",
-    "number_of_states",
-)
+FUNCTIONS = {
+    "set_time": "SetTime",
+    "set_states": "SetContinuousStates",
+    "states_of": "GetContinuousStates",
+    "nominals_of": "GetNominalsOfContinuousStates",
+    "derivatives_of": "GetDerivatives",
+    "indicators_of": "GetEventIndicators",
+    "enter_event_mode": "EnterEventMode",
+    "update": "NewDiscreteStates",
+    "enter_time_mode": "EnterContinuousTimeMode",
+    "completed": "CompletedIntegratorStep",
+    "number_of_states": "GetNumberOfContinuousStates",
+}
+"""Those of the FMU, by field of `MEMORY`, as FMI 2.0 calls them, which does not have the last."""
+FUNCTIONS_3 = FUNCTIONS | {"derivatives_of": "GetContinuousStateDerivatives", "update": "UpdateDiscreteStates"}
+"""As FMI 3.0 does."""
 _SOLVER = ("cvode", "vector", "absolute", "cv_step", "cv_restart", "cv_stop", "cv_tolerances", "cv_values")
 _ARRAYS = ("x", "began", "k_1", "k_2", "k_3", "k_4", "z", "z_before", "scales", "info", "last_inputs", "reached_at")
 _COUNTS = ("version", "instance", "states", "size", "indicators", "width", "needs_completed", "final")
@@ -45,7 +48,7 @@ _PORTS = ("inputs", "input_groups", "outputs", "output_groups")
 _MOVING = ("fresh", "restart", "trouble", "element", "flag")
 
 MEMORY = np.dtype(
-    [(name, "i8") for name in (*_FUNCTIONS, *_SOLVER, *_ARRAYS, *_COUNTS, *_PORTS, *_MOVING)]
+    [(name, "i8") for name in (*FUNCTIONS, *_SOLVER, *_ARRAYS, *_COUNTS, *_PORTS, *_MOVING)]
     + [(name, "f8") for name in ("tolerance", "longest", "now", "reached", "next_event", "asked")],
     align=True,
 )
@@ -63,28 +66,11 @@ MEMORY = np.dtype(
 
 memory_at = pointer_to(MEMORY)
 
-CALLS = {
-    128: "SetTime",
-    144: "SetContinuousStates",
-    160: "GetContinuousStates",
-    176: "GetNominalsOfContinuousStates",
-    192: "GetDerivatives",
-    208: "GetEventIndicators",
-    224: "EnterEventMode",
-    240: "NewDiscreteStates",
-    256: "EnterContinuousTimeMode",
-    272: "CompletedIntegratorStep",
-    288: "GetNumberOfContinuousStates",
-}
-"""What a bad status starts with, and the function of FMI 2.0 that returned it."""
+CALLS = range(128, 128 + 16 * len(FUNCTIONS), 16)
+"""What a bad status starts with, by the function of `FUNCTIONS` that returned it."""
 (
     SET_TIME, SET_STATES, STATES, NOMINALS, DERIVATIVES, INDICATORS, EVENT_MODE, UPDATE, TIME_MODE, COMPLETED, NUMBER,
 ) = CALLS  # fmt: skip
-CALLS_3 = {
-    DERIVATIVES: "GetContinuousStateDerivatives",
-    UPDATE: "UpdateDiscreteStates",
-}
-"""Those that FMI 3.0 calls otherwise."""
 
 NOT_FINITE, INDICATOR_NOT_FINITE, ENDLESS_UPDATE, MANY_EVENTS, PAST_EVENT, OTHER_SIZE, OVERFLOW, MANY_STEPS, FAILED = (
     range(1024, 1033)
@@ -110,12 +96,11 @@ _FLAGS = {
 
 def sentence(m: Any, status: int) -> str:
     """The verb phrase for `status` of a step with the memory `m`; "" if it is not of model exchange alone."""
-    prefix = f"fmi{m['version']}"
+    prefix, names = f"fmi{m['version']}", FUNCTIONS if m["version"] == 2 else FUNCTIONS_3
     if status // 16 * 16 in CALLS:
-        start = status // 16 * 16
-        name = CALLS_3.get(start, CALLS[start]) if m["version"] == 3 else CALLS[start]
+        name = list(names.values())[CALLS.index(status // 16 * 16)]
         return f"{prefix}{name} returned {prefix}{STATUSES.get(status % 16, f' status {status % 16}')}"
-    update = "fmi2NewDiscreteStates" if m["version"] == 2 else "fmi3UpdateDiscreteStates"
+    update = f"{prefix}{names['update']}"
     now, asked, element = float(m["now"]), float(m["asked"]), int(m["element"])
     own = {
         NOT_FINITE: f"said NaN or infinity for derivative {element + 1} of {m['states']} at {asked:.9g} s",
@@ -183,7 +168,7 @@ def indicators(m, z):
 
 _words_at, _bytes_at, _counts_at = pointer_to(np.int32), pointer_to(np.uint8), pointer_to(np.int64)
 
-NEEDED, ENDED, NOMINALS_CHANGED, STATES_CHANGED, TIME_DEFINED = range(5)
+NEEDED, ENDED, NOMINALS_CHANGED, _, TIME_DEFINED = range(5)
 """The flags that come back of an update, in both standards' order; in FMI 2.0 words, in FMI 3.0 bytes."""
 TIME_PLACE = 24
 """Where in the memory of what comes back the time of the next event is."""
@@ -228,31 +213,31 @@ def handled(m, u, jumped):
 
 
 @njit(cache=True)
+def _flag(m, n):
+    """The flag number `n` that came back."""
+    return carray(_words_at(m.info), 5)[n] != 0 if m.version == 2 else carray(_bytes_at(m.info), 5)[n] != 0
+
+
+@njit(cache=True)
 def _settled(m):
     """Update the discrete states until that is no longer needed."""
     nominals_changed = False
     for _ in range(MOST_UPDATES):
         if m.version == 2:
             status = on_pointer(m.update, (m.instance, m.info))
-            flags = carray(_words_at(m.info), 5)
-            needed, ended = flags[NEEDED] != 0, flags[ENDED] != 0
-            scaled, timed = flags[NOMINALS_CHANGED] != 0, flags[TIME_DEFINED] != 0
         else:
             i = m.info
             status = update_3(m.update, (m.instance, i, i + 1, i + 2, i + 3, i + 4, i + TIME_PLACE))
-            bits = carray(_bytes_at(m.info), 5)
-            needed, ended = bits[NEEDED] != 0, bits[ENDED] != 0
-            scaled, timed = bits[NOMINALS_CHANGED] != 0, bits[TIME_DEFINED] != 0
         if status > 1:
             return UPDATE + status
-        if ended:
+        if _flag(m, ENDED):
             return TERMINATE
-        nominals_changed |= scaled
-        if not needed:
+        nominals_changed |= _flag(m, NOMINALS_CHANGED)
+        if not _flag(m, NEEDED):
             break
     else:
         return ENDLESS_UPDATE
-    m.next_event = carray(doubles_at(m.info + TIME_PLACE), 1)[0] if timed else np.inf
+    m.next_event = carray(doubles_at(m.info + TIME_PLACE), 1)[0] if _flag(m, TIME_DEFINED) else np.inf
     # not a number is no time either
     if not m.next_event >= m.now - slack(m.now):
         m.asked = m.next_event
@@ -295,12 +280,9 @@ def step_completed(m):
         return False, 0
     if m.version == 2:
         status = completed_2(m.completed, (m.instance, m.final, m.info, m.info + 4))
-        flags = carray(_words_at(m.info), 2)
-        wanted, ended = flags[0] != 0, flags[1] != 0
     else:
         status = completed_3(m.completed, (m.instance, m.final, m.info, m.info + 4))
-        bits = carray(_bytes_at(m.info), 5)
-        wanted, ended = bits[0] != 0, bits[4] != 0
     if status > 1:
         return False, COMPLETED + status
-    return wanted, TERMINATE if ended else 0
+    # the second is behind four bytes: a word, or four flags
+    return _flag(m, 0), TERMINATE if _flag(m, 1 if m.version == 2 else 4) else 0

@@ -8,6 +8,7 @@ are due are ticked, discrete inputs set, clocked outputs read.
 import numpy as np
 
 from twin.compiled.function import carray, njit, pointer_to
+from twin.compiled.memory import copy
 from twin.compiled.native import entry
 from twin.cosim.native import address_of, bytes_at, doubles_at, step_function
 from twin.cosim.port import record
@@ -121,9 +122,7 @@ def _set_discrete(e, active):
             status = access(3, e.instance, g)
             if status > 1:
                 return SET + status
-            new, last = carray(bytes_at(g.buffer), g.bytes), carray(bytes_at(g.last), g.bytes)
-            for j in range(g.bytes):
-                last[j] = new[j]
+            copy(g.last, g.buffer, g.bytes)
     return 0
 
 

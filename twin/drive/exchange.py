@@ -8,8 +8,11 @@ import numpy as np
 
 from twin.compiled.function import carray
 from twin.cosim.native import address_of, doubles_at, step_function
+from twin.cosim.python_class import STEP
 from twin.drive.calls import MOST_UPDATES
 from twin.drive.equations import (
+    FUNCTIONS,
+    FUNCTIONS_3,
     GUARD,
     MANY_EVENTS,
     MEMORY,
@@ -77,25 +80,6 @@ def step(m, t, h, u, y):
     return get_all(m.version, m.instance, m.output_groups, m.outputs, address_of(y))
 
 
-_FUNCTIONS = {
-    "set_time": "SetTime",
-    "set_states": "SetContinuousStates",
-    "states_of": "GetContinuousStates",
-    "nominals_of": "GetNominalsOfContinuousStates",
-    "derivatives_of": "GetDerivatives",
-    "indicators_of": "GetEventIndicators",
-    "enter_event_mode": "EnterEventMode",
-    "update": "NewDiscreteStates",
-    "enter_time_mode": "EnterContinuousTimeMode",
-    "completed": "CompletedIntegratorStep",
-}
-_FUNCTIONS_3 = _FUNCTIONS | {
-    "derivatives_of": "GetContinuousStateDerivatives",
-    "update": "UpdateDiscreteStates",
-    "number_of_states": "GetNumberOfContinuousStates",
-}
-
-
 class Integrator:
     """What steps one instance.
 
@@ -134,8 +118,9 @@ class Integrator:
         for name, place in places.items():
             m[name] = self._scratch.ctypes.data + 8 * place
         version = model.description.version
-        for field, function in (_FUNCTIONS if version == 2 else _FUNCTIONS_3).items():
-            m[field] = model.address(function)
+        for field, function in (FUNCTIONS if version == 2 else FUNCTIONS_3).items():
+            if version == 3 or field != "number_of_states":
+                m[field] = model.address(function)
         m["version"], m["instance"] = version, model.handle
         m["states"], m["size"], m["indicators"], m["width"] = model.states, size, model.indicators, width
         interface = model.description.interface
@@ -159,30 +144,13 @@ class Integrator:
             self._cvode = Cvode(x, scales, tolerance, model.indicators, self.memory.ctypes.data)
             for field, address in self._cvode.addresses.items():
                 m[field] = address
-        self._call = ctypes.CFUNCTYPE(
-            ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p
-        )(step.address)
-
-    @property
-    def address(self) -> int:
-        """Of the compiled step, which works on `memory`."""
-        return step.address
 
     def advance(self, t: float, h: float) -> int:
         """One step from `t` to `t` + `h` (s), inputs as somebody has set them; 0 or a bad status."""
         self.memory[0]["fresh"] = 1
         nothing = np.zeros(1)
         place = nothing.ctypes.data
-        return int(self._call(self.memory.ctypes.data, t, h, place, place))
-
-    def kept(self) -> np.ndarray:
-        """What `take` brings back."""
-        return self.block.copy()
-
-    def take(self, kept: np.ndarray) -> None:
-        """Go back to where `kept` was made; the FMU has to be brought back besides."""
-        self.block[:] = kept
-        self.memory[0]["restart"] = 1
+        return int(STEP(step.address)(self.memory.ctypes.data, t, h, place, place))
 
     def explain(self, status: int) -> str:
         """What a bad `status` of the step means, as the verb phrase of a sentence; "" if it is none of its own."""
@@ -246,13 +214,14 @@ class Model(Instance):
             raise ComponentFailed(f"{name}: {self._integrator.explain(status)}{self._said()}")
 
     def saved_state(self) -> Any:
-        return super().saved_state(), self._integrator.kept() if self._integrator else None
+        return super().saved_state(), self._integrator.block.copy() if self._integrator else None
 
     def restore(self, state: Any) -> None:
         inside, kept = state
         super().restore(inside)
         if self._integrator is not None and kept is not None:
-            self._integrator.take(kept)
+            self._integrator.block[:] = kept
+            self._integrator.memory[0]["restart"] = 1
 
     def close(self) -> None:
         self._forget_integrator()

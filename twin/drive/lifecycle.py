@@ -5,13 +5,12 @@ find out about their functions is the same for every one of a kind. Clocks that 
 in whole steps of the drive.
 """
 
-import ctypes
 import math
 import os
 import weakref
 from collections.abc import Mapping
 from contextlib import suppress
-from ctypes import byref, c_char_p, c_double, c_int, c_uint, c_void_p
+from ctypes import byref, c_char_p, c_double, c_int, c_uint
 from typing import Any, ClassVar
 from weakref import proxy
 
@@ -21,6 +20,7 @@ from fmpy.fmi1 import FMU1Slave
 from fmpy.fmi2 import FMU2Model, FMU2Slave
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 
+from twin.cosim.python_class import STEP
 from twin.drive.calls import explain_status
 from twin.drive.description import STRUCTURAL, clocks, stated_interval
 from twin.drive.event_step import CHANGING, CLOCK, COUNTDOWN, EVENTS, NEVER, OUTPUT, PERIODIC, settle
@@ -29,9 +29,6 @@ from twin.drive.instance import Instance
 from twin.drive.stepping import Stepping
 from twin.drive.variable import KINDS, Variable
 from twin.errors import ComponentFailed, InputRefused
-
-STEP = ctypes.CFUNCTYPE(ctypes.c_int32, c_void_p, ctypes.c_double, ctypes.c_double, c_void_p, c_void_p)
-"""A component's step."""
 
 MOST_RETURNED = 40
 """Bytes of what functions of event mode return."""
@@ -67,6 +64,9 @@ class _Remembering:
     _functions: dict[str, Any]
     dll: Any
 
+    def __init_subclass__(cls) -> None:
+        cls._signatures = {}
+
     def _loadFunctions(self) -> None:
         known = type(self)._signatures
         if not known:
@@ -97,8 +97,6 @@ class _Remembering:
 class FMU1Drive(_Remembering, FMU1Slave):
     """An FMI 1.0 slave, whose functions have the model's name before theirs."""
 
-    _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
-
     def _exported(self, name: str) -> str:
         return f"{self.modelIdentifier}_{name.replace('fmi1', 'fmi')}"
 
@@ -112,19 +110,13 @@ class FMU1Drive(_Remembering, FMU1Slave):
 class FMU2Drive(_Remembering, FMU2Slave):
     """An FMI 2.0 slave."""
 
-    _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
-
 
 class FMU3Drive(_Remembering, FMU3Slave):
     """An FMI 3.0 slave."""
 
-    _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
-
 
 class FMU2Exchange(_Remembering, FMU2Model):
     """An FMI 2.0 model."""
-
-    _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
 
 
 _OF_OTHER_KINDS = {
@@ -139,8 +131,6 @@ _OF_OTHER_KINDS = {
 
 class FMU3Exchange(_Remembering, FMU3Model):
     """An FMI 3.0 model."""
-
-    _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
 
     def __dir__(self) -> list[str]:
         # FMPy looks here for the functions that a binary has to have, and these it need not have (FMI 3.0, 2.1.2)
@@ -391,7 +381,9 @@ def clock_table(instance: Instance) -> np.ndarray:
         else:
             interval, shift = stated_interval(clock)
             if clock.intervalDecimal is None and clock.intervalCounter is None:
-                interval, shift = _asked(instance, clock)[0], _asked_shift(instance, clock)
+                asked = (c_double * 1)(0.0)
+                instance.fmu.getShiftDecimal((c_uint * 1)(clock.valueReference), asked)
+                interval, shift = _asked(instance, clock)[0], asked[0]
             elif clock.intervalVariability != "constant":
                 instance.fmu.setIntervalDecimal((c_uint * 1)(clock.valueReference), (c_double * 1)(interval))
             row["period"] = _steps(instance, clock, interval, 1)
@@ -404,12 +396,6 @@ def _asked(instance: Instance, clock: Any) -> tuple[float, bool]:
     interval, qualifier = (c_double * 1)(math.nan), (c_int * 1)(NOT_YET_KNOWN)
     instance.fmu.getIntervalDecimal((c_uint * 1)(clock.valueReference), interval, qualifier)
     return interval[0], qualifier[0] != NOT_YET_KNOWN
-
-
-def _asked_shift(instance: Instance, clock: Any) -> float:
-    shift = (c_double * 1)(0.0)
-    instance.fmu.getShiftDecimal((c_uint * 1)(clock.valueReference), shift)
-    return shift[0]
 
 
 def _steps(instance: Instance, clock: Any, interval: float, least: int) -> int:

@@ -98,12 +98,6 @@ class RolesUnclear(InputRefused):
     """A required role has no or several answers; the sentence says which."""
 
 
-def _other_command(variables: Mapping[str, Variable], unsure: list[Role], taken: set[str]) -> Command | None:
-    """What the drive seems to be commanded with, if nothing in it takes a speed."""
-    likely = likely_command(variables, taken) if COMMANDS["velocity"] in unsure else "velocity"
-    return likely if likely != "velocity" else None
-
-
 def to_paste(
     file: str,
     variables: Mapping[str, Variable],
@@ -123,7 +117,8 @@ def to_paste(
         rotor: whether its shaft is ours.
     """
     lines = [f"{file}: cannot tell which of its variables is {' and which is '.join(r.port.name for r in unsure)}."]
-    other = _other_command(variables, unsure, set(chosen.values()))
+    likely = likely_command(variables, set(chosen.values())) if COMMANDS["velocity"] in unsure else "velocity"
+    other = likely if likely != "velocity" else None
     if other:
         loop = "" if other == "position" else ", which needs a velocity loop of ours in front of it"
         lines.append(f"It seems to be commanded with a {other}{loop}.")
@@ -240,7 +235,10 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
     if unsure:
         raise RolesUnclear(to_paste(file, variables, roles, chosen, unsure, wiring.rotor))
     found = _all_bound(variables, wiring, roles, chosen, turned)
-    _refuse_odd_widths(file, found)
+    widths = {b.port.name: b.port.size for b in found if b.role.required}
+    if len(set(widths.values())) > 1 or not set(widths.values()) <= {1, 3}:
+        told = ", ".join(f"{name} has {size}" for name, size in widths.items())
+        raise InputRefused(f"{file}: {told} values; expected 1 each for one joint, or 3 each for all three")
     return found
 
 
@@ -271,11 +269,17 @@ def _all_bound(
     chosen: Mapping[str, str],
     turned: Collection[str],
 ) -> tuple[Binding, ...]:
-    return tuple(
-        _bound(role, variables[chosen[role.port.name]], chosen[role.port.name], wiring, role.port.name in turned)
-        for role in roles
-        if role.port.name in chosen
-    )
+    found = []
+    for role in (role for role in roles if role.port.name in chosen):
+        name = chosen[role.port.name]
+        _, factor, offset = variables[name].conversion or Conversion(role.dimension)
+        ratio = wiring.sign * wiring.gear_ratio
+        # no gear changes a voltage or a current, but the shaft turns with its sign
+        electrical = float(wiring.sign) if role in COMMANDS.values() else 1.0
+        alone = role.port.name in turned
+        mechanical = {1: 1.0 / ratio, -1: ratio, 0: electrical}[role.mechanical] * (-1.0 if alone else 1.0)
+        found.append(Binding(role, variables[name], name, factor * mechanical, offset * mechanical, alone))
+    return tuple(found)
 
 
 def choice(file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role]) -> Choice:
@@ -295,7 +299,10 @@ def choice(file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: 
             chosen[role.port.name] = _checked(file, variables, role, said)
         elif role.port.name in variables and plays(variables[role.port.name], role):
             chosen[role.port.name] = role.port.name
-    _refuse_two_roles(file, chosen)
+    for name in set(chosen.values()):
+        played = [role for role, variable in chosen.items() if variable == name]
+        if len(played) > 1:
+            raise InputRefused(f"{file}: '{name}' is given to {' and '.join(played)}; one variable plays one role")
     unsure: list[Role] = []
     for role in roles:
         if role.port.name not in chosen:
@@ -305,29 +312,6 @@ def choice(file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: 
             elif role.required:
                 unsure.append(role)
     return Choice(chosen, turned, unsure)
-
-
-def _refuse_two_roles(file: str, chosen: Mapping[str, str]) -> None:
-    for name in set(chosen.values()):
-        roles = [role for role, variable in chosen.items() if variable == name]
-        if len(roles) > 1:
-            raise InputRefused(f"{file}: '{name}' is given to {' and '.join(roles)}; one variable plays one role")
-
-
-def _bound(role: Role, variable: Variable, name: str, wiring: Wiring, turned: bool) -> Binding:
-    _, factor, offset = variable.conversion or Conversion(role.dimension)
-    ratio = wiring.sign * wiring.gear_ratio
-    # no gear changes a voltage or a current, but the shaft turns with its sign
-    electrical = float(wiring.sign) if role in COMMANDS.values() else 1.0
-    mechanical = {1: 1.0 / ratio, -1: ratio, 0: electrical}[role.mechanical] * (-1.0 if turned else 1.0)
-    return Binding(role, variable, name, factor * mechanical, offset * mechanical, turned)
-
-
-def _refuse_odd_widths(file: str, found: tuple[Binding, ...]) -> None:
-    widths = {b.port.name: b.port.size for b in found if b.role.required}
-    if len(set(widths.values())) > 1 or not set(widths.values()) <= {1, 3}:
-        told = ", ".join(f"{name} has {size}" for name, size in widths.items())
-        raise InputRefused(f"{file}: {told} values; expected 1 each for one joint, or 3 each for all three")
 
 
 def _refuse_unknown_roles(file: str, wiring: Wiring, roles: Sequence[Role], owner: str) -> None:

@@ -57,14 +57,15 @@ def told(value: float | np.ndarray | list[str] | list[bytes]) -> Any:
         return value.tolist()
     if not isinstance(value, list):
         return value
-    texts = [_identified(v) for v in value]
+    texts = [
+        f"{len(v)} bytes, sha256 {hashlib.sha256(v).hexdigest()}"
+        if isinstance(v, bytes)
+        else f"{Path(v).name}, sha256 {sha256(Path(v))}"
+        if isinstance(v, FilePath)
+        else v
+        for v in value
+    ]
     return texts[0] if len(texts) == 1 else texts
-
-
-def _identified(value: str | bytes) -> str:
-    if isinstance(value, bytes):
-        return f"{len(value)} bytes, sha256 {hashlib.sha256(value).hexdigest()}"
-    return f"{Path(value).name}, sha256 {sha256(Path(value))}" if isinstance(value, FilePath) else value
 
 
 def set_to(file: Path, variable: Variable, value: Value) -> float | np.ndarray | list[str] | list[bytes]:

@@ -14,6 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from twin.compiled.function import carray, njit
+from twin.compiled.memory import copy
 from twin.compiled.native import Native
 from twin.cosim.native import address_of, doubles_at
 from twin.drive.calls import at_time, one_step, start_at, values_of
@@ -152,18 +153,11 @@ _P, _D, _I, _N = ctypes.c_void_p, ctypes.c_double, ctypes.c_int, ctypes.c_int64
 _call = "double", "pointer", "pointer", "pointer"
 
 
-@njit(cache=True)
-def _copied(source, target, count):
-    from_, to = carray(doubles_at(source), count), carray(doubles_at(target), count)
-    for i in range(count):
-        to[i] = from_[i]
-
-
 def _right_hand_side(t, y, ydot, user):
     m = carray(memory_at(address_of(user)), 1)[0]
     status = derivatives(m, t, values_of(m.cv_values, (address_of(y),)), m.k_1)
     if status == 0:
-        _copied(m.k_1, values_of(m.cv_values, (address_of(ydot),)), m.size)
+        copy(values_of(m.cv_values, (address_of(ydot),)), m.k_1, 8 * m.size)
         return 0
     m.trouble = status
     # NaN, or Discard: the states may be out of its range, and nearer ones not
@@ -176,7 +170,7 @@ def _roots(t, y, values, user):
     if status == 0:
         status = indicators(m, m.z)
     if status == 0:
-        _copied(m.z, address_of(values), m.indicators)
+        copy(address_of(values), m.z, 8 * m.indicators)
         return 0
     m.trouble = status
     return -1

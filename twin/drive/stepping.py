@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -28,10 +28,10 @@ class FmuPort:
         """`value` of the port as the FMU wants it."""
         return (value - self.offset) / self.gain
 
-    def both_ends(self) -> tuple["FmuPort", "FmuPort"]:
-        """The port for its value at the start of a step, and the one for that at its end."""
-        end = replace(self.port, name=self.port.name + AT_END, instant="end")
-        return replace(self, port=replace(self.port, instant="start")), replace(self, port=end)
+    def at(self, instant: Literal["start", "end"]) -> "FmuPort":
+        """The port for its value at the start of a step, or for that at its end."""
+        name = self.port.name + AT_END * (instant == "end")
+        return replace(self, port=replace(self.port, name=name, instant=instant))
 
 
 @dataclass(frozen=True)
@@ -54,56 +54,6 @@ def placed(ports: Sequence[FmuPort], shift: np.ndarray | None = None) -> list[Pl
     ends = np.cumsum([0, *(p.port.size for p in ports)])
     shifts = np.zeros(ends[-1]) if shift is None else shift
     return [Placed(p, np.arange(a, b), shifts[a:b]) for p, a, b in zip(ports, ends, ends[1:], strict=False)]
-
-
-@dataclass(frozen=True)
-class Groups:
-    """A table of `groups.GROUP` and the arrays it points to.
-
-    Attributes:
-        table: a row for each FMI type and set of clocks.
-        moving: what changes with every step.
-        keep: the other arrays.
-    """
-
-    table: np.ndarray
-    moving: list[np.ndarray]
-    keep: list[np.ndarray]
-
-
-def grouped(instance: Instance, ports: Iterable[Placed], access: str) -> Groups:
-    """`ports` in groups that are set or got by one call.
-
-    Args:
-        instance: whose variables they are.
-        access: "Set" or "Get".
-    """
-    members: dict[tuple[str, int], list[Placed]] = {}
-    for p in ports:
-        key = instance.standard.type_name(p.port.variable), instance.clock_bits(p.port.variable)
-        members.setdefault(key, []).append(p)
-    table = np.zeros(len(members), dtype=GROUP)
-    moving: list[np.ndarray] = []
-    kept: list[np.ndarray] = []
-    for row, (type_name, clocks), group in zip(table, members, members.values(), strict=True):
-        kind = group[0].port.variable.kind
-        slots = np.concatenate([p.slots for p in group])
-        arrays: dict[str, np.ndarray] = {
-            "references": np.array([p.port.variable.reference for p in group], dtype=np.uint32),
-            "slots": slots.astype(np.uint64),
-            "gain": np.concatenate([np.full(len(p.slots), p.port.gain) for p in group]),
-            "offset": np.concatenate([p.port.offset + p.shift for p in group]),
-            "buffer": np.zeros(len(slots) * ITEM_SIZES[kind], dtype=np.uint8),
-            # no value that an input has: the first one counts as new
-            "last": np.full(len(slots) * ITEM_SIZES[kind], 0xFF, dtype=np.uint8),
-        }
-        row["kind"], row["clocks"], row["bytes"] = kind, clocks, len(arrays["buffer"])
-        row["access"] = instance.address(access + type_name)
-        row["variables"], row["values"] = len(group), len(slots)
-        for field, array in arrays.items():
-            row[field] = array.ctypes.data
-            (moving if field in ("buffer", "last") else kept).append(array)
-    return Groups(table, moving, kept)
 
 
 class Stepping:
@@ -130,24 +80,32 @@ class Stepping:
     ):
         self.instance = instance
         ramped = [i for i, p in enumerate(inputs) if instance.ramps(p.variable)]
-        both = {i: inputs[i].both_ends() for i in ramped}
-        self.inputs = [both[i][0] if i in both else p for i, p in enumerate(inputs)] + [both[i][1] for i in ramped]
+        self.inputs = [p.at("start") if i in ramped else p for i, p in enumerate(inputs)]
+        self.inputs += [inputs[i].at("end") for i in ramped]
         self._into, self.outputs = placed(self.inputs), placed(outputs, shift)
         self._keep: list[Any] = []
         self._moving: list[np.ndarray] = []
         self._shorter = np.zeros(1, dtype=SHORTER)
-        self._fill_shorter()
-        into = [p for i, p in enumerate(self._into[: len(inputs)]) if i not in both]
+        description, s = instance.description, self._shorter[0]
+        if description.version < 3:
+            s["real_status"] = instance.address("GetRealStatus")
+            # FMI 1.0 does not know what one would ask it
+            s["boolean_status"] = instance.address("GetBooleanStatus") if description.version == 2 else 0
+        s["value_at"], s["flag_at"] = (self._shorter[name].ctypes.data for name in ("value", "flag"))
+        s["varies"] = description.model.coSimulation.canHandleVariableCommunicationStepSize
+        into = [p for i, p in enumerate(self._into[: len(inputs)]) if i not in ramped]
         if ramped:
             self._fill_ramp([self._into[i] for i in ramped], self._into[len(inputs) :])
-        abilities = instance.description.model.coSimulation
-        three = instance.description.version == 3
-        if three and (abilities.hasEventMode or instance.description.returns_early or ramped):
+        eventful = description.model.coSimulation.hasEventMode or description.returns_early or ramped
+        if description.version == 3 and eventful:
             self.address, self.memory = self._eventful(into)
         elif not ramped and self._is_plain(inputs, outputs, shift):
             self.address, self.memory = self._plain()
         else:
-            self.address, self.memory = self._general(into)
+            self.address, self.memory = cosim_step.step.address, np.zeros(1, dtype=cosim_step.MEMORY)
+            m = self.memory[0]
+            m["version"], m["instance"], m["shorter"] = description.version, instance.handle, self._shorter.ctypes.data
+            self._fill(m, self._grouped(into, "Set"), self._grouped(self.outputs, "Get"))
         self.memory["final"] = 1
 
     @property
@@ -206,20 +164,38 @@ class Stepping:
         """What steps change beside the FMU's own state."""
         return [*self._moving, *self.instance.schedule]
 
-    def _grouped(self, ports: Sequence[Placed], access: str) -> np.ndarray:
-        groups: Groups = grouped(self.instance, ports, access)
-        self._keep += [groups.table, *groups.keep]
-        self._moving += groups.moving
-        return groups.table
+    def _grouped(self, ports: Iterable[Placed], access: str) -> np.ndarray:
+        """A table of `groups.GROUP`: `ports` of one FMI type and set of clocks are set or got by one call.
 
-    def _fill_shorter(self) -> None:
-        description, s = self.instance.description, self._shorter[0]
-        if description.version < 3:
-            s["real_status"] = self.instance.address("GetRealStatus")
-            # FMI 1.0 does not know what one would ask it
-            s["boolean_status"] = self.instance.address("GetBooleanStatus") if description.version == 2 else 0
-        s["value_at"], s["flag_at"] = (self._shorter[name].ctypes.data for name in ("value", "flag"))
-        s["varies"] = description.model.coSimulation.canHandleVariableCommunicationStepSize
+        Args:
+            access: "Set" or "Get".
+        """
+        instance = self.instance
+        members: dict[tuple[str, int], list[Placed]] = {}
+        for p in ports:
+            key = instance.standard.type_name(p.port.variable), instance.clock_bits(p.port.variable)
+            members.setdefault(key, []).append(p)
+        table = np.zeros(len(members), dtype=GROUP)
+        self._keep.append(table)
+        for row, (type_name, clocks), group in zip(table, members, members.values(), strict=True):
+            kind = group[0].port.variable.kind
+            slots = np.concatenate([p.slots for p in group])
+            arrays: dict[str, np.ndarray] = {
+                "references": np.array([p.port.variable.reference for p in group], dtype=np.uint32),
+                "slots": slots.astype(np.uint64),
+                "gain": np.concatenate([np.full(len(p.slots), p.port.gain) for p in group]),
+                "offset": np.concatenate([p.port.offset + p.shift for p in group]),
+                "buffer": np.zeros(len(slots) * ITEM_SIZES[kind], dtype=np.uint8),
+                # no value that an input has: the first one counts as new
+                "last": np.full(len(slots) * ITEM_SIZES[kind], 0xFF, dtype=np.uint8),
+            }
+            row["kind"], row["clocks"], row["bytes"] = kind, clocks, len(arrays["buffer"])
+            row["access"] = instance.address(access + type_name)
+            row["variables"], row["values"] = len(group), len(slots)
+            for field, array in arrays.items():
+                row[field] = array.ctypes.data
+                (self._moving if field in ("buffer", "last") else self._keep).append(array)
+        return table
 
     def _fill_ramp(self, starts: Sequence[Placed], ends: Sequence[Placed]) -> None:
         instance, r = self.instance, self.instance.ramp[0]
@@ -260,14 +236,6 @@ class Stepping:
         m["shift"] = shift[m["shifted"]]
         m["shorter"] = self._shorter.ctypes.data
         return cosim_step.plain_step.address, memory
-
-    def _general(self, into: Sequence[Placed]) -> tuple[int, np.ndarray]:
-        memory = np.zeros(1, dtype=cosim_step.MEMORY)
-        m = memory[0]
-        m["version"], m["instance"] = self.instance.description.version, self.instance.handle
-        self._fill(m, self._grouped(into, "Set"), self._grouped(self.outputs, "Get"))
-        m["shorter"] = self._shorter.ctypes.data
-        return cosim_step.step.address, memory
 
     def _eventful(self, into: Sequence[Placed]) -> tuple[int, np.ndarray]:
         instance, abilities = self.instance, self.instance.description.model.coSimulation

@@ -5,7 +5,7 @@ What a recording says of its origin, read without its samples.
 
 import os
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
@@ -39,15 +39,10 @@ def origin(path: Path) -> dict[str, dict[str, str]]:
     """
     found: dict[str, dict[str, str]] = {}
     with disk_refusals(path, "cannot be read", RecordingRefused), path.open("rb") as file:
-        size = os.fstat(file.fileno()).st_size
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             raise RecordingRefused(f"{path}: not an MCAP file, expected a recording of twin")
-        position = len(MCAP0_MAGIC)
-        while position + RECORD_PREFIX <= size:
-            file.seek(position)
-            opcode, length = struct.unpack("<BQ", file.read(RECORD_PREFIX))
-            position += RECORD_PREFIX + length
-            if opcode == Opcode.DATA_END or position > size:
+        for opcode, length in _records(file):
+            if opcode == Opcode.DATA_END:
                 break
             if opcode == Opcode.METADATA and length <= LIMIT:
                 try:
@@ -58,6 +53,18 @@ def origin(path: Path) -> dict[str, dict[str, str]]:
                     ) from None
                 found.setdefault(record.name, {}).update(record.metadata)
     return found
+
+
+def _records(file: BinaryIO) -> Iterator[tuple[int, int]]:
+    """(opcode, length) of each complete record after the magic of a `file`, which stands behind both then."""
+    size, position = os.fstat(file.fileno()).st_size, len(MCAP0_MAGIC)
+    while position + RECORD_PREFIX <= size:
+        file.seek(position)
+        opcode, length = struct.unpack("<BQ", file.read(RECORD_PREFIX))
+        position += RECORD_PREFIX + length
+        if position > size:
+            break
+        yield opcode, length
 
 
 ROUNDING = 2
@@ -100,12 +107,8 @@ def last_time(path: Path) -> float | None:
     """
     last = None
     with path.open("rb") as file:
-        size, position = file.seek(0, os.SEEK_END), len(MCAP0_MAGIC)
-        while position + RECORD_PREFIX <= size:
-            file.seek(position)
-            opcode, length = struct.unpack("<BQ", file.read(RECORD_PREFIX))
-            position += RECORD_PREFIX + length
-            if opcode == Opcode.CHUNK and position <= size:
+        for opcode, _ in _records(file):
+            if opcode == Opcode.CHUNK:
                 _, last = struct.unpack("<QQ", file.read(16))
     return None if last is None else last / NANOSECONDS
 
@@ -126,7 +129,12 @@ def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
             else:
                 metadata.setdefault(found.name, {}).update(found.metadata)
         if scan.complete:
-            _compare(scan, contents)
+            said, there = scan.statistics, sum(contents.counts.values())
+            if said is None:
+                raise Damage(scan.position, "its index does not say how many messages there are")
+            counts = {channel: count for channel, count in said.channel_message_counts.items() if count}
+            if counts != contents.counts or said.message_count != sum(counts.values()):
+                raise Damage(scan.position, f"{there} messages are there where its index counts {said.message_count}")
     except Damage as error:
         damage = error
     if contents.foreign and not contents.series:
@@ -146,17 +154,6 @@ def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
     else:
         note = _shortfall(streams, metadata)
     return Recording(path, streams, contents.events, metadata, not note, note)
-
-
-def _compare(scan: Scan, contents: Contents) -> None:
-    """Raise Damage if what is there is not what the index says was written."""
-    said = scan.statistics
-    if said is None:
-        raise Damage(scan.position, "its index does not say how many messages there are")
-    counts = {channel: count for channel, count in said.channel_message_counts.items() if count}
-    if counts != contents.counts or said.message_count != sum(counts.values()):
-        there = sum(contents.counts.values())
-        raise Damage(scan.position, f"{there} messages are there where its index counts {said.message_count}")
 
 
 def _reach(streams: dict[str, Stream]) -> str:

@@ -227,18 +227,12 @@ class Scan:
             raise Damage(position, "its index fails its CRC")
         else:
             self.complete = True
-            self.statistics = _statistics(ending)
-
-
-def _statistics(ending: bytes) -> Statistics | None:
-    """The record of that kind in the end of a file whose CRC is right."""
-    place = 0
-    while place + RECORD_PREFIX <= len(ending) - len(MCAP0_MAGIC):
-        opcode, length = struct.unpack_from("<BQ", ending, place)
-        place += RECORD_PREFIX + length
-        if opcode == Opcode.STATISTICS:
-            return Statistics.read(ReadDataStream(BytesIO(ending[place - length : place])))
-    return None
+            place = 0
+            while place + RECORD_PREFIX <= len(ending) - len(MCAP0_MAGIC) and self.statistics is None:
+                opcode, length = struct.unpack_from("<BQ", ending, place)
+                place += RECORD_PREFIX + length
+                if opcode == Opcode.STATISTICS:
+                    self.statistics = Statistics.read(ReadDataStream(BytesIO(ending[place - length : place])))
 
 
 def _parsed(position: int, opcode: int, body: bytes) -> Header | Chunk | Metadata | DataEnd:

@@ -116,14 +116,14 @@ def log_descriptor_set() -> bytes:
 def descriptors_of(message_type: Descriptor) -> bytes:
     """Serialised FileDescriptorSet of a message type that exists, with the files it depends on before its own."""
     files: dict[str, FileDescriptor] = {}
-    _collect(message_type.file, files)
+
+    def collect(file: FileDescriptor) -> None:
+        for dependency in file.dependencies:
+            collect(dependency)
+        files.setdefault(file.name, file)
+
+    collect(message_type.file)
     found = FileDescriptorSet()
     for file in files.values():
         file.CopyToProto(found.file.add())
     return found.SerializeToString(deterministic=True)
-
-
-def _collect(file: FileDescriptor, files: dict[str, FileDescriptor]) -> None:
-    for dependency in file.dependencies:
-        _collect(dependency, files)
-    files.setdefault(file.name, file)

@@ -133,24 +133,20 @@ class Contents:
             place, opcode, length = record[: LENGTH + 1].tolist()
             if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL):
                 raise Damage(position, f"a chunk with a record of kind {opcode} and {length} bytes")
-            known = set(self._channels)
-            self._declare(opcode, _body(content, record))
-            declared |= dict.fromkeys(self._channels.keys() - known, place)
+            stream = ReadDataStream(BytesIO(_body(content, record)))
+            if opcode == Opcode.SCHEMA:
+                schema = Schema.read(stream)
+                self._schemas[schema.id] = schema
+                continue
+            channel = Channel.read(stream)
+            if self._channels.setdefault(channel.id, channel) is channel:
+                declared[channel.id] = place
+                self._declare(channel, self._schemas[channel.schema_id])
+            elif self._channels[channel.id] != channel:
+                raise ValueError(f"two topics share the channel {channel.id}")
         return declared
 
-    def _declare(self, opcode: int, body: bytes) -> None:
-        stream = ReadDataStream(BytesIO(body))
-        if opcode == Opcode.SCHEMA:
-            schema = Schema.read(stream)
-            self._schemas[schema.id] = schema
-            return
-        channel = Channel.read(stream)
-        if channel.id in self._channels:
-            if self._channels[channel.id] != channel:
-                raise ValueError(f"two topics share the channel {channel.id}")
-            return
-        self._channels[channel.id] = channel
-        schema = self._schemas[channel.schema_id]
+    def _declare(self, channel: Channel, schema: Schema) -> None:
         if schema.name == Log.DESCRIPTOR.full_name:
             return
         if schema.name.startswith(FOREIGN):

@@ -329,6 +329,14 @@ class OpenTopic:
     fields: Sequence[Field]
     next_tick: int = 0
 
+    @classmethod
+    def of(cls, topic: Topic | Form, channel: int) -> Self:
+        """`topic` on channel number `channel`."""
+        if isinstance(topic, Form):
+            return cls(channel, topic.period, topic.width, form_filling(channel, topic), ())
+        width = sum(field.size for field in topic.fields)
+        return cls(channel, topic.period, width, message_layout(channel, topic.fields).filling, topic.fields)
+
 
 class Writer:
     """Writes `NAME.mcap.partial` and, when finished, renames it to `NAME.mcap`.
@@ -366,7 +374,7 @@ class Writer:
         self.tick = tick
         schemas, self._channels = _declarations(topics, forms)
         self._topics = {
-            stream.name: _opened(stream, channel.id)
+            stream.name: OpenTopic.of(stream, channel.id)
             for stream, channel in zip(streams, self._channels[:-1], strict=True)
         }
         self._summary = Summary(schemas, self._channels)
@@ -527,13 +535,6 @@ def append_chunks(output: Output, summary: Summary, pending: Pending, compressor
         indexes = piece.indexes(records.begin, len(preamble))
         start = output.append(data + b"".join(indexes.values()))
         summary.note_chunk(record, start, len(data), indexes)
-
-
-def _opened(topic: Topic | Form, channel: int) -> OpenTopic:
-    if isinstance(topic, Form):
-        return OpenTopic(channel, topic.period, topic.width, form_filling(channel, topic), ())
-    width = sum(field.size for field in topic.fields)
-    return OpenTopic(channel, topic.period, width, message_layout(channel, topic.fields).filling, topic.fields)
 
 
 def _declarations(topics: Sequence[Topic], forms: Sequence[Form]) -> tuple[list[Schema], list[Channel]]:

@@ -4,8 +4,9 @@ import pytest
 
 from tests.studies.reference.test_carried import real, ssv
 from twin.cosim.ssp.parameters import MappingEntry, Transformation
-from twin.cosim.ssp.ssd import mapping, parameter_set
+from twin.cosim.ssp.ssd import mapping_of, parameter_set
 from twin.errors import InputRefused
+from twin.files import xml_of
 
 
 def test_whole_numbers_and_truth_values_are_numbers():
@@ -61,11 +62,11 @@ def test_a_mapping_says_where_values_go():
         b'<m:MappingEntry source="k" target="plant.k_s"><x:LinearTransformation xmlns:x="c" factor="2" offset="-1"/>'
         b'</m:MappingEntry><m:MappingEntry source="k" target="q" suppressUnitConversion="true"/></m:ParameterMapping>'
     )
-    assert mapping(content, "x").entries == (
+    assert mapping_of(xml_of(content, "x"), "x").entries == (
         MappingEntry("k", "plant.k_s", Transformation(2.0, -1.0)),
         MappingEntry("k", "q", suppress_unit_conversion=True),
     )
     with pytest.raises(InputRefused, match="x: <ParameterSet>; expected <ParameterMapping>"):
-        mapping(ssv(), "x")
+        mapping_of(xml_of(ssv(), "x"), "x")
     with pytest.raises(InputRefused, match="without target"):
-        mapping(content.replace(b'target="q" ', b""), "x")
+        mapping_of(xml_of(content.replace(b'target="q" ', b""), "x"), "x")

@@ -6,9 +6,10 @@ import fmpy.ssp
 import pytest
 from lxml import etree
 
-from twin.cosim.ssp.metadata import Annotation, Metadata
 from twin.cosim.ssp.parameters import (
+    Annotation,
     MappingEntry,
+    Metadata,
     ParameterBinding,
     ParameterMapping,
     ParameterSet,

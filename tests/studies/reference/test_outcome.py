@@ -10,9 +10,8 @@ from tests.studies.reference.test_carried import NAMED, real, ssv
 from twin.errors import InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.files import LIMIT
-from twin.studies.reference.bare_run import MOST_STEPS
 from twin.studies.reference.carried import HOME, MANIFEST
-from twin.studies.reference.outcome import Outcome, References, came_with, references, references_text
+from twin.studies.reference.outcome import MOST_STEPS, Outcome, References, came_with, references, references_text
 
 SSV = "application/x-ssp-parameter-set"
 FILES = {
@@ -108,21 +107,25 @@ def test_files_of_the_cross_check_beside_an_fmu_are_run(servo: Path, tmp_path: P
     assert references(file, apart=False) is None
     (tmp_path / "a_ref.csv").write_text('"time","omega_m"\n0.0,0.0\n0.4,0.44\n0.5,0.44\n')
     (tmp_path / "a_in.csv").write_text(FILES["a_in.csv"])
-    (tmp_path / "a_ref.opt").write_text("StartTime, 0.0\nStopTime, 0.5\nStepSize, 0.0\nRelTol, 1e-4\n")
     done = references(file, apart=False)
     assert done is not None and done.outcomes[0].word == "agrees"
-    assert "500 steps of 0.001 s" in done.outcomes[0].detail
-    for options, told in (
-        ("StopTime, 1e9", f"expected 1 to {MOST_STEPS} of them"),
-        ("StepSize, 2", "steps of 2 s"),
-        ("StartTime, 1", "starts at 1 s; expected 0 s"),
+    assert "1000 steps of 0.001 s" in done.outcomes[0].detail
+
+
+def test_the_default_experiment_says_how_long_a_run_is(servo: Path, tmp_path: Path):
+    good = carrying(servo, tmp_path / "a.fmu", {})
+    stated = 'startTime="0.0" stopTime="1.0" stepSize="0.001"'
+    for times, told in (
+        ('stopTime="0.5" stepSize="0.002"', "250 steps of 0.002 s"),
+        ('startTime="0.0"', "500 steps of 0.0008 s"),
+        ('stopTime="1e9" stepSize="0.001"', f"expected 1 to {MOST_STEPS} of them"),
+        ('stopTime="1" stepSize="2"', "steps of 2 s"),
+        ('startTime="1" stopTime="2"', "starts at 1 s; expected 0 s"),
     ):
-        (tmp_path / "a_ref.opt").write_text(options)
-        done = references(file, apart=False)
-        assert done is not None and done.outcomes[0].word == "refused" and told in done.outcomes[0].detail
-    (tmp_path / "a_ref.opt").write_text("StopTime, many\n")
-    with pytest.raises(InputRefused, match="StopTime = 'many'"):
-        references(file, apart=False)
+        redescribed(good, tmp_path / "b.fmu", stated, times)
+        (tmp_path / "b_ref.csv").write_text("time,omega_m\n0,0\n0.4,0\n")
+        done = references(tmp_path / "b.fmu", apart=False)
+        assert done is not None and told in done.outcomes[0].detail
 
 
 def test_an_fmu_that_is_no_drive_is_run_and_one_that_is_not_the_pinned_one_is_not(servo: Path, tmp_path: Path):

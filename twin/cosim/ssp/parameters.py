@@ -1,13 +1,43 @@
 """Values of parameters (SSV) and what they are called elsewhere (SSM).
 
-Units, and lines from one value to another (SSP 1.0, 4.5.3 and 4.5.4).
+What files tell of themselves: who made them, and notes of tools that others may pass over. Units, and lines from one
+value to another (SSP 1.0, 4.5.3 and 4.5.4).
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 
-from twin.cosim.ssp.metadata import Annotation, Metadata
 from twin.units import Dimension
+
+
+@dataclass(frozen=True)
+class Annotation:
+    """A note.
+
+    Attributes:
+        type: its name, by reversed domain: "org.openmodelica".
+        content: XML of what is in it, "" for nothing.
+    """
+
+    type: str
+    content: str = ""
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """Of a file (SSP 1.0, 4.4.2); "" is not stated. `generated` is a date and time as xs:dateTime."""
+
+    description: str = ""
+    author: str = ""
+    version: str = ""
+    copyright: str = ""
+    license: str = ""
+    tool: str = ""
+    generated: str = ""
+
+
+METADATA = ("description", "author", "fileversion", "copyright", "license", "generationTool", "generationDateAndTime")
+"""What files call the fields of `Metadata`, in their order."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +107,7 @@ class ParameterSet:
     parameters: tuple[ParameterValue, ...]
     units: tuple[UnitDefinition, ...] = ()
     source: str = ""
-    metadata: Metadata = Metadata()  # noqa: RUF009, it is frozen
+    metadata: Metadata = Metadata()
     annotations: tuple[Annotation, ...] = ()
 
 
@@ -97,7 +127,7 @@ class ParameterMapping:
 
     entries: tuple[MappingEntry, ...]
     source: str = ""
-    metadata: Metadata = Metadata()  # noqa: RUF009, it is frozen
+    metadata: Metadata = Metadata()
 
     @cached_property
     def entries_of(self) -> dict[str, list[MappingEntry]]:

@@ -97,15 +97,6 @@ def parameter_set_of(root: ET.Element, where: str, source: str = "") -> Paramete
     )
 
 
-def mapping(content: bytes, where: str, source: str = "") -> ParameterMapping:
-    """The mapping in an SSM file; arguments as of `parameter_set`.
-
-    Raises:
-        InputRefused: no SSM, or as `mapping_of`.
-    """
-    return mapping_of(xml_of(content, where), where, source)
-
-
 def mapping_of(root: ET.Element, where: str, source: str = "") -> ParameterMapping:
     """The mapping that an element is.
 
@@ -191,7 +182,6 @@ def structure_of(content: bytes, where: str, bring: Bring) -> Structure:
     version = root.get("version", "")
     if not re.match(r"[12]\.[0-9]", version):
         raise InputRefused(f"{where}: version '{version}'; expected 1.0 or 2.0")
-    reader = _Reader(where, bring)
     system = next(iter(inside(root, "System")), None)
     if system is None:
         raise InputRefused(f"{where}: has no system")
@@ -202,14 +192,20 @@ def structure_of(content: bytes, where: str, bring: Bring) -> Structure:
         )
         for one in listed(root, "Enumerations", "Enumeration")
     )
-    experiment = next(iter(inside(root, "DefaultExperiment")), None)
+    experiment = DefaultExperiment()
+    for stated in inside(root, "DefaultExperiment")[:1]:
+        start, stop = (
+            number(stated, time, where, 0.0) if stated.get(time) is not None else None
+            for time in ("startTime", "stopTime")
+        )
+        experiment = DefaultExperiment(start, stop, annotations_of(stated))
     return Structure(
         name=root.get("name", ""),
-        system=reader.system(system, "system"),
+        system=_Reader(where, bring).system(system, "system"),
         version=version,
         units=units_of(root, where),
         enumerations=enumerations,
-        experiment=DefaultExperiment() if experiment is None else reader.experiment(experiment),
+        experiment=experiment,
         metadata=metadata_of(root),
         annotations=annotations_of(root),
     )
@@ -228,13 +224,6 @@ class _Reader:
         self._parts = 0
         self._patience = Patience(where)
         self._known: dict[tuple[str, str], object] = {}
-
-    def experiment(self, element: ET.Element) -> DefaultExperiment:
-        start, stop = (
-            number(element, name, self._where, 0.0) if name in element.keys() else None  # noqa: SIM118
-            for name in ("startTime", "stopTime")
-        )
-        return DefaultExperiment(start, stop, annotations_of(element))
 
     def system(self, element: ET.Element, place: str) -> SspSystem:
         name = named(element, "name", self._where)
@@ -327,11 +316,11 @@ class _Reader:
     def _binding(self, element: ET.Element, what: str) -> ParameterBinding:
         self._patience.spend()
         inline = next(iter(inside(element, "ParameterValues")), None)
-        values = self._stated(element, inline, PARAMETER_SET, what, parameter_set, parameter_set_of)
+        values = self._stated(element, inline, PARAMETER_SET, what, parameter_set_of)
         if values is None:
             raise InputRefused(f"{self._where}: {what}: neither a source nor values")
         led = next(iter(inside(element, "ParameterMapping")), None)
-        to = None if led is None else self._stated(led, led, PARAMETER_MAPPING, what, mapping, mapping_of)
+        to = None if led is None else self._stated(led, led, PARAMETER_MAPPING, what, mapping_of)
         return ParameterBinding(values, element.get("prefix", ""), to)
 
     def _stated(
@@ -340,8 +329,7 @@ class _Reader:
         inline: ET.Element | None,
         type_: str,
         what: str,
-        of_file: Callable[[bytes, str, str], _T],
-        of_element: Callable[[ET.Element, str], _T],
+        of_element: Callable[[ET.Element, str, str], _T],
     ) -> _T | None:
         """What stands in a file of its own, or in the element `inline`; None: neither."""
         if element.get("type", type_) != type_:
@@ -355,7 +343,7 @@ class _Reader:
             # many components may name one file
             if (type_, source) not in self._known:
                 content, entry, where = self._bring(source, what)
-                self._known[type_, source] = of_file(content, where, entry)
+                self._known[type_, source] = of_element(xml_of(content, where), where, entry)
             return cast(_T, self._known[type_, source])
         stated = [one for name in ("ParameterSet", "ParameterMapping") for one in inside(inline, name)]
-        return of_element(stated[0], f"{self._where}: {what}") if stated else None
+        return of_element(stated[0], f"{self._where}: {what}", "") if stated else None

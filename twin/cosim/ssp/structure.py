@@ -11,8 +11,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, NamedTuple
 
-from twin.cosim.ssp.metadata import Annotation, Metadata
-from twin.cosim.ssp.parameters import NONE, ParameterBinding, Transformation, UnitDefinition
+from twin.cosim.ssp.parameters import (
+    METADATA,
+    NONE,
+    Annotation,
+    Metadata,
+    ParameterBinding,
+    Transformation,
+    UnitDefinition,
+)
 from twin.errors import InputRefused
 from twin.units import Dimension
 
@@ -128,8 +135,7 @@ def truth(element: ET.Element, attribute: str, where: str) -> bool:
 
 def metadata_of(root: ET.Element) -> Metadata:
     """Of a file."""
-    names = ("description", "author", "fileversion", "copyright", "license", "generationTool", "generationDateAndTime")
-    return Metadata(*(root.get(name, "") for name in names))
+    return Metadata(*(root.get(name, "") for name in METADATA))
 
 
 def annotations_of(element: ET.Element) -> tuple[Annotation, ...]:

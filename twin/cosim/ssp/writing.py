@@ -4,12 +4,14 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
-from twin.cosim.ssp.metadata import Annotation, Metadata
 from twin.cosim.ssp.parameters import (
+    METADATA,
     NONE,
     PARAMETER_MAPPING,
     PARAMETER_SET,
     WHOLES,
+    Annotation,
+    Metadata,
     ParameterBinding,
     ParameterMapping,
     ParameterSet,
@@ -61,8 +63,7 @@ def _bytes(root: ET.Element) -> bytes:
 
 
 def _metadata(metadata: Metadata) -> dict[str, str]:
-    names = ("description", "author", "fileversion", "copyright", "license", "generationTool", "generationDateAndTime")
-    return {name: text for name, text in zip(names, vars(metadata).values(), strict=True) if text}
+    return {name: text for name, text in zip(METADATA, vars(metadata).values(), strict=True) if text}
 
 
 def _append_annotations(parent: ET.Element, namespace: str, annotations: Sequence[Annotation]) -> None:
@@ -85,10 +86,7 @@ def _append_units(parent: ET.Element, namespace: str, units: Sequence[UnitDefini
             ET.SubElement(one, f"{SSC}BaseUnit", powers | factor | offset)
 
 
-def _append_element(parent: ET.Element, element: SspComponent | SspSystem) -> None:
-    if isinstance(element, SspSystem):
-        _append_system(parent, element)
-        return
+def _append_component(parent: ET.Element, element: SspComponent) -> None:
     stated = {"name": element.name, **_described(element.description), "source": element.source}
     stated |= {"type": element.type} if element.type != FMU else {}
     stated |= {"implementation": element.implementation} if element.implementation != "any" else {}
@@ -102,7 +100,10 @@ def _append_system(parent: ET.Element, system: SspSystem) -> None:
     _append_interface(one, system)
     elements = ET.SubElement(one, f"{SSD}Elements")
     for element in system.elements:
-        _append_element(elements, element)
+        if isinstance(element, SspSystem):
+            _append_system(elements, element)
+        else:
+            _append_component(elements, element)
     _append_all(one, "Connections", system.connections, _append_connection)
     _append_annotations(one, SSD, system.annotations)
 

@@ -143,20 +143,15 @@ def _gather(
             mistakes.append(f'{path}: {name} = {value!r}: expected "COLUMN" or {{ column = "COLUMN", unit = "N" }}')
         elif not any(difflib.get_close_matches(word, _KEYS, 1, cutoff=0.8) for word in value):
             _gather(path, f"{name}.", value, columns, mistakes)
+        elif unknown := sorted(set(value) - _KEYS):
+            mistakes.append(f"{path}: {name}: unknown key '{unknown[0]}'; known are column, unit, sign")
         else:
-            _entry(path, name, value, columns, mistakes)
-
-
-def _entry(path: Path, name: str, value: dict[str, Any], columns: dict[str, MappedColumn], mistakes: list[str]) -> None:
-    unknown = sorted(set(value) - _KEYS)
-    column, unit, sign = value.get("column"), value.get("unit", ""), value.get("sign", 1)
-    if unknown:
-        mistakes.append(f"{path}: {name}: unknown key '{unknown[0]}'; known are column, unit, sign")
-    elif not isinstance(column, str) or not column:
-        mistakes.append(f'{path}: {name}: expected column = "COLUMN"')
-    elif not isinstance(unit, str):
-        mistakes.append(f"{path}: {name}: unit = {unit!r}: expected text in quotes")
-    elif sign not in (1, -1) or isinstance(sign, bool):
-        mistakes.append(f"{path}: {name}: sign = {sign!r}: expected 1 or -1")
-    else:
-        columns[name] = MappedColumn(column, unit, sign)
+            column, unit, sign = value.get("column"), value.get("unit", ""), value.get("sign", 1)
+            if not isinstance(column, str) or not column:
+                mistakes.append(f'{path}: {name}: expected column = "COLUMN"')
+            elif not isinstance(unit, str):
+                mistakes.append(f"{path}: {name}: unit = {unit!r}: expected text in quotes")
+            elif sign not in (1, -1) or isinstance(sign, bool):
+                mistakes.append(f"{path}: {name}: sign = {sign!r}: expected 1 or -1")
+            else:
+                columns[name] = MappedColumn(column, unit, sign)

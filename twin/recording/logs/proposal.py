@@ -111,12 +111,12 @@ def _angles(table: CsvTable, numbers: Sequence[str]) -> Iterator[list[str]]:
                 f'# {name} = {{ column = "?", unit = "deg" }}   # no three columns are angles or counts; 1 and 2, too'
             ]
         else:
-            yield [f"{'' if sure else '# '}{line}" for one in offered for line in _of_side(side, one)]
-
-
-def _of_side(side: str, triple: Triple) -> list[str]:
-    signal = f"encoder.count_{side}" if triple.counts else f"estimator.theta_{side}"
-    return [_line(f"{signal}[{joint}]", column) for joint, column in enumerate(triple.columns)]
+            yield [
+                f"{'' if sure else '# '}{_line(f'{signal}[{joint}]', column)}"
+                for one in offered
+                for signal in [f"encoder.count_{side}" if one.counts else f"estimator.theta_{side}"]
+                for joint, column in enumerate(one.columns)
+            ]
 
 
 def _force(table: CsvTable, numbers: Sequence[str]) -> list[str]:

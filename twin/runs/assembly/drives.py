@@ -7,7 +7,6 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ from twin.controller.pid import DriveSpeedIntegrator, DriveSpeedLoop, Gains, Ser
 from twin.cosim.component import Component
 from twin.cosim.port import Port
 from twin.cosim.subsystem import INLET, Subsystem
-from twin.drive.component import ExchangeComponent, FmuComponent
+from twin.drive.component import FmuComponent
 from twin.drive.contract import COMMANDS, LOAD, OMEGA_M, SHAFT, THETA_M, DriveRotor, Unwrapped
 from twin.drive.description import FmuDescription, described, refuse_step
 from twin.drive.mapping import Binding, Wiring, bindings
@@ -314,8 +313,7 @@ def _part(
     inputs += [_wire_port(part, description, target) for _, target in plan.wires if belongs(part, target)]
     sources = dict.fromkeys(source for source, _ in plan.wires if belongs(part, source))
     outputs += [_wire_port(part, description, source) for source in sources]
-    solver = plan.solver(part)
-    return (FmuComponent if solver is None else partial(ExchangeComponent, solver=solver))(
+    return FmuComponent(
         name,
         description,
         plan.folder(part),
@@ -325,6 +323,7 @@ def _part(
         inputs_at_start={"tau_load": tau_load, ENABLE: 1.0, "theta_m": theta_m},
         outputs_at_start={"theta_m": theta_m},
         setup=setup,
+        solver=plan.solver(part),
     )
 
 

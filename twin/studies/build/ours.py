@@ -3,8 +3,7 @@
 import re
 from collections.abc import Sequence
 
-from twin.cosim.ssp.metadata import Metadata
-from twin.cosim.ssp.parameters import ParameterSet, ParameterValue, UnitDefinition
+from twin.cosim.ssp.parameters import Metadata, ParameterSet, ParameterValue, UnitDefinition
 from twin.cosim.ssp.structure import Connector, ConnectorKind
 from twin.experiment.experiment import Experiment
 from twin.studies.build.layout import Kind, Variable

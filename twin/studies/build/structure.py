@@ -8,8 +8,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 
-from twin.cosim.ssp.metadata import Annotation, Metadata
-from twin.cosim.ssp.parameters import ParameterBinding, ParameterSet, Transformation, UnitDefinition
+from twin.cosim.ssp.parameters import (
+    Annotation,
+    Metadata,
+    ParameterBinding,
+    ParameterSet,
+    Transformation,
+    UnitDefinition,
+)
 from twin.cosim.ssp.structure import Connection, Connector, DefaultExperiment, End, SspComponent, SspSystem, Structure
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import COMMAND, POWER

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.cosim.ssp.metadata import Metadata
-from twin.cosim.ssp.parameters import NONE
+from twin.cosim.ssp.parameters import NONE, Metadata
 from twin.cosim.ssp.structure import STRUCTURE, Connection
 from twin.cosim.ssp.writing import parameter_set_xml, structure_xml
 from twin.drive.description import FmuDescription

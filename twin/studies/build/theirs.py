@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twin.cosim.ssp.metadata import Metadata
-from twin.cosim.ssp.parameters import ParameterSet, ParameterValue, UnitDefinition
+from twin.cosim.ssp.parameters import Metadata, ParameterSet, ParameterValue, UnitDefinition
 from twin.cosim.ssp.structure import Connector, ConnectorKind
 from twin.drive.description import FmuDescription
 from twin.drive.setting import Setting

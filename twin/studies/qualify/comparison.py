@@ -298,7 +298,11 @@ def draw_drive_compare(trials: Sequence[DriveTrial], title: str, path: Path) -> 
             z_error.plot(run.t, 1e3 * (run.z - run.z_ref), lw=1.1, **look)
             half = slice(len(longest.t) // 2, None)
             late.plot(run.t[half], _true(run, touching)[half] - _wanted(run, touching)[half], lw=1.1, **look)
-        first = min(_approach_begins(run, touching) for run in runs)
+        # of each when it first touches, or when the reference first moves; the end where neither ever happens
+        first = min(
+            min(first_time(run.t, run.F_z > 0.0 if touching else np.abs(run.z_ref - run.z_ref[0]) > STILL), run.t[-1])
+            for run in runs
+        )
         quantity = "true pressing force F_z (N)" if touching else "true z (mm)"
         for axes, label, limits in (
             (whole, quantity, (0.0, end)),
@@ -316,9 +320,3 @@ def _true(run: TrueRun, touching: bool) -> Curve:
 
 def _wanted(run: TrueRun, touching: bool) -> Curve:
     return run.F_z_ref if touching else 1e3 * run.z_ref
-
-
-def _approach_begins(run: TrueRun, touching: bool) -> float:
-    """When it first touches, or when the reference first moves (s); the end where neither ever happens."""
-    happening = run.F_z > 0.0 if touching else np.abs(run.z_ref - run.z_ref[0]) > STILL
-    return min(first_time(run.t, happening), float(run.t[-1]))

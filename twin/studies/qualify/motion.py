@@ -38,7 +38,6 @@ from twin.studies.qualify.definitions import (
     SPEED_IN_USE,
     SPEED_LIMIT,
     TICK,
-    Check,
     Finding,
     Measure,
     judged,
@@ -275,8 +274,13 @@ def repetition_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
         ComponentFailed: it failed in the second or third run.
     """
     again = [response(plan, *work_cycle()) for _ in range(2)]
+    differs = (cycle.theta_m != again[0].theta_m) | (cycle.omega_m != again[0].omega_m)
+    said = f"bit for bit over {len(cycle.t)} steps"
+    if differs.any():
+        at, most = cycle.t[np.argmax(differs)], _apart(cycle, again[0])
+        said = f"differs from t = {at:g} s on, by up to {most:.3g} rad"
     return [
-        _repeats(cycle, again[0]),
+        judged("repeats", not differs.any(), said),
         Measure("cost", min(run.cost for run in (cycle, *again))),
     ]
 
@@ -292,7 +296,9 @@ def step_error(plan: DrivePlan, cycle: Response) -> Measure:
         cycle: its work cycle.
     """
     steps, _ = rates(plan.label, plan.table, TICK)
-    halved = replace(plan, table=_halved(plan.table, steps))
+    parts = {name: part.model_copy(update=_half_step(part)) for name, part in plan.table.parts.items()}
+    halves = {"substeps": 2 * steps, "parts": parts, **_half_step(plan.table)}
+    halved = replace(plan, table=plan.table.model_copy(update=halves))
     try:
         finer = response(halved, *work_cycle())
     # an FMU may insist on a step size of its own
@@ -304,24 +310,13 @@ def step_error(plan: DrivePlan, cycle: Response) -> Measure:
         return Measure(
             "step_error", change, f"with tolerance = {tolerance:g} it moves by {by_solver:.2g} rad: set that"
         )
-    return Measure(
-        "step_error", change, "" if change < RESOLUTION else f"seen by the robot's encoder: {_repetition_remedy(plan)}"
-    )
-
-
-def _halved(table: Drive, steps: int) -> Drive:
-    """The drive of `table`, which makes so many steps per tick, with steps half as long, those of rk4 too."""
-    parts = {name: part.model_copy(update=_half_step(part)) for name, part in table.parts.items()}
-    return table.model_copy(update={"substeps": 2 * steps, "parts": parts, **_half_step(table)})
+    solvers = [plan.solver(part) for part in plan.parts]
+    remedy = "lower solver_step_ms" if any(s and s.method == "rk4" for s in solvers) else "raise substeps"
+    return Measure("step_error", change, "" if change < RESOLUTION else f"seen by the robot's encoder: {remedy}")
 
 
 def _half_step(table: Drive | Part) -> dict[str, float]:
     return {} if table.solver_step is None else {"solver_step": 0.5 * table.solver_step}
-
-
-def _repetition_remedy(plan: DrivePlan) -> str:
-    solvers = [plan.solver(part) for part in plan.parts]
-    return "lower solver_step_ms" if any(s and s.method == "rk4" for s in solvers) else "raise substeps"
 
 
 def _tolerance_error(plan: DrivePlan, cycle: Response) -> tuple[float, float]:
@@ -341,14 +336,6 @@ def _tolerance_error(plan: DrivePlan, cycle: Response) -> tuple[float, float]:
 def _apart(one: Response, other: Response) -> float:
     """Largest difference of theta_m (rad)."""
     return float(np.max(np.abs(one.theta_m - other.theta_m)))
-
-
-def _repeats(one: Response, other: Response) -> Check:
-    same = np.array_equal(one.theta_m, other.theta_m) and np.array_equal(one.omega_m, other.omega_m)
-    if same:
-        return judged("repeats", True, f"bit for bit over {len(one.t)} steps")
-    k = int(np.flatnonzero((one.theta_m != other.theta_m) | (one.omega_m != other.omega_m))[0])
-    return judged("repeats", False, f"differs from t = {one.t[k]:g} s on, by up to {_apart(one, other):.3g} rad")
 
 
 LOWEST, HIGHEST = 0.25, 200.0

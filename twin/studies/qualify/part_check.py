@@ -70,10 +70,19 @@ def checked_part(
     bench = _Bench(part, experiment, period, inputs_for(part, run, experiment, period))
     say("calling it")
     first = bench.play(bench.inputs)
-    checks = [_calls(bench, first), *_scored(part, bool(experiment.tasks))]
+    n, count = len(first.rows), len(bench.inputs.t)
+    called = f"{n} calls, all outputs finite"
+    if first.failure:
+        called = f"{first.failure} at t = {bench.inputs.t[n]:.6g} s, call {n + 1}"
+    elif n < count:
+        called = f"{n} of {count} calls, all outputs finite; the rest would take too long"
+    checks = [judged("calls", not first.failure, called), *_scored(part, bool(experiment.tasks))]
     if not first.failure:
         say("calling it again")
-        checks += [_repeats(bench, first), *_of_fmu(bench, first), _answers(bench, first)]
+        inputs = bench.inputs.first(min(ENOUGH, len(first.rows)))
+        again = bench.play(inputs)
+        checks.append(judged("repeatable", *_repeated("a new one", first, again)))
+        checks += [*_of_fmu(bench, inputs, first), _answers(bench, first)]
     apart = _apart(part, run, bench.inputs, experiment, first.rows) if own else None
     return Checked(part, bench.inputs.period, tuple(checks), first.cost, apart)
 
@@ -95,16 +104,6 @@ class _Bench:
             return played(component, inputs)
 
 
-def _calls(bench: _Bench, first: Played) -> Check:
-    n, count = len(first.rows), len(bench.inputs.t)
-    if first.failure:
-        t = bench.inputs.t[n]
-        return Check("calls", "FAIL", f"{first.failure} at t = {t:.6g} s, call {n + 1}")
-    if n < count:
-        return Check("calls", "ok", f"{n} of {count} calls, all outputs finite; the rest would take too long")
-    return Check("calls", "ok", f"{n} calls, all outputs finite")
-
-
 def _scored(part: OtherPart, has_tasks: bool) -> Iterator[Check]:
     """What a run with this part cannot be scored by, because the part lacks a port that twin's own has."""
     ports = {f"{part.role}.{port.name}" for port in part.outputs}
@@ -119,25 +118,17 @@ def _scored(part: OtherPart, has_tasks: bool) -> Iterator[Check]:
         yield Check("scored", "note", detail)
 
 
-def _repeats(bench: _Bench, first: Played) -> Check:
-    inputs = bench.inputs.first(min(ENOUGH, len(first.rows)))
-    again = bench.play(inputs)
-    same = _same(first, again)
-    return judged("repeatable", same, _sameness("a new one", same, again))
-
-
-def _of_fmu(bench: _Bench, first: Played) -> Iterator[Check]:
+def _of_fmu(bench: _Bench, inputs: Inputs, first: Played) -> Iterator[Check]:
+    """Whether an FMU can be reset, and its state saved and restored, which no run needs."""
     if bench.part.fmu is None:
         return
-    inputs = bench.inputs.first(min(ENOUGH, len(first.rows)))
     with bench.made() as component:
         assert isinstance(component, FmuComponent)
         played(component, inputs)
         try:
             component.instance.reset()
             again = played(component, inputs)
-            same = _same(first, again)
-            yield judged("reset", same, _sameness("after a reset it", same, again), otherwise="note")
+            yield judged("reset", *_repeated("after a reset it", first, again), otherwise="note")
         except ComponentFailed as problem:
             yield Check("reset", "note", f"{problem}; runs and sweeps make it anew each time")
     if not bench.part.fmu.interface.canGetAndSetFMUstate:
@@ -172,15 +163,12 @@ def _answers(bench: _Bench, first: Played) -> Check:
     return Check("instant", "note", f"outputs answer inputs {late:g} ms late: a delay inside, besides delay_ticks")
 
 
-def _same(first: Played, again: Played) -> bool:
+def _repeated(who: str, first: Played, again: Played) -> tuple[bool, str]:
+    """Whether what `who` did `again` is what was done first, and that as a phrase."""
     n = min(len(first.rows), len(again.rows))
-    return not again.failure and bool(np.array_equal(first.rows[:n], again.rows[:n]))
-
-
-def _sameness(who: str, same: bool, again: Played) -> str:
-    if again.failure:
-        return f"{who} {again.failure}"
-    return f"{who} gives " + ("the same bits" if same else "other outputs from the same inputs")
+    same = not again.failure and bool(np.array_equal(first.rows[:n], again.rows[:n]))
+    outcome = again.failure or "gives " + ("the same bits" if same else "other outputs from the same inputs")
+    return same, f"{who} {outcome}"
 
 
 def _apart(

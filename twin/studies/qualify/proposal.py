@@ -20,7 +20,6 @@ from twin.drive.contract import COMMANDS, Command, Role, contract
 from twin.drive.description import FmuDescription, described
 from twin.drive.mapping import (
     Choice,
-    Join,
     Wiring,
     bindings,
     candidates,
@@ -53,19 +52,26 @@ def proposal(description: FmuDescription) -> tuple[str, bool]:
     It pins the FMU by its hash.
     """
     command, found, sure = understood(description.path.name, description.variables)
-    doubt = "" if sure else "   # or one of: " + ", ".join(f'"{other}"' for other in COMMANDS if other != command)
     head = [
         f"# How the drive contract's roles are filled by {visible(description.path.name)}, in its own names and units.",
         f"fmu = {quoted(description.path.name)}",
         f'sha256 = "{description.sha256}"',
-        f'command = "{command}"{doubt}',
-        "sign = 1                  # -1 if it turns the other way: twin drive check tells",
-        "gear_ratio = 1.0          # turns of its shaft per turn of the robot's motor shaft",
+        *_command_lines(command, sure),
     ]
     text = "\n".join(head) + "\n" + roles_text(description.variables, found, command)
     if command not in ("velocity", "position"):
         text += LOOP.format(unit=COMMANDS[command].port.unit)
     return text, sure and command in ("velocity", "position")
+
+
+def _command_lines(command: Command, sure: bool) -> list[str]:
+    """What a drive is commanded with, and which way and how far its shaft turns."""
+    doubt = "" if sure else "   # or one of: " + ", ".join(f'"{other}"' for other in COMMANDS if other != command)
+    return [
+        f'command = "{command}"{doubt}',
+        "sign = 1                  # -1 if it turns the other way: twin drive check tells",
+        "gear_ratio = 1.0          # turns of its shaft per turn of the robot's motor shaft",
+    ]
 
 
 def understood(file: str, variables: Mapping[str, Variable]) -> tuple[Command, Choice, bool]:
@@ -161,34 +167,34 @@ def parts_proposal(
         connections: what leads where, of whoever knows it; None: proposed.
     """
     variables = {qualified(part, v.name): v for part, fmu in parts.items() for v in fmu.variables.values()}
-    wires = _proposed(joins(variables)) if connections is None else _given(variables, connections)
+    if connections is None:
+        wires = [(join.target, join.source, "" if join.sure else "perhaps") for join in joins(variables)]
+    else:
+        wires = _given(variables, connections)
     wired = [target for target, _, remark in wires if not remark]
     free = {name: v for name, v in variables.items() if name not in wired}
     label = " + ".join(fmu.path.name for fmu in parts.values())
     command, found, sure = understood(label, free)
-    doubt = "" if sure else "   # or one of: " + ", ".join(f'"{other}"' for other in COMMANDS if other != command)
     lines = [
         f"# How {visible(label)} make one drive, in their own names and units.",
-        f'command = "{command}"{doubt}',
-        "sign = 1                  # -1 if it turns the other way: twin drive check tells",
-        "gear_ratio = 1.0          # turns of its shaft per turn of the robot's motor shaft",
+        *_command_lines(command, sure),
     ]
     for part, fmu in parts.items():
-        lines += ["", f"[parts.{part}]", f"fmu = {quoted(_seen_from(folder, fmu.path))}", f'sha256 = "{fmu.sha256}"']
+        file = Path(os.path.relpath(fmu.path.absolute(), folder.absolute())).as_posix()
+        lines += ["", f"[parts.{part}]", f"fmu = {quoted(file)}", f'sha256 = "{fmu.sha256}"']
     lines += ["", "[wires]                   # input = output"]
     lines += [_wire_line(variables, *wire) for wire in wires]
     lines.append(roles_text(free, found, command))
     roles = set(found.chosen.values())
     unfed = [name for name, v in free.items() if v.causality == "input" and v.kind >= 0 and name not in roles]
-    lines += _unfed_lines(free, unfed)
+    if unfed:
+        lines.append("# Not fed, so they keep their start values, or what [parts.NAME.parameters] says:")
+        lines += [visible(f"#   {name} = {free[name].start:g}") for name in unfed[:MOST]]
+        lines += [f"#   and {len(unfed) - MOST} more"] if len(unfed) > MOST else []
     if command != "velocity":
         lines.append(LOOP.format(unit=COMMANDS[command].port.unit))
     doubtful = any(remark for _, _, remark in wires)
     return "\n".join(lines).rstrip("\n") + "\n", sure and command == "velocity" and not doubtful
-
-
-def _proposed(found: Sequence[Join]) -> list[tuple[str, str, str]]:
-    return [(join.target, join.source, "" if join.sure else "perhaps") for join in found]
 
 
 def _given(variables: Mapping[str, Variable], connections: Sequence[KnownWire]) -> list[tuple[str, str, str]]:
@@ -208,19 +214,6 @@ def _wire_line(variables: Mapping[str, Variable], target: str, source: str, rema
     )
     comment = visible(f"{units}{', ' if remark else ''}{remark}")
     return f"{'# ' if remark else ''}{quoted(target)} = {quoted(source)}   # {comment}"
-
-
-def _unfed_lines(variables: Mapping[str, Variable], unfed: Sequence[str]) -> list[str]:
-    """Comments on inputs that nobody feeds."""
-    if not unfed:
-        return []
-    lines = ["# Not fed, so they keep their start values, or what [parts.NAME.parameters] says:"]
-    lines += [visible(f"#   {name} = {variables[name].start:g}") for name in unfed[:MOST]]
-    return lines + ([f"#   and {len(unfed) - MOST} more"] if len(unfed) > MOST else [])
-
-
-def _seen_from(folder: Path, file: Path) -> str:
-    return Path(os.path.relpath(file.absolute(), folder.absolute())).as_posix()
 
 
 MOST_PARTS = 50
@@ -252,13 +245,21 @@ def begun(named: Sequence[str], start: Path) -> Begun:
         if len(named) > 1:
             raise InputRefused(f"{' '.join(named)}: an SSP is a whole drive; name it alone")
         return _from_system(Path(named[0]))
-    files = [_own(_fmu(name, start)) for name in named]
+    files = []
+    for name in named:
+        file = lone_drive(name, start).fmu
+        if file is None:
+            raise InputRefused(f"{name}: is made of several FMUs already; name .fmu files")
+        files.append(_own(Path(file)))
     folder = files[0].parent
     mapping = _unwritten(folder)
     if len(files) == 1:
-        return _written(mapping, *proposal(described(files[0])))
-    parts = dict(zip(part_names(files), map(described, files), strict=True))
-    return _written(mapping, *parts_proposal(parts, folder))
+        text, complete = proposal(described(files[0]))
+    else:
+        parts = dict(zip(part_names(files), map(described, files), strict=True))
+        text, complete = parts_proposal(parts, folder)
+    write_text(mapping, text)
+    return Begun(mapping, complete)
 
 
 def _from_system(file: Path) -> Begun:
@@ -274,7 +275,9 @@ def _from_system(file: Path) -> Begun:
         _put(fmu, package.content(entry))
         parts[names[part]] = described(fmu)
     wires = [wire for one in package.structure.system.connections if (wire := _known_wire(one, names))]
-    return _written(mapping, *parts_proposal(parts, folder, wires))
+    text, complete = parts_proposal(parts, folder, wires)
+    write_text(mapping, text)
+    return Begun(mapping, complete)
 
 
 def _fmu_entries(package: Package) -> dict[str, str]:
@@ -313,13 +316,6 @@ def _put(fmu: Path, content: bytes) -> None:
     write_bytes(fmu, content)
 
 
-def _fmu(name: str, start: Path) -> Path:
-    file = lone_drive(name, start).fmu
-    if file is None:
-        raise InputRefused(f"{name}: is made of several FMUs already; name .fmu files")
-    return Path(file)
-
-
 def _own(fmu: Path) -> Path:
     """`fmu`, or a copy of it in the current folder if it is part of an installation, which is not to be changed."""
     if not fmu.is_relative_to(CARRIED):
@@ -337,8 +333,3 @@ def _unwritten(folder: Path) -> Path:
     if os.path.lexists(mapping):
         raise InputRefused(f"{mapping}: exists, and is never overwritten; move it away for a new one")
     return mapping
-
-
-def _written(mapping: Path, text: str, complete: bool) -> Begun:
-    write_text(mapping, text)
-    return Begun(mapping, complete)

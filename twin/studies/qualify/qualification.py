@@ -122,29 +122,24 @@ def qualified(table: Drive, apart: bool = False) -> Qualification:
     Raises:
         InputRefused: the drive is refused before anything runs: FMU, mapping, parameters, or it does not load.
     """
-    plan = planned(table)
+    plan, attempts = planned(table), Attempts()
     with instances_left() if apart else nullcontext():
-        return _qualification(plan, apart)
-
-
-def _qualification(plan: DrivePlan, apart: bool) -> Qualification:
-    attempts = Attempts()
-    cycle = attempts.made(lambda: response(plan, *work_cycle()))
-    if cycle is None:
-        return _judged(plan, attempts, BenchCurves())
-    swept = attempts.made(lambda: frequency_response(plan))
-    stalled = attempts.made(lambda: overload(plan))
-    attempts.found(lambda: direction_findings(plan, cycle))
-    attempts.found(lambda: load_findings(plan, cycle))
-    attempts.found(lambda: repetition_findings(plan, cycle))
-    attempts.found(lambda: lifecycle_findings(plan, apart))
-    attempts.found(lambda: [*step_findings(cycle), step_error(plan, cycle)])
-    if swept:
-        steady_gain = cycle.mean_speed(LOADED - AVERAGE, LOADED) / SPEED_IN_USE
-        attempts.findings.append(bandwidth(*swept, steady_gain))
-    if stalled:
-        attempts.found(lambda: [stall_torque(plan, stalled)])
-    return _judged(plan, attempts, BenchCurves(cycle, stalled, *(swept or ())))
+        cycle = attempts.made(lambda: response(plan, *work_cycle()))
+        if cycle is None:
+            return _judged(plan, attempts, BenchCurves())
+        swept = attempts.made(lambda: frequency_response(plan))
+        stalled = attempts.made(lambda: overload(plan))
+        attempts.found(lambda: direction_findings(plan, cycle))
+        attempts.found(lambda: load_findings(plan, cycle))
+        attempts.found(lambda: repetition_findings(plan, cycle))
+        attempts.found(lambda: lifecycle_findings(plan, apart))
+        attempts.found(lambda: [*step_findings(cycle), step_error(plan, cycle)])
+        if swept:
+            steady_gain = cycle.mean_speed(LOADED - AVERAGE, LOADED) / SPEED_IN_USE
+            attempts.findings.append(bandwidth(*swept, steady_gain))
+        if stalled:
+            attempts.found(lambda: [stall_torque(plan, stalled)])
+        return _judged(plan, attempts, BenchCurves(cycle, stalled, *(swept or ())))
 
 
 class Attempts:

@@ -1,22 +1,25 @@
 """What came with an FMU: results of an experiment, the inputs and parameters that belong to them.
 
 Inside it, where its manifest (FMI-LS-REF, https://modelica.github.io/fmi-ls-ref/main) lists them, as in the Reference
-FMUs; or beside it, as in the FMI Cross-Check, https://github.com/modelica/fmi-cross-check.
+FMUs; or beside it, as in the FMI Cross-Check, https://github.com/modelica/fmi-cross-check. Signals over time are CSV,
+the first column is the time in s.
 """
 
+import io
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
+
+import numpy as np
 
 from twin.archive import content_of, entries, entry_of
 from twin.cosim.ssp.ssd import parameter_set
-from twin.cosim.ssp.structure import finite
 from twin.drive.description import FmuDescription
 from twin.drive.setting import Value, given_values
 from twin.errors import InputRefused
-from twin.files import read_bytes, read_text, xml_of
-from twin.studies.reference.series import Series, series_of
+from twin.files import read_bytes, xml_of
+from twin.recording.logs.csv_file import table_of
+from twin.studies.metrics.response import Curve
 
 HOME = "extra/org.fmi-standard.fmi-ls-ref"
 MANIFEST = f"{HOME}/fmi-ls-manifest.xml"
@@ -24,20 +27,18 @@ STANDARD = "org.fmi-standard.fmi-ls-ref"
 NAMESPACE = "{http://fmi-standard.org/fmi-ls-manifest}"
 MOST_RELATED = 1_000
 """Files of one manifest; an honest one lists a dozen."""
-OPTION = re.compile(r"\s*\"?(\w+)\"?\s*[,;=:\s]\s*\"?([^\s\";,]+)")
-OPTIONS = {"starttime": "start", "stoptime": "stop", "stepsize": "step", "reltol": "tolerance"}
+TRUTH = re.compile(rb"(?<=[,;\t])(?:true|false)(?=[,;\t\r\n]|$)", re.IGNORECASE)
+"""Fields of the time series of Boolean variables, as some tools write them."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """An experiment that came with an FMU; what it does not state is the FMU's default experiment.
+    """An experiment that came with an FMU; its times are those of the FMU's default experiment.
 
     Attributes:
         name: of the experiment.
         results, stimuli, parameters: names of files, "": none.
         inside: whether the files are entries of the archive; else they lie beside the FMU.
-        start, stop, step: s; None: not stated.
-        tolerance: relative, of the FMU's solver; None likewise.
     """
 
     name: str
@@ -45,10 +46,40 @@ class Trial:
     stimuli: str = ""
     parameters: str = ""
     inside: bool = False
-    start: float | None = None
-    stop: float | None = None
-    step: float | None = None
-    tolerance: float | None = None
+
+
+@dataclass(frozen=True)
+class Series:
+    """Signals over time.
+
+    Attributes:
+        where: the file, for sentences.
+        t: s, never descending, (rows,); the same time twice is a jump.
+        signals: by column, (rows,).
+        others: columns that are not of single numbers.
+    """
+
+    where: str
+    t: Curve
+    signals: dict[str, Curve]
+    others: tuple[str, ...] = ()
+
+    def held(self, name: str, t: Curve) -> Curve:
+        """A signal at the times `t`: the value of the last row until then, of the first one before that."""
+        return self.signals[name][self._last(t)]
+
+    def linear(self, name: str, t: Curve) -> Curve:
+        """A signal at the times `t`, on lines between rows; at a jump what comes after it."""
+        values, last = self.signals[name], self._last(t)
+        following = np.minimum(last + 1, len(self.t) - 1)
+        span = self.t[following] - self.t[last]
+        share = np.clip(np.divide(t - self.t[last], span, out=np.zeros(len(t)), where=span > 0.0), 0.0, 1.0)
+        return np.asarray(values[last] + share * (values[following] - values[last]))
+
+    def _last(self, t: Curve) -> np.ndarray:
+        # a tick's time is a product and may lie below the row's by its rounding
+        near = t + 1e-9 * max(1.0, float(np.abs(self.t).max()))
+        return np.maximum(np.searchsorted(self.t, near, side="right") - 1, 0)
 
 
 @dataclass(frozen=True)
@@ -82,7 +113,7 @@ def carried(file: Path) -> Carried:
     """What came with the FMU `file`; nothing of it is run or unpacked.
 
     Raises:
-        InputRefused: no sound archive, or a manifest or options that are none.
+        InputRefused: no sound archive, or a manifest that is none.
     """
     results, parameters, unread = [], "", []
     names = entries(file)
@@ -126,28 +157,11 @@ def _inputs_of(results: str) -> str:
 
 
 def _beside(file: Path) -> list[Trial]:
-    """The experiment of the FMI Cross-Check: NAME_ref.csv, NAME_in.csv and NAME_ref.opt beside NAME.fmu."""
-    results, options = file.with_name(f"{file.stem}_ref.csv"), file.with_name(f"{file.stem}_ref.opt")
-    if not results.is_file():
-        return []
+    """The experiment of the FMI Cross-Check: NAME_ref.csv and NAME_in.csv beside NAME.fmu."""
+    results = file.with_name(f"{file.stem}_ref.csv")
     stimuli = _inputs_of(results.name)
     found = Trial(results.name, results.name, stimuli if file.with_name(stimuli).is_file() else "")
-    return [replace(found, **options_of(read_text(options), options.name)) if options.is_file() else found]
-
-
-def options_of(text: str, where: str) -> dict[str, Any]:
-    """Keys `start`, `stop`, `step`, `tolerance` of `Trial` that the lines of a _ref.opt give.
-
-    A step of 0 says that the exporting tool chose its steps itself, and is left out.
-
-    Raises:
-        InputRefused: one of these is no number.
-    """
-    given = {}
-    for line in text.splitlines():
-        if (found := OPTION.match(line)) and (key := OPTIONS.get(found[1].lower())):
-            given[key] = finite(found[2], f"{where}: {found[1]}")
-    return {key: value for key, value in given.items() if value > 0.0 or key == "start"}
+    return [found] if results.is_file() else []
 
 
 def prepared(file: Path, trial: Trial, description: FmuDescription) -> Prepared:
@@ -185,3 +199,33 @@ def parameters_of(content: bytes, where: str, description: FmuDescription) -> di
     except InputRefused as refusal:
         raise InputRefused(f"{where}: {str(refusal).removeprefix(f'{description.path}: ')}") from None
     return given
+
+
+def series_of(content: bytes, where: str) -> Series:
+    """The signals in the CSV `content`.
+
+    Raises:
+        InputRefused: no table of numbers, a time that is missing, no number or descends, a field that is no number
+            among numbers.
+    """
+    numbers = TRUTH.sub(lambda field: b"1" if field[0].lower() == b"true" else b"0", content)
+    table = table_of(Path(where), io.BytesIO(numbers))
+    time = table.head[0]
+    if wrong := table.mistakes(time):
+        raise InputRefused(f"{where} line {wrong.line}: time '{wrong.text}'; expected seconds in the first column")
+    t = table.column(time)
+    if len(back := np.flatnonzero(np.diff(t) < 0.0)):
+        k = back[0] + 1
+        raise InputRefused(
+            f"{where} line {table.lines[k]}: time falls from {t[k - 1]:g} to {t[k]:g} s; expected rising"
+        )
+    signals, others = {}, []
+    for name in table.head[1:]:
+        wrong = table.mistakes(name)
+        if wrong is None:
+            signals[name] = table.column(name)
+        elif wrong.count == len(table.values) and wrong.texts:
+            others.append(name)
+        else:
+            raise InputRefused(f"{where} line {wrong.line}: {name} is '{wrong.text}'; expected a finite number")
+    return Series(where, t, signals, tuple(others))
