@@ -6,7 +6,7 @@ What the pressing force was while a task held it: of each task, from the rows of
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal, NamedTuple, Protocol, Self
@@ -64,6 +64,20 @@ class Observer:
             events: what happened in it as far as the observers before this one found out, by ascending ticks; one that
                 finds more puts it in.
         """
+
+
+Show = Callable[[int, int], None]
+"""Told (ticks done, ticks in all) after every slice."""
+
+
+class Progress(Observer):
+    """Tells how far a run of `ticks` has come."""
+
+    def __init__(self, show: Show, ticks: int):
+        self._show, self._ticks = show, ticks
+
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        self._show(first + len(rows), self._ticks)
 
 
 UNDER_FORCE = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)

@@ -1,7 +1,7 @@
 """One run: an experiment assembled, stepped in slices, recorded as it goes."""
 
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from twin.runs.assembly.assemble import HERE, Assembly, assemble
 from twin.runs.assembly.build import DriveMaker
 from twin.runs.assembly.drives import DrivePlan
 from twin.runs.fastest_pole import too_fast
-from twin.runs.loop import Held, HeldForce, Observer, TickEvent, simulate
+from twin.runs.loop import Held, HeldForce, Progress, Show, simulate
 from twin.runs.outcome import RunOutcome, Tally
 from twin.runs.pacing import Pace, Punctuality
 from twin.runs.provenance import driven, provenance
@@ -30,8 +30,6 @@ from twin.writing import made_folder, write_json
 
 SLICE_TICKS = BLOCK_TICKS
 SUMMARY = "summary.json"
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,7 @@ class Run:
 def execute(
     experiment: Experiment,
     folder: str | Path,
-    progress: Progress = lambda done, total: None,
+    progress: Show = lambda done, total: None,
     substitutes: Mapping[str, Any] | None = None,
     timed: bool = False,
     maker: DriveMaker = HERE,
@@ -110,21 +108,11 @@ def execute(
     return run
 
 
-class _Progress(Observer):
-    """Tells how far a run of `ticks` has come."""
-
-    def __init__(self, tell: Progress, ticks: int):
-        self._tell, self._ticks = tell, ticks
-
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        self._tell(first + len(rows), self._ticks)
-
-
 def _recorded(
     experiment: Experiment,
     assembly: Assembly,
     path: Path,
-    progress: Progress,
+    progress: Show,
     timed: bool,
     pace: Pace | None,
     viewer: Viewer | None,
@@ -137,7 +125,7 @@ def _recorded(
     with Writer(path, topics, system.tick, provenance(experiment, assembly), scene.forms) as writer:
         recorder = Recorder(writer, streams, scene, tuning)
         held = HeldForce(system, experiment.tasks)
-        observers = [tuning, Watch(assembly, experiment), tally, held, recorder, _Progress(progress, last_tick + 1)]
+        observers = [tuning, Watch(assembly, experiment), tally, held, recorder, Progress(progress, last_tick + 1)]
         observers += [pace] if pace else []
         observers += [Shown(viewer, streams, scene, tuning)] if viewer else []
         slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
@@ -171,9 +159,9 @@ def _told(plan: DrivePlan) -> str:
     return "\n".join([*lines, *(f"  warning: {text}" for text in plan.warnings())])
 
 
-def _with_remedy(experiment: Experiment, simulation: Simulation, assembly: Assembly, partial: Path) -> ComponentFailed:
-    until = max(0, simulation.next_tick - 1) * simulation.system.tick
-    sentences = [f"{simulation.failure}\nRecorded until then: {partial} ({until:.3f} s)."]
+def _with_remedy(experiment: Experiment, simulation: Simulation, assembly: Assembly, what: str) -> ComponentFailed:
+    """The error that says `what` has happened, and what to do about it."""
+    sentences = [what]
     culprits = dict(zip(("drive_1", "drive_2", "drive_3"), assembly.drives, strict=True)) | {
         "drive": assembly.drives[0]
     }

@@ -15,8 +15,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from twin.cosim.interpolation import Scheme
 from twin.cosim.ssp.flat import flattened
 from twin.cosim.ssp.package import Package, read_package
@@ -31,7 +29,7 @@ from twin.recording.layout import Field, Topic
 from twin.recording.schema import message_names
 from twin.recording.writer import Writer
 from twin.runs.guard.reporter import Reporter
-from twin.runs.loop import Observer, Simulated, TickEvent, simulate
+from twin.runs.loop import Progress, Simulated, TickEvent, simulate
 from twin.runs.provenance import PACKAGES
 from twin.runs.recorder import BLOCK_TICKS, Recorder, RowStream
 from twin.runs.watch import Messages
@@ -195,24 +193,12 @@ def _recorded(plan: Plan, made: Coupled, path: Path, reporter: Reporter) -> tupl
     rows = streams(plan, made.system)
     with Writer(path, [stream.topic for stream in rows], plan.timing.tick, _provenance(plan)) as writer:
         recorder = Recorder(writer, rows)
-        observers = [Messages(made.system), recorder, _Progress(reporter, plan.timing.ticks + 1)]
+        observers = [Messages(made.system), recorder, Progress(reporter.progress, plan.timing.ticks + 1)]
         done = simulate(made, plan.timing.ticks, observers, BLOCK_TICKS, timed=True)
         if done.failure:
-            partial = recorder.abandon(done.failure)
-            until = max(0, done.simulation.next_tick - 1) * plan.timing.tick
-            raise ComponentFailed(f"{done.failure}\nRecorded until then: {partial} ({until:.3f} s).")
+            raise ComponentFailed(recorder.abandon(done.failure))
         recorder.finish()
     return done, recorder.events, recorder.writing
-
-
-class _Progress(Observer):
-    """Tells how far a run of `ticks` has come."""
-
-    def __init__(self, reporter: Reporter, ticks: int):
-        self._reporter, self._ticks = reporter, ticks
-
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        self._reporter.progress(first + len(rows), self._ticks)
 
 
 def _provenance(plan: Plan) -> dict[str, dict[str, str]]:
