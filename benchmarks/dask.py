@@ -1,6 +1,5 @@
 """What the Dask engine costs: each run, each batch in scheduler and client, each byte of an FMU, the start."""
 
-import hashlib
 import os
 import tempfile
 import time
@@ -42,7 +41,7 @@ def measurements(path: Path) -> list[Measurement]:
         began = time.perf_counter()
         with connected(None, 1) as client:
             start = time.perf_counter() - began
-            batch, rate = batch_seconds(client), bytes_per_second(client)
+            batch, rate = batch_seconds(client), bytes_per_second(client, job)
     return [
         Measurement("dask: added to a run", 1e3 * median(added), "ms", at_most=10.0),
         Measurement("dask: a batch in scheduler and client, CPU", 1e3 * batch, "ms"),
@@ -76,14 +75,15 @@ def batch_seconds(client) -> float:
     return (time.process_time() - began) / BATCHES
 
 
-def bytes_per_second(client) -> float:
-    """From this process through the scheduler into a file store."""
-    from twin.studies.sweep.dask import file_store
+def bytes_per_second(client, job: Job) -> float:
+    """From this process through the scheduler into a worker."""
+    from twin.studies.sweep.dask.bundle import Bundle
+    from twin.studies.sweep.dask.worker import SweepPlugin
 
-    content = os.urandom(MEGABYTES * 1_000_000)
-    digest = hashlib.sha256(content).hexdigest()
+    bundle = Bundle(job.experiment)
+    bundle.contents["large.fmu"] = os.urandom(MEGABYTES * 1_000_000)
     began = time.perf_counter()
-    client.run(file_store.keep, {digest: content})
+    client.register_plugin(SweepPlugin("benchmark", job, bundle))
     seconds = time.perf_counter() - began
-    (file_store.home() / digest).unlink()
-    return len(content) / seconds
+    client.unregister_worker_plugin("benchmark")
+    return MEGABYTES * 1e6 / seconds

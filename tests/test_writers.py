@@ -14,7 +14,7 @@ ALONE = {
     "drive/unpacked.py": "a cache",
     "drive/compiling.py": "a cache",
     "compiled/store.py": "a cache",
-    "studies/sweep/dask/file_store.py": "a cache",
+    "studies/sweep/dask/bundle.py": "a folder of its own in a worker, gone with the sweep",
     "recording/folder.py": "the folder of a run must be new",
     "runs/guard/child.py": "pipes to the guard",
     "cli/streams.py": "standard streams",

@@ -134,10 +134,12 @@ class Recorder(Observer):
         self.writing += time.perf_counter() - began
         return recording
 
-    def abandon(self, failure: ComponentFailed) -> Path:
-        """The recording as far as it goes, with `failure` as its last event."""
-        self._writer.write_event(self._simulation.next_tick, "ERROR", str(failure), "cosim")
-        return self._writer.abandon()
+    def abandon(self, failure: ComponentFailed) -> str:
+        """`failure`, which becomes the last event of the recording, and how far that goes."""
+        end = self._simulation.next_tick
+        self._writer.write_event(end, "ERROR", str(failure), "cosim")
+        until = max(0, end - 1) * self._simulation.system.tick
+        return f"{failure}\nRecorded until then: {self._writer.abandon()} ({until:.3f} s)."
 
     def _write(self) -> None:
         block = self._block

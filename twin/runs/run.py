@@ -164,9 +164,9 @@ def _told(plan: DrivePlan) -> str:
     return "\n".join([*lines, *(f"  warning: {text}" for text in plan.warnings())])
 
 
-def _with_remedy(experiment: Experiment, simulation: Simulation, assembly: Assembly, partial: Path) -> ComponentFailed:
-    until = max(0, simulation.next_tick - 1) * simulation.system.tick
-    sentences = [f"{simulation.failure}\nRecorded until then: {partial} ({until:.3f} s)."]
+def _with_remedy(experiment: Experiment, simulation: Simulation, assembly: Assembly, what: str) -> ComponentFailed:
+    """The error that says `what` has happened, and what to do about it."""
+    sentences = [what]
     culprits = dict(zip(("drive_1", "drive_2", "drive_3"), assembly.drives, strict=True)) | {
         "drive": assembly.drives[0]
     }

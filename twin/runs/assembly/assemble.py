@@ -252,7 +252,10 @@ def assemble(
             maker = home.enter_context(IsolatedDrives(keep=True))
         rest = at_rest(experiment, "body" in others | given)
         parts = _parts(Build(experiment, plans, maker, *rest, others | given))
-        _refuse_unplaced(taken, [name for makers in parts.values() for name in makers])
+        places = [name for makers in parts.values() for name in makers]
+        if unplaced := [name for name in taken if name not in places]:
+            hint = nearest(unplaced[0], places, "there are {}")
+            raise InputRefused(f"substitutes: no component '{unplaced[0]}' in this experiment; {hint}")
         for name in classes.keys() - given.keys():
             raise InputRefused(f"substitutes: '{name}' takes a component; classes take {', '.join(CONTRACTS)}")
         made: dict[str, list[Component]] = {row: [] for row in parts}
@@ -307,13 +310,6 @@ def _parts(build: Build) -> dict[str, Makers]:
         else row.parts(build)
         for row in ROBOT
     }
-
-
-def _refuse_unplaced(substitutes: Mapping[str, Any], names: list[str]) -> None:
-    for name in substitutes:
-        if name not in names:
-            hint = nearest(name, names, "there are {}")
-            raise InputRefused(f"substitutes: no component '{name}' in this experiment; {hint}")
 
 
 def _kind(component: Any) -> str:

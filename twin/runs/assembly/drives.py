@@ -191,7 +191,11 @@ def fmus(table: Drive) -> dict[str, FmuDescription]:
     """
     files = {name: (part.fmu, part.sha256, part.kind or table.kind) for name, part in table.parts.items()}
     files = files or {ALONE: (table.fmu or "", table.sha256, table.kind)}
-    return {name: _pinned(described(Path(fmu), kind), digest) for name, (fmu, digest, kind) in files.items()}
+    found = {}
+    for name, (fmu, digest, kind) in files.items():
+        found[name] = described(Path(fmu), kind)
+        refuse_other_file(found[name].path, found[name].sha256, digest)
+    return found
 
 
 def _refuse_idle_solvers(plan: DrivePlan) -> None:
@@ -206,13 +210,17 @@ def _refuse_idle_solvers(plan: DrivePlan) -> None:
             raise InputRefused(f'{fmu.path}: solver = "{method}", and it brings its own for co-simulation; {remedy}')
 
 
-def _pinned(description: FmuDescription, digest: str | None) -> FmuDescription:
-    if digest is not None and digest.lower() != description.sha256:
+def refuse_other_file(file: Path, sha256: str, pinned: str | None) -> None:
+    """The experiment has to mean the `file` of that hash, or to say nothing.
+
+    Raises:
+        InputRefused: it pins another hash.
+    """
+    if pinned is not None and pinned.lower() != sha256:
         raise InputRefused(
-            f"{description.path}: has sha256 {description.sha256}; the experiment pins {digest.lower()}. "
-            "It is not the file that was meant: get that, or change sha256"
+            f"{file}: has sha256 {sha256}; the experiment pins {pinned.lower()}. It is not the file that was meant: "
+            "get that, or change sha256"
         )
-    return description
 
 
 def qualified(part: str, variable: str) -> str:

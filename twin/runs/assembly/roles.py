@@ -6,6 +6,7 @@ by its name.
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -25,6 +26,7 @@ from twin.monitor.component import INPUTS as MONITOR_INPUTS
 from twin.monitor.component import OUTPUTS as MONITOR_OUTPUTS
 from twin.plant.contact_law import OUTPUTS as BODY_OUTPUTS
 from twin.plant.encoder import SCALE_INPUTS, SCALE_OUTPUTS
+from twin.runs.assembly.drives import refuse_other_file
 
 
 class Contract(NamedTuple):
@@ -120,15 +122,11 @@ def given_part(role: str, given: Any) -> OtherPart:
     contract = CONTRACTS[role]
     wanted = wanted_of(kind.__name__, given, *contract)
     make = _maker(role, kind.__name__, lambda: made(kind.__name__, kind, {}) if given is kind else given, wanted)
-    file = inspect.getsourcefile(kind) if hasattr(kind, "__module__") and _has_source(kind) else None
+    file = None
+    # of a class that was typed in, or is compiled
+    with suppress(TypeError, AttributeError):
+        file = inspect.getsourcefile(kind)
     return OtherPart(role, kind.__name__, wanted[0].ports, wanted[1].ports, make, "", {"file": file})
-
-
-def _has_source(kind: type) -> bool:
-    try:
-        return bool(inspect.getsourcefile(kind))
-    except TypeError:
-        return False
 
 
 def refuse_other_parts(experiment: Experiment, asker: str, roles: Sequence[str]) -> None:
@@ -156,7 +154,7 @@ def _fmu_part(role: str, table: StandIn) -> OtherPart:
         table.parameters, table.tolerance,
     )  # fmt: skip
     fmu = plan.description
-    _refuse_other_file(table, fmu.sha256)
+    refuse_other_file(table.file, fmu.sha256, table.sha256)
     facts = {
         "file": fmu.path.name,
         "sha256": fmu.sha256,
@@ -167,9 +165,11 @@ def _fmu_part(role: str, table: StandIn) -> OtherPart:
         "set": {variable.name: told(value) for variable, value in plan.settings},
         "mapped": [*_mapped(plan, plan.inputs, "input", "<-"), *_mapped(plan, plan.outputs, "output", "->")],
     }
-    return OtherPart(
-        role, fmu.path.name, plan.inputs, plan.outputs, _fmu_maker(role, plan), fmu.sha256, facts, fmu
-    )  # fmt: skip
+
+    def make(tick: float, period: int, ticks: int) -> Component:
+        return plan.component(role, tick, period, ticks)
+
+    return OtherPart(role, fmu.path.name, plan.inputs, plan.outputs, make, fmu.sha256, facts, fmu)
 
 
 def _mapped(plan: SampledFmu, ports: Sequence[Port], side: str, arrow: str) -> list[str]:
@@ -180,10 +180,6 @@ def _mapped(plan: SampledFmu, ports: Sequence[Port], side: str, arrow: str) -> l
         unit = mine[0].variable.unit or "unit not stated"
         lines.append(f"{port.name} {arrow} {', '.join(b.said for b in mine)} [{unit}]")
     return lines
-
-
-def _fmu_maker(role: str, plan: SampledFmu) -> Callable[[float, int, int], Component]:
-    return lambda tick, period, ticks: plan.component(role, tick, period, ticks)
 
 
 def _class_part(role: str, table: StandIn) -> OtherPart:
@@ -221,13 +217,5 @@ def _maker(
 
 def _source(table: StandIn) -> PythonSource:
     source = PythonSource(table.file)
-    _refuse_other_file(table, source.sha256)
+    refuse_other_file(table.file, source.sha256, table.sha256)
     return source
-
-
-def _refuse_other_file(table: StandIn, sha256: str) -> None:
-    if table.sha256 is not None and table.sha256.lower() != sha256:
-        raise InputRefused(
-            f"{table.file}: has sha256 {sha256}; the experiment pins {table.sha256.lower()}. It is not the file that "
-            "was meant: get that, or change sha256"
-        )

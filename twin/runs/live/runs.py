@@ -28,11 +28,10 @@ def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: 
             raise
         raise InputRefused("--live: websockets is not installed; pip install 'websockets>=14'") from None
 
-    def announce(address: str) -> None:
-        reporter.note(serving=address)
-
-    def warn(sentence: str) -> None:
-        reporter.note(refused=sentence)
-
-    with LiveServer(port, announce, warn, origins) as server:
+    with LiveServer(
+        port,
+        announce=lambda address: reporter.note(serving=address),
+        warn=lambda sentence: reporter.note(refused=sentence),
+        origins=origins,
+    ) as server:
         recorded_runs(reporter, **arguments, viewer=server)

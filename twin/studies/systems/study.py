@@ -192,9 +192,7 @@ def _recorded(plan: Plan, made: Coupled, path: Path, reporter: Reporter) -> tupl
         observers = [Messages(made.system), recorder, Progress(reporter.progress, plan.timing.ticks + 1)]
         done = simulate(made, plan.timing.ticks, observers, BLOCK_TICKS, timed=True)
         if done.failure:
-            partial = recorder.abandon(done.failure)
-            until = max(0, done.simulation.next_tick - 1) * plan.timing.tick
-            raise ComponentFailed(f"{done.failure}\nRecorded until then: {partial} ({until:.3f} s).")
+            raise ComponentFailed(recorder.abandon(done.failure))
         recorder.finish()
     return done, recorder.events, recorder.writing
 

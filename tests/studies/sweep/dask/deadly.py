@@ -3,16 +3,16 @@
 import os
 from collections.abc import Sequence
 
-from twin.studies.sweep.dask import runner
-from twin.studies.sweep.dask.runner import Reply, SweepJob
+from twin.studies.sweep.dask import worker
+from twin.studies.sweep.dask.worker import RunResult
 from twin.studies.sweep.plan import Task
 
 DEADLY = 3
 """The number of the run that no machine survives."""
 
 
-def run_tasks(sweep: SweepJob, tasks: Sequence[Task]) -> Reply:
-    """As `runner.run_tasks`, but for the worst."""
+def run_tasks(name: str, tasks: Sequence[Task]) -> list[RunResult]:
+    """As `worker.run_tasks`, but for the worst."""
     if any(task.run == DEADLY for task in tasks):
         os._exit(1)
-    return runner.run_tasks(sweep, tasks)
+    return worker.run_tasks(name, tasks)

@@ -1,25 +1,15 @@
-import os
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.load import load_experiment
-from twin.studies.sweep.dask import file_store
-from twin.studies.sweep.dask.bundle import Bundle
+from twin.studies.sweep.dask.bundle import Bundle, laid_out
 from twin.studies.sweep.plan import Task
 
 EXPERIMENTS = ("fig4_force_position", "fig4_imperfect", "massage", "track_breathing", "step_joint_1", "calibration")
-
-
-@pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
-    return tmp_path / "cache"
 
 
 def task(drive: str | None = None, *settings: str) -> Task:
@@ -30,11 +20,8 @@ def arrived(experiment: Path, task: Task, folder: Path) -> Experiment:
     """The experiment of `task` as it is read where it has been sent."""
     bundle = Bundle(experiment)
     packed = bundle.packed(task)
-    file_store.keep(bundle.contents)
-    file_store.lay_out(bundle.manifest.files, folder)
-    return load_experiment(
-        folder / bundle.manifest.experiment, packed.settings, packed.drive and str(folder / packed.drive)
-    )
+    laid_out(bundle.contents, folder)
+    return load_experiment(folder / bundle.experiment, packed.settings, packed.drive and str(folder / packed.drive))
 
 
 def told(loaded: Experiment) -> Experiment:
@@ -85,20 +72,7 @@ def test_names_of_files_in_settings_arrive_and_numbers_stand_over_them(root: Pat
 
 def test_an_fmu_of_all_joints_is_packed_as_one_file(root: Path):
     bundle = Bundle(root / "experiments" / "fig4_force_position.toml")
-    assert [Path(name).name for name in bundle.manifest.files] == ["velocity_servo.fmu", "fig4_force_position.toml"]
-
-
-def test_what_was_damaged_is_missing_again_and_what_is_not_its_hash_is_refused(cache: Path):
-    content = {"2c26b46b68ffc68ff99b453c1d30413413422d706483bfa0f98a5e886266e7ae": b"foo"}
-    (digest,) = content
-    assert file_store.missing([digest]) == [digest]
-    file_store.keep(content)
-    assert file_store.missing([digest]) == []
-    (cache / "parcels" / digest).write_bytes(b"fop")
-    assert file_store.missing([digest]) == [digest]
-    with pytest.raises(InputRefused, match="was damaged on its way"):
-        file_store.keep({digest: b"fop"})
-    assert file_store.missing([digest]) == [digest]
+    assert [Path(name).name for name in bundle.contents] == ["velocity_servo.fmu", "fig4_force_position.toml"]
 
 
 def test_parts_of_another_make_travel_with_what_names_them(root: Path, tmp_path: Path):
@@ -132,14 +106,3 @@ def test_files_among_a_drives_parameters_travel_with_it(root: Path, tmp_path: Pa
     there = [Path(str(name).removeprefix("file:")) for name in (curve, blob)]
     assert text == "none" and all(file.is_relative_to(tmp_path / "there") for file in there)
     assert [file.read_bytes() for file in there] == [b"0,1", b"\x07"]
-
-
-@pytest.mark.skipif(os.name != "posix", reason="owners of POSIX")
-def test_what_another_user_could_change_when_it_has_been_looked_at_is_missing(
-    cache: Path, give_away: Callable[[Path], None]
-):
-    digest = "2c26b46b68ffc68ff99b453c1d30413413422d706483bfa0f98a5e886266e7ae"
-    file_store.keep({digest: b"foo"})
-    give_away(cache / "parcels" / digest)
-    assert file_store.missing([digest]) == [digest]
-    assert list((cache / "parcels").iterdir()) == []

@@ -13,10 +13,8 @@ import pytest
 
 from tests.studies.sweep.definitions import job, stiffnesses
 from twin.studies.sweep.dask import engine as engine_module
-from twin.studies.sweep.dask.bundle import Manifest
-from twin.studies.sweep.dask.cluster import connected, ended_within, within
+from twin.studies.sweep.dask.cluster import connected, difference, ended_within, within
 from twin.studies.sweep.dask.engine import _Batches
-from twin.studies.sweep.dask.runner import SweepJob
 from twin.studies.sweep.pool import remembered
 
 FOREVER = 600.0
@@ -48,18 +46,18 @@ def test_a_cluster_that_does_not_answer_holds_up_no_end(root: Path, tmp_path: Pa
 
     client = SimpleNamespace(
         status="running",
-        scheduler_info=lambda: {"address": "tcp://nowhere"},
+        scheduler=SimpleNamespace(address="tcp://nowhere"),
+        loop=object(),
         cancel=lambda *told, **how: silent("cancel"),
-        run=lambda *told, **how: silent("run"),
+        unregister_worker_plugin=lambda *told, **how: silent("unregister"),
     )
     plan = stiffnesses(root, tmp_path, "[500]")
-    sweep = SweepJob("mine", {}, Manifest(""), job(plan, tmp_path))
     monkeypatch.setattr(engine_module, "END", 0.1)
     try:
-        _Batches(client, sweep, {}, plan.tasks).stop()  # type: ignore[arg-type]
+        _Batches(client, job(plan, tmp_path), plan.tasks).stop()  # type: ignore[arg-type]
     finally:
         never.set()
-    assert asked == ["cancel", "run"]
+    assert asked == ["cancel", "unregister"]
 
 
 def test_ctrl_c_leaves_no_lock_taken_by_what_was_asked():
@@ -95,3 +93,10 @@ def test_a_cluster_of_our_own_serves_no_pages():
                 assert connection.getresponse().status == 404
                 connection.close()
     assert len(ports) == 2 and 8787 not in ports
+
+
+def test_versions_that_differ_are_named_and_equal_ones_are_not():
+    ours = {"numba": "0.61.0", "Python": "3.11"}
+    assert difference("worker a", ours, ours) == ""
+    told = difference("worker a", {"Python": "3.11"}, ours)
+    assert told == "worker a has numba none, this machine has 0.61.0"

@@ -1,5 +1,8 @@
 import os
-import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 from unittest import mock
 
@@ -8,13 +11,12 @@ import pytest
 from tests.runs.guard.hostile import EXIT, HANG, NONE, SEGFAULT, hostile_drive
 from tests.studies.sweep.dask import deadly
 from tests.studies.sweep.dask.running import Running, kill, running
-from tests.studies.sweep.definitions import job, stiffnesses, written
+from tests.studies.sweep.definitions import stiffness_text, stiffnesses, written
 from twin.runs.guard.limits import JobLimits
 from twin.studies.sweep.dask import engine as engine_module
-from twin.studies.sweep.dask.bundle import Bundle
-from twin.studies.sweep.dask.cluster import checked_workers, connected
+from twin.studies.sweep.dask import worker as worker_module
 from twin.studies.sweep.dask.engine import ClusterLost, Dask
-from twin.studies.sweep.dask.runner import SweepJob, versions
+from twin.studies.sweep.dask.worker import FILES
 from twin.studies.sweep.folder import kept
 from twin.studies.sweep.plan import Plan, planned
 from twin.studies.sweep.pool import Engine, Pool
@@ -32,6 +34,11 @@ def rows(plan: Plan, folder: Path, engine: Engine, record: str = "none", limits:
 
 def bare(folder: Path) -> list[dict]:
     return [{k: v for k, v in row.items() if k not in COSTS} for row in kept(folder).rows]
+
+
+def shown_rows(plan: Plan, folder: Path, cluster: Running, watch: Callable[[State], None]) -> list[dict]:
+    run_sweep(plan, folder, Dask(cluster.address, 1), show=watch)
+    return kept(folder).rows
 
 
 @pytest.fixture
@@ -81,27 +88,40 @@ vary = [
     assert all(worker.poll() is None for worker in cluster.workers)
 
 
-def test_files_are_sent_once_and_then_known_by_their_content(short: Plan, tmp_path: Path, cluster: Running):
-    rows(short, tmp_path / "first", Dask(cluster.address, 1))
-    # nor is a process left behind
+def test_a_sweep_leaves_no_process_and_no_file_in_a_worker(short: Plan, tmp_path: Path, cluster: Running):
+    rows(short, tmp_path / "out", Dask(cluster.address, 1))
     assert [children(worker.pid) for worker in cluster.workers] == [[], []]
-    store = cluster.cache / "parcels"
-    before = {file.name: file.stat().st_mtime_ns for file in store.iterdir()}
-    bundle = Bundle(short.experiment)
-    assert set(bundle.contents) <= set(before)
-    sweep = SweepJob("asked", versions(), bundle.manifest, job(short, tmp_path))
-    with connected(cluster.address, 0) as client:
-        assert [answer.missing for answer in checked_workers(client, sweep).values()] == [(), ()]
-    rows(short, tmp_path / "second", Dask(cluster.address, 1))
-    assert {file.name: file.stat().st_mtime_ns for file in store.iterdir()} == before
+    assert list(cluster.folder.rglob(f"{FILES}*")) == []
 
 
-def test_a_worker_that_comes_later_gets_the_files_when_it_needs_them(
-    short: Plan, tmp_path: Path, cluster: Running, monkeypatch: pytest.MonkeyPatch
-):
-    shutil.rmtree(cluster.cache / "parcels", ignore_errors=True)
-    monkeypatch.setattr(engine_module, "send_missing", lambda client, contents, found: None)
-    assert [row["status"] for row in rows(short, tmp_path / "out", Dask(cluster.address, 1))] == ["done"] * 3
+def test_a_sweep_whose_command_is_killed_ends_in_the_workers(root: Path, tmp_path: Path, cluster: Running):
+    sweep = written(tmp_path, stiffness_text(root, str(list(range(500, 4500)))))
+    command = [sys.executable, "-m", "twin", "sweep", str(sweep), "--out", str(tmp_path / "out")]
+    rows_file = tmp_path / "out" / "rows.jsonl"
+    process = subprocess.Popen(
+        [*command, "--engine", "dask", "--scheduler", cluster.address], env={**os.environ, "PYTHONPATH": str(root)}
+    )
+    try:
+        wait_until(lambda: rows_file.exists() and rows_file.stat().st_size > 0)
+    finally:
+        kill(process)
+    wait_until(lambda: not any(children(worker.pid) for worker in cluster.workers))
+    wait_until(lambda: not list(cluster.folder.rglob(f"{FILES}*")))
+
+
+def test_a_worker_that_comes_later_gets_the_files_and_works(root: Path, longer: Plan, tmp_path: Path):
+    with running(root, tmp_path, 1) as cluster:
+        later = []
+
+        def watch(state: State) -> None:
+            if state.done and not later:
+                later.append(cluster.worker())
+                cluster.workers.append(later[0])
+                cluster.wait(2)
+                kill(cluster.workers[0])
+
+        assert {row["status"] for row in shown_rows(longer, tmp_path / "out", cluster, watch)} == {"done"}
+    assert later
 
 
 def test_a_worker_killed_at_work_loses_no_run_and_none_is_counted_twice(root: Path, longer: Plan, tmp_path: Path):
@@ -111,9 +131,8 @@ def test_a_worker_killed_at_work_loses_no_run_and_none_is_counted_twice(root: Pa
             if 0 < state.done < state.total and cluster.workers[0].poll() is None:
                 kill(cluster.workers[0])
 
-        run_sweep(longer, tmp_path / "out", Dask(cluster.address, 1), show=watch)
+        found = shown_rows(longer, tmp_path / "out", cluster, watch)
         assert cluster.workers[0].poll() is not None
-    found = kept(tmp_path / "out").rows
     assert [row["run"] for row in found] == list(range(1, 25))
     assert {row["status"] for row in found} == {"done"}
 
@@ -123,7 +142,7 @@ def test_a_run_whose_worker_dies_twice_is_a_row_and_the_others_are_done(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setenv("PYTHONPATH", str(root))
-    monkeypatch.setattr(engine_module, "run_tasks", deadly.run_tasks)
+    monkeypatch.setattr(worker_module, "run_tasks", deadly.run_tasks)
     # all runs in one batch: who is to blame has to be found out
     monkeypatch.setattr(engine_module, "AHEAD", 1)
     monkeypatch.setattr(engine_module, "BATCH_SECONDS", 1e3)
@@ -167,6 +186,13 @@ def test_an_own_cluster_is_gone_when_the_sweep_is_over(short: Plan, tmp_path: Pa
     before = children(os.getpid())
     assert [row["status"] for row in rows(short, tmp_path / "out", Dask(None, 1))] == ["done"] * 3
     assert children(os.getpid()) == before
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60.0
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
 
 
 def children(pid: int) -> list[str]:

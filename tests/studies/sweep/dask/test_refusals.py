@@ -18,9 +18,9 @@ from tests.studies.sweep.definitions import stiffness_text, stiffnesses, written
 from twin.cli.app import app
 from twin.errors import InputRefused
 from twin.studies.sweep.dask import cluster as cluster_module
-from twin.studies.sweep.dask import engine as engine_module
+from twin.studies.sweep.dask import worker as worker_module
+from twin.studies.sweep.dask.cluster import versions
 from twin.studies.sweep.dask.engine import Dask
-from twin.studies.sweep.dask.runner import versions
 from twin.studies.sweep.folder import kept
 from twin.studies.sweep.plan import Plan
 from twin.studies.sweep.sweep import run_sweep
@@ -99,8 +99,8 @@ def test_a_worker_that_comes_later_with_another_version_runs_nothing(
     plan: Plan, tmp_path: Path, cluster: Running, monkeypatch: pytest.MonkeyPatch
 ):
     # nobody has asked it before, and to it it is the same who of the two is the other
-    monkeypatch.setattr(engine_module, "checked_workers", lambda client, sweep: {})
-    monkeypatch.setattr(engine_module, "versions", lambda: versions() | {"Python": "2.7"})
+    monkeypatch.setattr(cluster_module, "refuse_unlike", lambda client: None)
+    monkeypatch.setattr(worker_module, "versions", lambda: versions() | {"Python": "2.7"})
     said = refusal(plan, tmp_path / "out", cluster.address)
     assert f"has Python {versions()['Python']}, this machine has 2.7; runs would not give the same numbers" in said
 

@@ -1,1 +1,1 @@
-"""The engine of a Dask cluster: files that runs need are sent by content, runs as numbers."""
+"""The engine of a Dask cluster: files that runs need are sent once, runs as numbers."""

@@ -1,23 +1,27 @@
 """Getting hold of a Dask cluster: a running one by its address, or one of this machine that lives as long as we do; of
-workers that are like this machine and have the files; and of its answers, for which nobody waits without end."""
+machines on which runs give the same bits as here; and of its answers, for which nobody waits without end."""
 
 import asyncio
+import functools
+import hashlib
 import logging
+import platform
 import signal
+import sys
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, wait
 from contextlib import ExitStack, contextmanager, suppress
+from importlib.metadata import PackageNotFoundError, version
 from multiprocessing import resource_tracker
-from typing import TYPE_CHECKING, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from twin.errors import ComponentFailed, InputRefused
+from twin.places import PACKAGE, sources
 from twin.runs.guard.process import others_safe
 from twin.studies.left_behind import dask_folder
-from twin.studies.sweep.dask import file_store
-from twin.studies.sweep.dask.runner import Reply, SweepJob, difference, lack, versions
 from twin.studies.sweep.pool import HEAR, raise_if_pressed
 
 if TYPE_CHECKING:
@@ -33,11 +37,8 @@ START = 120.0
 """Seconds for a cluster of this machine to be there, its workers with it."""
 END = 20.0
 """Seconds for it to be gone, and for anything else that is waited for when a sweep is over."""
-SILENT = logging.CRITICAL + 1
-_LOGGERS = ("distributed", "tornado", "asyncio")
+PACKAGES = ("numba", "llvmlite", "numpy", "fmpy")
 
-
-P = ParamSpec("P")
 T = TypeVar("T")
 
 
@@ -45,26 +46,21 @@ class ClusterLost(ComponentFailed):
     """The scheduler or all of its workers are gone, or do not answer; rows until then are kept."""
 
 
-def within(limit: float, call: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
+def within(
+    limit: float, call: Callable[..., T], *arguments: Any, hear: Callable[[], None] = raise_if_pressed, **named: Any
+) -> T:
     """What `call` returns, if that is within `limit` s.
 
     It is called by a thread of its own: Dask's calls know no limit, or not for all that they do, and no Ctrl-C falls
     between two of their instructions. One that does not return is left behind with its thread.
 
+    Args:
+        hear: asked every now and then meanwhile; what it raises is raised here, and `call` goes on.
+
     Raises:
         TimeoutError: it has not returned.
-        KeyboardInterrupt: Ctrl-C, meanwhile; `call` goes on.
+        KeyboardInterrupt: Ctrl-C.
     """
-    return _result(_begun(call, *arguments, **named), limit, raise_if_pressed)
-
-
-def ended_within(limit: float, call: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> None:
-    """`call` something at the end of a sweep, whose failure makes no difference any more; after `limit` s leave it."""
-    with suppress(Exception):
-        _result(_begun(call, *arguments, **named), limit)
-
-
-def _begun(call: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> "Future[T]":
     answer: Future[T] = Future()
 
     def work() -> None:
@@ -74,10 +70,6 @@ def _begun(call: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> "Futu
             answer.set_exception(problem)
 
     threading.Thread(target=work, daemon=True).start()
-    return answer
-
-
-def _result(answer: "Future[T]", limit: float, hear: Callable[[], None] = lambda: None) -> T:
     deadline = time.monotonic() + limit
     while not wait([answer], HEAR).done:
         hear()
@@ -86,12 +78,19 @@ def _result(answer: "Future[T]", limit: float, hear: Callable[[], None] = lambda
     return answer.result()
 
 
+def ended_within(limit: float, call: Callable[..., object], *arguments: Any, **named: Any) -> None:
+    """`call` something at the end of a sweep, whose failure makes no difference any more; after `limit` s leave it."""
+    with suppress(Exception):
+        within(limit, call, *arguments, hear=lambda: None, **named)
+
+
 @contextmanager
 def connected(scheduler: str | None, processes: int) -> Iterator["Client"]:
     """A client of the cluster of `scheduler`, or of a new one with `processes` workers on this machine.
 
     Raises:
-        InputRefused: dask.distributed is not installed, nobody answers at that address, or there are no workers.
+        InputRefused: dask.distributed is not installed, nobody answers at that address, there are no workers, or one is
+            not like this machine.
         ClusterLost: the new one does not start.
     """
     try:
@@ -118,50 +117,67 @@ def connected(scheduler: str | None, processes: int) -> Iterator["Client"]:
             raise InputRefused(
                 f"--scheduler {scheduler}: has no workers; start some with: dask worker {scheduler} --nthreads 1"
             ) from None
+        refuse_unlike(client)
         yield client
 
 
-def checked_workers(client: "Client", sweep: SweepJob) -> dict[str, Reply]:
-    """Every worker by its address.
+def refuse_unlike(client: "Client") -> None:
+    """Ask the scheduler and every worker what they run.
 
     Raises:
-        InputRefused: the scheduler or a worker has other versions than this process, or no twin that it could ask.
+        InputRefused: one has other versions than this process, or no twin that it could ask.
     """
+    workers: dict[str, Any] = {}
     try:
-        scheduler = within(ANSWER, client.run_on_scheduler, versions)
-        found = within(ANSWER, client.run, lack, sweep, on_error="return")
+        scheduler: Any = within(ANSWER, client.run_on_scheduler, versions)
+        workers = within(ANSWER, client.run, versions, on_error="return")
     # whatever pickle makes of a module that is not there, or not there yet
     except Exception as problem:
-        raise InputRefused(_without_twin("the scheduler", problem)) from None
-    mistakes = [difference("the scheduler", scheduler, sweep.versions)]
-    for address, reply in found.items():
-        if not isinstance(reply, Reply):
-            mistakes.append(_without_twin(f"worker {address}", reply))
-        elif reply.versions:
-            mistakes.append(difference(f"worker {address}", reply.versions, sweep.versions))
-    if mistakes := [mistake for mistake in mistakes if mistake]:
+        scheduler = problem
+    found = {"the scheduler": scheduler} | {f"worker {address}": theirs for address, theirs in workers.items()}
+    if mistakes := [mistake for who, theirs in found.items() if (mistake := difference(who, theirs, versions()))]:
         others = f" ({len(mistakes) - 1} more like it)" if len(mistakes) > 1 else ""
         raise InputRefused(refusal(mistakes[0] + others))
-    return found
 
 
-def send_missing(client: "Client", contents: Mapping[str, bytes], found: Mapping[str, Reply]) -> None:
-    """Send the file stores of `found` what they have not, once to each, whatever number of workers it serves.
+@functools.cache
+def versions() -> dict[str, str]:
+    """Of this process, by what a user would call it: what has to be the same for a run to give the same bits.
 
-    Raises:
-        InputRefused: a store cannot take it.
-        ClusterLost: it does not.
+    twin's is followed by a hash of its files: in a clone the number stays while the code changes.
     """
-    first = {reply.store: (address, reply.missing) for address, reply in found.items() if reply.missing}
-    by_need: dict[tuple[str, ...], list[str]] = {}
-    for address, missing in first.values():
-        by_need.setdefault(missing, []).append(address)
-    for missing, addresses in by_need.items():
-        files = {digest: contents[digest] for digest in missing}
-        try:
-            within(TRANSFER, client.run, file_store.keep, files, workers=addresses)
-        except TimeoutError:
-            raise ClusterLost(f"{', '.join(addresses)}: took no files within {TRANSFER:g} s") from None
+    content = hashlib.sha256()
+    for name, source in sources(str(PACKAGE)).items():
+        content.update(f"{name}\0".encode() + source)
+    return {
+        "twin": f"{_version('twin')} (files {content.hexdigest()[:8]})",
+        "Python": f"{sys.version_info.major}.{sys.version_info.minor}",
+        **{package: _version(package) for package in PACKAGES},
+        "machine": f"{platform.system()} {platform.machine()}",
+    }
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "none"
+
+
+def difference(who: str, theirs: dict[str, str] | BaseException, ours: dict[str, str]) -> str:
+    """`tcp://10.0.0.5:4001 has numba 0.59.1, this machine has 0.61.0`; "" if they are the same.
+
+    Args:
+        who: was asked for `theirs`; what came of it instead, if there is no twin to ask.
+    """
+    if not isinstance(theirs, dict):
+        return f"{who} has no twin like this one ({type(theirs).__name__}: {theirs})"
+    told = [
+        f"{what} {theirs.get(what, 'none')}, this machine has {own}"
+        for what, own in ours.items()
+        if theirs.get(what) != own
+    ]
+    return f"{who} has {'; and '.join(told)}" if told else ""
 
 
 def refusal(difference: str) -> str:
@@ -170,10 +186,6 @@ def refusal(difference: str) -> str:
         f"--engine dask: {difference}; runs would not give the same numbers everywhere: "
         "install the same on all machines (docs/cluster.md)"
     )
-
-
-def _without_twin(who: str, problem: BaseException) -> str:
-    return f"{who} has no twin like this one ({type(problem).__name__}: {problem})"
 
 
 def _refuse_no_scheduler(address: str) -> None:
@@ -209,17 +221,43 @@ def _refuse_no_scheduler(address: str) -> None:
 
 
 @contextmanager
-def _local_cluster(processes: int) -> Iterator[object]:
+def _local_cluster(processes: int) -> Iterator["LocalCluster"]:
     """Workers of one thread each, on the loopback interface; nothing of it is left in the end."""
+    abandoned = threading.Event()
+
+    def started() -> "LocalCluster":
+        import dask.config
+        from distributed import LocalCluster
+
+        # Ctrl-C at a terminal reaches every process there; how a sweep stops is for us to say, so the workers do not
+        # hear it: they inherit what is blocked in the thread that starts them
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        # every web page may ask what Dask serves: it serves nothing, at ports that nobody knows beforehand
+        routes: dict[str, list[str]] = {f"distributed.{role}.http.routes": [] for role in ("scheduler", "worker")}
+        with dask.config.set({"temporary-directory": str(folder), **routes}):
+            cluster = LocalCluster(
+                n_workers=processes,
+                threads_per_worker=1,
+                host="127.0.0.1",
+                # runs live in processes of their own, with a limit of their own
+                memory_limit=0,
+                silence_logs=logging.CRITICAL + 1,
+                # what is tried again is for us to say
+                scheduler_kwargs={"allowed_failures": 0, "dashboard": False, "dashboard_address": "127.0.0.1:0"},
+                worker_dashboard_address=None,
+            )
+        if abandoned.is_set():
+            cluster.close()
+        return cluster
+
     with others_safe(), dask_folder() as folder:
         # Python's resource tracker, if it is started on the way, unblocks what was blocked, so it is started before
         resource_tracker.ensure_running()
-        starting = _begun(_started, processes, str(folder))
         try:
             # Ctrl-C is answered when it is there, because half a cluster cannot be ended
-            cluster = _result(starting, START)
+            cluster = within(START, started, hear=lambda: None)
         except BaseException as problem:
-            starting.add_done_callback(_close)
+            abandoned.set()
             if isinstance(problem, TimeoutError):
                 raise ClusterLost(f"the Dask cluster of this machine did not start within {START:g} s") from None
             raise
@@ -229,46 +267,14 @@ def _local_cluster(processes: int) -> Iterator[object]:
             ended_within(END, cluster.close)
 
 
-def _close(started: "Future[LocalCluster]") -> None:
-    if not started.exception():
-        started.result().close()
-
-
-def _started(processes: int, folder: str) -> "LocalCluster":
-    """In a thread of its own."""
-    import dask.config
-    from distributed import LocalCluster
-
-    # Ctrl-C at a terminal reaches every process there; how a sweep stops is for us to say, so the workers do not hear
-    # it: they inherit what is blocked in the thread that starts them
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    # every web page may ask what Dask serves: it serves nothing, at ports that nobody knows beforehand
-    routes: dict[str, list[str]] = {f"distributed.{role}.http.routes": [] for role in ("scheduler", "worker")}
-    with dask.config.set({"temporary-directory": folder, **routes}):
-        return LocalCluster(
-            n_workers=processes,
-            threads_per_worker=1,
-            host="127.0.0.1",
-            # runs live in processes of their own, with a limit of their own
-            memory_limit=0,
-            silence_logs=SILENT,
-            # what is tried again is for us to say
-            scheduler_kwargs={"allowed_failures": 0, "dashboard": False, "dashboard_address": "127.0.0.1:0"},
-            worker_dashboard_address=None,
-        )
-
-
 @contextmanager
 def _quiet() -> Iterator[None]:
     """What Dask has to say of lost connections is said here in a sentence, not by it in a hundred lines."""
-    loggers = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in _LOGGERS]
-    levels = {name: logging.getLogger(name).level for name in loggers}
-    for name in levels:
-        logging.getLogger(name).setLevel(SILENT)
+    before = logging.root.manager.disable
+    logging.disable(logging.CRITICAL)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", module="distributed")
         try:
             yield
         finally:
-            for name, level in levels.items():
-                logging.getLogger(name).setLevel(level)
+            logging.disable(before)

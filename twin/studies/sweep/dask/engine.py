@@ -1,6 +1,5 @@
 """The engine of a Dask cluster: runs go out in small batches, a few for each thread, and come back as they are done."""
 
-import queue
 import shutil
 import time
 import uuid
@@ -8,32 +7,29 @@ from collections import deque
 from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from twin.errors import ComponentFailed, InputRefused, NotWritten, TwinError
-from twin.studies.sweep.dask import file_store
 from twin.studies.sweep.dask.bundle import Bundle
 from twin.studies.sweep.dask.cluster import (
     ANSWER,
     END,
     TRANSFER,
     ClusterLost,
-    checked_workers,
     connected,
     ended_within,
-    refusal,
-    send_missing,
     within,
 )
-from twin.studies.sweep.dask.runner import Reply, SweepJob, close_runner, difference, run_tasks, versions
 from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task
-from twin.studies.sweep.pool import HEAR, Job, Result, raise_if_pressed
+from twin.studies.sweep.pool import Job, Result, raise_if_pressed
 from twin.studies.sweep.rows import DiskFailed
 from twin.writing import made_folder, write_bytes
 
 if TYPE_CHECKING:
     from distributed import Client, Future
+
+    from twin.studies.sweep.dask.worker import RunResult
 
 BATCH_SECONDS = 0.5
 """What a batch should take: the scheduler's milliseconds do not matter then, and no more is lost with a worker."""
@@ -43,6 +39,8 @@ need about 2 ms for a batch (docs/cluster.md)."""
 MOST_OF_BATCH = 256
 AHEAD = 2
 """Batches per thread that are under way: one that runs, one that waits for it."""
+PAUSE = 0.01
+"""Seconds between two looks for batches that have ended."""
 LOOK = 1.0
 """How often (s) the cluster is looked at: connection, threads."""
 NO_WORKERS = 30.0
@@ -71,10 +69,9 @@ class Dask:
         bundle = Bundle(job.experiment)
         packed = [bundle.packed(task) for task in tasks]
         with connected(self._scheduler, min(self._processes, len(tasks))) as client:
-            sweep = SweepJob(uuid.uuid4().hex, versions(), bundle.manifest, job)
-            send_missing(client, bundle.contents, checked_workers(client, sweep))
-            batches = _Batches(client, sweep, bundle.contents, tasks)
+            batches = _Batches(client, job, tasks)
             try:
+                batches.begin(bundle)
                 yield from batches.results(packed)
             finally:
                 batches.stop()
@@ -83,14 +80,37 @@ class Dask:
 class _Batches:
     """Those of a sweep that are under way."""
 
-    def __init__(self, client: "Client", sweep: SweepJob, contents: Mapping[str, bytes], tasks: Sequence[Task]):
-        self._client, self._sweep, self._contents = client, sweep, contents
-        self._address: str = within(ANSWER, client.scheduler_info)["address"]
+    def __init__(self, client: "Client", job: Job, tasks: Sequence[Task]):
+        from distributed import as_completed
+
+        from twin.studies.sweep.dask import worker
+
+        self._worker = worker
+        self._client, self._job, self._sweep = client, job, uuid.uuid4().hex
+        self._address = client.scheduler.address
         self._tasks = {task.run: task for task in tasks}
         self._under_way: dict[Future, list[Task]] = {}
-        self._ended: queue.SimpleQueue[Future] = queue.SimpleQueue()
+        self._ended = as_completed(loop=client.loop, with_results=True, raise_errors=False)
         self._seconds = BATCH_SECONDS
         self._threads, self._looked, self._worker_seen = 1, -LOOK, time.monotonic()
+
+    def begin(self, bundle: Bundle) -> None:
+        """Give every worker, those that join later too, what runs stand on.
+
+        Raises:
+            ClusterLost: they do not take it.
+        """
+        plugins = (
+            self._worker.EndPlugin(self._sweep, self._client.id),
+            self._worker.SweepPlugin(self._sweep, self._job, bundle),
+        )
+        for plugin in plugins:
+            try:
+                within(TRANSFER, self._client.register_plugin, plugin)
+            except OSError as problem:
+                raise ClusterLost(
+                    f"{self._address}: its workers did not take the files ({problem}); give the same command again"
+                ) from None
 
     def results(self, packed: Sequence[Task]) -> Generator[list[Result]]:
         """Of all tasks, `packed`, as `Dask.results`."""
@@ -103,11 +123,10 @@ class _Batches:
             while (suspects or waiting) and len(self._under_way) < AHEAD * self._threads:
                 self._send([suspects.popleft()] if suspects else self._batch(waiting))
             results: list[Result] = []
-            for batch, reply in self._replies():
-                if reply:
+            for future, reply in self._ended.next_batch(block=False):
+                batch = self._under_way.pop(future)
+                if not self._died(reply):
                     results += self._received(reply)
-                    seen = {each.run for each in reply.results}
-                    waiting.extendleft(task for task in reversed(batch) if task.run not in seen)
                 elif len(batch) > 1:
                     suspects.extend(batch)
                 else:
@@ -115,13 +134,15 @@ class _Batches:
             if results:
                 left -= len(results)
                 yield results
+            else:
+                time.sleep(PAUSE)
 
     def stop(self) -> None:
         """End what is under way, in every worker."""
         # of a cluster that is gone there is nothing to end, and that it is gone has been said
         if self._client.status == "running":
             ended_within(END, self._client.cancel, list(self._under_way), force=True)
-            ended_within(END, self._client.run, close_runner, self._sweep.sweep, on_error="ignore")
+            ended_within(END, self._client.unregister_worker_plugin, self._sweep)
 
     def _look(self) -> None:
         """Look after the cluster, now and then.
@@ -135,7 +156,7 @@ class _Batches:
             return
         try:
             threads = sum(within(ANSWER, self._client.nthreads).values())
-        except (TimeoutError, OSError):
+        except OSError:
             raise self._lost() from None
         self._looked = time.monotonic()
         if threads:
@@ -160,54 +181,39 @@ class _Batches:
         return [waiting.popleft() for _ in range(size)]
 
     def _send(self, batch: list[Task]) -> None:
-        try:
-            future = within(ANSWER, self._client.submit, run_tasks, self._sweep, batch, pure=False, retries=0)
-        except TimeoutError:
-            raise self._lost() from None
+        future = self._client.submit(self._worker.run_tasks, self._sweep, batch, pure=False)
         self._under_way[future] = batch
-        future.add_done_callback(self._ended.put)
+        self._ended.add(future)
 
-    def _replies(self) -> list[tuple[list[Task], Reply | None]]:
-        """Of the batches that ended since the last call; none if nothing happens for a while. None: its worker died.
+    def _died(self, reply: Any) -> bool:
+        """Whether all workers that tried a batch have died, which ended with `reply`: results, or what was raised.
 
         Raises:
             ClusterLost: the scheduler is gone.
             TwinError: no run can go on.
         """
-        try:
-            ended = [self._ended.get(timeout=HEAR)]
-        except queue.Empty:
-            return []
-        while not self._ended.empty():
-            ended.append(self._ended.get())
-        batches = [self._under_way.pop(future) for future in ended]
-        died = [future.status == "error" and _worker_died(future, self._address) for future in ended]
-        try:
-            # all at once: each of them alone would be a question to the scheduler
-            alive = [future for future, dead in zip(ended, died, strict=True) if not dead]
-            fine = iter(within(TRANSFER, self._client.gather, alive))
-        except (TimeoutError, OSError, CancelledError):
-            raise self._lost() from None
-        return [(batch, None if dead else next(fine)) for batch, dead in zip(batches, died, strict=True)]
+        from distributed import KilledWorker
 
-    def _received(self, reply: Reply) -> list[Result]:
-        """The results in `reply`; what the worker lacks is on its way to it."""
-        if reply.versions is not None:
-            raise InputRefused(refusal(difference(f"worker {reply.address}", reply.versions, self._sweep.versions)))
-        if reply.missing:
-            contents = {digest: self._contents[digest] for digest in reply.missing}
-            try:
-                within(
-                    TRANSFER, self._client.run, file_store.keep, contents, workers=[reply.address], on_error="ignore"
-                )
-            except TimeoutError:
-                raise self._lost() from None
-        for each in reply.results:
-            _keep_recording(self._sweep.job.recordings / f"{each.run:06d}", each.files)
-        costs = [each.facts["seconds"] for each in reply.results if each.facts["seconds"]]
+        match reply:
+            case list():
+                return False
+            case _, KilledWorker(), _:
+                return True
+            case _, TwinError() as problem, _:
+                raise problem
+            case CancelledError():
+                raise self._lost()
+        problem = reply[1] if isinstance(reply, tuple) else reply
+        raise ComponentFailed(f"a worker of {self._address} cannot run a sweep: {type(problem).__name__}: {problem}")
+
+    def _received(self, reply: "Sequence[RunResult]") -> list[Result]:
+        """The results in `reply`, recordings kept."""
+        for each in reply:
+            _keep_recording(self._job.recordings / f"{each.run:06d}", each.files)
+        costs = [each.facts["seconds"] for each in reply if each.facts["seconds"]]
         if costs:
             self._seconds += 0.3 * (sum(costs) / len(costs) - self._seconds)
-        return [(self._tasks[each.run], each.facts) for each in reply.results]
+        return [(self._tasks[each.run], each.facts) for each in reply]
 
 
 def _keep_recording(folder: Path, files: Mapping[str, bytes]) -> None:
@@ -227,22 +233,3 @@ def _keep_recording(folder: Path, files: Mapping[str, bytes]) -> None:
     except (InputRefused, NotWritten) as problem:
         shutil.rmtree(folder, ignore_errors=True)
         raise DiskFailed(f"{problem}; finished runs are kept. Make room, then give the same command to go on") from None
-
-
-def _worker_died(future: "Future", address: str) -> bool:
-    """Whether that is why `future` has failed.
-
-    Raises:
-        TwinError: it is not.
-    """
-    from distributed import KilledWorker
-
-    try:
-        problem = within(ANSWER, future.exception)
-    except TimeoutError as silent:
-        problem = silent
-    if isinstance(problem, KilledWorker):
-        return True
-    if isinstance(problem, TwinError):
-        raise problem
-    raise ComponentFailed(f"a worker of {address} cannot run a sweep: {type(problem).__name__}: {problem}")

@@ -14,7 +14,6 @@ from twin.studies.sweep.statistics.claims import Likelihood, likelihoods
 from twin.studies.sweep.statistics.ranking import (
     BINS,
     QUANTILES,
-    Spread,
     best,
     drive_ranking,
     drives_in,
@@ -390,16 +389,15 @@ def _distributions(kept: KeptRows) -> Part | None:
         return None
     head = ["metric", *(f"{100 * share:g} %" for share in QUANTILES), SKETCH, "missing"]
     rows = [
-        [one.metric, *map(number, one.quantiles), f"|{_shades(one):{BINS}}|", str(one.missing) if one.missing else "-"]
+        [
+            one.metric,
+            *map(number, one.quantiles),
+            f"|{''.join(SHADES[math.ceil(n / max(one.counts) * (len(SHADES) - 1))] for n in one.counts):{BINS}}|",
+            str(one.missing) if one.missing else "-",
+        ]
         for one in spreads
     ]
     return Part("metrics", "each metric over all runs, quantiles", head, rows, text_only=(SKETCH,))
-
-
-def _shades(found: Spread) -> str:
-    """A histogram in characters."""
-    fullest = max(found.counts)
-    return "".join(SHADES[math.ceil(count / fullest * (len(SHADES) - 1))] for count in found.counts)
 
 
 def _reasons(kept: KeptRows) -> Part | None:
@@ -460,20 +458,16 @@ def sweep_text(kept: KeptRows, asked: Asked) -> str:
     """The report of a sweep."""
     lines = [headline_text(kept, asked.by)]
     for part in parts(kept, asked):
-        lines += ["", *_part(part)]
+        lines += ["", _folded(part.title)]
+        if part.rows:
+            lines += _aligned([list(column) for column in zip(part.head, *part.rows, strict=True)])
+        lines += [_folded(remark, 4, "  ") for remark in part.remarks]
     return "\n".join(line.rstrip() for line in lines)
 
 
 def headline_text(kept: KeptRows, by: str) -> str:
     """The first sentence in lines of at most 80 characters."""
     return _folded(headline(kept, by))
-
-
-def _part(part: Part) -> list[str]:
-    lines = [_folded(part.title)]
-    if part.rows:
-        lines += _aligned([list(column) for column in zip(part.head, *part.rows, strict=True)])
-    return lines + [_folded(remark, 4, "  ") for remark in part.remarks]
 
 
 def _aligned(columns: Sequence[Sequence[str]]) -> list[str]:

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.errors import InputRefused
-from twin.studies.sweep.definition import Value
 from twin.studies.sweep.measures import METRICS, checked_metric
 from twin.studies.sweep.rows import Columns, Numbers, Positions, Words, once
 
@@ -108,13 +107,12 @@ def parameter(columns: Columns, label: str) -> Numbers:
     """The parameter of each run, (n,); nan where it has no rank: truth values and texts have none."""
     found = columns.of.get(f"parameters/{label}")
     if isinstance(found, Words):
-        of_words = [float(word) if _is_number(word) else np.nan for word in found.words]
+        numbers = (
+            word if isinstance(word, int | float) and not isinstance(word, bool) else np.nan for word in found.words
+        )
+        of_words = [float(word) for word in numbers]
         return np.array(of_words)[found.codes]
     return np.full(len(columns), np.nan) if found is None else found
-
-
-def _is_number(parameter: Value | None) -> bool:
-    return isinstance(parameter, int | float) and not isinstance(parameter, bool)
 
 
 def numeric_labels(labels: Sequence[str], columns: Columns) -> list[str]:
@@ -286,7 +284,9 @@ def drive_ranking(columns: Columns, metric: str) -> list[DriveScore]:
     """
     drives = drives_in(columns)
     mine = [of_drive(columns, drive) for drive in drives]
-    done = _done(columns, metric)
+    # of runs that came to their end without a trip
+    ended = columns.words("status").are(lambda status: status == "done")
+    done = np.where(ended, value(columns, metric), np.nan)
     own = [done[is_mine & ~np.isnan(done)] for is_mine in mine]
     runs = [int(is_mine.sum()) for is_mine in mine]
     table = _at_shared_points(columns, mine, done)
@@ -351,8 +351,3 @@ def _behind(differences: Numbers) -> tuple[float, tuple[float, float]]:
 
 def _median(numbers: Numbers) -> float:
     return float(np.median(numbers)) if len(numbers) else math.nan
-
-
-def _done(columns: Columns, metric: str) -> Numbers:
-    """The numbers of runs that came to their end without a trip."""
-    return np.where(columns.words("status").are(lambda status: status == "done"), value(columns, metric), np.nan)
