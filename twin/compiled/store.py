@@ -1,9 +1,10 @@
 """Machine code kept between processes: an object file for each root, which is loaded without numba.
 
 A root is a function that C or Python calls; its file holds all that it calls, and asks for nothing but mathematics. The
-file is named after the source that the root reaches, what it was closed over, its types, numba and the processor, so
-that code of an older source is never found. A hash at its end finds accidents: what was damaged is thrown away and
-compiled again. Against malice stands that the folder and each file are the user's alone, see `twin.cache_folder`.
+file is named after the source that the root reaches, what it was closed over, its types, numba and the form of the
+processor, so that code of an older source is never found. A hash at its end finds accidents: what was damaged is thrown
+away and compiled again. Against malice stands that the folder and each file are the user's alone, see
+`twin.cache_folder`; or that they came with the package, where a wheel has brought them.
 """
 
 import contextlib
@@ -28,18 +29,19 @@ except ImportError:
 
 VARIABLE = "NUMBA_CACHE_DIR"
 """Names a folder of the user's own choice."""
-MOST = 500
-"""Files that are kept: seven sources of all there is."""
+MOST = 1000
+"""Files that are kept: seven sources of all there is, two files each."""
 OBJECT = ".o"
 SEAL = 16
 """Bytes of the hash at the end of a file."""
 _PACKAGE = Path(__file__).parents[1]
+CARRIED = Path(__file__).with_name("objects")
+"""Where a wheel has object files; they are looked at first and never written."""
 _OWN = _PACKAGE.name
-_INSTALLED = tuple({sysconfig.get_path(name) + os.sep for name in ("stdlib", "platlib", "purelib")})
+_INSTALLED = re.compile(re.escape(sysconfig.get_path("stdlib") + os.sep) + r"|.*[/\\](site|dist)-packages[/\\]")
 """What lies there is known by the version of Python and numba, but for this package."""
 _IMPORT = re.compile(rb"^[ \t]*(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|.*)|import[ \t]+(.*))", re.MULTILINE)
-_KEPT = re.compile(r".+\.(o|ll)|[0-9a-f]{16}")
-"""Also folders, in which everything of one source was kept before."""
+_KEPT = re.compile(r".+\.(o|ll)")
 _refusal: list[str] = []
 _reported: set[Path] = set()
 
@@ -70,13 +72,21 @@ def keep(file: str, content: bytes) -> None:
     with contextlib.suppress(OSError):
         # whatever the umask leaves to others
         with open(aside, "wb", opener=lambda path, flags: os.open(path, flags, 0o600)) as written:
-            written.write(content + _seal(file, content))
+            written.write(sealed(file, content))
         aside.replace(folder() / file)
         evict(folder(), MOST, _KEPT)
 
 
+def sealed(file: str, content: bytes) -> bytes:
+    """The bytes of a file of that name."""
+    return content + _seal(file, content)
+
+
 def kept(file: str) -> bytes:
-    """What was put there under that name; nothing if it is not there, or not as it was written."""
+    """What came with the package or was kept under that name; nothing if it is not there, or not as it was written."""
+    with contextlib.suppress(OSError):
+        if content := _whole(CARRIED / file):
+            return content
     path = folder() / file
     try:
         discard_foreign(path)
@@ -200,7 +210,7 @@ def _file(module: str) -> str | None:
         stem = os.path.join(_PACKAGE, *below.split("."))
         return next((file for file in (stem + ".py", os.path.join(stem, "__init__.py")) if os.path.isfile(file)), None)
     found: str | None = getattr(sys.modules.get(module), "__file__", None)
-    return found if found and os.path.isfile(found) and not found.startswith(_INSTALLED) else None
+    return found if found and os.path.isfile(found) and not _INSTALLED.match(found) else None
 
 
 def _identity(value: Any, modules: set[str]) -> str:
