@@ -13,8 +13,9 @@ import os
 import re
 import sys
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
+from importlib.util import resolve_name
 from pathlib import Path
 from typing import Any
 
@@ -78,8 +79,8 @@ def keep(file: str, content: bytes) -> None:
 
 
 def sealed(file: str, content: bytes) -> bytes:
-    """The bytes of a file of that name."""
-    return content + _seal(file, content)
+    """The bytes of a file of that name; one that was renamed is none of ours."""
+    return content + hashlib.blake2b(file.encode() + b"\0" + content, digest_size=SEAL).digest()
 
 
 def kept(file: str) -> bytes:
@@ -147,9 +148,9 @@ def refusal() -> str:
     return "".join(_refusal)
 
 
-def object_files() -> list[Path]:
-    """Those that are kept, of all sources."""
-    return sorted(folder().glob(f"[!.]*{OBJECT}"))
+def object_files(place: Path | None = None) -> list[Path]:
+    """Those that are kept, of all sources; or those of another place, `CARRIED` say."""
+    return sorted((place or folder()).glob(f"[!.]*{OBJECT}"))
 
 
 def compiled_pieces() -> int:
@@ -157,9 +158,17 @@ def compiled_pieces() -> int:
     return len(object_files())
 
 
-def damaged_files() -> list[Path]:
-    """Those that are not as they were written."""
-    return [path for path in object_files() if not _is_whole(path)]
+def damaged_files(files: Iterable[Path]) -> list[Path]:
+    """Those of `files` that are not as they were written."""
+
+    def is_damaged(path: Path) -> bool:
+        try:
+            return not _whole(path)
+        except OSError as problem:
+            # another process may have cleared it
+            return not isinstance(problem, FileNotFoundError)
+
+    return [path for path in files if is_damaged(path)]
 
 
 def source_digest(*modules: str) -> str:
@@ -186,20 +195,13 @@ def _source(module: str) -> tuple[bytes, tuple[str, ...]]:
     for origin, names, whole in _IMPORT.findall(text):
         for each in whole.decode().split(","):
             imported.add(each.split(" as ")[0].partition("#")[0].strip())
-        if origin:
-            full = _absolute(origin.decode(), package)
+        # text may look like an import, and lead out of the package
+        with contextlib.suppress(ImportError):
+            full = resolve_name(origin.decode(), package)
             imported.add(full)
             if (_file(full) or "").endswith("__init__.py"):
                 imported |= {f"{full}.{name}" for name in re.findall(r"\w+", names.decode())}
-    return hashlib.blake2b(text, digest_size=SEAL).digest(), tuple(imported)
-
-
-def _absolute(origin: str, package: str) -> str:
-    """The module that `from origin import` means in a package."""
-    name = origin.lstrip(".")
-    above = package.split(".")
-    base = ".".join(above[: len(above) + 1 - (len(origin) - len(name))]) if name != origin else ""
-    return f"{base}.{name}".strip(".")
+    return _hash(text).encode(), tuple(imported)
 
 
 @cache
@@ -244,24 +246,7 @@ def _identity(value: Any, modules: set[str]) -> str:
 def _whole(path: Path) -> bytes:
     """What was sealed in a file; nothing if it is not as it was written."""
     content = path.read_bytes()
-    return content[:-SEAL] if content[-SEAL:] == _seal(path.name, memoryview(content)[:-SEAL]) else b""
-
-
-def _is_whole(path: Path) -> bool:
-    try:
-        return bool(_whole(path))
-    except FileNotFoundError:
-        # another process cleared it
-        return True
-    except OSError:
-        return False
-
-
-def _seal(name: str, content: bytes | memoryview) -> bytes:
-    """Of a file of that name; a file that was renamed is none of ours."""
-    seal = hashlib.blake2b(name.encode() + b"\0", digest_size=SEAL)
-    seal.update(content)
-    return seal.digest()
+    return content[:-SEAL] if content == sealed(path.name, content[:-SEAL]) else b""
 
 
 def _hash(content: bytes) -> str:
