@@ -12,7 +12,7 @@ FAST   := robot plant controller monitor drive faults cosim recording experiment
           studies/metrics studies/compare
 
 .DEFAULT_GOAL := help
-.PHONY: help run tasks test test-fast lint bench validation survey docs picture endurance bytes house mutants fmus shell clean
+.PHONY: help run tasks test test-fast lint bench validation survey docs picture endurance bytes house wheel mutants fmus shell clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -52,6 +52,9 @@ bytes: $(VENV)/.test-$(EXTRAS)  ## does the working tree record and say what a c
 
 house: $(VENV)/.test-$(EXTRAS)  ## how large twin/ is and how its files hang together, beside what is asked
 	@$(VENV)/bin/python -m tests.house
+
+wheel: $(VENV)/.test-$(EXTRAS)  ## dist/: a wheel for x86-64 Linux with machine code in it, so that nobody waits for it
+	$(VENV)/bin/python build_wheel.py dist
 
 mutants: $(VENV)/.test-test,mutants  ## change the source in 400 places, one at a time: do the tests notice? (hours)
 	$(VENV)/bin/python -m tests.mutants --jobs $(JOBS) $(MUTANTS)

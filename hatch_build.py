@@ -1,5 +1,9 @@
-"""What a wheel leaves out: files put beside those of the repository, an experiment of the user's own say."""
+"""What a wheel leaves out: files put beside those of the repository, an experiment of the user's own say.
 
+And what `make wheel` brings in: machine code.
+"""
+
+import os
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -7,15 +11,20 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 SHIPPED = ("twin", "examples", "experiments", "fmus", "tests/baselines")
+OBJECTS = "TWIN_OBJECTS"
+"""Variable that names the folder of machine code that `build_wheel.py` made, for Linux on x86-64."""
 
 
 class Untracked(BuildHookInterface):
-    """Excludes from a wheel what git does not know."""
+    """Excludes from a wheel what git does not know, and includes machine code that was made for it."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Called before the files are gathered; `version`: "standard" or "editable"."""
         if version == "editable":
             return
+        if folder := os.environ.get(OBJECTS):
+            build_data["force_include"][folder] = "twin/compiled/objects"
+            build_data["pure_python"], build_data["tag"] = False, "py3-none-linux_x86_64"
         try:
             # a source distribution may lie in somebody else's repository, which knows none of its files
             if not Path(self.root).samefile(self._git("rev-parse", "--show-toplevel").rstrip("\n")):

@@ -33,6 +33,7 @@ class Case:
         files: that lie in its folder, text by name.
         load: what `twin.load` is called with, to run it; or
         commands: command lines without their first word `twin`, done one after the other in its folder.
+        environment: variables that they find.
     """
 
     name: str
@@ -40,11 +41,13 @@ class Case:
     files: dict[str, str] = field(default_factory=dict)
     load: tuple[str, tuple[str, ...], str | None, str | None] | None = None
     commands: tuple[str, ...] = ()
+    environment: dict[str, str] = field(default_factory=dict)
 
 
 def all_cases(tree: Path) -> list[Case]:
     """Those of the tree at `tree`; what takes longest first."""
-    return [*_commands(), *_each_drive(tree), *_each_body(tree), *_faults(tree), *_couplings(), *_variants()]
+    runs = (*_each_drive(tree), *_each_body(tree), *_faults(tree), *_couplings(), *_variants(), *_forms())
+    return [*_commands(), *runs]
 
 
 def _each_drive(tree: Path) -> list[Case]:
@@ -180,6 +183,19 @@ def _variants() -> list[Case]:
             ("variant.toml", (), None, None),
         )
         for name, (under, text) in VARIANTS.items()
+    ]
+
+
+def _forms() -> list[Case]:
+    """Each form of machine code that this processor can run, where there are several."""
+    cpu = Path("/proc/cpuinfo")
+    flags = set(cpu.read_text("utf-8").split()) if cpu.exists() else set()
+    # runs in processes of their own, as a process has one form
+    lines = (f"run {FIG4} --set {FIG4_SHORT} --out a", "run pressing --body back --out b")
+    return [
+        Case(f"form {name}", True, commands=lines, environment={"TWIN_PROCESSOR": name})
+        for name, needed in (("any", {"sse2"}), ("avx", {"avx"}), ("avx512", {"avx512f", "avx512vl"}))
+        if needed <= flags
     ]
 
 

@@ -35,6 +35,8 @@ def main() -> None:
         for name, text in case["files"].items():
             (folder / name).write_text(text, encoding="utf-8")
         os.chdir(folder)
+        # for the processes that it starts
+        os.environ.update(case["environment"])
 
         def placed(text: str, here: str = str(folder)) -> str:
             return text.replace(str(tree), "TREE").replace(here, "HERE")
@@ -42,6 +44,8 @@ def main() -> None:
         found = _run(case["load"], folder, placed) if case["load"] else _command_lines(case["commands"], tree, placed)
         print(json.dumps(found), file=answers, flush=True)
         os.chdir(tree)
+        for name in case["environment"]:
+            del os.environ[name]
         if kept:
             place = Path(kept) / case["name"].replace(" ", "_").replace("/", "_")
             shutil.rmtree(place, ignore_errors=True)

@@ -2,12 +2,14 @@
 
 import itertools
 import math
+import platform
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import llvmlite.binding as llvm
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from twin.compiled import emission, machine, store
 from twin.compiled.function import Function, carray, njit
 from twin.compiled.native import Entry, Native, address_of
 from twin.cosim.native import doubles_at
+from twin.errors import InputRefused
 from twin.runs.guard.page import load
 
 PAIR = np.dtype([("a", "f8"), ("b", "f8")])
@@ -80,7 +83,7 @@ def test_it_is_found_again_by_another_process_and_nothing_is_compiled_then(place
     first = Native("double", ("double",), ours(lambda x: math.sin(x) + x))
     assert first.address
     monkeypatch.setattr(machine, "_loaded", set())
-    monkeypatch.setattr(Native, "_emitted", lambda self: pytest.fail("compiled again"))
+    monkeypatch.setattr(Native, "emitted", lambda *asked: pytest.fail("compiled again"))
     assert Native("double", ("double",), first.function).is_there
     assert not Native("double", ("double", "double"), first.function).is_there
 
@@ -120,15 +123,38 @@ def test_a_function_that_needs_memory_of_its_own_stays_with_numba(place: Path):
         entered(3)
 
 
-def test_another_processor_or_compiler_is_another_file(place: Path, monkeypatch: pytest.MonkeyPatch):
-    function = ours(lambda x: x)
-    names = set()
-    for cpu in ("", "x86-64"):
-        monkeypatch.setenv("NUMBA_CPU_NAME", cpu)
-        machine.target.cache_clear()
-        names.add(Native("double", ("double",), function)._name)
-    machine.target.cache_clear()
-    assert len(names) == 2
+def test_each_form_of_the_processor_is_another_code_that_numba_compiles_once(place: Path, monkeypatch):
+    native = Native("double", ("double", "double"), ours(lambda a, b: math.sqrt(a) / b + a * b))
+    plain, avx, _ = machine.X86_64
+    code = native.emitted(plain)
+    monkeypatch.setattr(emission, "module_of", lambda *asked: pytest.fail("compiled again"))
+    assert native.emitted(avx) != code
+    assert len({machine.file_of(native.name, form) for form in machine.X86_64}) == 3
+
+
+@pytest.fixture
+def chosen(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], str]]:
+    """The name of the form that a process with that TWIN_PROCESSOR chooses."""
+
+    def choose(given: str) -> str:
+        monkeypatch.setenv(machine.VARIABLE, given)
+        machine.chosen_form.cache_clear()
+        return machine.chosen_form().name
+
+    yield choose
+    machine.chosen_form.cache_clear()
+
+
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="others have one form")
+def test_a_process_has_the_richest_form_that_its_processor_can_run_or_the_one_that_is_asked_for(chosen, monkeypatch):
+    here = {"avx": True, "avx512f": True, "avx512vl": True}
+    monkeypatch.setattr(llvm, "get_host_cpu_features", lambda: here)
+    assert [chosen(given) for given in ("", "any", "avx", "avx512")] == ["avx512", "any", "avx", "avx512"]
+    here["avx512vl"] = False
+    assert chosen("") == "avx"
+    refusal = r"^TWIN_PROCESSOR=avx512: expected one of what this processor can run: any, avx$"
+    with pytest.raises(InputRefused, match=refusal):
+        chosen("avx512")
 
 
 def test_where_nothing_can_be_kept_the_code_runs_all_the_same(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
@@ -159,7 +185,7 @@ from twin.runs.assembly.usual import usual
 from twin.runs.run import execute
 with tempfile.TemporaryDirectory() as folder:
     execute(load_experiment("fig4_force_position"), folder)
-print("numba" in sys.modules, sorted({n._name for n in usual()} ^ _loaded))
+print("numba" in sys.modules, sorted({n.name for n in usual()} ^ _loaded))
 """
 
 

@@ -16,7 +16,7 @@ import pytest
 from tests.damage import KINDS, damage
 from twin.compiled import store
 from twin.compiled.function import njit
-from twin.compiled.store import damaged_files, keep, kept, name_of, object_files, source_digest
+from twin.compiled.store import damaged_files, keep, kept, name_of, object_files, sealed, source_digest
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="owners and modes of POSIX")
 SOURCE = Path(__file__).parents[2] / "twin"
@@ -145,7 +145,7 @@ def test_what_was_put_there_is_found_and_nothing_is_said(place: Path, capsys: py
     for name, code in CODE.items():
         keep(name, code)
     assert {name: kept(name) for name in CODE} == CODE
-    assert (damaged_files(), [file.name for file in object_files()]) == ([], list(CODE))
+    assert (damaged_files(object_files()), [file.name for file in object_files()]) == ([], list(CODE))
     assert capsys.readouterr().err == ""
 
 
@@ -155,14 +155,14 @@ def test_a_damaged_file_is_thrown_away_and_told_once(place: Path, capsys: pytest
         keep(name, code)
         damage(place / name, kind, random.Random(1))
     # a link to nowhere is a file that is not there
-    assert len(damaged_files()) == (0 if kind == "link" else 2)
+    assert len(damaged_files(object_files())) == (0 if kind == "link" else 2)
     assert {kept(name) for name in CODE} == {b""}
     told = f"twin: compiled code in {place}/ was damaged: compiled again\n"
     assert capsys.readouterr().err == ("" if kind == "link" else told)
     for name, code in CODE.items():
         keep(name, code)
         assert kept(name) == code
-    assert damaged_files() == []
+    assert damaged_files(object_files()) == []
 
 
 @pytest.mark.parametrize("rounds", [100, pytest.param(5000, marks=pytest.mark.endurance)])
@@ -174,6 +174,23 @@ def test_whatever_is_damaged_nothing_else_is_ever_loaded(place: Path, rounds: in
         for name in draw.sample(list(CODE), draw.randrange(1, 3)):
             damage(place / name, draw.choice(KINDS), draw)
         assert all(kept(name) in (b"", code) for name, code in CODE.items())
+
+
+def test_what_came_with_the_package_is_looked_at_first_and_never_written(place: Path, monkeypatch, capsys):
+    came = place.with_name("came")
+    came.mkdir()
+    monkeypatch.setattr(store, "CARRIED", came)
+    keep("twin.a.o", b"compiled here")
+    (came / "twin.a.o").write_bytes(sealed("twin.a.o", b"from the wheel"))
+    assert kept("twin.a.o") == b"from the wheel"
+    assert damaged_files(object_files(came)) == []
+    # as it is not the user's to mend, nothing is said
+    damage(came / "twin.a.o", "flipped", random.Random(1))
+    changed = (came / "twin.a.o").read_bytes()
+    assert kept("twin.a.o") == b"compiled here" and capsys.readouterr().err == ""
+    assert damaged_files(object_files(came)) == [came / "twin.a.o"]
+    keep("twin.a.o", b"compiled again")
+    assert (came / "twin.a.o").read_bytes() == changed
 
 
 def test_a_file_that_took_the_name_of_another_one_is_not_loaded(place: Path):

@@ -30,27 +30,12 @@ types: Any = _Module("numba.types")
 
 
 class _Layout:
-    """Types of C as LLVM calls them."""
+    """Types of C as LLVM calls them: i8, i32, i64, f64, pointer."""
 
-    @cached_property
-    def i8(self) -> Any:
-        return ir.IntType(8)
-
-    @cached_property
-    def i32(self) -> Any:
-        return ir.IntType(32)
-
-    @cached_property
-    def i64(self) -> Any:
-        return ir.IntType(64)
-
-    @cached_property
-    def f64(self) -> Any:
-        return ir.DoubleType()
-
-    @cached_property
-    def pointer(self) -> Any:
-        return self.i8.as_pointer()
+    def __getattr__(self, name: str) -> Any:
+        if name == "pointer":
+            return self.i8.as_pointer()
+        return ir.DoubleType() if name == "f64" else ir.IntType(int(name.removeprefix("i")))
 
 
 c = _Layout()

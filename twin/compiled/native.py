@@ -2,14 +2,14 @@
 
 import contextlib
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from twin.compiled import machine, store
-from twin.compiled.compiling import compiling
 from twin.compiled.function import Function, types
 
 if TYPE_CHECKING:
@@ -33,11 +33,38 @@ _KINDS: dict[str, tuple[str, str, Any]] = {
 
 
 _helpers: list[Callable[[], None]] = []
+_witnesses: list[Callable[[bool], None]] = []
+_under_way: list[None] = []
+"""One for each of what is being compiled, as threads may compile side by side."""
 
 
 def help_with(helper: Callable[[], None]) -> None:
     """Call `helper` before this process compiles for the first time."""
     _helpers.append(helper)
+
+
+def watch_compiling(witness: Callable[[bool], None]) -> None:
+    """From now on tell `witness` True when this process begins to compile, and False when it has done so.
+
+    For those who measure time: no component is to be charged with that.
+    """
+    _witnesses.append(witness)
+
+
+@contextlib.contextmanager
+def compiling() -> Iterator[None]:
+    """Around what compiles, or waits for another process that compiles the same."""
+    _under_way.append(None)
+    if len(_under_way) == 1:
+        for witness in _witnesses:
+            witness(True)
+    try:
+        yield
+    finally:
+        _under_way.pop()
+        if not _under_way:
+            for witness in _witnesses:
+                witness(False)
 
 
 class Native:
@@ -48,30 +75,29 @@ class Native:
     Args:
         returns, takes: kinds; no record is returned.
         function: its source. Dividing by zero gives NaN or infinity there, and an exception is lost.
-        entered: whether Python calls it.
     """
 
-    def __init__(self, returns: str, takes: Sequence[Kind], function: Callable, entered: bool = False):
-        self.returns, self.takes, self.function, self.entered = returns, tuple(takes), function, entered
+    def __init__(self, returns: str, takes: Sequence[Kind], function: Callable):
+        self.returns, self.takes, self.function = returns, tuple(takes), function
 
     @cached_property
     def address(self) -> int:
         """Where the machine code is."""
-        if not self._name:
+        if not self.name:
             return self._of_numba()
         if not self.is_there:
             while _helpers:
                 _helpers.pop()()
-            with compiling(), store.alone(self._name):
-                code = b"" if self.is_there else self._emitted()
+            with compiling(), store.alone(self.name):
+                code = b"" if self.is_there else self.emitted(machine.chosen_form())
                 if code:
-                    machine.take(self._name, code)
-        return machine.address(self._name) if self.is_there else self._of_numba()
+                    machine.take(self.name, code)
+        return machine.address(self.name) if self.is_there else self._of_numba()
 
     @property
     def is_there(self) -> bool:
         """Whether it need not be compiled any more."""
-        return bool(self._name) and machine.has(self._name)
+        return bool(self.name) and machine.has(self.name)
 
     @property
     def signature(self) -> Any:
@@ -80,7 +106,7 @@ class Native:
 
     @cached_property
     def called(self) -> Callable:
-        """It, for Python, where addresses are numbers; of one that is `entered`."""
+        """It, for Python, where addresses are numbers."""
         if not (self.address and self.is_there):
             raise RuntimeError(f"{self.function.__name__} needs more than mathematics: Python cannot enter it")
         kinds = ["pointer" if isinstance(kind, np.dtype) else kind for kind in (self.returns, *self.takes)]
@@ -88,35 +114,33 @@ class Native:
         return ctypes.CFUNCTYPE(*(_KINDS[kind][2] for kind in kinds))(self.address)
 
     @cached_property
-    def _name(self) -> str:
-        """Of its object file; "" if it cannot have one."""
+    def name(self) -> str:
+        """Of what is kept of it; "" if nothing can be."""
         kinds = [f"{kind.descr} {kind.itemsize}" if isinstance(kind, np.dtype) else kind for kind in self.takes]
+        compilers = version("numba"), version("llvmlite")
         with contextlib.suppress(store.Unnamed):
-            return store.name_of(self.function, f"{self.returns} {kinds} {machine.target()}")
+            return store.name_of(self.function, f"{self.returns} {kinds} {compilers}")
         return ""
 
-    def _emitted(self) -> bytes:
-        """Object code; none if it needs more than mathematics."""
+    def emitted(self, form: machine.Form) -> bytes:
+        """Object code of a form; none if it needs more than mathematics."""
         from twin.compiled import emission
 
         returns = _KINDS[self.returns][1]
-        module = emission.callable_by_c(self.module(self._name), returns)
-        made, foreign = emission.bare(module, machine.machine())
-        if foreign:
-            return b""
-        return bytes(machine.machine().emit_object(made))
+        module = emission.callable_by_c(self.module(self.name), returns)
+        made, foreign = emission.bare(module, machine.machine(form))
+        return b"" if foreign else bytes(machine.machine(form).emit_object(made))
 
     def module(self, symbol: str) -> "Module":
         """As numba leaves it, with a function that shall be called `symbol`.
 
-        What Python does not enter may be built into something else, so it is kept: numba takes longer than all that
-        comes after it.
+        It is kept for what it may be built into, and for other forms: numba takes longer than all that comes after it.
         """
         import zstandard
 
         from twin.compiled import emission
 
-        file = f"{self._name}.ll" if self._name and not self.entered else ""
+        file = f"{self.name}.ll" if self.name else ""
         known = store.kept(file) if file else b""
         if known:
             inner, _, text = zstandard.decompress(known).decode().partition("\n")
@@ -152,7 +176,7 @@ class Entry(Function):
 
     def __init__(self, returns: str, takes: Sequence[Kind], function: Callable):
         super().__init__(function, cache=True, error_model="numpy")
-        self.native = Native(returns, takes, function, entered=True)
+        self.native = Native(returns, takes, function)
 
     def __call__(self, *arguments: Any) -> Any:
         """For a pointer an array may be given, contiguous and of the right kind."""

@@ -5,9 +5,7 @@ used.
 """
 
 import gc
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from functools import cache
+from collections.abc import Callable
 from typing import Any
 
 SELDOM = (50_000, 20, 20)
@@ -38,9 +36,13 @@ def inner_module(signature: Any, function: Callable) -> tuple[str, str]:
     """(name of the inner function, LLVM's assembly of the module) of `function`, compiled as a `cfunc`."""
     from numba import cfunc
 
-    with _unexecuted():
+    often = gc.get_threshold()
+    gc.set_threshold(*SELDOM)
+    try:
         # anew: what comes from numba's cache has no module
         compiled = cfunc(signature, error_model="numpy")(function)
+    finally:
+        gc.set_threshold(*often)
     return compiled._wrapper_name.removeprefix("cfunc."), str(compiled._library._final_module)
 
 
@@ -63,45 +65,3 @@ def _target() -> Any:
     from numba.core.registry import cpu_target
 
     return cpu_target
-
-
-@contextmanager
-def _unexecuted() -> Iterator[None]:
-    """Meanwhile what is compiled has no address; what calls it later takes it in, and may have one.
-
-    To make machine code of every function takes a tenth of the time, and nobody would call it: the machine code that is
-    called is made of the module of the outermost function, which has all others in it.
-    """
-    codegen = _target().target_context.codegen()
-    before, often = type(codegen), gc.get_threshold()
-    codegen.__class__ = _codegen()
-    gc.set_threshold(*SELDOM)
-    try:
-        yield
-    finally:
-        codegen.__class__ = before
-        gc.set_threshold(*often)
-
-
-@cache
-def _codegen() -> type:
-    """Numba's, which leaves what it compiles at an optimised and linked module."""
-    from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
-
-    class Library(JITCodeLibrary):  # type: ignore[misc]
-        def get_pointer_to_function(self, name: str) -> int:
-            self._ensure_finalized()
-            return 0
-
-        def _finalize_final_module(self) -> None:
-            self._finalize_dynamic_globals()
-            self._verify_declare_only_symbols()
-            self._finalized = True
-
-    class Codegen(JITCPUCodegen):  # type: ignore[misc]
-        _library_class = Library
-
-        def set_env(self, env_name: str, env: Any) -> None:
-            """Nothing: it lies in machine code, for functions that Python calls."""
-
-    return Codegen

@@ -1,9 +1,10 @@
 """Machine code kept between processes: an object file for each root, which is loaded without numba.
 
 A root is a function that C or Python calls; its file holds all that it calls, and asks for nothing but mathematics. The
-file is named after the source that the root reaches, what it was closed over, its types, numba and the processor, so
-that code of an older source is never found. A hash at its end finds accidents: what was damaged is thrown away and
-compiled again. Against malice stands that the folder and each file are the user's alone, see `twin.cache_folder`.
+file is named after the source that the root reaches, what it was closed over, its types, numba and the form of the
+processor, so that code of an older source is never found. A hash at its end finds accidents: what was damaged is thrown
+away and compiled again. Against malice stands that the folder and each file are the user's alone, see
+`twin.cache_folder`; or that they came with the package, where a wheel has brought them.
 """
 
 import contextlib
@@ -12,8 +13,9 @@ import os
 import re
 import sys
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
+from importlib.util import resolve_name
 from pathlib import Path
 from typing import Any
 
@@ -28,18 +30,19 @@ except ImportError:
 
 VARIABLE = "NUMBA_CACHE_DIR"
 """Names a folder of the user's own choice."""
-MOST = 500
-"""Files that are kept: seven sources of all there is."""
+MOST = 1000
+"""Files that are kept: seven sources of all there is, two files each."""
 OBJECT = ".o"
 SEAL = 16
 """Bytes of the hash at the end of a file."""
 _PACKAGE = Path(__file__).parents[1]
+CARRIED = Path(__file__).with_name("objects")
+"""Where a wheel has object files; they are looked at first and never written."""
 _OWN = _PACKAGE.name
-_INSTALLED = tuple({sysconfig.get_path(name) + os.sep for name in ("stdlib", "platlib", "purelib")})
+_INSTALLED = re.compile(re.escape(sysconfig.get_path("stdlib") + os.sep) + r"|.*[/\\](site|dist)-packages[/\\]")
 """What lies there is known by the version of Python and numba, but for this package."""
 _IMPORT = re.compile(rb"^[ \t]*(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|.*)|import[ \t]+(.*))", re.MULTILINE)
-_KEPT = re.compile(r".+\.(o|ll)|[0-9a-f]{16}")
-"""Also folders, in which everything of one source was kept before."""
+_KEPT = re.compile(r".+\.(o|ll)")
 _refusal: list[str] = []
 _reported: set[Path] = set()
 
@@ -70,13 +73,21 @@ def keep(file: str, content: bytes) -> None:
     with contextlib.suppress(OSError):
         # whatever the umask leaves to others
         with open(aside, "wb", opener=lambda path, flags: os.open(path, flags, 0o600)) as written:
-            written.write(content + _seal(file, content))
+            written.write(sealed(file, content))
         aside.replace(folder() / file)
         evict(folder(), MOST, _KEPT)
 
 
+def sealed(file: str, content: bytes) -> bytes:
+    """The bytes of a file of that name; one that was renamed is none of ours."""
+    return content + hashlib.blake2b(file.encode() + b"\0" + content, digest_size=SEAL).digest()
+
+
 def kept(file: str) -> bytes:
-    """What was put there under that name; nothing if it is not there, or not as it was written."""
+    """What came with the package or was kept under that name; nothing if it is not there, or not as it was written."""
+    with contextlib.suppress(OSError):
+        if content := _whole(CARRIED / file):
+            return content
     path = folder() / file
     try:
         discard_foreign(path)
@@ -137,9 +148,9 @@ def refusal() -> str:
     return "".join(_refusal)
 
 
-def object_files() -> list[Path]:
-    """Those that are kept, of all sources."""
-    return sorted(folder().glob(f"[!.]*{OBJECT}"))
+def object_files(place: Path | None = None) -> list[Path]:
+    """Those that are kept, of all sources; or those of another place, `CARRIED` say."""
+    return sorted((place or folder()).glob(f"[!.]*{OBJECT}"))
 
 
 def compiled_pieces() -> int:
@@ -147,9 +158,17 @@ def compiled_pieces() -> int:
     return len(object_files())
 
 
-def damaged_files() -> list[Path]:
-    """Those that are not as they were written."""
-    return [path for path in object_files() if not _is_whole(path)]
+def damaged_files(files: Iterable[Path]) -> list[Path]:
+    """Those of `files` that are not as they were written."""
+
+    def is_damaged(path: Path) -> bool:
+        try:
+            return not _whole(path)
+        except OSError as problem:
+            # another process may have cleared it
+            return not isinstance(problem, FileNotFoundError)
+
+    return [path for path in files if is_damaged(path)]
 
 
 def source_digest(*modules: str) -> str:
@@ -176,20 +195,13 @@ def _source(module: str) -> tuple[bytes, tuple[str, ...]]:
     for origin, names, whole in _IMPORT.findall(text):
         for each in whole.decode().split(","):
             imported.add(each.split(" as ")[0].partition("#")[0].strip())
-        if origin:
-            full = _absolute(origin.decode(), package)
+        # text may look like an import, and lead out of the package
+        with contextlib.suppress(ImportError):
+            full = resolve_name(origin.decode(), package)
             imported.add(full)
             if (_file(full) or "").endswith("__init__.py"):
                 imported |= {f"{full}.{name}" for name in re.findall(r"\w+", names.decode())}
-    return hashlib.blake2b(text, digest_size=SEAL).digest(), tuple(imported)
-
-
-def _absolute(origin: str, package: str) -> str:
-    """The module that `from origin import` means in a package."""
-    name = origin.lstrip(".")
-    above = package.split(".")
-    base = ".".join(above[: len(above) + 1 - (len(origin) - len(name))]) if name != origin else ""
-    return f"{base}.{name}".strip(".")
+    return _hash(text).encode(), tuple(imported)
 
 
 @cache
@@ -200,7 +212,7 @@ def _file(module: str) -> str | None:
         stem = os.path.join(_PACKAGE, *below.split("."))
         return next((file for file in (stem + ".py", os.path.join(stem, "__init__.py")) if os.path.isfile(file)), None)
     found: str | None = getattr(sys.modules.get(module), "__file__", None)
-    return found if found and os.path.isfile(found) and not found.startswith(_INSTALLED) else None
+    return found if found and os.path.isfile(found) and not _INSTALLED.match(found) else None
 
 
 def _identity(value: Any, modules: set[str]) -> str:
@@ -234,24 +246,7 @@ def _identity(value: Any, modules: set[str]) -> str:
 def _whole(path: Path) -> bytes:
     """What was sealed in a file; nothing if it is not as it was written."""
     content = path.read_bytes()
-    return content[:-SEAL] if content[-SEAL:] == _seal(path.name, memoryview(content)[:-SEAL]) else b""
-
-
-def _is_whole(path: Path) -> bool:
-    try:
-        return bool(_whole(path))
-    except FileNotFoundError:
-        # another process cleared it
-        return True
-    except OSError:
-        return False
-
-
-def _seal(name: str, content: bytes | memoryview) -> bytes:
-    """Of a file of that name; a file that was renamed is none of ours."""
-    seal = hashlib.blake2b(name.encode() + b"\0", digest_size=SEAL)
-    seal.update(content)
-    return seal.digest()
+    return content[:-SEAL] if content == sealed(path.name, content[:-SEAL]) else b""
 
 
 def _hash(content: bytes) -> str:

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from twin.compiled.compiling import compiling
+from twin.compiled.native import compiling
 from twin.drive.calls import announced
 from twin.runs.guard.reporter import Reporter
 from twin.studies.identify.identification import NotIdentifiable

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from twin import __version__
 from twin.cli.installation.finding import Finding, is_ready, lacking
-from twin.compiled.store import VARIABLE, damaged_files, folder, object_files, refusal
+from twin.compiled.store import CARRIED, VARIABLE, damaged_files, folder, object_files, refusal
 from twin.drive.unpacked import shelf
 from twin.errors import InputRefused
 from twin.kept import kept
@@ -24,11 +24,16 @@ def compiled_finding() -> Finding:
     if refusal():
         return Finding("compiled", "lacks", f"every command compiles anew: {refusal()}")
     place = f"{folder()}, {f'as {VARIABLE} says' if os.environ.get(VARIABLE) else SAFE}"
-    files = object_files()
-    if not files:
+    files, brought = object_files(), object_files(CARRIED)
+    if not files and not brought:
         return Finding("compiled", "ok", f"nothing yet: the first run compiles, some seconds; kept in {place}")
-    size = sum(file.stat().st_size for file in files)
-    return Finding("compiled", "ok", f"{size / 1e6:.0f} MB kept in {place}{_told(damaged_files(), 'compiled again')}")
+    text = f"{_size(files):.0f} MB kept in {place}{_told(damaged_files([*brought, *files]), 'compiled again')}"
+    return Finding("compiled", "ok", f"{_size(brought):.1f} MB came with twin; {text}" if brought else text)
+
+
+def _size(files: Sequence[Path]) -> float:
+    """MB."""
+    return sum(file.stat().st_size for file in files) / 1e6
 
 
 def unpacked_finding() -> Finding:

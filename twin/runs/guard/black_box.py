@@ -104,7 +104,7 @@ class Announcer:
         self._compiled, self._since = 0, 0
 
     def compiling(self, begins: bool) -> None:
-        """Something is being compiled from now on, or no more. Fits `twin.compiled.compiling.watch_compiling`."""
+        """Something is being compiled from now on, or no more. Fits `twin.compiled.native.watch_compiling`."""
         now = time.monotonic_ns()
         if not begins:
             self._compiled += now - self._since

@@ -43,7 +43,7 @@ def main() -> None:
             if reporter is None:
                 job = function_called(name)
                 # after the job's own imports: what it needs of them is loaded while the arguments are still being made
-                from twin.compiled.compiling import watch_compiling
+                from twin.compiled.native import watch_compiling
                 from twin.cosim.simulation import let_watch
                 from twin.drive.calls import listen
                 from twin.runs.guard.reporter import PipeReporter, let_speak

@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 import llvmlite.binding as llvm
 
 from twin.compiled.emission import Module, bare
+from twin.compiled.machine import OLDEST, X86_64, Form
 from twin.drive.compiling import PATIENCE, ZIG, call_compiler, compiler, zig
 from twin.errors import InputRefused, disk_refusals, nearest
 from twin.studies.build.layout import Layout
@@ -36,20 +37,6 @@ from twin.studies.build.layout import Layout
 ALL = "all"
 
 
-class Form(NamedTuple):
-    """Machine code for what not every processor of a kind has; `processor_form` of part.c chooses among them.
-
-    Attributes:
-        suffix: of the names of functions.
-        features: that LLVM may use.
-    """
-
-    suffix: str
-    features: str
-
-
-X86_64 = (Form("", ""), Form("_avx", "+avx"), Form("_avx512", "+avx512f,+avx512vl"))
-"""Fig. 4's plant takes 1.14, 1.09 and 1.02 times as long as what is compiled for the processor on which it runs."""
 ARM = (Form("", ""),)
 
 
@@ -84,10 +71,10 @@ class Platform(NamedTuple):
 PLATFORMS = {
     row[0]: Platform(*row)
     for row in (
-        ("x86_64-linux", "linux64", "so", "x86_64-unknown-linux-gnu", "x86_64-linux-gnu.2.17", "x86-64", X86_64),
+        ("x86_64-linux", "linux64", "so", "x86_64-unknown-linux-gnu", "x86_64-linux-gnu.2.17", OLDEST, X86_64),
         ("aarch64-linux", None, "so", "aarch64-unknown-linux-gnu", "aarch64-linux-gnu.2.17", "generic", ARM),
-        ("x86_64-windows", "win64", "dll", "x86_64-unknown-windows-gnu", "x86_64-windows-gnu", "x86-64", X86_64),
-        ("x86_64-darwin", "darwin64", "dylib", "x86_64-apple-macosx11.0.0", "x86_64-macos.11.0", "x86-64", X86_64),
+        ("x86_64-windows", "win64", "dll", "x86_64-unknown-windows-gnu", "x86_64-windows-gnu", OLDEST, X86_64),
+        ("x86_64-darwin", "darwin64", "dylib", "x86_64-apple-macosx11.0.0", "x86_64-macos.11.0", OLDEST, X86_64),
         ("aarch64-darwin", "darwin64", "dylib", "arm64-apple-macosx11.0.0", "aarch64-macos.11.0", "generic", ARM),
     )
 }
