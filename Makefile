@@ -7,12 +7,11 @@ VENV   := .venv
 TWIN   := $(VENV)/bin/twin
 TASKS  := $(foreach task,pressing tapping rolling pushing,experiments/$(task).toml)
 FIG4   := $(foreach run,force_position position imperfect imperfect_position,experiments/fig4_$(run).toml)
-# what test-fast runs: the rooms whose tests start no processes
-FAST   := robot plant controller monitor drive faults cosim recording experiment runs/assembly \
-          studies/metrics studies/compare
+# workers take files in the order that tests/conftest.py gives them: long ones first
+PYTEST := $(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile
 
 .DEFAULT_GOAL := help
-.PHONY: help run tasks test test-fast lint bench validation survey docs picture endurance bytes house wheel mutants fmus shell clean
+.PHONY: help run tasks test test-all lint bench validation survey docs picture endurance bytes house wheel mutants fmus shell clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -24,17 +23,17 @@ run: $(VENV)/.run  ## set up, run the paper's Fig. 4 experiment, score it agains
 # tests start hundreds of processes: none of them should compile what another one has compiled. Lint has time while
 # tests wait
 test: export PYTHONDONTWRITEBYTECODE :=
-test: $(VENV)/.test-$(EXTRAS)  ## set up, run the tests and, beside them, lint, types and import floors
+test: $(VENV)/.test-$(EXTRAS)  ## set up, run the first tier of the tests and, beside it, lint, types, import contracts
 	@trap 'kill $$lint 2>/dev/null' INT TERM; \
 	nice -n 19 $(MAKE) --no-print-directory lint >$(VENV)/lint.txt 2>&1 & lint=$$!; \
-	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not endurance"; tests=$$?; \
+	$(PYTEST) --no-loadscope-reorder -m "not slow and not endurance"; tests=$$?; \
 	wait $$lint; linted=$$?; cat $(VENV)/lint.txt; [ $$tests = 0 ] && [ $$linted = 0 ]
 
-test-fast: export PYTHONDONTWRITEBYTECODE :=
-test-fast: $(VENV)/.test-$(EXTRAS)  ## the rooms whose tests start no processes, with a quarter of the examples
-	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile -m "not endurance" --hypothesis-profile few $(FAST:%=tests/%)
+test-all: export PYTHONDONTWRITEBYTECODE :=
+test-all: test  ## what CI runs: `make test`, then the slow tests
+	$(PYTEST) --no-loadscope-reorder -m "slow and not endurance"
 
-lint: $(VENV)/.test-$(EXTRAS)  ## what runs before the tests
+lint: $(VENV)/.test-$(EXTRAS)  ## what `make test` runs beside the tests
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/mypy
@@ -42,7 +41,7 @@ lint: $(VENV)/.test-$(EXTRAS)  ## what runs before the tests
 
 endurance: $(VENV)/.test-$(EXTRAS)  ## the long tests, and new examples of every property; SEED=n draws those of n again
 	@seed=$(or $(SEED),$$(date +%s)); echo "draws the same examples again: make endurance SEED=$$seed"; \
-	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile -m "endurance or hypothesis" \
+	$(PYTEST) -m "endurance or hypothesis" \
 	  --hypothesis-profile endurance --hypothesis-seed $$seed || { echo "failed with SEED=$$seed"; exit 1; }
 
 # QUICK=1: a part of them; BASE=commit: another commit; ONLY='run pressing*': those cases; KEEP=folder: what they leave

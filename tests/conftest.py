@@ -30,10 +30,8 @@ USUAL = 100
 """Examples of a property."""
 
 # Loading a compiled function for the first time takes longer than hypothesis grants one example. Everywhere the same
-# examples are drawn, a quarter of them by `make test-fast`; `make endurance` draws new ones, twenty times as many,
-# which its seed draws again.
+# examples are drawn; `make endurance` draws new ones, twenty times as many, which its seed draws again.
 settings.register_profile("same", deadline=None, max_examples=USUAL, derandomize=True)
-settings.register_profile("few", settings.get_profile("same"), max_examples=USUAL // 4)
 settings.register_profile("endurance", deadline=None, max_examples=20 * USUAL, database=None)
 settings.load_profile("same")
 

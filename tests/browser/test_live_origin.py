@@ -13,6 +13,8 @@ from tests.runs.live.viewer import Viewer
 from twin.runs.live.server import LiveServer
 from twin.runs.run import execute
 
+pytestmark = pytest.mark.slow
+
 KNOCK = """address => new Promise(done => {
     const socket = new WebSocket(address, ["foxglove.sdk.v1"]);
     socket.onmessage = event => done(JSON.parse(event.data).op);

@@ -11,6 +11,8 @@ from playwright.sync_api import Browser, Locator, Page
 from tests.browser.conftest import Opened
 from twin.recording.recording import Recording
 
+pytestmark = pytest.mark.slow
+
 SECTIONS = [
     "Verdict",
     "Replay",

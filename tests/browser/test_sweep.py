@@ -12,6 +12,8 @@ from twin.report.page.sweep import write_sweep_page
 from twin.studies.sweep.show.parts import Asked
 from twin.studies.sweep.show.pictures import write_pictures
 
+pytestmark = pytest.mark.slow
+
 ASKED = Asked("force_error_N", "lateral_error_mm", 5)
 
 

@@ -11,6 +11,7 @@ PRESS = ("reference.p_mm=[[0,0,-101],[0,0,-104],[0,0,-104]]", "reference.t_s=[0,
 SETTINGS = [word for text in PRESS for word in ("--set", text)]
 
 
+@pytest.mark.slow
 def test_the_error_is_printed_first_and_where_the_facts_are_last(root: Path, tmp_path: Path):
     done = twin("accuracy", root / POSITION, *SETTINGS, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -21,6 +22,7 @@ def test_the_error_is_printed_first_and_where_the_facts_are_last(root: Path, tmp
     assert f"{facts['contributions'][-1]['rms_N']:.3f} N rms" in lines[0]
 
 
+@pytest.mark.slow
 def test_a_report_with_a_budget_has_its_table(root: Path, tmp_path: Path):
     assert twin("run", root / POSITION, *SETTINGS, "--out", "mine", cwd=tmp_path).returncode == 0
     done = twin("report", "mine", "--budget", cwd=tmp_path)

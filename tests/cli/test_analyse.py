@@ -1,6 +1,7 @@
 import json
 from pathlib import Path
 
+import pytest
 from PIL import Image
 
 from tests.command_line import twin
@@ -8,6 +9,7 @@ from tests.command_line import twin
 FIG4, AIR = "experiments/fig4_force_position.toml", "experiments/step_z_air.toml"
 
 
+@pytest.mark.slow
 def test_analyse_prints_the_verdict_first_and_draws_loops_and_maps(root: Path, tmp_path: Path):
     done = twin("analyse", root / FIG4, cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -9,6 +9,7 @@ from tests.studies.paper.fig5_recordings import pressed, tapped
 from twin.recording.recording import Recording
 
 
+@pytest.mark.slow
 def test_the_scorecard_has_every_claim_and_the_picture_is_drawn(
     force_position: Recording, position: Recording, imperfect: tuple[Recording, Recording], tmp_path: Path
 ):

@@ -101,6 +101,7 @@ def test_what_cannot_be_compared_is_refused_in_one_sentence(
     assert len(str(refused.value).splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_an_unfinished_run_is_compared_as_far_as_it_goes_and_says_so(
     position: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):

@@ -12,6 +12,7 @@ PRESS = ("reference.p_mm=[[0,0,-101],[0,0,-102],[0,0,-102]]", "reference.t_s=[0,
 SETTINGS = [word for text in PRESS for word in ("--set", text)]
 
 
+@pytest.mark.slow
 def test_what_to_use_is_printed_first_and_where_picture_and_facts_are_last(root: Path, tmp_path: Path):
     done = twin("converge", root / POSITION, *SETTINGS, "--tolerance", "0.001", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -2,6 +2,7 @@ import json
 import os
 from pathlib import Path
 
+import pytest
 from PIL import Image
 
 from tests.command_line import twin
@@ -51,6 +52,7 @@ def test_info_lists_what_there_is_where_roles_are_unclear(root: Path, tmp_path: 
     assert {v["name"] for v in listed} == {"v_a", "v_f", "tau_load", "tau_motor", "theta_m", "omega_m"}
 
 
+@pytest.mark.slow
 def test_check_prints_the_verdict_first_and_draws_a_picture(root: Path, tmp_path: Path):
     done = twin("drive", "check", root / "fmus/stepper", cwd=tmp_path, isolated=True)
     assert done.returncode == 0, done.stderr
@@ -62,6 +64,7 @@ def test_check_prints_the_verdict_first_and_draws_a_picture(root: Path, tmp_path
         assert image.width >= 1200
 
 
+@pytest.mark.slow
 def test_check_as_json_has_every_check_and_measure_with_its_unit(root: Path, tmp_path: Path):
     done = twin("drive", "check", root / "fmus/velocity_servo", "--json", cwd=tmp_path, isolated=True)
     facts = json.loads(done.stdout)

@@ -66,6 +66,7 @@ def test_the_doctor_says_the_same_to_everybody(
     assert found[0] == found[1] == found[2] and len(found[0]) > 5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", early.ANSWERS)
 def test_an_answer_that_is_kept_needs_hardly_anything(line: str, root: Path):
     command = [sys.executable, "-c", IMPORTED, *line.split()]

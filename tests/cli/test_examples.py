@@ -48,6 +48,7 @@ def test_help_is_written_for_80_columns(words: str):
     assert [line for line in lines[1:] if len(line) > 78] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words", [pytest.param(words, marks=[pytest.mark.endurance] if words in LONG else []) for words in COMMANDS]
 )

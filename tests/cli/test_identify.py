@@ -1,10 +1,13 @@
 import json
 from pathlib import Path
 
+import pytest
+
 from tests.command_line import twin
 from tests.studies.replay.logs import ran
 
 
+@pytest.mark.slow
 def test_it_ends_with_exit_code_0_and_prints_facts(tmp_path: Path):
     done = twin("identify", ran("calibration_one_pose").path, "--out", "x", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

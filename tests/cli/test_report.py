@@ -19,6 +19,7 @@ def test_the_verdict_is_printed_first_then_where_the_page_is(force_position: Rec
     assert (tmp_path / "page.html").stat().st_size < 8e6
 
 
+@pytest.mark.slow
 def test_a_page_is_the_same_whichever_process_drew_its_picture(
     force_position: Recording, position: Recording, tmp_path: Path
 ):

@@ -144,6 +144,7 @@ def test_ctrl_c_in_mid_run_keeps_what_was_recorded(root: Path, tmp_path: Path):
     assert len(recording["plant.p_B"]) > 1000
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_code_is_compiled_leaves_nothing(root: Path, tmp_path: Path):
     command = [sys.executable, "-m", "twin", "run", str(root / FIG4), "--out", "x"]
     nothing_compiled = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "compiled")}

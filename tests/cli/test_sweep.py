@@ -76,6 +76,7 @@ class Begun:
         return count
 
 
+@pytest.mark.slow
 def test_a_sweep_that_is_killed_goes_on_where_it_was(long: Path, tmp_path: Path):
     begun = Begun(long, tmp_path)
     begun.process.kill()
@@ -88,6 +89,7 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(long: Path, tmp_path: Path)
     assert rows(begun.out) == rows(long.parent / "whole")
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(root: Path, long: Path, tmp_path: Path):
     # begins as the long one does, and takes ten minutes: it cannot be over before the Ctrl-C, however late that comes
     endless = written(tmp_path, long_text(root, 2000), "endless.toml")

@@ -297,6 +297,7 @@ def seen(root: Path, cwd: Path, columns: int = 80, words: Sequence[str] = (), **
     return b"".join(parts).decode()
 
 
+@pytest.mark.slow
 def test_a_terminal_shows_how_far_the_run_is_and_then_only_the_summary(root: Path, tmp_path: Path):
     text = seen(root, tmp_path)
     assert "loading" in text and re.search(r"\d+\.\d / 60\.0 s", text)
@@ -314,6 +315,7 @@ def test_the_first_run_of_all_counts_what_it_compiles(root: Path, tmp_path: Path
     assert abs(len(list((tmp_path / "compiled").rglob("*.o"))) - PIECES) < 0.2 * PIECES
 
 
+@pytest.mark.slow
 def test_without_colour_there_is_no_escape_code_and_no_line_is_too_long(root: Path, tmp_path: Path):
     columns = 40
     text = seen(root, tmp_path, columns, NO_COLOR="1")
@@ -322,12 +324,14 @@ def test_without_colour_there_is_no_escape_code_and_no_line_is_too_long(root: Pa
     assert progress and max(map(len, progress)) < columns
 
 
+@pytest.mark.slow
 def test_a_dumb_terminal_gets_what_a_pipe_gets(root: Path, tmp_path: Path):
     text = seen(root, tmp_path, TERM="dumb")
     assert text.startswith("fig4_force_position  60 s at ")
     assert "\x1b" not in text and "\r" not in text.replace("\r\n", "\n")
 
 
+@pytest.mark.slow
 def test_a_study_shows_what_it_is_doing_how_much_is_over_and_leaves_only_its_answer(root: Path, tmp_path: Path):
     words = ("drive", "compare", "ideal_velocity", "velocity_servo", "--experiment", "step_z_air")
     text = seen(root, tmp_path, words=words)

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 REFUSAL = """import os
 with open(os.environ["NUMBA_ASKED"], "a") as asked:
     asked.write("asked")

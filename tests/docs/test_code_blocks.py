@@ -29,6 +29,7 @@ def test_every_block_says_its_language(page: str):
     assert [block.place for block in blocks(ROOT, page) if block.language not in LANGUAGES] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", WITH_CODE)
 def test_the_code_of_a_page_runs(page: str, recorded_workshop: Workshop):
     namespace: dict[str, Any] = {"__name__": "__page__"}

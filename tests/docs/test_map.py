@@ -18,10 +18,19 @@ def rooms(folder: Path) -> set[str]:
     return {path.parent.name for path in folder.glob("*/__init__.py")}
 
 
-@pytest.mark.parametrize("folder", ["twin", "twin/studies"])
-def test_every_room_is_on_the_map(root: Path, folder: str):
-    page = (root / "docs/how_it_works.md").read_text()
-    assert {room for room in rooms(root / folder) if f"`{room}`" not in page and f"[`{room}`]" not in page} == set()
+def the_map(root: Path) -> str:
+    return (root / "docs/how_it_works.md").read_text().partition("## Where the parts are")[2]
+
+
+def test_every_folder_of_twin_is_on_the_map_and_every_folder_there_exists(root: Path):
+    named = re.findall(r"`(twin/[\w/]+)`", the_map(root))
+    assert [folder for folder in named if not (root / folder).is_dir()] == []
+    assert {folder.split("/")[1] for folder in named} == rooms(root / "twin")
+
+
+def test_every_study_is_on_the_map(root: Path):
+    page = the_map(root)
+    assert {study for study in rooms(root / "twin/studies") if f"`{study}`" not in page} == set()
 
 
 def test_there_are_no_more_than_fifteen_rooms(root: Path):

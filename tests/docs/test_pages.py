@@ -1,22 +1,10 @@
 """What pages say of the repository is so."""
 
-import re
 import zipfile
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-
-
-def rooms(root: Path) -> list[str]:
-    return sorted(path.parent.name for path in (root / "twin").glob("*/__init__.py"))
-
-
-def test_every_folder_of_twin_has_its_place_on_the_page_that_explains_them(root: Path):
-    page = (root / "docs" / "how_it_works.md").read_text()
-    table = page.partition("## Where the parts are")[2]
-    named = re.findall(r"`(\w+)`", " ".join(line.split("|")[2] for line in table.splitlines() if line.startswith("| ")))
-    assert sorted(named) == rooms(root)
 
 
 @pytest.fixture(scope="module")

@@ -41,10 +41,12 @@ def test_every_page_of_docs_is_in_the_navigation(root: Path):
     assert sorted(named(nav)) == sorted(path.name for path in (root / "docs").glob("*.md"))
 
 
+@pytest.mark.slow
 def test_nothing_is_loaded_from_elsewhere(site: Path):
     assert {(page.name, url) for page, url in _loaded(site) if urlsplit(url).scheme or url.startswith("//")} == set()
 
 
+@pytest.mark.slow
 def test_everything_that_is_loaded_is_there(site: Path):
     missing = {
         (page.name, url)
@@ -54,6 +56,7 @@ def test_everything_that_is_loaded_is_there(site: Path):
     assert missing == set()
 
 
+@pytest.mark.slow
 def test_every_link_leads_to_a_place_of_the_site(site: Path):
     pages = {page: _Page(page.read_text()) for page in site.rglob("*.html") if page.name != "404.html"}
     broken = []
@@ -70,6 +73,7 @@ def test_every_link_leads_to_a_place_of_the_site(site: Path):
     assert broken == []
 
 
+@pytest.mark.slow
 def test_a_link_into_the_code_shows_the_code(site: Path, root: Path):
     page = (site / "repository" / "twin" / "robot" / "sea.py.html").read_text()
     text = re.sub(r"<[^>]+>", "", page)
@@ -77,6 +81,7 @@ def test_a_link_into_the_code_shows_the_code(site: Path, root: Path):
     assert 'href="repository/twin/robot/statics.py.html"' in (site / "physics.html").read_text()
 
 
+@pytest.mark.slow
 def test_the_search_needs_no_server_and_looks_into_no_code(site: Path):
     index = (site / "search/search_index.js").read_text()
     assert index.startswith("var __index = {") and '"location":"tutorial.html' in index
@@ -101,6 +106,7 @@ def test_a_word_is_found_in_a_site_that_is_opened_from_the_disk(site: Path):
         browser.close()
 
 
+@pytest.mark.slow
 def test_no_markdown_is_left_over_in_a_page(site: Path):
     # what mkdocs does not know as a list, a table, an equation or a block it shows as it is written
     left = {

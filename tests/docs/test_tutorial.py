@@ -117,6 +117,7 @@ class Newcomer(Workshop):
         assert done.returncode == 0, f"{block.place}:\n{done.stdout}\n{done.stderr}"
 
 
+@pytest.mark.slow
 def test_every_step_works_with_what_the_tutorial_installs_and_nothing_else(root: Path, tmp_path: Path):
     newcomer = Newcomer(root, tmp_path)
     for block in blocks(root, PAGE):

@@ -17,6 +17,7 @@ def editable(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Environmen
     return installed(built(root, "build_editable", folder), folder / "environment")
 
 
+@pytest.mark.slow
 def test_in_the_parent_of_a_clone_called_twin_the_package_is_found(root: Path, editable: Environment, tmp_path: Path):
     # what Python sees of a clone there: a folder without __init__.py
     (tmp_path / "twin" / "experiments").mkdir(parents=True)

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 POISON = 'open({marker!r}, "a").write(__name__ + "\\n")\nraise ImportError("imported from the current folder")\n'
 MODULES = [
     *("asyncio.py", "dask.py", "encodings.py", "hashlib.py", "json.py", "multiprocessing.py", "numba.py", "numpy.py"),

@@ -54,7 +54,10 @@ only-include = ["experiments"]
 [tool.hatch.build.targets.wheel.hooks.custom]
 """
 
-pytestmark = pytest.mark.skipif("sys.platform == 'win32'", reason="programs of an environment lie elsewhere there")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif("sys.platform == 'win32'", reason="programs of an environment lie elsewhere there"),
+]
 
 
 @pytest.fixture(scope="module")

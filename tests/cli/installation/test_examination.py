@@ -155,6 +155,7 @@ def test_a_disk_without_room_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert disk_finding(tmp_path).state == state
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_is_told_with_what_it_said(root: Path, tmp_path: Path):
     assert smoke_finding(root).state == "ok"
     failed = smoke_finding(tmp_path)

@@ -102,6 +102,7 @@ def test_the_supervisor_of_a_run_loads_no_numerics(root: Path):
     assert done.stdout == "set()\n"
 
 
+@pytest.mark.slow
 def test_a_process_that_works_beside_others_starts_one_thread_for_sums_unless_the_user_says_otherwise(
     monkeypatch: pytest.MonkeyPatch,
 ):

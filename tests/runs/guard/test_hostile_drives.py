@@ -36,6 +36,7 @@ chunk, so a crash costs the slice in which it happens.
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("attack", "manner"),
     [
@@ -59,6 +60,7 @@ def test_a_drive_that_kills_its_process_in_a_step_is_named(command: Command, dri
     assert command.leftovers() == []
 
 
+@pytest.mark.slow
 def test_a_drive_that_hangs_before_the_first_step_is_refused(command: Command, drive: Path):
     done = command.run(drive, HANG_IN_INITIALISATION, "--limit-step", "1")
     assert done.returncode == 2
@@ -68,6 +70,7 @@ def test_a_drive_that_hangs_before_the_first_step_is_refused(command: Command, d
     assert command.leftovers() == []
 
 
+@pytest.mark.slow
 def test_a_drive_that_crashes_when_freed_takes_no_recording_with_it(command: Command, drive: Path):
     done = command.run(drive, SEGFAULT_IN_FREE)
     assert done.returncode == 3
@@ -78,6 +81,7 @@ def test_a_drive_that_crashes_when_freed_takes_no_recording_with_it(command: Com
     assert command.survivors() == []
 
 
+@pytest.mark.slow
 def test_a_drive_that_leaks_is_stopped_at_the_limit(command: Command, drive: Path):
     done = command.run(drive, LEAK, "--limit-memory", "800")
     assert done.returncode == 3
@@ -98,6 +102,7 @@ def test_megabytes_on_standard_output_reach_nobody_who_reads_results(command: Co
     assert set(done.stderr.replace(last, "")) <= {"x", "\n"}
 
 
+@pytest.mark.slow
 def test_a_drive_that_changes_folder_and_locale_changes_no_byte_of_the_result(command: Command, drive: Path):
     recordings = []
     for attack in (NONE, MOVE):
@@ -110,6 +115,7 @@ def test_a_drive_that_changes_folder_and_locale_changes_no_byte_of_the_result(co
     assert recordings[0] == recordings[1]
 
 
+@pytest.mark.slow
 def test_a_run_that_takes_too_long_ends_at_its_time_limit(command: Command, drive: Path):
     done = command.run(drive, NONE, "--set", "duration_s=4000", "--limit-wall", "4")
     assert done.returncode == 3
@@ -133,6 +139,7 @@ def test_a_killed_parent_leaves_no_orphan(command: Command, drive: Path):
     assert command.survivors() == []
 
 
+@pytest.mark.slow
 def test_a_drive_that_crashes_on_the_bench_is_named(command: Command, drive: Path):
     mapping = command.folder / "hostile.toml"
     mapping.write_text(f'fmu = "{drive}"\n[parameters]\ndroop = {SEGFAULT}\n')

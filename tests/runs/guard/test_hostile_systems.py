@@ -9,6 +9,7 @@ from tests.runs.guard.hostile import HANG, HANG_IN_INITIALISATION, SEGFAULT
 from tests.studies.systems.archives import archive, component, structure, system, values
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("attack", "code", "told"),
     [

@@ -25,6 +25,7 @@ from twin.runs.guard.runs import recorded_runs
 REPORTER = DirectReporter(lambda note: None)
 
 
+@pytest.mark.slow
 def test_a_run_with_isolated_drives_gives_the_same_bytes(command: Command, drive: Path):
     recordings = []
     for isolation in ("drive", "none"):
@@ -58,6 +59,7 @@ def test_a_run_in_which_power_is_taken_away_gives_the_same_bytes_however_isolate
     assert power[0] and not power[-1]
 
 
+@pytest.mark.slow
 def test_an_isolated_drive_repeats_no_step_and_says_what_to_do(command: Command, drive: Path):
     done = command.run(drive, NONE, "--isolate", "drive", "--set", "cosim.iterations=2")
     assert done.returncode == 2
@@ -144,6 +146,7 @@ def test_an_isolated_drive_looks_like_the_drive_itself(root: Path):
     here.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("attack", "manner"),
     [
@@ -163,6 +166,7 @@ def test_a_drive_that_kills_its_process_costs_no_row(command: Command, drive: Pa
     assert command.leftovers() == []
 
 
+@pytest.mark.slow
 def test_an_isolated_drive_that_hangs_before_the_first_step_is_refused(command: Command, drive: Path):
     done = command.run(drive, HANG_IN_INITIALISATION, "--isolate", "drive", "--limit-step", "1")
     assert done.returncode == 2
@@ -171,6 +175,7 @@ def test_an_isolated_drive_that_hangs_before_the_first_step_is_refused(command: 
     assert command.survivors() == []
 
 
+@pytest.mark.slow
 def test_an_isolated_drive_that_crashes_when_freed_is_named(command: Command, drive: Path):
     done = command.run(drive, SEGFAULT_IN_FREE, "--isolate", "drive")
     assert done.returncode == 3

@@ -22,6 +22,7 @@ class Controller:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "said", "exit_code"),
     [

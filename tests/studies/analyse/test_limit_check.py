@@ -54,6 +54,7 @@ def test_no_limit_is_tried_where_the_linear_model_ends():
     assert seen == [borders(LARGEST_GAIN)[0]]
 
 
+@pytest.mark.slow
 def test_the_limits_of_the_default_drive_hold():
     done = tried(fig4(()), BOTH)
     assert [(check.law, check.point.in_contact, check.holds) for check in done.checks] == [
@@ -64,6 +65,7 @@ def test_the_limits_of_the_default_drive_hold():
     assert "the co-simulation agrees within 15 %" in " ".join(analysis_text(done).split())
 
 
+@pytest.mark.slow
 def test_pmsm_foc_in_air_is_told_by_simulation_because_its_friction_brakes_small_swings_more():
     check = tried(fig4((), "pmsm_foc"), AIR).checks[0]
     assert not check.holds and check.simulated is not None and check.predicted is not None
@@ -74,6 +76,7 @@ def test_pmsm_foc_in_air_is_told_by_simulation_because_its_friction_brakes_small
     assert lasting_nudges(fig4((), "pmsm_foc"), check.point, "position", 0.95 * check.simulated) == ()
 
 
+@pytest.mark.slow
 def test_python_servo_in_air_holds_because_a_swing_that_stays_counts_as_one():
     check = tried(fig4((), "python_servo"), AIR).checks[0]
     assert check.holds and check.simulated is None
@@ -100,6 +103,7 @@ def test_a_nudge_that_lasts_with_the_gains_as_they_are_set_is_unstable(monkeypat
     assert analysis_text(done).startswith("fig4_force_position  UNSTABLE at the operating point by the linear model")
 
 
+@pytest.mark.slow
 def test_tasks_are_held_with_the_damping_that_only_they_have():
     done = tried(shipped("massage"), slice(1, 3))
     # 28.8 and 134 1/s; without the damping 19.4 1/s is the limit in air

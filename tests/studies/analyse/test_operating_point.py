@@ -26,6 +26,7 @@ def test_fig4_is_looked_at_at_its_start_and_at_both_ends_of_its_line():
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["fig4_force_position", "fig4_imperfect", "massage"])
 def test_nothing_moves_at_an_operating_point(name):
     for point in operating_points(shipped(name))[0]:

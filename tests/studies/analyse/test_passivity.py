@@ -28,6 +28,7 @@ def fig4() -> Passivity:
     return passivity(shipped(), True, silent)
 
 
+@pytest.mark.slow
 def test_the_force_loop_is_passive_along_z_and_the_position_law_nowhere(fig4: Passivity):
     for point in fig4.points:
         assert point.stable

@@ -22,12 +22,14 @@ def too_much() -> Stability:
     return stability(shipped("fig4_force_position", "controller.position.kp_per_s=20"))
 
 
+@pytest.mark.slow
 def test_fig4_is_stable_and_free_air_limits_its_position_gains(fig4):
     assert fig4.stable
     assert not fig4.critical("position").linear.point.in_contact
     assert fig4.critical("force").linear.point.in_contact
 
 
+@pytest.mark.slow
 def test_an_unstable_point_has_no_margins_and_a_limit_below_one(too_much):
     unstable = [point for point in too_much.points if not point.stable]
     assert unstable and not too_much.stable
@@ -56,6 +58,7 @@ def test_the_limit_is_a_gain_not_a_factor(fig4, too_much):
     assert 1.5 * one == pytest.approx(20.0 * other, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_waiting_for_the_computer_costs_gain(fig4):
     experiment = shipped("fig4_force_position", "controller.delay_ticks=20")
     points, _ = operating_points(experiment)

@@ -20,6 +20,7 @@ def measured(experiment: str) -> list[str]:
     return [drive for drive in DRIVES if drive not in TOO_SLOW.get(experiment, [])]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_an_experiment_comes_to_what_its_baselines_say(experiment: str):
     assert [str(deviation) for deviation in check(ROOT / f"experiments/{experiment}.toml", baselines=FOLDER)] == []

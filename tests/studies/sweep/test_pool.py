@@ -183,6 +183,7 @@ def hostile(root: Path, tmp_path: Path, drive: Path) -> Callable[[int, dict[int,
     return made
 
 
+@pytest.mark.slow
 def test_a_drive_that_crashes_in_every_tenth_run_costs_those_runs_only(hostile, tmp_path: Path):
     tenth = {run: SEGFAULT for run in (10, 20)}
     plan, tasks = hostile(20, tenth)
@@ -200,6 +201,7 @@ def test_a_drive_that_crashes_in_every_tenth_run_costs_those_runs_only(hostile, 
     }
 
 
+@pytest.mark.slow
 def test_other_deaths_are_rows_with_a_reason_too(hostile, tmp_path: Path):
     attacks = {1: EXIT, 2: HANG, 4: HANG_IN_INITIALISATION, 5: SEGFAULT_IN_FREE}
     plan, tasks = hostile(5, attacks)
@@ -221,6 +223,7 @@ def test_a_drive_that_grows_without_end_is_ended_at_the_limit_of_memory(hostile,
     assert found[2]["status"] == "done"
 
 
+@pytest.mark.slow
 def test_rows_are_the_same_in_any_order_in_any_number_of_processes(root: Path, tmp_path: Path):
     plan = stiffnesses(root, tmp_path, "[500, 700, 900, 1100]", 'drives = ["velocity_servo", "stepper"]')
     tasks = [replace(task, settings=(*task.settings, "duration_s=8")) for task in plan.tasks]

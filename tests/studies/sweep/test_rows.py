@@ -54,6 +54,7 @@ def said(columns: Columns, name: str) -> list[Any]:
     return typed([None if np.isnan(number) else number for number in column.tolist()])
 
 
+@pytest.mark.slow
 @given(rows(), rows())
 def test_each_column_is_what_the_rows_say_also_if_they_come_in_parts(first: list[Row], then: list[Row]):
     columns, both = joined([columns_of(first), columns_of(then)]), [*first, *then]
@@ -70,6 +71,7 @@ def test_each_column_is_what_the_rows_say_also_if_they_come_in_parts(first: list
     assert list(columns.words("has_metrics")) == [bool(one["metrics"]) for one in both]
 
 
+@pytest.mark.slow
 @given(rows())
 def test_in_the_order_of_runs_every_row_keeps_its_values(some: list[Row]):
     columns, ordered = columns_of(some).by_run(), sorted(some, key=lambda one: one["run"])

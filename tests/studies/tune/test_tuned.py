@@ -56,6 +56,7 @@ def test_the_same_search_finds_the_same_gains():
     assert best_gains(air(), goals, FIG4) == best_gains(air(), goals, FIG4)
 
 
+@pytest.mark.slow
 def test_gains_for_soft_and_stiff_meet_the_goals_on_both_and_are_faster(monkeypatch):
     # something is left to find, but this is quicker
     monkeypatch.setattr(search, "GENERATIONS", 15)

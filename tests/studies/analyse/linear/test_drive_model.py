@@ -53,6 +53,7 @@ def test_a_drive_that_no_load_moves_has_a_model_without_states():
     np.testing.assert_allclose(fitted.steady_gain, [TICK, 0.0], atol=1e-15)
 
 
+@pytest.mark.slow
 @given(st.floats(0.1, 1.0))
 def test_a_steady_command_that_alone_is_answered_is_no_proportion(gain):
     frequencies = np.unique(np.round(FREQUENCIES))

@@ -117,6 +117,7 @@ def plant(z: float) -> control.StateSpace:
     return linear_plant(PARAMETERS, *resting(PARAMETERS, (0.005, 0.01, z)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("substeps", [1, 3])
 @pytest.mark.parametrize("z", [-0.09, -0.105], ids=["in air", "pressing"])
 def test_the_step_of_the_linear_plant_is_the_derivative_of_the_component_s_own(substeps, z):

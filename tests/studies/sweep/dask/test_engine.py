@@ -22,6 +22,8 @@ from twin.studies.sweep.plan import Plan, planned
 from twin.studies.sweep.pool import Engine, Pool
 from twin.studies.sweep.sweep import RECORDINGS, State, run_sweep
 
+pytestmark = pytest.mark.slow
+
 COSTS = ("seconds", "stepping_s")
 FEW, SOME = "[500, 1000, 2000]", str([500 + 10 * number for number in range(24)])
 

@@ -25,6 +25,8 @@ from twin.studies.sweep.folder import kept
 from twin.studies.sweep.plan import Plan
 from twin.studies.sweep.sweep import run_sweep
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def plan(root: Path, tmp_path: Path) -> Plan:
