@@ -8,7 +8,7 @@ import pytest
 from tests.studies.paper.fig4_series import T, runs
 from twin.studies.paper.claim import ClaimFinding, judged
 from twin.studies.paper.fig4 import CLAIMS, QUALITY, fig4_score
-from twin.studies.paper.fig4_measures import disproportion, fluctuation
+from twin.studies.paper.fig4_measures import disproportion, fluctuation, position_jump
 from twin.studies.paper.fig4_runs import SWEEP, Fig4Runs
 
 BY_KEY = {claim.key: claim for claim in (*CLAIMS, *QUALITY)}
@@ -221,6 +221,14 @@ def test_a_force_loop_that_is_on_at_once_or_never_fails_what_the_trigger_does(tr
     if trigger > 1.0:
         run.force_position.recording["controller.triggered"][:] = False
     assert {"trigger_time", "position_jumps"} <= set(fig4_score(run).failed)
+
+
+@pytest.mark.parametrize(("trigger", "faster"), [(5.6, 1.0), (0.1, np.nan), (T[-1] - 0.1, np.nan)])
+def test_how_much_faster_it_gets_takes_a_glimpse_before_and_one_after_the_trigger(trigger: float, faster: float):
+    # beyond its ends interpolation would take the run to stand still
+    down = runs(fp={"trigger": trigger})
+    down.force_position.recording["estimator.p_B"][:, 2] = -0.001 * T
+    assert position_jump(down) == pytest.approx(faster, nan_ok=True)
 
 
 def test_without_imperfect_runs_nothing_is_said_of_x_and_which_are_missing_is():
