@@ -10,6 +10,7 @@ from twin.studies.paper.claim import ClaimFinding, judged
 from twin.studies.paper.fig4 import CLAIMS, QUALITY, fig4_score
 from twin.studies.paper.fig4_measures import disproportion, fluctuation, position_jump
 from twin.studies.paper.fig4_runs import SWEEP, Fig4Runs
+from twin.studies.paper.fig5 import CLAIMS as FIG5
 
 BY_KEY = {claim.key: claim for claim in (*CLAIMS, *QUALITY)}
 WHILE_SWEEPING = {
@@ -202,6 +203,14 @@ def test_numbers_are_printed_to_the_digits_that_mean_something_in_their_unit():
         printed = ClaimFinding(claim, 1.0 / 3.0, "holds", "").measured
         digits = len(printed.partition(" ")[0].partition(".")[2])
         assert not printed or digits == (3 if claim.key in FINER else DIGITS[claim.unit]), claim.key
+
+
+SCALES = {"%": 100.0, "mm": 1e3, "mm/s": 1e3, "N": 1.0, "s": 1.0, "": 1.0}
+
+
+def test_what_is_measured_in_si_is_judged_in_the_unit_that_is_printed():
+    for claim in (*BY_KEY.values(), *(claim for claims in FIG5.values() for claim in claims)):
+        assert claim.scale == SCALES[claim.unit], claim.key
 
 
 def test_a_force_off_proportion_by_an_exponent_is_as_far_off_as_the_exponent_says():
