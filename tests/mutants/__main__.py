@@ -1,17 +1,19 @@
 """`python -m tests.mutants`: draw mutants, try each, list those that no test notices.
 
-The same draw goes on where its record ends, at the commit of the record, whatever has been changed since.
+The same draw goes on where its record ends, at the commit of the record, whatever has been changed since. What the
+tests of a commit run and compile is kept until a draw of it is done.
 """
 
 import argparse
 import datetime
+import fcntl
+import os
 import random
+import shutil
 import subprocess
-import tempfile
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -21,6 +23,8 @@ from tests.mutants.report import IN_ROOM, Key, Report, commit_of
 
 REPOSITORY = Path(__file__).parents[2]
 RECORD = REPOSITORY / "results" / "mutants.jsonl"
+CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "twin-mutants"
+"""Of the user; a folder for each commit."""
 TARGET = 0.9
 
 
@@ -29,19 +33,19 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.mutants", description=__doc__)
     parser.add_argument("--count", type=int, default=400, help="how many mutants to draw")
     parser.add_argument("--seed", type=int, default=random.randrange(10**6), help="of the draw; printed")
-    parser.add_argument("--jobs", type=int, default=2, help="worktrees side by side")
+    parser.add_argument("--jobs", type=int, default=2, help="trees side by side")
     parser.add_argument("--rooms", nargs="*", help="only mutants in these rooms of twin/")
     parser.add_argument("--commit", help="of the source; default: that of the record, or the present one")
     parser.add_argument("--record", type=Path, default=RECORD, help="file that says what became of each mutant")
     asked = parser.parse_args()
     draw = {"seed": asked.seed, "count": asked.count, "rooms": asked.rooms}
     draw["commit"] = _full(asked.commit) if asked.commit else commit_of(asked.record, draw) or _full("HEAD")
-    with ExitStack() as ends:
-        folder = Path(ends.enter_context(tempfile.TemporaryDirectory(prefix="mutants-")))
-        places = []
-        for number in range(asked.jobs):
-            places.append(Place(REPOSITORY, folder / str(number), draw["commit"]))
-            ends.callback(places[-1].close)
+    home = CACHE.resolve() / draw["commit"][:12]
+    home.mkdir(0o700, parents=True, exist_ok=True)
+    with (home / "lock").open("w") as lock:
+        # another session would try its mutants in the same trees
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        places = [Place(REPOSITORY, home / str(number), draw["commit"]) for number in range(asked.jobs)]
         every = possible_mutants(places[0].root)
         possible = [one for one in every if not asked.rooms or one.room in asked.rooms]
         mutants = drawn(possible, asked.count, asked.seed)
@@ -53,6 +57,7 @@ def main() -> int:
         # they take minutes, and few mutants are left for them
         left = [mutant for mutant in mutants if report.outcomes[_key(mutant)] == IN_ROOM]
         _try_all(left, places, report, lambda mutant: "laws")
+        shutil.rmtree(home)
     print(f"\n{report.text(len(possible), datetime.date.today().isoformat())}")
     return 0 if report.killed >= TARGET else 1
 

@@ -1,5 +1,6 @@
 """Which lines of the package a test file runs, and so which test files can notice a mutant."""
 
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,6 +32,28 @@ class TestFile:
         """Whether it may notice `mutant`: the statement ran, or, of compiled code, any of the file."""
         lines = self.lines.get(mutant.file, set())
         return bool(lines) if mutant.is_compiled else not lines.isdisjoint(mutant.statement)
+
+
+def write(files: Iterable[TestFile], path: Path) -> None:
+    """Keep what is known of `files` at `path`, whole or not at all."""
+
+    def listed(lines: Mapping[Path, set[int]]) -> dict[str, list[int]]:
+        return {str(file): sorted(found) for file, found in lines.items()}
+
+    facts = [[str(file.path), file.seconds, listed(file.lines), listed(file.imported)] for file in files]
+    beside = path.with_suffix(".new")
+    beside.write_text(json.dumps(facts))
+    beside.replace(path)
+
+
+def read(path: Path) -> dict[Path, TestFile]:
+    """What `write` kept at `path`, by test file; nothing if there is no such file."""
+
+    def sets(lines: Mapping[str, list[int]]) -> dict[Path, set[int]]:
+        return {Path(file): set(found) for file, found in lines.items()}
+
+    facts = json.loads(path.read_text()) if path.exists() else []
+    return {Path(name): TestFile(Path(name), seconds, *map(sets, lines)) for name, seconds, *lines in facts}
 
 
 def environment(root: Path, notes: Path) -> dict[str, str]:

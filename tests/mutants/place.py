@@ -1,15 +1,20 @@
-"""A worktree in which mutants are tried: its own source, its own compiled code, nothing of the one in use."""
+"""A tree in which mutants are tried: its own source, its own compiled code, nothing of the one in use.
+
+It stays from session to session, with what its tests ran and compiled.
+"""
 
 import ast
 import os
 import shutil
 import subprocess
 import sys
+import tarfile
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from io import BytesIO
 from pathlib import Path
 
-from tests.mutants.executed import TestFile, environment, makes_machine_code, noted
+from tests.mutants.executed import TestFile, environment, makes_machine_code, noted, read, write
 from tests.mutants.mutant import Mutant
 
 PATIENCE = 3.0
@@ -21,37 +26,39 @@ NOTHING_TO_RUN = 5
 
 
 class Place:
-    """A worktree.
+    """The files of a commit in a folder that stays.
 
     Args:
-        repository: that it belongs to.
-        root: an empty folder for it.
-        commit: that it is at.
+        repository: that has the commit.
+        folder: what is kept, by this one alone.
+        commit: of the source.
 
     Attributes:
-        root: its folder.
+        root: folder of the source.
         tests: files of tests that mutants are tried against, by folder of tests/; `warm` finds them.
     """
 
-    def __init__(self, repository: Path, root: Path, commit: str):
-        self._repository, self.root = repository, root / "source"
+    def __init__(self, repository: Path, folder: Path, commit: str):
+        self.root = folder / "source"
         # below the package no name has the hash of the source in it, which every mutant changes
         self._compiled = self.root / "twin" / "__pycache__" / "native" / "warm"
-        self._cache, self._warm, self._notes = root / "cache", root / "warm", root / "notes"
+        self._cache, self._warm, self._notes = folder / "cache", folder / "warm", folder / "notes"
+        self._executed = folder / "executed.json"
+        self._known = read(self._executed)
         self._touched = time.time()
         self.tests: dict[str, list[TestFile]] = {}
-        self._git("worktree", "add", "--quiet", "--detach", str(self.root), commit)
+        files = subprocess.run(["git", "archive", commit], cwd=repository, check=True, capture_output=True).stdout
+        with tarfile.open(fileobj=BytesIO(files)) as archive:
+            # over a mutant that an earlier session left; with the time of the commit, so what was compiled stays good
+            archive.extractall(self.root, filter="tar")
         self._importers = _importers(self.root)
-        for folder in (self._compiled, self._cache):
-            folder.mkdir(0o700, parents=True)
-        self._keep()
-
-    def close(self) -> None:
-        """Remove the worktree."""
-        self._git("worktree", "remove", "--force", str(self.root))
+        for part in (self._compiled, self._cache):
+            part.mkdir(0o700, parents=True, exist_ok=True)
+        if not self._warm.exists():
+            self._keep()
 
     def warm(self, folders: Iterable[str]) -> float:
-        """Compile and run all tests in `folders` of tests/, unchanged; return the seconds it took.
+        """Compile and run what is not known yet of all tests in `folders` of tests/; return the seconds it took.
 
         Raises:
             RuntimeError: a test fails without any mutant.
@@ -60,8 +67,7 @@ class Place:
         begin = time.monotonic()
         for name in folders:
             files = sorted((self.root / "tests" / name).rglob("test_*.py"))
-            self.tests[name] = [self._executed(path) for path in files]
-        self._keep()
+            self.tests[name] = [self._known.get(path) or self._traced(path) for path in files]
         return time.monotonic() - begin
 
     def tried(self, mutant: Mutant, folder: str) -> str:
@@ -87,12 +93,16 @@ class Place:
             # what was compiled without the mutant stays good
             os.utime(file, ns=(found.st_atime_ns, found.st_mtime_ns))
 
-    def _executed(self, path: Path) -> TestFile:
+    def _traced(self, path: Path) -> TestFile:
+        """What the tests in `path` run, unchanged; it is kept with what they compiled."""
         self._notes.unlink(missing_ok=True)
         begin = time.monotonic()
         if self._tested([path], None, environment(self.root, self._notes)) != "survived":
             raise RuntimeError(f"{path}: fails without a mutant")
         test = TestFile(path, time.monotonic() - begin, *noted(self.root, self._notes))
+        self._keep()
+        self._known[path] = test
+        write(self._known.values(), self._executed)
         print(f"{path.relative_to(self.root)}: {test.seconds:.0f} s", flush=True)
         return test
 
@@ -153,12 +163,12 @@ class Place:
 
     def _keep(self) -> None:
         """Make what the caches hold what they begin with."""
+        beside = self._warm.with_name("unfinished")
+        shutil.rmtree(beside, ignore_errors=True)
+        shutil.copytree(self._compiled, beside / self._compiled.name, copy_function=os.link)
+        shutil.copytree(self._cache, beside / self._cache.name)
         shutil.rmtree(self._warm, ignore_errors=True)
-        for folder in (self._compiled, self._cache):
-            shutil.copytree(folder, self._warm / folder.name)
-
-    def _git(self, *words: str) -> None:
-        subprocess.run(["git", *words], cwd=self._repository, check=True)
+        beside.rename(self._warm)
 
 
 def _source(compiled: str) -> str:

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("cosmic_ray", reason="the extra mutants, which only make mutants asks for")
 
-from tests.mutants.executed import TestFile, environment, makes_machine_code, noted
+from tests.mutants.executed import TestFile, environment, makes_machine_code, noted, read, write
 from tests.mutants.mutant import Mutant, possible_mutants
 
 SOURCE = '''"""A module."""
@@ -88,3 +88,10 @@ def test_what_runs_while_a_module_is_imported_may_be_in_machine_code(ran, number
 def test_a_line_in_the_middle_belongs_to_its_statement(numbers):
     assert numbers["4"].statement == range(20, 24)
     assert numbers["3"].statement == range(19, 20)
+
+
+def test_what_a_test_ran_is_known_in_the_next_session(ran, tmp_path):
+    kept = tmp_path / "executed.json"
+    assert read(kept) == {}
+    write([ran], kept)
+    assert read(kept) == {ran.path: ran}

@@ -80,8 +80,10 @@ static int indicators_of(Model *m, double z[])
     return 0;
 }
 
-static int nominals_of(double x[])
+static int nominals_of(const Model *m, double x[])
 {
+    if (fault(m) == UNSCALED)
+        return BAD;
     for (int k = 0; k < N_STATES; k++)
         x[k] = NOMINALS[k];
     return 0;
@@ -172,7 +174,7 @@ F(EnterContinuousTimeMode)(void *c) { return 0; }
 F(SetTime)(Model *m, double t) { m->time = t; return 0; }
 F(SetContinuousStates)(Model *m, const double x[], size_t n) { return set_states(m, x, n); }
 F(GetContinuousStates)(Model *m, double x[], size_t n) { return states_of(m, x); }
-F(GetNominalsOfContinuousStates)(Model *m, double x[], size_t n) { return nominals_of(x); }
+F(GetNominalsOfContinuousStates)(Model *m, double x[], size_t n) { return nominals_of(m, x); }
 F(GetEventIndicators)(Model *m, double z[], size_t n) { return indicators_of(m, z); }
 F(CompletedIntegratorStep)(Model *m, BOOL final, BOOL *event, BOOL *ended)
 {

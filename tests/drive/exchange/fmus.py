@@ -20,7 +20,8 @@ FAULTS = {
     name: number
     for number, name in enumerate(
         ("derivative is NaN", "event without end", "states grow", "indicators flicker", "event in the past",
-         "indicator is NaN", "event now, for ever", "derivatives fail", "terminate", "too many states"), start=1,
+         "indicator is NaN", "event now, for ever", "derivatives fail", "terminate", "too many states",
+         "no nominal values"), start=1,
     )
 }  # fmt: skip
 """The values of the motor's parameter `fault`."""

@@ -153,6 +153,14 @@ def test_indicators_that_flicker_do_not_hold_up_steps_of_one_length(motor: Plann
 
 
 @pytest.mark.parametrize("fmi", [2, 3])
+def test_nominal_values_that_cannot_be_read_after_an_event_end_a_run_with_one_sentence(motor: Planner, fmi: int):
+    # CVODE is scaled by them; the event at 0.05 s says that they have changed
+    plan = motor(fmi, solver="cvode", fault=FAULTS["no nominal values"], fault_at=0.05, switch_every=0.05)
+    with pytest.raises(ComponentFailed, match=f"fmi{fmi}GetNominalsOfContinuousStates returned fmi{fmi}Error"):
+        response(plan, *INPUTS)
+
+
+@pytest.mark.parametrize("fmi", [2, 3])
 @pytest.mark.parametrize("fault", STARTING)
 def test_what_is_wrong_at_the_start_is_refused(motor: Planner, fault: str, fmi: int):
     with pytest.raises(InputRefused, match=STARTING[fault]):

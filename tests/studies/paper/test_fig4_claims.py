@@ -8,8 +8,9 @@ import pytest
 from tests.studies.paper.fig4_series import T, runs
 from twin.studies.paper.claim import ClaimFinding, judged
 from twin.studies.paper.fig4 import CLAIMS, QUALITY, fig4_score
-from twin.studies.paper.fig4_measures import disproportion, fluctuation
+from twin.studies.paper.fig4_measures import disproportion, fluctuation, position_jump
 from twin.studies.paper.fig4_runs import SWEEP, Fig4Runs
+from twin.studies.paper.fig5 import CLAIMS as FIG5
 
 BY_KEY = {claim.key: claim for claim in (*CLAIMS, *QUALITY)}
 WHILE_SWEEPING = {
@@ -204,6 +205,14 @@ def test_numbers_are_printed_to_the_digits_that_mean_something_in_their_unit():
         assert not printed or digits == (3 if claim.key in FINER else DIGITS[claim.unit]), claim.key
 
 
+SCALES = {"%": 100.0, "mm": 1e3, "mm/s": 1e3, "N": 1.0, "s": 1.0, "": 1.0}
+
+
+def test_what_is_measured_in_si_is_judged_in_the_unit_that_is_printed():
+    for claim in (*BY_KEY.values(), *(claim for claims in FIG5.values() for claim in claims)):
+        assert claim.scale == SCALES[claim.unit], claim.key
+
+
 def test_a_force_off_proportion_by_an_exponent_is_as_far_off_as_the_exponent_says():
     p = runs(p={"bend": 0.1})
     # 4 x (1 - x)/10 is largest in the middle; the line begins a sample before the first reading, 1/260 of the way
@@ -221,6 +230,14 @@ def test_a_force_loop_that_is_on_at_once_or_never_fails_what_the_trigger_does(tr
     if trigger > 1.0:
         run.force_position.recording["controller.triggered"][:] = False
     assert {"trigger_time", "position_jumps"} <= set(fig4_score(run).failed)
+
+
+@pytest.mark.parametrize(("trigger", "faster"), [(5.6, 1.0), (0.1, np.nan), (T[-1] - 0.1, np.nan)])
+def test_how_much_faster_it_gets_takes_a_glimpse_before_and_one_after_the_trigger(trigger: float, faster: float):
+    # beyond its ends interpolation would take the run to stand still
+    down = runs(fp={"trigger": trigger})
+    down.force_position.recording["estimator.p_B"][:, 2] = -0.001 * T
+    assert position_jump(down) == pytest.approx(faster, nan_ok=True)
 
 
 def test_without_imperfect_runs_nothing_is_said_of_x_and_which_are_missing_is():
