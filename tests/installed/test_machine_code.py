@@ -1,4 +1,4 @@
-"""A wheel with machine code in it: all that runs need is there, in every form of the processor, and nothing compiles."""
+"""A wheel with machine code in it: all that runs need is there, in every form of the processor; nothing compiles."""
 
 import json
 import os
