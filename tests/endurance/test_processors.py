@@ -20,7 +20,7 @@ pytestmark = [
     ),
 ]
 
-COMPILED = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
+COMPILED = {"TWIN_PROCESSOR": "any"}
 """twin's own code for any x86-64 processor, of 2003: SSE2 and neither AVX nor FMA."""
 LIBRARY = {"GLIBC_TUNABLES": "glibc.cpu.hwcaps=-FMA,-FMA4,-AVX2,-AVX512F"}
 """sin, cos and others of glibc as a processor without FMA takes them; in numpy's and OpenBLAS' code nothing changes."""

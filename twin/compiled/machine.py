@@ -3,6 +3,7 @@
 import hashlib
 import os
 from functools import cache
+from importlib.metadata import version
 from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
@@ -39,6 +40,12 @@ OLDEST = "x86-64"
 
 _loaded: set[str] = set()
 """Functions whose object files are in this process."""
+
+
+@cache
+def compilers() -> tuple[str, ...]:
+    """What machine code depends on besides its source and its form."""
+    return version("numba"), version("llvmlite")
 
 
 @cache

@@ -4,7 +4,6 @@ import contextlib
 import ctypes
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -117,9 +116,8 @@ class Native:
     def name(self) -> str:
         """Of what is kept of it; "" if nothing can be."""
         kinds = [f"{kind.descr} {kind.itemsize}" if isinstance(kind, np.dtype) else kind for kind in self.takes]
-        compilers = version("numba"), version("llvmlite")
         with contextlib.suppress(store.Unnamed):
-            return store.name_of(self.function, f"{self.returns} {kinds} {compilers}")
+            return store.name_of(self.function, f"{self.returns} {kinds} {machine.compilers()}")
         return ""
 
     def emitted(self, form: machine.Form) -> bytes:

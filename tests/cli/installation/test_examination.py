@@ -125,6 +125,20 @@ def test_compiled_code_is_cold_where_nothing_is(tmp_path: Path, monkeypatch: pyt
     assert compiled_finding().text == f"3 MB kept in {tmp_path}, as NUMBA_CACHE_DIR says"
 
 
+def test_compiled_code_that_came_with_a_wheel_is_counted_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    came, empty = tmp_path / "came", tmp_path / "empty"
+    came.mkdir()
+    empty.mkdir()
+    (came / "plant_avx.o").write_bytes(store.sealed("plant_avx.o", bytes(1_500_000)))
+    monkeypatch.setattr(store, "folder", lambda: empty)
+    monkeypatch.setattr(caches, "folder", lambda: empty)
+    monkeypatch.setattr(caches, "CARRIED", came)
+    good = f"1.5 MB came with twin; 0 MB kept in {empty}, which only you can write to"
+    assert compiled_finding().text == good
+    damage(came / "plant_avx.o", "flipped", Random(1))
+    assert compiled_finding().text == f"{good}; 1 changed since (plant_avx.o), compiled again when needed"
+
+
 def test_compiled_code_that_was_damaged_or_is_not_kept_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(store, "folder", lambda: tmp_path)
     (tmp_path / "dynamics.o").write_bytes(b"no seal")
