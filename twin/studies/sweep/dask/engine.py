@@ -11,15 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from twin.errors import ComponentFailed, InputRefused, NotWritten, TwinError
 from twin.studies.sweep.dask.bundle import Bundle
-from twin.studies.sweep.dask.cluster import (
-    ANSWER,
-    END,
-    TRANSFER,
-    ClusterLost,
-    connected,
-    ended_within,
-    within,
-)
+from twin.studies.sweep.dask.cluster import ANSWER, END, TRANSFER, ClusterLost, connected, ended_within, within
 from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task
 from twin.studies.sweep.pool import Job, Result, raise_if_pressed
@@ -85,6 +77,7 @@ class _Batches:
 
         from twin.studies.sweep.dask import worker
 
+        assert client.scheduler is not None
         self._worker = worker
         self._client, self._job, self._sweep = client, job, uuid.uuid4().hex
         self._address = client.scheduler.address

@@ -118,7 +118,9 @@ class EndPlugin(SchedulerPlugin):
 
 def run_tasks(name: str, tasks: Sequence[Task]) -> list[RunResult]:
     """Run `tasks` of the sweep `name`, one after the other, in a Dask worker; see `SweepPlugin.results`."""
-    return get_worker().plugins[name].results(tasks)
+    plugin = get_worker().plugins[name]
+    assert isinstance(plugin, SweepPlugin)
+    return plugin.results(tasks)
 
 
 def _taken(folder: Path) -> dict[str, bytes]:
