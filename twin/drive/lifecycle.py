@@ -381,9 +381,9 @@ def clock_table(instance: Instance) -> np.ndarray:
         else:
             interval, shift = stated_interval(clock)
             if clock.intervalDecimal is None and clock.intervalCounter is None:
-                asked = (c_double * 1)(0.0)
+                (interval, _), asked = _asked(instance, clock), (c_double * 1)(0.0)
                 instance.fmu.getShiftDecimal((c_uint * 1)(clock.valueReference), asked)
-                interval, shift = _asked(instance, clock)[0], asked[0]
+                shift = asked[0]
             elif clock.intervalVariability != "constant":
                 instance.fmu.setIntervalDecimal((c_uint * 1)(clock.valueReference), (c_double * 1)(interval))
             row["period"] = _steps(instance, clock, interval, 1)

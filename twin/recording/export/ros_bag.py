@@ -22,7 +22,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from twin import __version__
 from twin.errors import InputRefused, disk_refusals
-from twin.recording.export.table import NANOSECONDS, message_times, numbers_of, row_times, topics_of
+from twin.recording.export.table import NANOSECONDS, time_base
 from twin.recording.layout import Field
 from twin.recording.messages import HEAD_SIZE, NO_PLACES, Filling, record_template
 from twin.recording.recording import Recording
@@ -232,8 +232,7 @@ def write_ros_bag(folder: Path, recording: Recording, signals: Sequence[str], ra
     if os.path.lexists(folder) and not (folder.is_dir() and set(os.listdir(folder)) <= own):
         raise InputRefused(f"{folder}: already there and no bag of twin; name another with --out")
     fields = recording.fields()
-    times = {topic: message_times(recording, topic) for topic in topics_of(signals)}
-    common = row_times(list(times.values()), rate, numbers_of(recording, signals))
+    times, common = time_base(recording, signals, rate)
     topics = [
         made
         for topic in times

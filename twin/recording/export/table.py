@@ -81,8 +81,7 @@ def table(recording: Recording, signals: Sequence[str], rate: float | None = Non
         UnknownSeries: no such signal.
     """
     fields = recording.fields()
-    times = {topic: message_times(recording, topic) for topic in topics_of(signals)}
-    rows = row_times(list(times.values()), rate, numbers_of(recording, signals))
+    times, rows = time_base(recording, signals, rate)
     columns: list[Column] = []
     for name in signals:
         topic = name.rpartition(".")[0]
@@ -93,20 +92,14 @@ def table(recording: Recording, signals: Sequence[str], rate: float | None = Non
     return Table(rows / NANOSECONDS, tuple(columns))
 
 
-def topics_of(signals: Sequence[str]) -> tuple[str, ...]:
-    """Topics of `signals`, each once, in their order."""
-    return tuple(dict.fromkeys(name.rpartition(".")[0] for name in signals))
-
-
-def numbers_of(recording: Recording, signals: Sequence[str]) -> int:
-    """How many `signals` are at a time, elements counted."""
+def time_base(
+    recording: Recording, signals: Sequence[str], rate: float | None
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Times of the messages of each topic of `signals`, and of the rows, ns; arguments and errors as of `table`."""
+    topics = dict.fromkeys(name.rpartition(".")[0] for name in signals)
+    times = {topic: recording.streams[topic].head["log_time"].astype(np.int64) for topic in topics}
     fields = recording.fields()
-    return sum(fields[name].size for name in signals)
-
-
-def message_times(recording: Recording, topic: str) -> np.ndarray:
-    """Times of the messages of `topic`, ns, (n,) int64."""
-    return recording.streams[topic].head["log_time"].astype(np.int64)
+    return times, row_times(list(times.values()), rate, sum(fields[name].size for name in signals))
 
 
 def row_times(times: Sequence[np.ndarray], rate: float | None, numbers: int = 1) -> np.ndarray:
@@ -212,8 +205,7 @@ def write_matlab(path: Path, recording: Recording, signals: Sequence[str], rate:
     """
     from scipy.io import savemat
 
-    times = {topic: message_times(recording, topic) for topic in topics_of(signals)}
-    common = row_times(list(times.values()), rate, numbers_of(recording, signals))
+    times, common = time_base(recording, signals, rate)
     structs: dict[str, dict[str, object]] = {}
     units: dict[str, dict[str, str]] = {}
     fields = recording.fields()

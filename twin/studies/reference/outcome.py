@@ -20,7 +20,7 @@ from twin.drive.description import FmuDescription, described
 from twin.drive.setting import Setup
 from twin.drive.stepping import FmuPort
 from twin.drive.unpacked import unpacked
-from twin.drive.variable import Variable
+from twin.drive.variable import Variable, number
 from twin.errors import ComponentFailed, InputRefused, TwinError
 from twin.experiment.schema import Drive
 from twin.runs.assembly.drives import planned
@@ -128,14 +128,7 @@ def _steps(description: FmuDescription, trial: Trial, results: Series | None) ->
 
 def _first(*stated: object) -> float | None:
     """The first number among them."""
-    for value in stated:
-        try:
-            number = float(value)  # type: ignore[arg-type]
-        except (TypeError, ValueError):
-            continue
-        if math.isfinite(number):
-            return number
-    return None
+    return next((found for found in map(number, stated) if math.isfinite(found)), None)
 
 
 def _watched(description: FmuDescription, results: Series | None) -> tuple[list[FmuPort], tuple[str, ...]]:
