@@ -232,7 +232,7 @@ def test_while_a_tap_turns_between_two_calls_its_command_is_held():
 def test_taps_turn_as_much_higher_as_the_surface_is(by):
     """No multiple of the 0.2 mm that a tap goes down from call to call."""
     # so high that it is at its speed where it touches
-    tap = TAP._replace(lift=0.012, period=0.6)
+    tap = TAP.model_copy(update={"lift": 0.012, "period": 0.6})
     still = carried_out([tap], 8.0, WITH_DRIVES)
     after = call_of(still, Kind.WAIT, 1)
     moved = carried_out([tap], 8.0, WITH_DRIVES._replace(lifted=(after * T_s, by)))

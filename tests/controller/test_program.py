@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.controller.soft_floor import APPROACH, CONTACT, PRESS, PUSH, ROLL, TAP
+from twin.controller.program import PhaseEnd, program
 from twin.controller.program import PhaseKind as Kind
-from twin.controller.program import Until, program
 
 WORK = {
     PRESS: [Kind.BUILD_UP, Kind.HOLD, Kind.RELEASE],
@@ -74,13 +74,13 @@ def test_a_press_builds_its_force_up_and_holds_it():
 def test_a_descent_is_gentle_and_ends_at_the_first_touch_or_at_the_floor():
     descend = program(APPROACH, CONTACT, [PRESS])[1]
     assert (descend.speed, descend.target[2]) == (APPROACH.descent, APPROACH.floor)
-    assert (descend.until, descend.level) == (Until.FELT, CONTACT)
+    assert (descend.until, descend.level) == (PhaseEnd.FELT, CONTACT)
 
 
 def test_a_tap_probes_gently_and_then_goes_down_and_up_at_its_speed():
     probe, lift, tap, rise, _ = program(APPROACH, CONTACT, [TAP])[2:7]
-    assert (probe.until, probe.level, probe.speed) == (Until.FELT, TAP.force, APPROACH.descent)
-    assert (tap.until, tap.level, tap.speed, tap.ramp_out) == (Until.TURN, TAP.force, TAP.speed, 0.0)
+    assert (probe.until, probe.level, probe.speed) == (PhaseEnd.FELT, TAP.force, APPROACH.descent)
+    assert (tap.until, tap.level, tap.speed, tap.ramp_out) == (PhaseEnd.TURN, TAP.force, TAP.speed, 0.0)
     assert lift.lift == rise.lift == TAP.lift
     # it turns at once
     assert (rise.speed, rise.ramp_in) == (TAP.speed, 0.0)

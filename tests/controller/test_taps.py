@@ -33,7 +33,7 @@ def peaks(rows):
 
 
 def tapped(learning, late=10, turn=0.0, drag=0.0):
-    tap = TAP._replace(times=8, force=4.0)
+    tap = TAP.model_copy(update={"times": 8, "force": 4.0})
     touch = NOT_LEARNING.model_copy(update={"turn": turn})
     adapting = Adapting(SENSING, tap_learning=learning) if learning else None
     return peaks(carried_out([tap], 8.0, World("velocity", late, drag=drag), touch=touch, adapting=adapting))

@@ -22,7 +22,7 @@ import numpy as np
 
 from twin.compiled.function import njit
 from twin.controller.pid import state_variable
-from twin.controller.program import PhaseKind, Until
+from twin.controller.program import PhaseEnd, PhaseKind
 from twin.controller.tissue import HIGHEST, LOWEST, moving_mass
 from twin.cosim.port import record
 
@@ -207,11 +207,11 @@ def enter(m, phases, index, t, F_z, dp_z):
 def _following(m, phase, t, h, z, v_z, F_z, F_rate):
     """Index of the phase that is due now; the present one if it goes on."""
     over = t - m.entered > m.total - 0.5 * h
-    if phase.until == Until.FELT:
+    if phase.until == PhaseEnd.FELT:
         if F_z >= phase.level:
             return phase.next
         return phase.otherwise if over else m.index
-    if phase.until == Until.TURN:
+    if phase.until == PhaseEnd.TURN:
         # between this call and the next, of which `walk` makes the right moment
         reached = z + v_z * (m.t_turn + h) <= m.z_turn
         if (reached and (m.touching or not m.calibrated)) or F_z + F_rate * m.t_turn >= phase.level:
@@ -234,7 +234,7 @@ def _following(m, phase, t, h, z, v_z, F_z, F_rate):
 @njit(cache=True)
 def _time_to_turn(m, phase, z, h):
     """How long (s, at most `h`) a tap that is to turn round before the next call may still go on; 0: none does."""
-    if phase.until != Until.TURN or m.v[2] >= 0.0:
+    if phase.until != PhaseEnd.TURN or m.v[2] >= 0.0:
         return 0.0
     return min(max((m.z_turn - z) / m.v[2] - m.t_turn, 0.0), h)
 

@@ -40,7 +40,7 @@ class PhaseKind(IntEnum):
         return self.name.lower().replace("_", "-")
 
 
-class Until(IntEnum):
+class PhaseEnd(IntEnum):
     """What ends a phase."""
 
     ELAPSED = 0
@@ -89,7 +89,7 @@ class Phase(NamedTuple):
     F_end: float = 0.0
     duration: float = 0.0
     period: float = 0.0
-    until: Until = Until.ELAPSED
+    until: PhaseEnd = PhaseEnd.ELAPSED
     level: float = 0.0
     next: int = 0
     otherwise: int = 0
@@ -197,7 +197,7 @@ def _of_task(approach: Approach, contact_force: float, task: Task, number: int, 
     )  # fmt: skip
     descend = Phase(
         PhaseKind.DESCEND, number, (math.nan, math.nan, approach.floor), speed=approach.descent, ramp_in=approach.ramp,
-        until=Until.FELT, level=contact_force,
+        until=PhaseEnd.FELT, level=contact_force,
     )  # fmt: skip
     retract = Phase(
         PhaseKind.RETRACT, number, (math.nan, math.nan, approach.height), speed=approach.speed,
@@ -234,11 +234,11 @@ def _under_force(approach: Approach, contact_force: float, task: Press | Roll | 
 def _taps(approach: Approach, task: Tap, number: int) -> Iterable[Phase]:
     down = Phase(PhaseKind.PROBE, number, (math.nan, math.nan, approach.floor), level=task.force)
     # a gentle touch first: where the force is reached is what the taps then aim at
-    yield down._replace(speed=approach.descent, until=Until.FELT)
+    yield down._replace(speed=approach.descent, until=PhaseEnd.FELT)
     up = Phase(PhaseKind.RETRACT, number, lift=task.lift, speed=approach.speed, ramp_in=approach.ramp)
     yield up._replace(ramp_out=approach.ramp)
     # a tap turns at once: a smooth turn would be a longer one
-    yield down._replace(kind=PhaseKind.TAP, speed=task.speed, ramp_in=approach.ramp, until=Until.TURN)
+    yield down._replace(kind=PhaseKind.TAP, speed=task.speed, ramp_in=approach.ramp, until=PhaseEnd.TURN)
     yield up._replace(kind=PhaseKind.RISE, speed=task.speed, ramp_in=0.0, ramp_out=approach.ramp)
     # `again` is relative until the phases are linked
     yield Phase(PhaseKind.WAIT, number, period=task.period, times=task.times, again=-2)

@@ -43,7 +43,7 @@ class Declared:
     needed: Mapping[str, type[Settings]]
     optional: Mapping[str, type[Settings]]
     changeable: Mapping[str, Changeable] = field(default_factory=dict)
-    tasks: Mapping[str, type[Settings]] = field(default_factory=dict)
+    tasks: Mapping[str, type[Any]] = field(default_factory=dict)
 
     @property
     def tables(self) -> dict[str, type[Settings]]:
