@@ -9,9 +9,9 @@ import pytest
 from tests.plant.kinetic import mass_matrix
 from twin.errors import ComponentFailed
 from twin.experiment.experiment import Experiment
+from twin.robot.geometry import geometry_of
 from twin.robot.kinematics import jacobian, joint_angles
 from twin.runs.assembly.build import plant_parameters
-from twin.runs.assembly.computer import geometry_of
 from twin.runs.assembly.load import load_experiment
 from twin.runs.fastest_pole import STABLE, fastest_pole, too_fast
 from twin.runs.run import execute

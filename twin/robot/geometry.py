@@ -110,6 +110,11 @@ class Model(Settings):
     joint_zero: Triple = setting("deg", into="encoders", help="angle at which each joint encoder reads zero")
 
 
+def geometry_of(model: Model) -> Geometry:
+    """Fig. 2 as `model` has it."""
+    return Geometry(model.a, model.b, model.l_a, model.l_b)
+
+
 def triples(values: ArrayLike, name: str) -> NDArray[np.float64]:
     """The argument as a float array of shape (..., 3).
 

@@ -8,8 +8,8 @@ import pytest
 from tests.laws.runs import shipped
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
+from twin.robot.geometry import geometry_of
 from twin.robot.kinematics import joint_angles
-from twin.runs.assembly.computer import geometry_of
 from twin.runs.assembly.load import load_experiment
 
 

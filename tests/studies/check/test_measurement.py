@@ -7,9 +7,9 @@ from tests.laws.runs import shipped
 from tests.studies.check.traces import EXPERIMENT, measuring, t, trace
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment, shortened
+from twin.robot.geometry import geometry_of
 from twin.robot.kinematics import joint_angles
 from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.computer import geometry_of
 from twin.runs.trace import run_in_memory
 from twin.studies.check.measurement import REFERENCE_THETA_L, Signals, measured, refuse_unknown
 

@@ -11,7 +11,7 @@ from tests.laws.runs import shipped
 from tests.runs.made_up import made_up
 from twin.experiment.experiment import Experiment
 from twin.experiment.measure import checked_measures
-from twin.runs.assembly.computer import geometry_of
+from twin.robot.geometry import geometry_of
 from twin.studies.check.measurement import Signals
 
 t: NDArray[np.float64] = np.arange(10_001, dtype=np.float64) * 1e-3

@@ -25,16 +25,11 @@ from twin.monitor.checks import Limits, Monitor
 from twin.monitor.component import POWER, SafetyMonitor
 from twin.monitor.observation import MonitorBelief
 from twin.plant.dynamics import Robot
-from twin.robot.geometry import Geometry, Model
+from twin.robot.geometry import geometry_of
 from twin.robot.kinematics import jacobian, joint_angles
 from twin.robot.statics import Masses, leg_inertia, moving_mass
 from twin.runs.assembly.build import Build, Makers
 from twin.settings import Triple
-
-
-def geometry_of(model: Model) -> Geometry:
-    """Fig. 2 as `model` has it."""
-    return Geometry(model.a, model.b, model.l_a, model.l_b)
 
 
 def belief(experiment: Experiment) -> Belief:

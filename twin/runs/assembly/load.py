@@ -25,10 +25,9 @@ from twin.experiment.source import KEPT, Source, override, read_source, refuse_o
 from twin.experiment.task import Chirp, Circle, JointStep, Reference, WayPoints
 from twin.files import json_of
 from twin.places import located
-from twin.robot.geometry import Geometry
+from twin.robot.geometry import Geometry, geometry_of
 from twin.robot.kinematics import joint_angles, position
 from twin.runs.assembly.checks.agreement import disagreements
-from twin.runs.assembly.computer import geometry_of
 from twin.runs.assembly.declared import DECLARED
 
 MOST_POINTS = 2_000_000

@@ -34,8 +34,7 @@ from twin.cosim.system import System
 from twin.experiment.experiment import Experiment
 from twin.plant.contact_law import Contact
 from twin.recording.messages import BLANK_TIME, Form, blank
-from twin.robot.geometry import OUTWARD, Geometry
-from twin.runs.assembly.computer import geometry_of
+from twin.robot.geometry import OUTWARD, Geometry, geometry_of
 from twin.runs.scene.frames import (
     BASE,
     FRAMES,

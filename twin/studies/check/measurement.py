@@ -23,10 +23,9 @@ from twin.experiment import measure as measures
 from twin.experiment.experiment import Experiment
 from twin.experiment.measure import Led, Measure, Required, Watched
 from twin.monitor.component import trip_reason
-from twin.robot.geometry import Geometry
+from twin.robot.geometry import Geometry, geometry_of
 from twin.robot.kinematics import joint_angles
 from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.computer import geometry_of
 from twin.runs.trace import Trace, fields_of
 from twin.studies.metrics.requirement import checked_requirement, distance
 from twin.studies.metrics.response import (

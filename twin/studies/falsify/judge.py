@@ -21,8 +21,8 @@ from twin.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.experiment.experiment import Experiment
 from twin.experiment.measure import Required, requirement, signals_of
 from twin.monitor.component import trip_reason
+from twin.robot.geometry import geometry_of
 from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.computer import geometry_of
 from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.limits import JobLimits
 from twin.runs.trace import Trace, fields_of

@@ -12,8 +12,8 @@ from twin.cosim.observers import Simulated, simulate
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
 from twin.monitor.component import trip_reason
+from twin.robot.geometry import geometry_of
 from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.computer import geometry_of
 from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.job import function_called
 from twin.runs.guard.reporter import Reporter

@@ -5,9 +5,9 @@ import pytest
 
 from tests.laws.runs import EVERY_EXPERIMENT, FORCE, shipped
 from tests.runs.assembly.checks.test_tasks import told
+from twin.robot.geometry import geometry_of
 from twin.robot.workspace import Bars, ball_joint_angles, clearances
 from twin.runs.assembly.checks.tasks import obstructed
-from twin.runs.assembly.computer import geometry_of
 
 ASIDE = ("reference.t_s=[0, 1, 2]", "reference.p_mm=[[0, 0, -90], [0, 0, -95], [58, 0, -95]]")
 

@@ -24,10 +24,11 @@ from twin.monitor.component import retreat
 from twin.monitor.observation import MonitorBelief, Resolution, geometry, press_wind_up, resolution
 from twin.monitor.observation import low_pass_share as monitor_share
 from twin.plant.dynamics import TrueRobot
+from twin.robot.geometry import geometry_of
 from twin.robot.kinematics import jacobian
 from twin.runs.assembly.build import plant_parameters
 from twin.runs.assembly.checks.tasks import Situation, reference_mistakes, task_mistakes
-from twin.runs.assembly.computer import geometry_of, monitor_belief, sensing
+from twin.runs.assembly.computer import monitor_belief, sensing
 from twin.settings import Triple
 
 DISTINCT = 3.0

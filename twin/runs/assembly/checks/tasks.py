@@ -24,10 +24,9 @@ from twin.monitor.checks import Monitor
 from twin.plant.contact import Shape, surface_depth, surface_frame
 from twin.plant.contact_law import elastic_force
 from twin.plant.dynamics import PlantParameters, TrueRobot
-from twin.robot.geometry import Geometry
+from twin.robot.geometry import Geometry, geometry_of
 from twin.robot.kinematics import jacobian, joint_angles
 from twin.robot.workspace import BARS, Bars, ball_joint_angles, clearances
-from twin.runs.assembly.computer import geometry_of
 from twin.settings import Triple
 
 
