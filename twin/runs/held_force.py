@@ -7,10 +7,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.controller.program import PhaseKind, Tap
+from twin.controller.program import PhaseKind, Tap, Task
 from twin.cosim.observers import Observer, TickEvent
 from twin.cosim.system import System
-from twin.experiment.task import Task
 
 UNDER_FORCE = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
 SIGNALS = ("plant.F_ee_B", "controller.task", "controller.phase")
