@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from twin.cli.studies import study_command
 
 from tests.command_line import twin
 from tests.recording import samples
-from twin.cli.studies import study_command
 from twin.errors import InputRefused
 from twin.recording.recording import Recording
 

@@ -5,9 +5,9 @@ import sys
 
 import pytest
 import typer
+from twin.cli.group import WHOLE
 
 from twin.cli.app import Commands, app
-from twin.cli.group import WHOLE
 
 USED = """
 import sys

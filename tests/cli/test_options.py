@@ -1,7 +1,6 @@
 """Options that several commands share."""
 
 import pytest
-
 from twin.cli.options import as_spelt_now
 
 

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import pytest
 import typer
+from twin.cli.studies import study_command
+from twin.cli.study_files import study_file, study_names
 from typer.testing import CliRunner
 
 from twin import studies as package
 from twin.cli import studies as made
 from twin.cli import study_files
 from twin.cli.app import Commands, app
-from twin.cli.studies import study_command
-from twin.cli.study_files import study_file, study_names
 from twin.errors import ComponentFailed
 
 STUDY = '''

@@ -10,7 +10,7 @@ import pytest
 from tests.drive.commanded import stepped
 from tests.drive.eventful import KINDS, Maker
 from tests.drive.test_component import TICK, made, run
-from twin.cli import drive_info
+from twin.studies.qualify import info as drive_info
 from twin.drive import calls
 from twin.drive.component import FmuComponent
 from twin.drive.event_step import CHANGING, COUNTDOWN, PERIODIC, settle

@@ -12,7 +12,7 @@ def main() -> None:
         from twin.cli.ahead import job_expected
 
         with job_expected():
-            from twin.cli.ending import main
+            from twin.cli.line import main
 
             main()
     except KeyboardInterrupt:

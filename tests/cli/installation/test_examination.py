@@ -3,11 +3,6 @@ from pathlib import Path
 from random import Random
 
 import pytest
-
-from tests.damage import damage
-from twin.archive import sha256
-from twin.cli.installation import examination as caches
-from twin.cli.installation import examination as surroundings
 from twin.cli.installation.examination import (
     compiled_finding,
     disk_finding,
@@ -21,6 +16,11 @@ from twin.cli.installation.examination import (
 )
 from twin.cli.installation.finding import Finding
 from twin.cli.installation.packages import installed_table, package_findings
+
+from tests.damage import damage
+from twin.archive import sha256
+from twin.cli.installation import examination as caches
+from twin.cli.installation import examination as surroundings
 from twin.compiled import store
 from twin.drive.unpacked import unpacked
 
