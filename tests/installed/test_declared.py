@@ -12,9 +12,9 @@ import pytest
 import yaml
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
-from twin.cli.installation import PURPOSES
 
 from twin import __version__
+from twin.cli.installation import PURPOSES
 
 
 @pytest.fixture
