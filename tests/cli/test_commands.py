@@ -113,7 +113,8 @@ def test_a_file_that_is_there_is_a_command_after_those_of_twin():
     assert list(declared()) == ["echo", "log twice", "log silent"]
     assert command.list_commands(None) == [*TwinCommands.ORDER, "echo"]
     assert command.listed("echo").help.startswith("Say something again.")
-    assert list(command.commands["log"].commands) == ["twice", "silent"]
+    group: Any = command.commands["log"]
+    assert list(group.commands) == ["twice", "silent"]
 
 
 @pytest.mark.usefixtures("echo")

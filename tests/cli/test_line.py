@@ -88,7 +88,7 @@ def test_an_answer_is_made_with_the_source_that_counts_for_it(module: str):
     # what every command imports before says nothing that is printed
     program = f"""
 import sys
-from twin.cli import {module}
+from twin.cli import ahead, {module}
 from twin.studies.qualify import shelf
 before = {{*sys.modules}}
 {makes}

@@ -1,4 +1,4 @@
-"""The command line: one file per command. Heavy packages are imported inside the commands that use them."""
+"""The command line: runs, pages, files to start from, the installation; other commands are made of their studies."""
 
 
 def main() -> None:

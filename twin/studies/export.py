@@ -1,15 +1,18 @@
-"""`twin export`: a recording for other tools."""
+"""A recording for other tools."""
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from twin.errors import InputRefused
 from twin.studies.answer import Answer
 from twin.studies.command import Argument, Asked, Option, study
 from twin.studies.first_look import print_latest
 
-FORMATS = ("csv", "parquet", "mat", "ros2")
+if TYPE_CHECKING:
+    from twin.recording.export.export import Format
+
+FORMATS: tuple["Format", ...] = ("csv", "parquet", "mat", "ros2")
 
 
 def _check_format(asked: Asked) -> None:

@@ -269,7 +269,7 @@ def _build(table: "Drive") -> None:
 
 
 @study("component list")
-def component_list(say: Say) -> Answer:
+def component_list() -> Answer:
     """List the parts that may be of another make, and the ports of each.
 
     Exit code: 0 in any case.

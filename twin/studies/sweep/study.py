@@ -3,7 +3,7 @@
 import os
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -102,9 +102,9 @@ def sweep_run(
 
 def short_sweep(
     experiment: Path,
-    ranges: list[str],
+    ranges: Sequence[str],
     drive: str | None,
-    settings: list[str],
+    settings: Sequence[str],
     out: Path | None,
     limit_step: float,
     as_json: bool,
