@@ -12,7 +12,7 @@ TABLE = re.compile(re.escape(HEAD) + r"(\|.*\n)*")
 
 
 def rows() -> dict[str, tuple[str, str]]:
-    """Commands, and what it is about, of each folder of twin/studies, each file with a command, and last of twin/cli."""
+    """Commands, and what it is about, of each study; those of files follow folders, those of twin/cli come last."""
     commands: dict[str, list[str]] = {}
     for words, one in declared().items():
         _, package, place, *_ = one.module.split(".")

@@ -14,7 +14,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from twin.cli import completion
 from twin.errors import InputRefused
-from twin.studies.command import SHARED, Argument, Option, Study
+from twin.studies.command import SHARED, Argument, Option
 
 FOLDERS = {"twin.studies": Path(__file__).parents[1] / "studies", "twin.cli": Path(__file__).parent}
 """Packages whose files hold commands, and the `study.py` of their folders."""
@@ -144,30 +144,22 @@ class _Imported(Mapping[str, Any]):
 def asking(one: Declared) -> Callable[..., None]:
     """What Typer makes a command of: a function with the options of a study, which asks it."""
     function = getattr(import_module(one.module), one.function)
-    own, marked = inspect.signature(function).parameters, study_of(function)
+    own, marked = inspect.signature(function).parameters, vars(function)["study"]
     options = {key: (found.annotation, found.default) for key, found in own.items() if key not in ("say", "reporter")}
     options |= {key: SHARED[key] for key in marked.shared() if key not in own}
 
     def command(**given: Any) -> None:
         from twin.cli.ask import ask
 
-        ask(
-            function,
-            {key: () if value is None and _is_list(options[key][0]) else value for key, value in given.items()},
-        )
+        ask(function, {key: () if value is None and key in lists else value for key, value in given.items()})
 
     parameters = [_parameter(key, *option) for key, option in options.items()]
+    lists = {key for key, (annotation, _) in options.items() if _is_list(annotation)}
     command.__doc__, _, _ = inspect.cleandoc(function.__doc__ or "").partition("\n\nRaises:")
     command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     # Typer takes them from here
     command.__annotations__ = {found.name: found.annotation for found in parameters}
     return command
-
-
-def study_of(function: Callable[..., Any]) -> Study:
-    """How `function` is asked."""
-    marked: Study = vars(function)["study"]
-    return marked
 
 
 def _is_list(annotation: Any) -> bool:

@@ -126,18 +126,10 @@ class PictureFormat(StrEnum):
     PDF = "pdf"
 
 
-ISOLATE = Option("Processes: one of its own for what steps FMUs; none, for debuggers, but this one.", flags="--isolate")
-DRIVE = Option("Drive of every joint: an .fmu file, or a drive of fmus/.", "FMU", "--drive", complete="drive")
-BODY = Option("What to press on: a file of experiments/bodies/, such as back.", "BODY", "--body", complete="body")
-SETTING = Option(
-    "Override a value of the experiment, such as controller.force_N=4; of its first task: task.1.force_N=5.",
-    "KEY=VALUE",
-    "--set",
-    complete="setting",
-)
-COLUMN_MAP = Option("Which column is what; or a TOML file of such.", "NAME=COLUMN[UNIT]", "--map")
-
-Isolate = Annotated[JobIsolation, ISOLATE]
+Isolate = Annotated[
+    JobIsolation,
+    Option("Processes: one of its own for what steps FMUs; none, for debuggers, but this one.", flags="--isolate"),
+]
 LimitStep = Annotated[float, Option("Longest time of one call into a drive.", "S", least=0.0)]
 LimitWall = Annotated[float, Option("Longest time of the whole command.", "S", least=0.0)]
 Formats = Annotated[
@@ -149,10 +141,25 @@ AsJson = Annotated[bool, Option("Print JSON instead of text.", flags="--json")]
 Compile = Annotated[
     bool, Option("Build FMUs without a binary for this machine from their sources, once.", flags="--compile")
 ]
-DriveName = Annotated[str | None, DRIVE]
-BodyName = Annotated[str | None, BODY]
-Settings = Annotated[Sequence[str], SETTING]
-ColumnMaps = Annotated[Sequence[str], COLUMN_MAP]
+DriveName = Annotated[
+    str | None, Option("Drive of every joint: an .fmu file, or a drive of fmus/.", "FMU", "--drive", complete="drive")
+]
+BodyName = Annotated[
+    str | None,
+    Option("What to press on: a file of experiments/bodies/, such as back.", "BODY", "--body", complete="body"),
+]
+Settings = Annotated[
+    Sequence[str],
+    Option(
+        "Override a value of the experiment, such as controller.force_N=4; of its first task: task.1.force_N=5.",
+        "KEY=VALUE",
+        "--set",
+        complete="setting",
+    ),
+]
+ColumnMaps = Annotated[
+    Sequence[str], Option("Which column is what; or a TOML file of such.", "NAME=COLUMN[UNIT]", "--map")
+]
 ExperimentName = Annotated[Path, Argument("Experiment file (TOML) or name.", "EXPERIMENT", complete="experiment")]
 
 SHARED: Mapping[str, tuple[Any, Any]] = {
