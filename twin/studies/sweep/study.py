@@ -90,6 +90,8 @@ def sweep_run(
     check_start(str(sweep), definition, yes or dry)
     if scheduler and engine != EngineName.DASK:
         raise InputRefused(f"--scheduler {scheduler}: belongs to --engine dask; add that, or leave the address out")
+    if scheduler and processes:
+        raise InputRefused(f"--processes {processes}: the cluster of {scheduler} has the workers it has; leave it out")
     folder, processes = out or HOME / sweep.stem, processes or cores()
     limits = JobLimits(step=limit_step)
     say("making the runs")
