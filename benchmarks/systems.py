@@ -11,7 +11,7 @@ from twin.errors import InputRefused
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import SLICE_TICKS
 from twin.studies.build.system import build_ssp
-from twin.studies.systems.study import opened
+from twin.studies.systems.recorded import opened
 
 ROUNDS = 15
 TITLE = "Fig. 4 as an SSP: stepping / the twin's own"

@@ -19,9 +19,7 @@ from twin.runs.guard.reporter import DirectReporter, Listen, Show
 
 GUARDED = (
     "twin.runs.guard.guard.guarded",
-    "twin.cli.run.guarded",
     "twin.cli.ask.guarded",
-    "twin.cli.cosim.guarded",
     "twin.studies.check.job.guarded",
     "twin.studies.qualify.lifecycle.guarded",
 )

@@ -22,7 +22,8 @@ from twin.runs.guard.process import THREADS, environment, module_command
 IMPORTED = (
     "twin.runs.guard.runs", "twin.runs.guard.reporter", "twin.runs.guard.host", "twin.studies.sweep.worker",
     "twin.studies.check.job", "twin.studies.qualify.lifecycle", "twin.report.page.drawer", "tests.runs.guard.jobs",
-    "twin.studies.qualify.study", "scipy.linalg", "scipy.optimize", "scipy.stats", "lxml.etree",
+    "twin.studies.qualify.qualification", "twin.studies.qualify.text", "scipy.linalg", "scipy.optimize",
+    "scipy.stats", "lxml.etree",
 )  # fmt: skip
 GUARDED = module_command(child.__name__)
 _PR_SET_CHILD_SUBREAPER = 36

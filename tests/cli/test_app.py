@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 from tests.cli.commands import COMMANDS
 from tests.command_line import twin, twin_process
 from twin import __version__
-from twin.cli.app import app
+from twin.cli.app import app, as_spelt_now
 
 
 def test_the_version_is_that_of_the_package(tmp_path: Path):
@@ -43,3 +43,21 @@ def test_help_fits_80_columns(words: str, monkeypatch: pytest.MonkeyPatch):
     shown = CliRunner(env=os.environ | {"COLUMNS": "80"}).invoke(app, [*words.split(), "--help"])
     assert shown.exit_code == 0
     assert max(len(line) for line in shown.stdout.splitlines()) <= 80
+
+
+@pytest.mark.parametrize(
+    ("words", "now"),
+    [
+        ("", ""),
+        ("tune x.toml --no-isolate", "tune x.toml --isolate=none"),
+        ("tune --isolate x.toml", "tune --isolate=run x.toml"),
+        ("tune x.toml --isolate", "tune x.toml --isolate=run"),
+        ("tune x.toml --isolate none", "tune x.toml --isolate none"),
+        ("run x.toml --isolate drive", "run x.toml --isolate drive"),
+        ("run x.toml --isolate=drive", "run x.toml --isolate=drive"),
+        ("run --realtime x.toml", "run --realtime=1 x.toml"),
+        ("run x.toml --realtime=2", "run x.toml --realtime=2"),
+    ],
+)
+def test_isolation_as_it_was_once_asked_for_and_real_time_without_a_factor_work(words: str, now: str):
+    assert as_spelt_now(words.split()) == now.split()

@@ -9,7 +9,7 @@ from PIL import Image
 
 from tests.command_line import twin
 from tests.recording import samples
-from twin.cli.studies import study_command
+from twin.cli.commands import asking, declared
 from twin.errors import InputRefused
 from twin.recording.recording import Recording
 
@@ -24,7 +24,7 @@ def digits(force_position: Recording, tmp_path: Path) -> Path:
     return path
 
 
-COMPARE = study_command("compare")
+COMPARE = asking(declared()["compare"])
 DEFAULTS = {name: one.default for name, one in inspect.signature(COMPARE).parameters.items()}
 
 

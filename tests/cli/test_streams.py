@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.cli import ending
+from twin.cli import line
 from twin.cli.streams import READER_GONE, Aside, Outlet, Unread, standard_streams
 from twin.errors import NotWritten
 from twin.runs.guard.black_box import BlackBox
@@ -81,9 +81,9 @@ def test_every_end_has_its_code_and_no_traceback(
     def failing(words: list[str]) -> None:
         raise problem
 
-    monkeypatch.setattr(ending, "answered", failing)
+    monkeypatch.setattr(line, "answered", failing)
     with pytest.raises(SystemExit) as end:
-        ending.main()
+        line.main()
     assert end.value.code == code
     assert capsys.readouterr() == ("", told)
 

@@ -20,12 +20,14 @@ import pytest
 from tests.cli.test_run import FIG4
 from tests.command_line import twin
 from tests.report.test_run_text import RUN
-from twin.cli import ask
 from twin.cli import terminal as compiling
 from twin.cli import terminal as display
 from twin.cli import terminal as progress
-from twin.cli.terminal import PIECES, Bar, Display, Harmless, PlainLine, Progress, program
+from twin.cli.ask import ask
+from twin.cli.streams import Harmless
+from twin.cli.terminal import PIECES, Bar, Display, PlainLine, Progress, program
 from twin.cli.terminal import compiling as compiling_text
+from twin.studies.check.study import check
 from twin.studies.command import JobIsolation
 
 NAME = "\x1b]0;owned\x07[bold]x[/y]\x9b31m"
@@ -93,7 +95,7 @@ def test_checks_are_counted_on_a_line_that_is_gone_in_the_end(
     seen = Terminal()
     monkeypatch.setattr("sys.stderr", seen)
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(ask, "progress", line)
+    monkeypatch.setattr(display, "progress", line)
     names = ("step_z_air", "step_z_low")
     asked = {
         "experiments": [root / f"experiments/{name}.toml" for name in names],
@@ -102,9 +104,9 @@ def test_checks_are_counted_on_a_line_that_is_gone_in_the_end(
         "out": root / "results/check",
         "isolate": JobIsolation.NONE,
     }
-    answer = ask.answer_of("twin.studies.check.study:check", asked)
     # there is no baseline
-    assert answer.exit_code == 2
+    with pytest.raises(SystemExit, match="2"):
+        ask(check, asked)
     # a bar is drawn a few times a second only
     assert "of 2 checks" in seen.getvalue()
     # written over, or erased

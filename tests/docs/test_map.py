@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.docs.map_rows import PAGE, completed, rows
+from twin.cli.commands import declared
 from twin.runs.guard.job import function_called
 
 OWNERS = {"fmpy": {"drive"}, "control": {"studies"}, "mcap": {"recording"}, "numba": {"compiled"}}
@@ -28,9 +30,12 @@ def test_every_folder_of_twin_is_on_the_map_and_every_folder_there_exists(root: 
     assert {folder.split("/")[1] for folder in named} == rooms(root / "twin")
 
 
-def test_every_study_is_on_the_map(root: Path):
-    page = the_map(root)
-    assert {study for study in rooms(root / "twin/studies") if f"`{study}`" not in page} == set()
+def test_the_map_has_every_study_with_its_commands_as_the_files_have_them():
+    page = PAGE.read_text()
+    assert completed(page) == page
+    lines = [line for line in page.splitlines() if line.startswith("| `sweep` | `sweep run` |")]
+    assert len(lines) == 1 and completed(page.replace(lines[0] + "\n", "")) == page
+    assert {words for cells, _ in rows().values() for words in re.findall("`(.*?)`", cells)} == set(declared())
 
 
 def test_there_are_no_more_than_fifteen_rooms(root: Path):
@@ -73,9 +78,8 @@ def test_functions_that_are_named_in_a_text_exist_and_lie_on_no_higher_floor(roo
             assert height[path.parts[0]] <= height[name.split(".")[1]], f"{path}: {name}"
 
 
-def test_a_study_takes_what_its_command_asks_and_tells_what_it_is_doing(root: Path):
-    for path, name in named_functions(root):
-        if path.parts[0] == "cli" and ".studies." in name:
-            # a job of the guard tells its reporter
-            asked = inspect.signature(function_called(name)).parameters
-            assert {"say", "reporter"} & set(asked), f"{path}: {name}"
+def test_a_study_in_a_process_of_its_own_tells_what_it_is_doing():
+    for one in declared().values():
+        function = function_called(f"{one.module}:{one.function}")
+        if vars(function)["study"].isolated:
+            assert {"say", "reporter"} & set(inspect.signature(function).parameters), one

@@ -16,7 +16,6 @@ from tests.drive.compiled import compiled_drive
 from tests.drive.first import first_description, first_drive, first_library
 from tests.drive.test_component import TICK, made, run
 from tests.drive.test_event_step import stepped
-from twin.cli import drive_info
 from twin.drive.description import described
 from twin.drive.lifecycle import CosimInstance, FMU2Drive, FMU3Drive
 from twin.drive.setting import Setup
@@ -26,6 +25,7 @@ from twin.experiment.schema import Drive
 from twin.recording.reader import read
 from twin.runs.assembly.drives import drive, planned
 from twin.runs.guard.reporter import DirectReporter
+from twin.studies.qualify import info as drive_info
 from twin.studies.qualify.lifecycle import examined
 from twin.studies.qualify.proposal import proposal
 

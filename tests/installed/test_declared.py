@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from twin import __version__
-from twin.cli.installation.packages import PURPOSES
+from twin.cli.installation import PURPOSES
 
 
 @pytest.fixture

@@ -30,7 +30,7 @@ drive compare velocity_servo stepper --experiment nosuch.toml
 
 PROGRAM = """
 import shlex, sys
-from twin.cli.ending import main
+from twin.cli.line import main
 for line in sys.argv[1].strip().splitlines():
     sys.argv = ["twin", *shlex.split(line)]
     try:

@@ -1,4 +1,4 @@
-"""The command line: one file per command. Heavy packages are imported inside the commands that use them."""
+"""The command line: runs, pages, files to start from, the installation; other commands are made of their studies."""
 
 
 def main() -> None:
@@ -12,7 +12,7 @@ def main() -> None:
         from twin.cli.ahead import job_expected
 
         with job_expected():
-            from twin.cli.ending import main
+            from twin.cli.line import main
 
             main()
     except KeyboardInterrupt:

@@ -1,19 +1,21 @@
 """The command `twin`: its commands, and what is said of a mistake in a command line."""
 
+from collections.abc import Mapping
+from itertools import pairwise
 from typing import Annotated, Any
 
 import typer
 
 from twin import __version__
-from twin.cli.modules import LazyGroup
-from twin.cli.options import as_spelt_now
+from twin.cli.commands import Commands, Group
 from twin.errors import InputRefused
+from twin.studies.command import Isolation
 
 
-class Commands(LazyGroup):
+class TwinCommands(Commands):
     """All of them, in the order of the help."""
 
-    NAMES = (
+    ORDER = (
         "run",
         "compare",
         "check",
@@ -38,9 +40,15 @@ class Commands(LazyGroup):
         "component",
         "log",
     )
+    GROUPS: Mapping[str, Group] = {
+        "sweep": Group("Run one experiment many times: twin sweep SWEEP, or twin sweep run SWEEP.", default="run"),
+        "drive": Group("Look at drive FMUs, qualify, compare and bring them in."),
+        "component": Group("Look at and check parts of the robot of another make."),
+        "log": Group("Bring in the log of a robot: which column is which signal."),
+    }
 
 
-app = typer.Typer(name="twin", cls=Commands, pretty_exceptions_enable=False, rich_markup_mode=None)
+app = typer.Typer(name="twin", cls=TwinCommands, pretty_exceptions_enable=False, rich_markup_mode=None)
 
 
 def _print_version(wanted: bool) -> None:
@@ -75,6 +83,16 @@ def carried_out(words: list[str]) -> Any:
         return app(as_spelt_now(words), prog_name="twin", standalone_mode=False)
     except typer.TyperException as mistake:
         raise InputRefused(_sentence(mistake)) from None
+
+
+def as_spelt_now(words: list[str]) -> list[str]:
+    """A command line with --isolate and --no-isolate, as some commands called them, in today's spelling; and with
+    --realtime as --realtime=1, because Typer knows no options whose value may be left out."""
+    spelt = {"--no-isolate": "--isolate=none", "--realtime": "--realtime=1"}
+    return [
+        "--isolate=run" if word == "--isolate" and following not in list(Isolation) else spelt.get(word, word)
+        for word, following in pairwise([*words, ""])
+    ]
 
 
 def _sentence(mistake: typer.TyperException) -> str:

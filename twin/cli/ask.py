@@ -1,88 +1,118 @@
-"""Asks a study and prints its answer. If an FMU crashes meanwhile, the command ends with a sentence."""
+"""Asks a study and prints its answers. If an FMU crashes meanwhile, the command ends with a sentence."""
 
-import sys
-from collections.abc import Sequence
+import inspect
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from twin.cli.options import JobIsolation
-from twin.cli.terminal import CompileWatch, progress
-from twin.errors import ComponentFailed, visible_lines
-from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
+from twin.cli.streams import show
+from twin.cli.terminal import Display
+from twin.errors import ComponentFailed
+from twin.runs.guard.guard import JobEnded, guarded
+from twin.runs.guard.job import function_called
 from twin.runs.guard.limits import JobLimits
-from twin.studies.answer import JOB, Answer, answered
-from twin.writing import json_text
+from twin.runs.guard.recorded import left_behind, recorded_until_then
+from twin.studies.answer import Answer
+from twin.studies.command import SHARED, Interrupted, Isolation, JobIsolation, Study, answer_apart
+
+Hear = Callable[[dict[str, Any]], None]
+"""Takes a note of a job."""
+RECORDED = "twin.studies.command:recorded"
 
 
-def ask(
-    study: str,
-    asked: dict[str, Any],
-    as_json: bool = False,
-    isolate: JobIsolation = JobIsolation.NONE,
-    limits: JobLimits = JobLimits(),  # noqa: B008, it is frozen
-    formats: Sequence[str] | None = None,
-    columns: int = 2,
-) -> None:
-    """Print what `study` answers, as text or as JSON, and end with its exit code.
+def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
+    """Print what a study answers, as text or as JSON, and end with its exit code.
 
-    Args: see `answer_of`.
+    Args:
+        function: the study.
+        given: values of its options and of those that it shares.
 
     Raises:
         SystemExit: the exit code is not 0.
+        TwinError: the study raised one, or an FMU ended its process; see `answer_apart` and `recorded`.
     """
-    answer = answer_of(study, asked, isolate, limits, formats, columns)
-    show(answer, as_json)
-    if answer.exit_code:
-        raise SystemExit(answer.exit_code)
+    marked: Study = vars(function)["study"]
+    own = inspect.signature(function).parameters
+    asked = {key: value for key, value in given.items() if key in own}
+    for look in marked.before:
+        look(asked)
+    code = 0
+    try:
+        for answer in _answers(function, marked, own, asked, given):
+            show(answer, given.get("as_json", False))
+            code = max(code, answer.exit_code)
+    except ComponentFailed as failure:
+        more = marked.on_failure(asked) if marked.on_failure else ""
+        raise ComponentFailed("\n".join(filter(None, [str(failure), more]))) from None
+    if code:
+        raise SystemExit(code)
 
 
-def answer_of(
-    study: str,
+def _answers(
+    function: Callable[..., Any],
+    marked: Study,
+    own: Mapping[str, object],
     asked: dict[str, Any],
-    isolate: JobIsolation = JobIsolation.NONE,
-    limits: JobLimits = JobLimits(),  # noqa: B008, it is frozen
-    formats: Sequence[str] | None = None,
-    columns: int = 2,
-) -> Answer:
-    """What `study` answers; what it is doing is shown meanwhile.
+    given: Mapping[str, Any],
+) -> Iterable[Answer]:
+    """One after the other, as the study has them; what it is doing is shown meanwhile."""
+    shared = {key: default if key in own else given.get(key, default) for key, (_, default) in SHARED.items()}
+    name, limits = f"{function.__module__}:{function.__name__}", JobLimits(shared["limit_step"], shared["limit_wall"])
+    apart = marked.isolated is True or given.get(str(marked.isolated))
+    isolate = shared["isolate"] if apart else JobIsolation.NONE
+    if "reporter" in own:
+        with Display() as display:
+            done = recorded(RECORDED, {"name": name, "asked": asked}, display, isolate, limits)
+        yield Answer(**done)
+    elif "say" not in own:
+        answer = function(**asked)
+        yield from [answer] if answer else []
+    else:
+        several = inspect.isgeneratorfunction(function)
+        with Display(loading=False) as display:
+            if "isolate" in given or not several:
+                display.watch()
+            if several:
+                answers = function(**asked, say=display.say)
+            else:
+                answers = [
+                    answer_apart(name, asked, display.say, isolate, limits, shared["formats"], shared["columns"])
+                ]
+            for answer in answers:
+                display.clear()
+                yield answer
+
+
+def recorded(
+    job: str,
+    arguments: dict[str, Any],
+    display: Display,
+    isolate: JobIsolation | Isolation,
+    limits: JobLimits,
+    hear: Hear | None = None,
+) -> Any:
+    """The result of a job that records runs; where they are if one does not end well.
 
     Args:
-        study: "module:function", see `answered`.
-        asked: the function's arguments.
-        isolate: what gets a process of its own; a study that steps no FMU needs none.
-        limits: of that process.
-        formats, columns: of pictures for a paper, besides those for the screen.
+        job, arguments, limits: see `guarded`.
+        display: shows how far it is.
+        isolate: none: it runs in this process.
+        hear: takes its notes instead of `display`.
 
     Raises:
-        ComponentFailed: an FMU crashed, hung or ended that process. With nothing recorded to lose it is no matter
-            whether stepping had begun.
-        TwinError: the study raised one.
+        ComponentFailed: an FMU crashed, hung or ended the process after stepping had begun.
+        Interrupted: Ctrl-C, after there was a folder.
+        TwinError: the job raised one.
     """
-    shown = progress()
-    watch = CompileWatch(shown)
-    arguments: dict[str, Any] = {"study": study, "asked": asked, "formats": list(formats or ()), "columns": columns}
-
-    def hear(note: dict[str, Any]) -> None:
-        # from the first step that is over on there is a share to show
-        if note["share"]:
-            watch.end()
-        shown.step(note["say"], note["share"])
-
-    if sys.stderr.isatty():
-        watch.start()
+    hear = hear or display.hear
     try:
-        if isolate == JobIsolation.RUN:
-            return Answer(**guarded(JOB, arguments, limits, hear))
-        from twin.runs.guard.reporter import DirectReporter
+        if isolate == Isolation.NONE:
+            from twin.runs.guard.reporter import DirectReporter
 
-        return Answer(**answered(DirectReporter(hear), **arguments))
-    except (JobEnded, JobEndedLoading) as failure:
-        raise ComponentFailed(str(failure)) from None
-    finally:
-        watch.end()
-        shown.clear()
-
-
-def show(answer: Answer, as_json: bool) -> None:
-    """Print `answer`."""
-    # names in a recording are anybody's
-    print(json_text(answer.facts) if as_json else visible_lines(answer.text))
+            return function_called(job)(DirectReporter(hear, display.show), **arguments)
+        return guarded(job, arguments, limits, hear, display.show)
+    except JobEnded as failure:
+        raise ComponentFailed(f"{failure}\n{recorded_until_then(display.folder)}") from None
+    except KeyboardInterrupt:
+        if display.folder is None:
+            raise
+        raise Interrupted(left_behind(display.folder)) from None

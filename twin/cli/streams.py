@@ -1,12 +1,17 @@
-"""Standard input, output and error as a command finds them: closed, full, or with nobody left to read."""
+"""Standard input, output and error as a command finds them: closed, full, with nobody left to read, or a terminal."""
 
 import contextlib
 import os
+import re
 import sys
 from collections.abc import Iterator
-from typing import Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
-from twin.errors import NotWritten
+from twin.errors import NotWritten, visible_lines
+from twin.writing import json_text
+
+if TYPE_CHECKING:
+    from twin.studies.answer import Answer
 
 READER_GONE = 128 + 13
 """Exit code of a command whose output nobody reads any more: what a shell shows for the signal SIGPIPE."""
@@ -103,3 +108,37 @@ def _drop(number: int) -> None:
 
 def _outward(number: int) -> TextIO:
     return os.fdopen(number, "w", encoding="utf-8", closefd=False)
+
+
+_OBEYED = re.compile(r"\x1b(?!\[[0-9;]*m)|[\x00-\x08\x0b\x0c\x0e-\x1a\x1c-\x1f\x7f-\x9f]")
+"""Control characters, but line ends, tabs and the colours of the help."""
+
+
+class Harmless:
+    """A stream that writes control characters out: `\\x07` instead of a bell.
+
+    Args:
+        stream: the terminal; everything but writing is left to it.
+    """
+
+    def __init__(self, stream: TextIO):
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write `text`."""
+        return self._stream.write(_OBEYED.sub(lambda found: repr(found[0])[1:-1], text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def guard_terminal() -> None:
+    """From now on standard output is `Harmless`, if it is a terminal; files and pipes get what was written."""
+    if sys.stdout.isatty():
+        sys.stdout = Harmless(sys.stdout)  # type: ignore[assignment]
+
+
+def show(answer: "Answer", as_json: bool = False) -> None:
+    """Print `answer`."""
+    # names in a recording are anybody's
+    print(json_text(answer.facts) if as_json else visible_lines(answer.text), flush=True)

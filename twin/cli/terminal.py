@@ -1,21 +1,16 @@
-"""Standard output on a terminal: what names of files, columns and drives say is shown, and never obeyed.
+"""How far a run, a sweep or a check is, and what it compiles, on one line of a terminal that is gone when it is over.
 
-What `twin run` shows while it runs and says when it is done.
-
-What is compiled while a run is made ready, told as it goes.
-
-How far a run, a sweep or a check is, on one line of a terminal that is gone when it is over.
+And what `twin run` says of a run that is done.
 """
 
 import os
-import re
 import shlex
 import shutil
 import sys
 import threading
 import time
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from twin.compiled.store import compiled_pieces
 from twin.errors import plain, visible
@@ -24,34 +19,6 @@ from twin.report.run_text import run_facts, run_text
 from twin.runs.guard.limits import duration_text
 from twin.runs.guard.recorded import seen_from_here
 from twin.writing import json_text
-
-_OBEYED = re.compile(r"\x1b(?!\[[0-9;]*m)|[\x00-\x08\x0b\x0c\x0e-\x1a\x1c-\x1f\x7f-\x9f]")
-"""Control characters, but line ends, tabs and the colours of the help."""
-
-
-class Harmless:
-    """A stream that writes control characters out: `\\x07` instead of a bell.
-
-    Args:
-        stream: the terminal; everything but writing is left to it.
-    """
-
-    def __init__(self, stream: TextIO):
-        self._stream = stream
-
-    def write(self, text: str) -> int:
-        """Write `text`."""
-        return self._stream.write(_OBEYED.sub(lambda found: repr(found[0])[1:-1], text))
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
-
-
-def guard_terminal() -> None:
-    """From now on standard output is `Harmless`, if it is a terminal; files and pipes get what was written."""
-    if sys.stdout.isatty():
-        sys.stdout = Harmless(sys.stdout)  # type: ignore[assignment]
-
 
 NARROW = 60
 """A line of so many columns has no room for a bar."""
@@ -272,12 +239,17 @@ class CompileWatch:
 class Display:
     """Progress on standard error if that is a terminal; what each run has to say, plain, on standard output.
 
+    Args:
+        as_json: what runs have to say is JSON.
+        loading: a run is loaded at once; what is compiled meanwhile is told without a terminal, too.
+
     Attributes:
         folder: of the run that is on, None before the first.
     """
 
-    def __init__(self, as_json: bool):
+    def __init__(self, as_json: bool = False, loading: bool = True):
         self.folder: Path | None = None
+        self._loading = loading
         self._name = ""
         self._as_json = as_json
         self._progress = progress()
@@ -285,8 +257,9 @@ class Display:
         self._done: list[Path] = []
 
     def __enter__(self) -> "Display":
-        self._progress.say("loading")
-        self._watch.start()
+        if self._loading:
+            self._progress.say("loading")
+            self._watch.start()
         return self
 
     def __exit__(self, *failure: object) -> None:
@@ -294,9 +267,23 @@ class Display:
         if self._done and not self._as_json:
             print(f"  next       {shlex.join([program(), 'report', *map(str, self._done)])}")
 
+    def watch(self) -> None:
+        """Tell who sits at the terminal what is compiled from now on."""
+        if sys.stderr.isatty():
+            self._watch.start()
+
+    def say(self, what: str, share: float | None = None) -> None:
+        """As of `Say`."""
+        # from the first step that is over on there is a share to show
+        if share:
+            self._watch.end()
+        self._progress.step(what, share)
+
     def hear(self, note: dict[str, Any]) -> None:
-        """Take a note of `recorded_runs`."""
-        if "run" in note:
+        """Take a note of a job, see `recorded_runs`, `recorded` and `answered`."""
+        if "say" in note:
+            self.say(note["say"], note["share"])
+        elif "run" in note:
             facts = {"experiment": self._name, **note["run"]}
             facts["recording"] = seen_from_here(Path(facts["recording"]))
             self.clear()

@@ -1,17 +1,27 @@
 """A study as a command: one function, whose arguments are those of the command line.
 
-The command's name is the function's, its help is the docstring up to `Raises:`. A module holds it if it is
-`twin/studies/NAME.py` or `twin/studies/NAME/study.py`: nothing else says that there is such a command. The command line
-reads the arguments without running anything, so such a module imports at its top only what they need, and what computes
-inside the function.
+The command's name is the function's, or the words that the decorator is given (`@study("drive check")`); its help is
+the docstring up to `Raises:`. A module holds it if it is `twin/studies/NAME.py` or `twin/studies/NAME/study.py`, or one
+of the command line itself: nothing else says that there is such a command. The arguments are read without running
+anything, so such a module imports at its top only what they need, and what computes inside the function.
 """
 
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+from twin.errors import ComponentFailed, TwinError
+from twin.runs.guard.interrupt import INTERRUPTED
+from twin.runs.guard.limits import JobLimits
+
+if TYPE_CHECKING:
+    from twin.runs.guard.reporter import Reporter
+    from twin.studies.answer import Answer
+    from twin.studies.steps import Say
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Asked = Mapping[str, Any]
@@ -27,7 +37,7 @@ class Option:
         metavar: stands for the value.
         flags: other names: "--overshoot-percent", "-j --processes", "--try/--no-try".
         least, most: bounds of a number.
-        complete: what the shell offers: "experiment", "drive", "body", "setting" or "role".
+        complete: what the shell offers: "experiment", "experiment name", "drive", "body", "setting" or "role".
     """
 
     help: str
@@ -45,39 +55,49 @@ class Argument(Option):
 
 @dataclass(frozen=True)
 class Study:
-    """How a function is asked from the command line.
+    """Marks a function as a study, as `@study(...)`; it stays what it is for who calls it from Python.
+
+    Beside its options it takes `say`, see `Say`; or `reporter`, see `Reporter`, if it records a run; or neither, if
+    there is nothing to wait for. It returns an `Answer`, yields one after the other as it has them, or prints for
+    itself. Options that studies share, such as `--json`, are added; one that needs to know such an option has it among
+    its arguments.
 
     Attributes:
+        words: of the command, if they are not the function's name.
         draws: whether it draws pictures, which `--format` and `--columns` are of.
-        isolated: whether it steps FMUs, so that it runs in a process of its own unless `--isolate none` is given.
+        isolated: whether it steps FMUs, so that it runs in a process of its own unless `--isolate none` is given; or
+            the name of the flag without which it steps none.
+        limited: whether `--limit-step` and `--limit-wall` are of that process.
+        json: whether there is `--json`.
         before: called with what is asked before the study's process begins: slips are refused at once.
         on_failure: what is added to the message if a component fails, such as where results are until then.
     """
 
-    draws: bool
-    isolated: bool
-    before: Sequence[Callable[[Asked], None]]
-    on_failure: Callable[[Asked], str] | None
+    words: str = ""
+    draws: bool = False
+    isolated: bool | str = False
+    limited: bool = False
+    json: bool = True
+    before: Sequence[Callable[[Asked], None]] = ()
+    on_failure: Callable[[Asked], str] | None = None
 
-
-def study(
-    *,
-    draws: bool = False,
-    isolated: bool = False,
-    before: Sequence[Callable[[Asked], None]] = (),
-    on_failure: Callable[[Asked], str] | None = None,
-) -> Callable[[Function], Function]:
-    """Mark a function as a study; it stays what it is for who calls it from Python.
-
-    It takes `say`, see `Say`, beside its options, and returns an `Answer`. Options that all studies have, such as
-    `--json`, are added. Arguments: see `Study`.
-    """
-
-    def mark(function: Function) -> Function:
-        vars(function)["study"] = Study(draws, isolated, before, on_failure)
+    def __call__(self, function: Function) -> Function:
+        vars(function)["study"] = self
         return function
 
-    return mark
+    def shared(self) -> list[str]:
+        """Those of `SHARED` that it has."""
+        process = [*(["isolate"] if self.isolated else []), *(["limit_step", "limit_wall"] if self.limited else [])]
+        return [*(["formats", "columns"] if self.draws else []), *(["as_json"] if self.json else []), *process]
+
+
+study = Study
+
+
+class Interrupted(TwinError):
+    """Ctrl-C; says what is kept."""
+
+    exit_code = INTERRUPTED
 
 
 class JobIsolation(StrEnum):
@@ -89,20 +109,128 @@ class JobIsolation(StrEnum):
 
 JOB_ISOLATION = JobIsolation.RUN if os.name == "posix" else JobIsolation.NONE
 """Where processes can be guarded they are, unless one says no."""
-ISOLATE = Option("Processes: one of its own for what steps FMUs; none, for debuggers, but this one.", flags="--isolate")
-DRIVE = Option("Drive of every joint: an .fmu file, or a drive of fmus/.", "FMU", "--drive", complete="drive")
-BODY = Option("What to press on: a file of experiments/bodies/, such as back.", "BODY", "--body", complete="body")
-SETTING = Option(
-    "Override a value of the experiment, such as controller.force_N=4; of its first task: task.1.force_N=5.",
-    "KEY=VALUE",
-    "--set",
-    complete="setting",
-)
-COLUMN_MAP = Option("Which column is what; or a TOML file of such.", "NAME=COLUMN[UNIT]", "--map")
 
-Isolate = Annotated[JobIsolation, ISOLATE]
-DriveName = Annotated[str | None, DRIVE]
-BodyName = Annotated[str | None, BODY]
-Settings = Annotated[Sequence[str], SETTING]
-ColumnMaps = Annotated[Sequence[str], COLUMN_MAP]
+
+class Isolation(StrEnum):
+    """The same of a run, whose drives may have processes of their own."""
+
+    RUN = "run"
+    DRIVE = "drive"
+    NONE = "none"
+
+
+class PictureFormat(StrEnum):
+    """What pictures are written as for a paper."""
+
+    SVG = "svg"
+    PDF = "pdf"
+
+
+Isolate = Annotated[
+    JobIsolation,
+    Option("Processes: one of its own for what steps FMUs; none, for debuggers, but this one.", flags="--isolate"),
+]
+LimitStep = Annotated[float, Option("Longest time of one call into a drive.", "S", least=0.0)]
+LimitWall = Annotated[float, Option("Longest time of the whole command.", "S", least=0.0)]
+Formats = Annotated[
+    Sequence[PictureFormat],
+    Option("Pictures for a paper, beside those for the screen; may be repeated.", flags="--format"),
+]
+Columns = Annotated[int, Option("Of --format; columns of the paper they fill.", flags="--columns", least=1, most=2)]
+AsJson = Annotated[bool, Option("Print JSON instead of text.", flags="--json")]
+Compile = Annotated[
+    bool, Option("Build FMUs without a binary for this machine from their sources, once.", flags="--compile")
+]
+DriveName = Annotated[
+    str | None, Option("Drive of every joint: an .fmu file, or a drive of fmus/.", "FMU", "--drive", complete="drive")
+]
+BodyName = Annotated[
+    str | None,
+    Option("What to press on: a file of experiments/bodies/, such as back.", "BODY", "--body", complete="body"),
+]
+Settings = Annotated[
+    Sequence[str],
+    Option(
+        "Override a value of the experiment, such as controller.force_N=4; of its first task: task.1.force_N=5.",
+        "KEY=VALUE",
+        "--set",
+        complete="setting",
+    ),
+]
+ColumnMaps = Annotated[
+    Sequence[str], Option("Which column is what; or a TOML file of such.", "NAME=COLUMN[UNIT]", "--map")
+]
 ExperimentName = Annotated[Path, Argument("Experiment file (TOML) or name.", "EXPERIMENT", complete="experiment")]
+
+SHARED: Mapping[str, tuple[Any, Any]] = {
+    "formats": (Formats, ()),
+    "columns": (Columns, 2),
+    "as_json": (AsJson, False),
+    "isolate": (Isolate, JOB_ISOLATION),
+    "limit_step": (LimitStep, JobLimits.step),
+    "limit_wall": (LimitWall, math.inf),
+}
+"""Options that studies share, by the names of arguments: what they are, and their defaults."""
+
+
+def answer_apart(
+    name: str,
+    asked: Asked,
+    say: "Say",
+    isolate: JobIsolation = JobIsolation.NONE,
+    limits: JobLimits = JobLimits(),  # noqa: B008, it is frozen
+    formats: Sequence[str] = (),
+    columns: int = 2,
+) -> "Answer":
+    """What a study answers.
+
+    Args:
+        name: "module:function", see `answered`.
+        asked: the function's arguments but `say`.
+        say: told what it is doing.
+        isolate: what gets a process of its own; a study that steps no FMU needs none.
+        limits: of that process.
+        formats, columns: of pictures for a paper, besides those for the screen.
+
+    Raises:
+        ComponentFailed: an FMU crashed, hung or ended that process. With nothing recorded to lose it is no matter
+            whether stepping had begun.
+        TwinError: the study raised one.
+    """
+    from twin.studies.answer import JOB, Answer, answered
+
+    def hear(note: dict[str, Any]) -> None:
+        say(note["say"], note["share"])
+
+    arguments: dict[str, Any] = {"study": name, "asked": dict(asked), "formats": list(formats), "columns": columns}
+    if isolate == JobIsolation.NONE:
+        from twin.runs.guard.reporter import DirectReporter
+
+        return Answer(**answered(DirectReporter(hear), **arguments))
+    from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
+
+    try:
+        return Answer(**guarded(JOB, arguments, limits, hear))
+    except (JobEnded, JobEndedLoading) as failure:
+        raise ComponentFailed(str(failure)) from None
+
+
+def recorded(reporter: "Reporter", name: str, asked: Asked) -> dict[str, Any]:
+    """What a study answers that records a run, taken apart; a job of the guard.
+
+    Notes, besides those of the study: {"experiment": what is run, "folder": of the run, "duration" (s)} before it.
+
+    Args:
+        name: "module:function"; the function takes what is asked, and `reporter`.
+        asked: its arguments.
+    """
+    from twin.runs.guard.job import function_called
+
+    return vars(function_called(name)(**asked, reporter=reporter))
+
+
+def confirmed(question: str) -> bool:
+    """Whether who sits at the terminal says yes."""
+    import typer
+
+    return typer.confirm(question, err=True)

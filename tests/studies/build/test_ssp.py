@@ -27,7 +27,7 @@ from twin.runs.trace import run_in_memory
 from twin.studies.build import drives, linking
 from twin.studies.build.drives import travelling_drives
 from twin.studies.build.system import build_ssp
-from twin.studies.systems.study import recorded_system
+from twin.studies.systems.recorded import recorded_system
 
 VELOCITY_SERVO = ROOT / "fmus" / "velocity_servo" / "velocity_servo.fmu"
 MASSAGE = ROOT / "experiments" / "massage.toml"
@@ -59,9 +59,7 @@ def differences(
     """How far what `twin cosim` makes of an archive is from the run of its experiment: by signal, of its range."""
     loaded = load_experiment(experiment, settings, drive)
     run = run_in_memory(loaded)
-    came = recorded_system(DirectReporter(lambda note: None), str(file), scheme=loaded.cosim.scheme, out=str(folder))[
-        "facts"
-    ]
+    came = recorded_system(DirectReporter(lambda note: None), file, scheme=loaded.cosim.scheme, out=folder).facts
     assert came["settled"] and came["tick_s"] == loaded.cosim.tick and not came["ignored"]
     theirs = read(folder / "run.mcap")
     angles = {

@@ -12,7 +12,7 @@ from twin.experiment.source import COMMAND_LINE
 from twin.recording.folder import recording_in
 from twin.recording.reader import last_time, origin, read
 from twin.studies.results.kept import ExperimentsNow, KeptRun, kept_runs, told_differences
-from twin.studies.results.study import doomed_runs
+from twin.studies.results.listing import doomed_runs
 
 SHORT = ("--set", "duration_s=0.01")
 

@@ -10,7 +10,7 @@ from tests.studies.systems.archives import archive
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.runs.guard.reporter import DirectReporter
-from twin.studies.systems.study import recorded_system
+from twin.studies.systems.recorded import recorded_system
 
 Ran = Callable[..., tuple[Recording, dict[str, Any]]]
 
@@ -31,7 +31,7 @@ def ran(tmp_path: Path, ideal: Path) -> Ran:
         count += 1
         file = archive(tmp_path / f"{count}.ssp", ssd, {"a.fmu": ideal} | (resources or {}))
         out = tmp_path / f"run_{count}"
-        came = recorded_system(DirectReporter(lambda note: None), str(file), out=str(out), **asked)
-        return read(out / "run.mcap"), came["facts"]
+        came = recorded_system(DirectReporter(lambda note: None), file, out=out, **asked)
+        return read(out / "run.mcap"), came.facts
 
     return run

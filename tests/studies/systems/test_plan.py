@@ -16,7 +16,7 @@ from twin.errors import InputRefused
 from twin.runs.guard.reporter import DirectReporter
 from twin.studies.systems import coupled
 from twin.studies.systems.plan import Way, spelt, way
-from twin.studies.systems.study import recorded_system
+from twin.studies.systems.recorded import recorded_system
 from twin.units import Dimension
 
 Change = tuple[str, str]
@@ -114,7 +114,7 @@ def test_what_cannot_be_run_is_refused_before_anything_is_loaded(
     monkeypatch.setattr(coupled, "Instance", None)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputRefused) as refused:
-        recorded_system(DirectReporter(lambda note: None), "x.ssp")
+        recorded_system(DirectReporter(lambda note: None), Path("x.ssp"))
     assert str(refused.value).startswith("x.ssp: ") and told in str(refused.value)
     assert not (tmp_path / "results").exists()
     assert file.exists()

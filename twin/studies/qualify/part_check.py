@@ -216,7 +216,7 @@ def part_check(
     return Answer(checked_text(done), component_facts(done), 0 if done.good else 1)
 
 
-def contracts(say: Callable[[str], None]) -> Answer:
+def contracts() -> Answer:
     """The ports of every part that may be of another make."""
     facts = {
         role: {

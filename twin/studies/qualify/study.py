@@ -1,19 +1,170 @@
-"""Drives on the bench and in an experiment, from FMUs to pictures and facts."""
+"""`twin drive` and `twin component`: what others make, looked at, qualified on the bench, brought in."""
 
-from collections.abc import Sequence
+import math
+import shlex
+import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 from twin.errors import InputRefused
 from twin.experiment.drive_files import experiment_file, lone_drive
+from twin.runs.guard.limits import JobLimits
 from twin.studies.answer import Answer
-from twin.studies.qualify.bench import told
-from twin.studies.qualify.comparison import COMPARED, comparison_facts, draw_drive_compare, trials, verdict
-from twin.studies.qualify.qualification import qualified
-from twin.studies.qualify.text import check_text, compare_text, draw_drive_check, verdict_text
-from twin.studies.qualify.workload import Workload
-from twin.studies.reference.outcome import came_with, no_drive, references_text
+from twin.studies.command import (
+    JOB_ISOLATION,
+    Argument,
+    AsJson,
+    Columns,
+    Compile,
+    Formats,
+    Isolate,
+    JobIsolation,
+    LimitStep,
+    LimitWall,
+    Option,
+    Settings,
+    answer_apart,
+    study,
+)
+from twin.studies.first_look import find_experiments
 from twin.studies.steps import Say
-from twin.writing import made_folder
+
+if TYPE_CHECKING:
+    from twin.experiment.schema import Drive
+
+FIG4 = Path("fig4_force_position")
+
+
+@study("drive info")
+def drive_info(
+    fmu: Annotated[
+        str, Argument("An .fmu file, a mapping, a drive's folder, or a name in fmus/.", "FMU", complete="drive")
+    ],
+    say: Say,
+    compiled: Compile = False,
+) -> Iterator[Answer]:
+    """Show what a drive FMU is and offers, without loading its binary.
+
+    Where it is unclear which variable plays which role, all that may are listed.
+
+    Exit code: 0 it fits the drive contract, 2 it does not.
+
+    Example: twin drive info pmsm_foc
+
+    Raises:
+        InputRefused: it does not.
+    """
+    from twin.drive.mapping import RolesUnclear
+    from twin.runs.assembly.drives import fmus, planned
+    from twin.studies.qualify import info
+    from twin.studies.qualify.bench import variables_facts, variables_text
+
+    table = lone_drive(fmu, Path.cwd())
+    if compiled:
+        _build(table)
+    try:
+        plan = planned(table)
+    except RolesUnclear:
+        parts = fmus(table)
+        yield Answer(variables_text(parts), {"variables": variables_facts(parts)})
+        raise
+    yield Answer(info.text(plan), info.facts(plan))
+
+
+@study("drive list")
+def drive_list() -> Answer:
+    """List the drives of fmus/ and whether they fit this robot, without loading their binaries.
+
+    Exit code: 0 whether they fit or not, 2 there is no fmus/.
+
+    Example: twin drive list
+
+    Raises:
+        InputRefused: there is no fmus/.
+    """
+    from twin.studies.qualify.shelf import shelf_text, shelved_drives
+
+    drives = shelved_drives(Path.cwd())
+    return Answer(shelf_text(drives), [shelved._asdict() for shelved in drives])
+
+
+@study("drive new", json=False)
+def drive_new(
+    fmus: Annotated[
+        Sequence[str], Argument("An .fmu file; several that make one drive; or a .ssp archive of them.", "FMU")
+    ],
+) -> Answer:
+    """Write the mapping.toml that brings a foreign FMU in, beside it.
+
+    Several FMUs, or those of a system in an SSP archive (which go into a folder
+    of its name), become one drive, with the wires that their names and units or
+    the archive leave no doubt about. What is in doubt stands in it as comments.
+    An existing mapping.toml is never touched.
+
+    Exit code: 0 written, 2 refused.
+
+    Example: twin drive new fmus/stepper/stepper.fmu
+
+    Raises:
+        InputRefused, NotWritten: see `begun`.
+    """
+    from twin.studies.qualify.proposal import begun
+
+    mapping, complete = begun(fmus, Path.cwd())
+    said = "complete" if complete else "NOT complete: remove the # from one line of each choice"
+    text = f"{mapping}\n{said}\nthen: {shlex.join(['twin', 'drive', 'check', str(mapping)])}"
+    return Answer(text, {"mapping": str(mapping), "complete": complete})
+
+
+@study("drive check")
+def drive_check(
+    fmus: Annotated[Sequence[str], Argument("Drives: .fmu files, folders, names in fmus/.", "FMU", complete="drive")],
+    say: Say,
+    out: Annotated[Path, Option("Where the picture goes.", "DIR")] = Path("results/drive_check"),
+    table: Annotated[bool, Option("Print one Markdown table of all drives.")] = False,
+    isolate: Isolate = JOB_ISOLATION,
+    limit_step: LimitStep = JobLimits.step,
+    limit_wall: LimitWall = math.inf,
+    yes: Annotated[bool, Option("Check what takes more than an hour.")] = False,
+    compiled: Compile = False,
+    formats: Formats = (),
+    columns: Columns = 2,
+    as_json: AsJson = False,
+) -> Iterator[Answer]:
+    """Qualify drives on the bench: signs, speeds, droop, bandwidth, step, stall, step size, repeatability, cost.
+
+    Reference experiments that came with an FMU (FMI-LS-REF, or NAME_ref.csv
+    beside it) are run first and held to its own results.
+
+    Exit code: 0 qualified, 1 not or other results, 2 refused before it ran, 3 an
+    FMU crashed, hung or ended its process.
+
+    Example: twin drive check velocity_servo
+
+    Raises:
+        InputRefused, ComponentFailed, NotWritten: see `qualify`.
+    """
+
+    # a misspelt one is told before any is checked
+    tables = [lone_drive(fmu, Path.cwd()) for fmu in fmus]
+    answers = []
+    for fmu, drive in zip(fmus, tables, strict=True):
+        if compiled:
+            _build(drive)
+        asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN, "sure": yes}
+        limits = JobLimits(limit_step, limit_wall)
+        name = "twin.studies.qualify.study:qualify"
+        answer = answer_apart(name, asked, say, isolate, limits, formats, columns)
+        answers.append(answer)
+        if as_json or not table:
+            yield answer
+        if "refused" in answer.facts:
+            raise InputRefused(answer.facts["refused"])
+    if table and not as_json:
+        from twin.studies.qualify.text import measures_table
+
+        yield Answer(measures_table([answer.facts for answer in answers]), {}, max(a.exit_code for a in answers))
 
 
 def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Answer:
@@ -33,6 +184,13 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Answer:
         InputRefused, ComponentFailed: see `qualified`.
         NotWritten: the disk refuses.
     """
+    from twin.studies.qualify.bench import told
+    from twin.studies.qualify.qualification import qualified
+    from twin.studies.qualify.text import check_text, draw_drive_check
+    from twin.studies.qualify.workload import Workload
+    from twin.studies.reference.outcome import came_with, no_drive, references_text
+    from twin.writing import made_folder
+
     say(Path(fmu).stem, 0.0)
     folder = made_folder(out)
     table = lone_drive(fmu, Path.cwd())
@@ -74,6 +232,10 @@ def compare_drives(
         InputRefused: a drive does not fit; none has run.
         NotWritten: the disk refuses.
     """
+    from twin.studies.qualify.comparison import COMPARED, comparison_facts, draw_drive_compare, trials, verdict
+    from twin.studies.qualify.text import compare_text, verdict_text
+    from twin.writing import made_folder
+
     folder, files = made_folder(out), [experiment_file(experiment) for experiment in experiments]
     compared = trials(files, list(fmus), settings, body, say)
     facts, texts = [], []
@@ -91,3 +253,52 @@ def compare_drives(
     }
     failed = any(trial.failure for one in compared for trial in one.trials)
     return Answer("\n\n".join([verdict_text(said), *texts]), everything, 3 if failed else 0)
+
+
+def _build(table: "Drive") -> None:
+    """Compile what of a drive has no binary, and tell."""
+    from twin.drive.description import build
+
+    for fmu in [part.fmu for part in table.parts.values()] or [table.fmu or ""]:
+        built = build(Path(fmu))
+        if built is not None:
+            print(f"{fmu}: built with {built.compiler}; kept in {built.library.parents[2]}", file=sys.stderr)
+
+
+@study("component list")
+def component_list() -> Answer:
+    """List the parts that may be of another make, and the ports of each.
+
+    Exit code: 0 in any case.
+
+    Example: twin component list
+    """
+    from twin.studies.qualify.part_check import contracts
+
+    return contracts()
+
+
+@study("component check", before=[find_experiments])
+def component_check(
+    role: Annotated[str, Argument("Which part: controller ..", "ROLE", complete="role")],
+    say: Say,
+    part: Annotated[str | None, Argument("FMU, or FILE.py:CLASS; else the experiment's.", "PART")] = None,
+    experiment: Annotated[Path, Option("Whose run it gets the inputs of.", "FILE", complete="experiment")] = FIG4,
+    settings: Settings = (),
+    isolate: Isolate = JOB_ISOLATION,
+) -> Answer:
+    """Check a part of another make: ports, units, finite, repeatable, reset, state, when it answers, cost.
+
+    Mapping and parameters are set as in an experiment:
+    --set controller.parameters.kp=3
+
+    Exit code: 0 it can take its place, 1 not, 2 refused before it was called,
+    3 it crashed, hung or ended its process.
+
+    Example: twin component check controller fmus/parts/paper_law
+
+    Raises:
+        InputRefused, ComponentFailed: see `part_check`.
+    """
+    asked = {"role": role, "part": part, "experiment": experiment, "settings": settings}
+    return answer_apart("twin.studies.qualify.part_check:part_check", asked, say, isolate)

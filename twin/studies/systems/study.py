@@ -1,227 +1,56 @@
-"""The job of `twin cosim`: an SSP archive in, a recording out.
+"""`twin cosim`: systems of anybody's FMUs, without a robot."""
 
-A topic for each component of a system: its outputs, elements of an array as one signal again.
-"""
-
-import json
-import re
-import shutil
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
-from datetime import datetime
+import math
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated
 
-from twin.cosim.interpolation import Scheme
-from twin.cosim.observers import Messages, Progress, Simulated, TickEvent, simulate
-from twin.cosim.ssp.flat import flattened
-from twin.cosim.ssp.package import Package, read_package
-from twin.cosim.system import System
-from twin.drive.description import build
-from twin.drive.setting import told
-from twin.drive.stepping import FmuPort
-from twin.drive.unpacked import unpacked
-from twin.errors import ComponentFailed, InputRefused, TwinError
-from twin.recording.folder import RECORDING, claim_run_folder, create_run_folder
-from twin.recording.layout import Field, Topic
-from twin.recording.recorder import BLOCK_TICKS, Recorder, RowStream, versions
-from twin.recording.schema import message_names
-from twin.recording.writer import Writer
-from twin.runs.guard.reporter import Reporter
-from twin.studies.systems.coupled import Coupled, coupled
-from twin.studies.systems.plan import Part, Plan, distinct, element, field, fmu_sources, planned
-from twin.studies.systems.text import facts, text
-from twin.writing import made_folder, write_bytes
+from twin.errors import InputRefused
+from twin.studies.answer import Answer
+from twin.studies.command import Argument, Asked, Compile, Option, study
+
+if TYPE_CHECKING:
+    from twin.runs.guard.reporter import Reporter
 
 
-def streams(plan: Plan, system: System) -> list[RowStream]:
-    """In the order of the components; none of one that has no outputs."""
-    columns = {
-        part.name: slice(int(system.y_start[c]), int(system.y_start[c + 1])) for c, part in enumerate(plan.parts)
-    }
-    return [RowStream(topic, columns[topic.name]) for topic in topics(plan)]
+class CouplingScheme(StrEnum):
+    """Who sees whose newest values."""
+
+    GAUSS_SEIDEL = "gauss_seidel"
+    JACOBI = "jacobi"
 
 
-def topics(plan: Plan) -> list[Topic]:
-    """The same before there is a system.
-
-    Raises:
-        InputRefused: two components have names that a recording cannot tell apart.
-    """
-    found = [Topic(part.name, tuple(_fields(part)), 1) for part in plan.parts if part.outputs]
-    try:
-        message_names(found)
-    except ValueError as problem:
-        raise InputRefused(f"{plan.package.file}: {problem}; give components names that are less alike") from None
-    return found
+def _check_times(asked: Asked) -> None:
+    for option in ("tick_ms", "stop_s"):
+        value = asked[option]
+        if value is not None and not 0.0 < value < math.inf:
+            raise InputRefused(f"--{option.replace('_', '-')} {value:g}: expected a number > 0")
 
 
-def _fields(part: Part) -> list[Field]:
-    groups = _arrays(part.outputs)
-    names = distinct(field(element(group[0].variable.name)[0] if len(group) > 1 else group[0].variable.name, part.path)
-                     for group in groups)  # fmt: skip
-    return [
-        Field(name, sum(p.port.size for p in group), group[0].port.kind, group[0].port.unit, group[0].port.meaning)
-        for name, group in zip(names, groups, strict=True)
-    ]
+@study(isolated=True, limited=True, before=[_check_times])
+def cosim(
+    system: Annotated[Path, Argument("An SSP archive, 1.0 or 2.0.", "SYSTEM.ssp")],
+    reporter: "Reporter",
+    scheme: Annotated[
+        CouplingScheme,
+        Option("gauss_seidel: components one after the other, as in the file; jacobi: all at once."),
+    ] = CouplingScheme.GAUSS_SEIDEL,
+    tick_ms: Annotated[float | None, Option("Length of a step; without it, as the system says.", "MS")] = None,
+    stop_s: Annotated[float | None, Option("End of the run; without it, of the default experiment.", "S")] = None,
+    out: Annotated[Path | None, Option("The run's own folder; without it, results/cosim/SYSTEM/TIME.", "DIR")] = None,
+    compiled: Compile = False,
+) -> Answer:
+    """Run a system of co-simulation FMUs (SSP), and record the outputs of each.
 
+    Exit code: 0 done, 2 input refused, 3 a component failed while running
+    (error, crash, hang), 130 interrupted.
 
-def _arrays(ports: tuple[FmuPort, ...]) -> list[list[FmuPort]]:
-    """Ports one after the other, `X[1]`, `X[2]` .. of one kind and unit together."""
-    groups: list[list[FmuPort]] = []
-    for port in ports:
-        array, number = element(port.variable.name)
-        last = groups[-1] if groups else []
-        like = last and (last[0].port.kind, last[0].port.unit) == (port.port.kind, port.port.unit)
-        if like and element(last[0].variable.name) == (array, 1) and number == len(last) + 1 and port.port.size == 1:
-            last.append(port)
-        else:
-            groups.append([port])
-    return groups
-
-
-HOME = Path("results/cosim")
-"""Apart from runs of the robot: a system is often called as the experiment that it was built from."""
-
-
-def recorded_system(
-    reporter: Reporter,
-    system: str,
-    tick: float | None = None,
-    stop: float | None = None,
-    scheme: Scheme = "gauss_seidel",
-    out: str | None = None,
-    compiled: bool = False,
-) -> dict[str, Any]:
-    """Run the system of an SSP archive and record it.
-
-    Notes: {"name", "folder", "duration" (s)} before the first step.
-
-    Args:
-        system: the archive.
-        tick: length of a step (s); None: as the system says.
-        stop: end of the run (s); None: likewise.
-        scheme: "gauss_seidel" in the order of the components in the file, or "jacobi".
-        out: the run's own folder; None: results/NAME/TIME.
-        compiled: whether FMUs without a binary for this machine are built from their sources.
-
-    Returns:
-        `text` for people and `facts` for programs.
+    Example: twin cosim system.ssp --scheme jacobi --tick-ms 1
 
     Raises:
-        InputRefused: the system cannot be run; nothing has been written.
-        ComponentFailed: a component failed; what was recorded stays.
-        NotWritten: the disk is full; likewise.
+        InputRefused, ComponentFailed, NotWritten: see `recorded_system`.
     """
-    reporter.loading()
-    package = read_package(Path(system))
-    with opened(package, tick, stop, scheme, compiled) as (plan, made):
-        folder = _folder(package.file, out)
-        # absolute: an FMU may change the working directory
-        path = folder.absolute() / RECORDING
-        reporter.note(name=package.file.stem, folder=str(path.parent), duration=plan.timing.ticks * plan.timing.tick)
-        done, events, writing = _recorded(plan, made, path, reporter)
-        came = facts(plan, made, done, events, writing, folder / RECORDING)
-    return {"text": text(came), "facts": came}
+    from twin.studies.systems.recorded import recorded_system
 
-
-@contextmanager
-def opened(
-    package: Package,
-    tick: float | None = None,
-    stop: float | None = None,
-    scheme: Scheme = "gauss_seidel",
-    compiled: bool = False,
-) -> Iterator[tuple[Plan, Coupled]]:
-    """The system of an archive, planned and ready to be run; arguments but `package` as of `recorded_system`.
-
-    Raises:
-        InputRefused: as `recorded_system`.
-    """
-    scratch = tempfile.mkdtemp()
-    with _named(package, scratch):
-        try:
-            plan = _planned(package, Path(scratch), tick, stop, scheme, compiled)
-            folders = {one.sha256: unpacked(one.path, one.sha256) for one in (part.description for part in plan.parts)}
-        finally:
-            # before anything is loaded: what crashes would leave it
-            shutil.rmtree(scratch, ignore_errors=True)
-        with coupled(plan, folders) as made:
-            yield plan, made
-
-
-def _planned(
-    package: Package, scratch: Path, tick: float | None, stop: float | None, scheme: Scheme, compiled: bool
-) -> Plan:
-    flat = flattened(package.structure, f"{package.file}")
-    files: dict[str, Path] = {}
-    for entry in fmu_sources(package, flat).values():
-        if entry not in files:
-            files[entry] = scratch / entry
-            made_folder(files[entry].parent)
-            write_bytes(files[entry], package.content(entry))
-            if compiled:
-                build(files[entry])
-    plan = planned(package, flat, files, tick, stop, scheme)
-    # refuses names that a recording cannot hold, before there is one
-    topics(plan)
-    return plan
-
-
-@contextmanager
-def _named(package: Package, scratch: str) -> Iterator[None]:
-    """Sentences of the block that tell of files in `scratch` tell of the archive instead."""
-    try:
-        yield
-    except TwinError as error:
-        # how to build a file that the archive holds
-        text = re.sub(rf"twin drive info {re.escape(scratch)}/\S+ --compile builds", "--compile builds", str(error))
-        error.args = (text.replace(f"{scratch}/", f"{package.file}: "),)
-        raise
-
-
-def _folder(file: Path, out: str | None) -> Path:
-    return claim_run_folder(Path(out)) if out else create_run_folder(HOME, file.stem, datetime.now())
-
-
-def _recorded(plan: Plan, made: Coupled, path: Path, reporter: Reporter) -> tuple[Simulated, list[TickEvent], float]:
-    rows = streams(plan, made.system)
-    with Writer(path, [stream.topic for stream in rows], plan.timing.tick, _provenance(plan)) as writer:
-        recorder = Recorder(writer, rows)
-        observers = [Messages(made.system), recorder, Progress(reporter.progress, plan.timing.ticks + 1)]
-        done = simulate(made, plan.timing.ticks, observers, BLOCK_TICKS, timed=True)
-        if done.failure:
-            raise ComponentFailed(recorder.abandon(done.failure))
-        recorder.finish()
-    return done, recorder.events, recorder.writing
-
-
-def _provenance(plan: Plan) -> dict[str, dict[str, str]]:
-    """What a recording says of its origin; nothing in it depends on when, where or by whom it was made."""
-    return {
-        "system": {
-            "file": plan.package.file.name,
-            "sha256": plan.package.sha256,
-            "name": plan.package.structure.system.name,
-            "ssp": plan.package.structure.version,
-            "scheme": plan.scheme,
-            "tick": repr(plan.timing.tick),
-            "order": json.dumps([part.path for part in plan.parts]),
-            "wires": json.dumps(plan.wires),
-        },
-        "components": {
-            part.path: json.dumps(
-                {
-                    "file": part.description.path.name,
-                    "sha256": part.description.sha256,
-                    "model": part.description.model.modelName,
-                    "fmi": part.description.model.fmiVersion,
-                    "generation_tool": part.description.model.generationTool,
-                    "set": {variable.name: told(value) for variable, value in part.settings},
-                }
-            )
-            for part in plan.parts
-        },
-        "versions": versions(),
-    }
+    tick = None if tick_ms is None else tick_ms / 1000.0
+    return recorded_system(reporter, system, tick, stop_s, scheme.value, out, compiled)

@@ -16,7 +16,7 @@ from twin.cosim.ssp.package import read_package
 from twin.drive.component import FmuComponent
 from twin.errors import InputRefused
 from twin.report.page.page import write_report
-from twin.studies.systems.study import opened
+from twin.studies.systems.recorded import opened
 from twin.studies.systems.text import text
 
 A = component("a", "a.fmu", bindings=values("omega_ref=1"))

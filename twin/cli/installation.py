@@ -1,20 +1,158 @@
-"""Installation checks: compiled code, unpacked FMUs, drives, processes, disk; and what they come to."""
+"""`twin doctor`: what this installation has and lacks, and what to do about it.
+
+Packages, compiled code, unpacked FMUs, drives, processes, disk; and what they come to.
+"""
 
 import json
 import os
+import platform
 import shutil
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
 
 from twin import __version__
-from twin.cli.installation.finding import Finding, is_ready, lacking
 from twin.compiled.store import CARRIED, VARIABLE, damaged_files, folder, object_files, refusal
 from twin.drive.unpacked import shelf
 from twin.errors import InputRefused
+from twin.files import read_toml
 from twin.kept import kept
 from twin.places import HOME, PACKAGE, is_clone
+from twin.studies.answer import Answer
+from twin.studies.command import Option, study
 from twin.studies.lines import wrapped
 from twin.studies.qualify.shelf import shelved_drives
+
+# what takes long to import is imported where it is needed: most of what is looked at is kept
+State = Literal["ok", "note", "lacks", "bad"]
+"""note: only who develops twin misses it. lacks: it runs, without something. bad: it does not run."""
+
+
+class Finding(NamedTuple):
+    """One thing that was looked at; `text` says what to do where it is not ok."""
+
+    topic: str
+    state: State
+    text: str
+
+
+def is_ready(findings: Sequence[Finding]) -> bool:
+    """Whether experiments run."""
+    return all(finding.state != "bad" for finding in findings)
+
+
+def lacking(findings: Sequence[Finding]) -> list[str]:
+    """The topics without which it is ready."""
+    return [finding.topic for finding in findings if finding.state == "lacks"]
+
+
+PURPOSES = {
+    "dask": "twin sweep --engine dask",
+    "live": "twin run --live",
+    "parquet": "twin export --parquet",
+    "ros2": "logs of ROS 2 in twin compare, replay, identify and export",
+}
+"""What users need an extra for; all others are for who develops twin."""
+
+
+def project_table() -> dict[str, Any]:
+    """[project] of the clone's pyproject.toml; without one, what the installed package says in its place."""
+    project = HOME / "pyproject.toml"
+    return read_toml(project)["project"] if project.is_file() else installed_table()
+
+
+def installed_table(package: str = "twin") -> dict[str, Any]:
+    """Python, requirements and extras of the installed `package`, as pyproject.toml has them."""
+    from importlib.metadata import metadata
+
+    from packaging.requirements import Requirement
+
+    told = metadata(package)
+    table: dict[str, Any] = {"requires-python": told["Requires-Python"], "dependencies": []}
+    extras = table["optional-dependencies"] = {extra: [] for extra in told.get_all("Provides-Extra") or ()}
+    for requirement in map(Requirement, told.get_all("Requires-Dist") or ()):
+        marker, requirement.marker = requirement.marker, None
+        if marker is None or marker.evaluate({"extra": ""}):
+            table["dependencies"].append(str(requirement))
+            continue
+        for extra, texts in extras.items():
+            if marker.evaluate({"extra": extra}):
+                texts.append(str(requirement))
+    return table
+
+
+def package_findings(project: dict[str, Any], clone: bool = True) -> list[Finding]:
+    """Python, the packages that are needed, and each extra.
+
+    Args:
+        project: as of `project_table`.
+        clone: it is installed from one, so that pip can be told of it, and extras for developing are of interest.
+    """
+    return [_python(project["requires-python"]), _needed(project["dependencies"], clone), *_extras(project, clone)]
+
+
+def _python(wanted: str) -> Finding:
+    from packaging.specifiers import SpecifierSet
+
+    here = platform.python_version()
+    fits = SpecifierSet(wanted).contains(here, prereleases=True)
+    remedy = "" if fits else "; make the environment anew with another Python"
+    return Finding("python", "ok" if fits else "bad", f"{here}, needs {wanted}{remedy}")
+
+
+def _needed(texts: list[str], clone: bool) -> Finding:
+    wrong = _problems(texts)
+    if wrong:
+        remedy = "pip install -c constraints.txt -e ." if clone else _install(wrong)
+        return Finding("packages", "bad", f"{'; '.join(wrong.values())}: {remedy}")
+    return Finding("packages", "ok", f"all {len(texts)} that are needed")
+
+
+def _extras(project: dict[str, Any], clone: bool) -> list[Finding]:
+    findings = []
+    for extra, texts in project.get("optional-dependencies", {}).items():
+        if not clone and extra not in PURPOSES:
+            continue
+        missing = _problems(texts)
+        if not missing:
+            findings.append(Finding(extra, "ok", "installed"))
+            continue
+        purpose = PURPOSES.get(extra, "developing twin")
+        remedy = f"pip install -e '.[{extra}]'" if clone else _install(missing)
+        text = f"{purpose} needs: {remedy} ({'; '.join(missing.values())})"
+        findings.append(Finding(extra, "lacks" if extra in PURPOSES else "note", text))
+    return findings
+
+
+def _install(requirements: dict[str, str]) -> str:
+    return "pip install " + " ".join(f"'{text}'" for text in requirements)
+
+
+def _problems(texts: list[str]) -> dict[str, str]:
+    """What is wrong, by the requirement that is not met."""
+    return {text: problem for text in texts if (problem := _problem(text))}
+
+
+def _problem(text: str) -> str:
+    """What is wrong with what the requirement `text` asks for; "" if nothing is."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    from packaging.requirements import Requirement
+
+    wanted = Requirement(text)
+    # an extra that contains another one has the project itself as a requirement
+    if wanted.name == "twin" or (wanted.marker and not wanted.marker.evaluate()):
+        return ""
+    try:
+        there = version(wanted.name)
+    except PackageNotFoundError:
+        return f"{wanted.name} is not installed"
+    return (
+        ""
+        if wanted.specifier.contains(there, prereleases=True)
+        else f"{wanted.name} is {there}, not {wanted.specifier}"
+    )
+
 
 SAFE = "which only you can write to"
 
@@ -112,7 +250,6 @@ def browser_finding() -> Finding:
 
 def smoke_finding(home: Path) -> Finding:
     """One second of Fig. 4, really run, as `twin run` does."""
-    import json
     import subprocess
     import tempfile
     import time
@@ -146,8 +283,6 @@ def _packages() -> list[Finding]:
     project = HOME / "pyproject.toml"
 
     def looked_at() -> str:
-        from twin.cli.installation.packages import package_findings, project_table
-
         return json.dumps(package_findings(project_table(), is_clone()))
 
     said = kept("packages", looked_at, lambda: project.read_bytes().decode("latin-1") if project.is_file() else "")
@@ -168,3 +303,16 @@ def examination_text(findings: Sequence[Finding]) -> str:
     for finding in findings:
         lines += wrapped(finding.text, f"  {finding.state:6} {finding.topic:10} ", whole=True)
     return "\n".join(lines)
+
+
+@study()
+def doctor(with_run: Annotated[bool, Option("Run one second of Fig. 4, too.", flags="--run")] = False) -> Answer:
+    """Say what this installation has and lacks, and what to do about it.
+
+    Exit code: 0 ready, even if something optional is missing, 2 not ready.
+
+    Example: twin doctor
+    """
+    findings = examined(Path.cwd(), with_run)
+    facts = {"verdict": verdict(findings), "findings": [finding._asdict() for finding in findings]}
+    return Answer(examination_text(findings), facts, 0 if is_ready(findings) else InputRefused.exit_code)

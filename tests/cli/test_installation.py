@@ -1,26 +1,29 @@
+import json
+import os
 from importlib.metadata import version
 from pathlib import Path
 from random import Random
 
 import pytest
 
+from tests.command_line import twin_process
 from tests.damage import damage
 from twin.archive import sha256
-from twin.cli.installation import examination as caches
-from twin.cli.installation import examination as surroundings
-from twin.cli.installation.examination import (
+from twin.cli import installation
+from twin.cli.installation import (
+    Finding,
     compiled_finding,
     disk_finding,
     drives_finding,
     examination_text,
     examined,
     home_finding,
+    installed_table,
+    package_findings,
     smoke_finding,
     unpacked_finding,
     verdict,
 )
-from twin.cli.installation.finding import Finding
-from twin.cli.installation.packages import installed_table, package_findings
 from twin.compiled import store
 from twin.drive.unpacked import unpacked
 
@@ -117,7 +120,7 @@ def test_drives_that_do_not_fit_are_named_and_only_the_default_one_is_needed(tmp
 
 def test_compiled_code_is_cold_where_nothing_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(store, "folder", lambda: tmp_path)
-    monkeypatch.setattr(caches, "folder", lambda: tmp_path)
+    monkeypatch.setattr(installation, "folder", lambda: tmp_path)
     assert compiled_finding().text.startswith("nothing yet: the first run compiles")
     store.keep("plant.o", bytes(3_000_000))
     assert compiled_finding().text == f"3 MB kept in {tmp_path}, which only you can write to"
@@ -131,8 +134,8 @@ def test_compiled_code_that_came_with_a_wheel_is_counted_by_itself(tmp_path: Pat
     empty.mkdir()
     (came / "plant_avx.o").write_bytes(store.sealed("plant_avx.o", bytes(1_500_000)))
     monkeypatch.setattr(store, "folder", lambda: empty)
-    monkeypatch.setattr(caches, "folder", lambda: empty)
-    monkeypatch.setattr(caches, "CARRIED", came)
+    monkeypatch.setattr(installation, "folder", lambda: empty)
+    monkeypatch.setattr(installation, "CARRIED", came)
     good = f"1.5 MB came with twin; 0 MB kept in {empty}, which only you can write to"
     assert compiled_finding().text == good
     damage(came / "plant_avx.o", "flipped", Random(1))
@@ -145,7 +148,7 @@ def test_compiled_code_that_was_damaged_or_is_not_kept_is_told(tmp_path: Path, m
     told = compiled_finding()
     assert told.state == "ok"
     assert told.text.endswith("which only you can write to; 1 changed since (dynamics.o), compiled again when needed")
-    monkeypatch.setattr(caches, "refusal", lambda: "it is somebody else's")
+    monkeypatch.setattr(installation, "refusal", lambda: "it is somebody else's")
     assert compiled_finding() == Finding("compiled", "lacks", "every command compiles anew: it is somebody else's")
 
 
@@ -165,7 +168,7 @@ def test_unpacked_drives_are_told_with_place_and_damage(root: Path, tmp_path: Pa
 
 @pytest.mark.parametrize(("free", "state"), [(5e10, "ok"), (5e8, "lacks"), (5e7, "bad")])
 def test_a_disk_without_room_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: float, state: str):
-    monkeypatch.setattr(surroundings.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": free}))
+    monkeypatch.setattr(installation.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": free}))
     assert disk_finding(tmp_path).state == state
 
 
@@ -174,3 +177,20 @@ def test_a_run_that_fails_is_told_with_what_it_said(root: Path, tmp_path: Path):
     assert smoke_finding(root).state == "ok"
     failed = smoke_finding(tmp_path)
     assert failed.state == "bad" and "no such experiment file" in failed.text
+
+
+def test_the_answer_is_the_first_word(root: Path):
+    done = twin_process("doctor", cwd=root)
+    assert done.returncode == 0, done.stdout
+    assert done.stdout.startswith("ready")
+
+
+def test_what_prevents_a_run_is_exit_code_2_and_named_for_programs_too(root: Path, tmp_path: Path):
+    broken = tmp_path / "fmus" / "velocity_servo"
+    broken.mkdir(parents=True)
+    (broken / "velocity_servo.fmu").write_bytes(b"no archive")
+    done = twin_process("doctor", "--json", cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(root)})
+    facts = json.loads(done.stdout)
+    assert done.returncode == 2
+    assert facts["verdict"] == "not ready: drives"
+    assert {"topic", "state", "text"} == facts["findings"][0].keys()

@@ -1,4 +1,4 @@
-"""Command lines that are answered before Typer is imported."""
+"""Command lines from beginning to end; some are answered before Typer is imported."""
 
 import json
 import os
@@ -13,7 +13,8 @@ from tests.command_line import twin
 from tests.installations import forget_installation
 from twin import kept as keeping
 from twin.cache_folder import VARIABLE
-from twin.cli import app, early
+from twin.cli import app, starting
+from twin.cli import line as whole
 
 NEEDED = ("typer", "pydantic", "numpy", "fmpy", "packaging")
 """What takes long to import."""
@@ -43,14 +44,14 @@ def as_typer_has_it(words: list[str], capsys: pytest.CaptureFixture[str]) -> tup
     return capsys.readouterr().out, code or 0
 
 
-@pytest.mark.parametrize("line", [line for line in early.ANSWERS if not line.startswith("doctor")])
+@pytest.mark.parametrize("line", [line for line in whole.ANSWERS if not line.startswith("doctor")])
 def test_the_answer_is_that_of_the_command(
     line: str, root: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.chdir(root)
     said, code = as_typer_has_it(line.split(), capsys)
     for _ in range(2):
-        assert (early.answered(line.split()) or 0) == code
+        assert (whole.answered(line.split()) or 0) == code
         assert capsys.readouterr().out == said
 
 
@@ -59,7 +60,7 @@ def test_the_doctor_says_the_same_to_everybody(
 ):
     monkeypatch.chdir(root)
     found = []
-    for ask in (app.carried_out, early.answered, early.answered):
+    for ask in (app.carried_out, whole.answered, whole.answered):
         ask(["doctor", "--json"])
         # the room on the disk is another from one moment to the next
         found.append([f for f in json.loads(capsys.readouterr().out)["findings"] if f["topic"] != "disk"])
@@ -67,7 +68,7 @@ def test_the_doctor_says_the_same_to_everybody(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("line", early.ANSWERS)
+@pytest.mark.parametrize("line", whole.ANSWERS)
 def test_an_answer_that_is_kept_needs_hardly_anything(line: str, root: Path):
     command = [sys.executable, "-c", IMPORTED, *line.split()]
     first, second = (subprocess.run(command, cwd=root, capture_output=True, text=True) for _ in range(2))
@@ -76,20 +77,26 @@ def test_an_answer_that_is_kept_needs_hardly_anything(line: str, root: Path):
     assert len(first.stderr.split()) > 1 and second.stderr.split() == [str(first.stderr.split()[0])]
 
 
-@pytest.mark.parametrize("question", early.ROOMS)
-def test_an_answer_is_made_with_the_source_that_counts_for_it(question: str):
-    makes = {"help": "early._help()", "schema": "early.schema()"}
+MADE = {
+    "line": ("line._help()", set(whole.ROOMS)),
+    "starting": ("starting.schema()", set(starting.ROOMS)),
+}
+
+
+@pytest.mark.parametrize("module", MADE)
+def test_an_answer_is_made_with_the_source_that_counts_for_it(module: str):
+    makes, rooms = MADE[module]
     # what every command imports before says nothing that is printed
     program = f"""
 import sys
-from twin.cli import early, ending
+from twin.cli import ahead, {module}
 from twin.studies.qualify import shelf
 before = {{*sys.modules}}
-{makes[question]}
+{makes}
 print(*{{name.split(".")[1] for name in {{*sys.modules}} - before if name.startswith("twin.") and name.count(".") > 1}})
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert set(done.stdout.split()) == set(early.ROOMS[question])
+    assert set(done.stdout.split()) == rooms
 
 
 @pytest.mark.parametrize(
@@ -105,12 +112,12 @@ print(*{{name.split(".")[1] for name in {{*sys.modules}} - before if name.starts
     ],
 )
 def test_every_other_command_line_is_left_to_typer(words: list[str]):
-    assert early.answered(words) is None
+    assert whole.answered(words) is None
 
 
 def test_the_shell_that_asks_what_may_follow_gets_no_help(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("_TWIN_COMPLETE", "complete_bash")
-    assert early.answered([]) is None
+    assert whole.answered([]) is None
 
 
 def test_the_help_fits_the_terminal(tmp_path: Path):
@@ -129,7 +136,7 @@ def test_the_first_sentence_of_a_command_that_was_changed_is_told(
     (package / "cli" / "run.py").write_text("before")
     monkeypatch.setattr(keeping, "PACKAGE", package)
     said = iter(["before", "after"])
-    monkeypatch.setattr(early, "_help", lambda: next(said))
+    monkeypatch.setattr(whole, "_help", lambda: next(said))
     told = []
     for text in ("before", "before", "after"):
         (package / "cli" / "run.py").write_text(text)

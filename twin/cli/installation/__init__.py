@@ -1,1 +1,0 @@
-"""What this installation has and lacks."""

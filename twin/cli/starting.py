@@ -1,0 +1,85 @@
+"""Files to start from: an experiment, its schema for editors, the column map of a robot's log."""
+
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+from twin.kept import kept
+from twin.studies.answer import Answer
+from twin.studies.command import Argument, Option, study
+from twin.studies.first_look import find_logs
+
+ROOMS = ("compiled", "controller", "cosim", "experiment", "monitor", "plant", "robot", "runs")
+"""Whose source the schema is made with."""
+
+
+@study(json=False)
+def init(
+    file: Annotated[Path, Argument("The experiment to write.", "FILE")] = Path("experiment.toml"),
+    start: Annotated[
+        str, Option("The experiment to start from.", "NAME", "--from", complete="experiment name")
+    ] = "fig4_force_position",
+) -> Answer:
+    """Write an experiment to start from: every key, what it means, its unit, its default.
+
+    It runs as it is, from any folder. Beside it, unless it is there already, goes
+    the JSON Schema by which editors check it. No file is ever overwritten.
+    Exit code: 0 written, 2 refused.
+
+    Example: twin init my_experiment.toml --from pressing
+    """
+    from twin.experiment.recorded import start_experiment
+    from twin.runs.assembly.declared import DECLARED
+
+    written = [str(path) for path in start_experiment(DECLARED, file, start)]
+    return Answer("\n".join([*written, f"next: {shlex.join(['twin', 'run', str(file)])}"]), written)
+
+
+@study(json=False)
+def schema(
+    out: Annotated[Path | None, Option("Write it there instead of printing it.", "FILE")] = None,
+) -> Answer:
+    """Print the JSON Schema of the experiment file, for editors.
+
+    An editor that knows TOML schemas (Even Better TOML, taplo) completes and
+    checks a file that begins with the line `#:schema experiment.schema.json`.
+
+    Exit code: 0 done, 3 it cannot be written.
+
+    Example: twin schema --out experiment.schema.json
+    """
+
+    def made() -> str:
+        from twin.experiment.json_schema import schema_text
+        from twin.runs.assembly.declared import DECLARED
+
+        return schema_text(DECLARED)
+
+    text = kept("schema", made, rooms=ROOMS)
+    if out is None:
+        return Answer(text.removesuffix("\n"), {})
+    from twin.writing import write_text
+
+    write_text(out, text)
+    return Answer(str(out), {})
+
+
+@study("log new", json=False, before=[find_logs])
+def log_new(log: Annotated[Path, Argument("A CSV file of a robot.", "CSV")]) -> Answer:
+    """Write the column map that brings a robot's CSV file in, beside it.
+
+    Names, units and values say which column is the time, which are the encoders
+    of motors and joints, and which is the measured force. What is in doubt stands
+    in it as comments. An existing map is never touched.
+
+    Exit code: 0 written, 2 refused.
+
+    Example: twin log new robot.csv
+    """
+    from twin.recording.logs.proposal import propose
+
+    path, complete = propose(log)
+    words = ["twin", "replay", str(log), "--experiment", "fig4_force_position", "--map", str(path)]
+    said = "complete" if complete else "NOT complete: remove the # from what is right"
+    text = f"{path}\n{said}\nthen, with the experiment that describes the robot: {shlex.join(words)}"
+    return Answer(text, {"map": str(path), "complete": complete})

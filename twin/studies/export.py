@@ -1,0 +1,60 @@
+"""A recording for other tools."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from twin.errors import InputRefused
+from twin.studies.answer import Answer
+from twin.studies.command import Argument, Asked, Option, study
+from twin.studies.first_look import print_latest
+
+if TYPE_CHECKING:
+    from twin.recording.export.export import Format
+
+FORMATS: tuple["Format", ...] = ("csv", "parquet", "mat", "ros2")
+
+
+def _check_format(asked: Asked) -> None:
+    chosen = [form for form in FORMATS if asked[form]]
+    if len(chosen) != 1:
+        got = " and ".join(f"--{form}" for form in chosen) or "none"
+        raise InputRefused(f"twin export: expected one of --csv, --parquet, --mat and --ros2, got {got}")
+
+
+@study(json=False, before=[_check_format, print_latest])
+def export(
+    run: Annotated[Path, Argument("A run's folder, its .mcap file, results/EXPERIMENT, or a log with --map.", "RUN")],
+    csv: Annotated[bool, Option("Write comma-separated values.")] = False,
+    parquet: Annotated[bool, Option("Write Apache Parquet (needs pyarrow).")] = False,
+    mat: Annotated[bool, Option("Write a MATLAB file: a struct per topic.")] = False,
+    ros2: Annotated[bool, Option("Write a bag of ROS 2: a folder with MCAP.")] = False,
+    maps: Annotated[
+        Sequence[str], Option("Signals of another tool's log, or a TOML file.", "NAME=COLUMN[UNIT]", "--map")
+    ] = (),
+    signals: Annotated[
+        Sequence[str], Option("Only these, again for each: plant.p_B, 'plant.*', '*.F_z'.", "NAME")
+    ] = (),
+    rate: Annotated[float | None, Option("Rows per second; without it, the fastest signal's.", "HZ")] = None,
+    out: Annotated[Path | None, Option("Without it, beside the recording.", "PATH")] = None,
+    force: Annotated[bool, Option("Replace a file that is there.")] = False,
+) -> Answer:
+    """Write a recording as CSV, Parquet or MATLAB file, or as a bag of ROS 2.
+
+    Every number is SI and one that was recorded: at each row's time, the newest
+    value of each signal; nothing is interpolated.
+    Exit code: 0 done, 2 input refused.
+
+    Example: twin export results/fig4_force_position --csv --rate 100
+
+    Raises:
+        InputRefused, NotWritten: see `export_recording`.
+    """
+    from twin.recording.export.export import export_recording
+
+    form = next(form for form, wanted in zip(FORMATS, (csv, parquet, mat, ros2), strict=True) if wanted)
+    exported = export_recording(run, form, signals, rate, out, force, maps)
+    text = f"{exported.path}  {exported.signals} signals, {exported.rows} {'messages' if ros2 else 'rows'}"
+    if exported.note:
+        text += f"\n  note  {exported.note}"
+    return Answer(text, {"file": str(exported.path), "signals": exported.signals, "rows": exported.rows})

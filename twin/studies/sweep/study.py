@@ -1,0 +1,256 @@
+"""`twin sweep run`: the runs of a sweep that have no row yet."""
+
+import os
+import shlex
+import sys
+from collections.abc import Iterator, Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from twin.errors import InputRefused
+from twin.runs.guard.limits import LONG, JobLimits, cores
+from twin.studies.answer import Answer
+from twin.studies.command import Argument, AsJson, Interrupted, LimitStep, Option, confirmed, study
+from twin.studies.steps import Say
+
+if TYPE_CHECKING:
+    from twin.studies.sweep.definition import Definition
+    from twin.studies.sweep.folder import KeptRows
+    from twin.studies.sweep.plan import Plan
+    from twin.studies.sweep.pool import Engine
+
+MANY = 100_000
+"""Runs from which on nobody starts without having been asked."""
+
+
+class EngineName(StrEnum):
+    """Who runs the runs."""
+
+    LOCAL = "local"
+    DASK = "dask"
+
+
+class Record(StrEnum):
+    """Which runs leave a recording."""
+
+    NONE = "none"
+    FAILURES = "failures"
+    ALL = "all"
+
+
+By = Annotated[str | None, Option("Metric to rank by; without it, the force error.", "METRIC", "--by")]
+
+
+@study("sweep run")
+def sweep_run(
+    sweep: Annotated[Path, Argument("A sweep file (TOML), or its name: stiffness_and_gain.", "SWEEP")],
+    say: Say,
+    out: Annotated[Path | None, Option("The sweep's folder; without it, results/sweeps/NAME.", "DIR")] = None,
+    dry: Annotated[
+        bool, Option("Only count the runs, and estimate time and disk by running one.", flags="--dry-run")
+    ] = False,
+    processes: Annotated[
+        int | None, Option("Processes; without it, as many as there are cores.", "N", "-j --processes", least=1)
+    ] = None,
+    record: Annotated[Record, Option("Full recordings of which runs.")] = Record.NONE,
+    limit_step: LimitStep = JobLimits.step,
+    parquet: Annotated[bool, Option("In the end, write rows.parquet, too.")] = False,
+    yes: Annotated[bool, Option(f"Do not ask before {MANY:,} runs, or runs of an hour.")] = False,
+    engine: Annotated[
+        EngineName, Option("Who runs them: processes here, or the workers of a Dask cluster.")
+    ] = EngineName.LOCAL,
+    scheduler: Annotated[
+        str | None, Option("Of a running Dask cluster; without it, one is started here.", "ADDRESS")
+    ] = None,
+    by: By = None,
+    as_json: AsJson = False,
+) -> Iterator[Answer]:
+    """Run the runs of a sweep that have no row yet, in several processes.
+
+    A run that fails, crashes or hangs is a row with a reason and costs only
+    itself. The same command goes on after an interruption.
+    Exit code: 0 every run has a row, 1 none of them has metrics, 2 input refused,
+    3 the disk is full or the cluster is gone, 130 interrupted.
+
+    Example: twin sweep run experiments/sweeps/stiffness_and_gain.toml --dry-run
+
+    Raises:
+        InputRefused: see `check_start` and `planned`; or options do not go together.
+        Interrupted: Ctrl-C, after there were rows.
+        TwinError: see `run_sweep`.
+    """
+    from twin.experiment.drive_files import sweep_file
+    from twin.studies.sweep.definition import read_definition
+    from twin.studies.sweep.folder import HOME
+    from twin.studies.sweep.plan import planned
+
+    sweep = sweep_file(sweep)
+    definition, _ = read_definition(sweep)
+    check_start(str(sweep), definition, yes or dry)
+    if scheduler and engine != EngineName.DASK:
+        raise InputRefused(f"--scheduler {scheduler}: belongs to --engine dask; add that, or leave the address out")
+    if scheduler and processes:
+        raise InputRefused(f"--processes {processes}: the cluster of {scheduler} has the workers it has; leave it out")
+    folder, processes = out or HOME / sweep.stem, processes or cores()
+    limits = JobLimits(step=limit_step)
+    say("making the runs")
+    plan = _checked(planned(sweep), by, yes)
+    if dry:
+        yield _estimated(plan, record, processes, limits, say)
+        return
+    yield carried_out(plan, folder, _engine(engine, scheduler, processes), limits, say, record, parquet, by, as_json)
+
+
+def short_sweep(
+    experiment: Path,
+    ranges: Sequence[str],
+    drive: str | None,
+    settings: Sequence[str],
+    out: Path | None,
+    limit_step: float,
+    as_json: bool,
+    yes: bool,
+    say: Say,
+) -> Answer:
+    """The same of `twin run --sweep`; arguments are its options.
+
+    Raises:
+        InputRefused, Interrupted, TwinError: as `sweep_run`.
+    """
+    from twin.experiment.drive_files import experiment_file
+    from twin.studies.sweep.definition import short_definition
+    from twin.studies.sweep.folder import HOME
+    from twin.studies.sweep.plan import plan_of
+
+    experiment = experiment_file(experiment)
+    definition = short_definition(experiment, ranges, drive)
+    place = f"--sweep {' '.join(ranges)}"
+    check_start(place, definition, yes)
+    say("making the runs")
+    plan = plan_of(definition, experiment, experiment.stem, place, settings)
+    # other ranges are another sweep; the same command goes on with its own
+    folder = out or HOME / f"{plan.name}-{plan.configuration['the sweep'][:8]}"
+    engine, limits = _engine(EngineName.LOCAL, None, cores()), JobLimits(step=limit_step)
+    return carried_out(_checked(plan, None, yes), folder, engine, limits, say, as_json=as_json)
+
+
+def check_start(place: str, definition: "Definition", sure: bool) -> None:
+    """Ask whoever starts a sweep of many runs, unless they are `sure`.
+
+    Raises:
+        InputRefused: sweeps do not run on this system, or nobody says that so many runs are meant.
+    """
+    from twin.studies.sweep.plan import largest_count
+
+    if os.name != "posix":
+        raise InputRefused("twin sweep: needs Linux or macOS, where a drive that crashes can be kept apart")
+    count = largest_count(definition)
+    if count < MANY or sure:
+        return
+    question = f"{place}: makes up to {count:,} runs"
+    if not sys.stdin.isatty():
+        raise InputRefused(f"{question}; say --yes if that is meant, --dry-run shows what it takes")
+    if not confirmed(f"{question}. Go on?"):
+        raise InputRefused(f"{question}; nothing was run")
+
+
+def _checked(plan: "Plan", by: str | None, sure: bool) -> "Plan":
+    """The plan, if there is such a metric, and its runs do not take hours each; also the estimate makes two of them."""
+    from twin.studies.sweep.statistics.ranking import checked_rank
+
+    if by:
+        checked_rank("--by", by, plan.metrics)
+    if sure:
+        return plan
+    from twin.runs.assembly.load import load_experiment
+    from twin.runs.watch import estimate
+
+    first = plan.tasks[0]
+    seconds, _ = estimate(load_experiment(plan.experiment, first.settings, first.drive))
+    if seconds > LONG:
+        raise InputRefused(
+            f"{plan.name}: each run takes about {seconds / 3600.0:.2g} hours; shorten duration_s, or say --yes if that "
+            "is meant"
+        )
+    return plan
+
+
+def _engine(name: EngineName, scheduler: str | None, processes: int) -> "Engine":
+    if name == EngineName.LOCAL:
+        from twin.studies.sweep.pool import Pool
+
+        return Pool(processes)
+    from twin.studies.sweep.dask.engine import Dask
+
+    return Dask(scheduler, processes)
+
+
+def _estimated(plan: "Plan", record: Record, processes: int, limits: JobLimits, say: Say) -> Answer:
+    from twin.studies.sweep.sweep import estimate_text, estimated
+
+    say("trying the first one")
+    estimate, first = estimated(plan, record.value, limits)
+    runs = len(plan.tasks)
+    seconds, size = estimate.total(runs, processes)
+    facts = {"runs": runs, "processes": processes, "seconds": seconds, "MB": size / 1e6, "first": first}
+    return Answer(estimate_text(plan.name, runs, processes, estimate, first), facts)
+
+
+def carried_out(
+    plan: "Plan",
+    folder: Path,
+    engine: "Engine",
+    limits: JobLimits,
+    say: Say,
+    record: Record = Record.NONE,
+    parquet: bool = False,
+    by: str | None = None,
+    as_json: bool = False,
+) -> Answer:
+    """Run the runs of `plan` that have no row in `folder`, and what they came to.
+
+    Exit code 1: none of them has metrics.
+
+    Args:
+        engine, limits, record: see `run_sweep`.
+        say: told how far it is.
+        parquet: write rows.parquet, too.
+        by: metric to rank by; None: the usual one.
+        as_json: whether facts are asked for; else there are none, for rows may be many.
+
+    Raises:
+        Interrupted: Ctrl-C, after there were rows.
+        TwinError: see `run_sweep`.
+    """
+    from twin.studies.sweep.folder import kept, write_parquet
+    from twin.studies.sweep.rows import ROWS
+    from twin.studies.sweep.show.parts import headline_text
+    from twin.studies.sweep.statistics.ranking import usual_metric
+    from twin.studies.sweep.sweep import run_sweep, state_text
+
+    try:
+        run_sweep(plan, folder, engine, record.value, limits, lambda state: say(state_text(state)))
+    except KeyboardInterrupt:
+        if not (folder / ROWS).exists():
+            raise
+        found = kept(folder)
+        raise Interrupted(
+            f"interrupted; {len(found.columns)} of {found.runs} runs are kept in {folder}; "
+            "the same command runs the others"
+        ) from None
+    found = kept(folder)
+    if parquet:
+        write_parquet(found, folder / "rows.parquet")
+    code = 0 if True in found.columns.words("has_metrics").counts else 1
+    if as_json:
+        return Answer("", rows_facts(found), code)
+    text = headline_text(found, by or usual_metric(found.columns))
+    next_ = shlex.join(["twin", "sweep", "show", str(folder)])
+    return Answer(f"{text}\n  rows  {folder / ROWS}\n  next  {next_}", {}, code)
+
+
+def rows_facts(found: "KeptRows") -> dict[str, Any]:
+    """For JSON: rows without their curves, which no one reads there."""
+    rows = [{key: value for key, value in row.items() if key != "curves"} for row in found.rows]
+    return {"sweep": found.name, "runs": found.runs, "limits": found.limits, "rows": rows}
