@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from twin.errors import InputRefused
 from twin.experiment.drive_files import lone_drive
@@ -10,14 +11,15 @@ from twin.studies.answer import Answer
 from twin.studies.qualify.bench import told
 from twin.studies.qualify.comparison import COMPARED, comparison_facts, draw_drive_compare, trials, verdict
 from twin.studies.qualify.qualification import qualified
-from twin.studies.qualify.text import check_text, compare_text, draw_drive_check, verdict_text
+from twin.studies.qualify.text import compare_blocks, draw_drive_check, qualification_result
 from twin.studies.qualify.workload import Workload
 from twin.studies.reference.outcome import came_with, no_drive, references_text
+from twin.studies.result import Block, Note, Result
 from twin.studies.steps import Say
 from twin.writing import made_folder
 
 
-def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Answer:
+def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Result | Answer:
     """What a drive does on the bench, and its picture in `out`; before that, what comes of the files that came with it.
 
     Exit code 1: it does not qualify, or does something else than those files say. 2: they were tried, but it is no
@@ -48,8 +50,8 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Answer:
     picture = folder / f"{Path(done.plan.label).stem}.png"
     draw_drive_check(done, picture)
     facts = done.facts() | {"references": [one.facts() for one in came], "picture": str(picture)}
-    text = "\n".join([check_text(facts), *([references_text(came)] if came else []), f"  picture  {picture}"])
-    return Answer(text, facts, 0 if facts["qualified"] and all(one.holds for one in came) else 1)
+    references = references_text(came) if came else ""
+    return qualification_result(facts, references, picture, all(one.holds for one in came))
 
 
 def compare_drives(
@@ -59,7 +61,7 @@ def compare_drives(
     body: str | None,
     out: Path,
     say: Say,
-) -> Answer:
+) -> Result:
     """What truly happens in experiments with one drive after the other, and a picture of each in `out`.
 
     Exit code 3: a run failed.
@@ -77,13 +79,14 @@ def compare_drives(
     """
     folder, files = made_folder(out), [experiment_file(experiment) for experiment in experiments]
     compared = trials(files, list(fmus), settings, body, say)
-    facts, texts = [], []
+    said = verdict(compared)
+    facts: list[dict[str, Any]] = []
+    blocks: list[Block] = [Note(sentence, later=2, whole=True) for sentence in said] or [""]
     for file, one in zip(files, compared, strict=True):
         picture = folder / f"{file.stem}.png"
         draw_drive_compare(one.trials, f"Drives compared in {file.name}", picture)
         facts.append(comparison_facts(one) | {"picture": str(picture)})
-        texts.append(f"{one.name}\n{compare_text(one)}\npicture  {picture}")
-    said = verdict(compared)
+        blocks += ["", one.name, *compare_blocks(one), f"picture  {picture}"]
     everything = {
         "verdict": said,
         "set": [*settings, *([f"body {body}"] if body else [])],
@@ -91,4 +94,4 @@ def compare_drives(
         "experiments": facts,
     }
     failed = any(trial.failure for one in compared for trial in one.trials)
-    return Answer("\n\n".join([verdict_text(said), *texts]), everything, 3 if failed else 0)
+    return Result(blocks[0], blocks[1:], everything, exit_code=3 if failed else 0)

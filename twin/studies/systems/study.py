@@ -37,7 +37,7 @@ from twin.runs.recorder import BLOCK_TICKS, Recorder, RowStream
 from twin.runs.watch import Messages
 from twin.studies.systems.coupled import Coupled, coupled
 from twin.studies.systems.plan import Part, Plan, distinct, element, field, fmu_sources, planned
-from twin.studies.systems.text import facts, text
+from twin.studies.systems.text import facts, system_result
 from twin.writing import made_folder, write_bytes
 
 
@@ -129,7 +129,7 @@ def recorded_system(
         reporter.note(name=package.file.stem, folder=str(path.parent), duration=plan.timing.ticks * plan.timing.tick)
         done, events, writing = _recorded(plan, made, path, reporter)
         came = facts(plan, made, done, events, writing, folder / RECORDING)
-    return {"text": text(came), "facts": came}
+    return {"text": system_result(came).text, "facts": came}
 
 
 @contextmanager
