@@ -11,7 +11,7 @@ from twin.runs.guard.guard import JobEnded, guarded
 from twin.runs.guard.job import function_called
 from twin.runs.guard.limits import JobLimits
 from twin.runs.guard.recorded import left_behind, recorded_until_then
-from twin.studies.answer import Answer
+from twin.studies.answer import Answer, answer_of
 from twin.studies.command import SHARED, Interrupted, Isolation, JobIsolation, Study, answer_apart
 
 Hear = Callable[[dict[str, Any]], None]
@@ -64,8 +64,8 @@ def _answers(
             done = recorded(RECORDED, {"name": name, "asked": asked}, display, isolate, limits)
         yield Answer(**done)
     elif "say" not in own:
-        answer = function(**asked)
-        yield from [answer] if answer else []
+        found = function(**asked)
+        yield from [answer_of(found)] if found else []
     else:
         several = inspect.isgeneratorfunction(function)
         with Display(loading=False) as display:
@@ -79,7 +79,7 @@ def _answers(
                 ]
             for answer in answers:
                 display.clear()
-                yield answer
+                yield answer_of(answer)
 
 
 def recorded(

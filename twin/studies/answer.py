@@ -1,4 +1,4 @@
-"""What a study comes to, and how it is asked: every question in the same way."""
+"""How a study is asked, every question in the same way, and what it says then."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin.runs.guard.job import function_called
+from twin.studies.result import Result, render_text, to_json
 from twin.writing import made_folder, write_json
 
 if TYPE_CHECKING:
@@ -29,34 +30,23 @@ class Answer:
     exit_code: int = 0
 
 
-def judged(
-    name: str,
-    folder: Path,
-    text: str,
-    facts: Any,
-    draw: Callable[[Path], None],
-    holds: bool,
-    notes: Sequence[str] = (),
-) -> Answer:
-    """The answer of a comparison: text, then notes and where its files are; picture and verdict written.
+def judged(name: str, folder: Path, result: Result, draw: Callable[[Path], None], notes: Sequence[str] = ()) -> Result:
+    """`result` of a comparison with notes and with where its files are; picture and verdict are written.
 
     Args:
         name: of the files.
         folder: where they go.
-        text: the comparison's own.
-        facts: of the verdict.
+        result: with the facts of the verdict.
         draw: draws the picture, into a file.
-        holds: False: exit code 1.
         notes: on what was compared.
 
     Raises:
         InputRefused, NotWritten: the folder or the disk refuses.
     """
-    picture, verdict = made_folder(folder) / f"{name}.png", folder / f"{name}.json"
-    draw(picture)
-    write_json(verdict, facts)
-    lines = [text, *(f"  note     {note}" for note in notes), f"  picture  {picture}", f"  verdict  {verdict}"]
-    return Answer("\n".join(lines), facts, 0 if holds else 1)
+    files = {"picture": made_folder(folder) / f"{name}.png", "verdict": folder / f"{name}.json"}
+    draw(files["picture"])
+    write_json(files["verdict"], result.facts)
+    return replace(result, body=[*result.body, *(f"  note     {note}" for note in notes)], files=files, label=8)
 
 
 def answered(
@@ -67,7 +57,8 @@ def answered(
     Notes {"say": what is being done, "share": of all that is over, or None}.
 
     Args:
-        study: "module:function"; the function takes what is asked, and `say`, which it tells what it is doing.
+        study: "module:function"; the function takes what is asked, and `say`, which it tells what it is doing, and
+            returns a `Result` or an `Answer`.
         asked: its arguments.
         formats, columns: of pictures for a paper, see `for_paper`.
     """
@@ -76,12 +67,17 @@ def answered(
         reporter.note(say=what, share=share)
 
     if not formats:
-        return vars(function_called(study)(**asked, say=say))
+        return vars(answer_of(function_called(study)(**asked, say=say)))
     # most answers draw nothing, and it takes a while to load
     from twin.studies.paper_figure import for_paper
 
     with for_paper(formats, columns) as paper:
-        answer = function_called(study)(**asked, say=say)
+        answer = answer_of(function_called(study)(**asked, say=say))
     files = [str(path) for path in paper.written]
     lines = [answer.text, *(f"  {Path(file).suffix[1:]:<8} {file}" for file in files)]
     return vars(replace(answer, text="\n".join(lines), facts=answer.facts | {"pictures": files}))
+
+
+def answer_of(found: Result | Answer) -> Answer:
+    """What is printed of a study's result; an answer is one already."""
+    return found if isinstance(found, Answer) else Answer(render_text(found), to_json(found), found.exit_code)

@@ -225,8 +225,9 @@ def recorded(reporter: "Reporter", name: str, asked: Asked) -> dict[str, Any]:
         asked: its arguments.
     """
     from twin.runs.guard.job import function_called
+    from twin.studies.answer import answer_of
 
-    return vars(function_called(name)(**asked, reporter=reporter))
+    return vars(answer_of(function_called(name)(**asked, reporter=reporter)))
 
 
 def confirmed(question: str) -> bool:

@@ -3,13 +3,17 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
-
-from matplotlib import rc_context
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
 
 from twin.studies.paper_figure import write_for_paper
 from twin.writing import written
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
+else:
+    # matplotlib takes a while to load, and most of what a study says is text
+    Axes = Figure = Any
 
 BLUE, ORANGE, GREEN, PINK, VERMILION, SKY = "#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9"
 """Okabe and Ito's (https://jfly.uni-koeln.de/color), which colour-blind readers can tell apart."""
@@ -53,6 +57,9 @@ def picture(
     Raises:
         NotWritten: the folder or the disk refuses.
     """
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
     with rc_context({**LOOK, **look}):
         figure = Figure(figsize=(width, height), layout=None if by_hand else "constrained")
         if title:

@@ -5,14 +5,12 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-
-from matplotlib import rc_context
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.text import Text
+from typing import TYPE_CHECKING, Any
 
 from twin.writing import written
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 COLUMNS = {1: 3.5, 2: 7.16}
 """Width (in) of a picture in one column of a paper, and across two: those that IEEE asks for."""
@@ -57,7 +55,7 @@ def for_paper(formats: Sequence[str], columns: int = 2) -> Iterator[Paper]:
         _paper.reset(before)
 
 
-def write_for_paper(figure: Figure, path: Path) -> None:
+def write_for_paper(figure: "Figure", path: Path) -> None:
     """Write `figure` beside `path` as it is wanted for a paper, if it is; it is another figure then.
 
     Raises:
@@ -66,6 +64,9 @@ def write_for_paper(figure: Figure, path: Path) -> None:
     paper = _paper.get()
     if paper is None or not paper.formats:
         return
+    # here, for who only draws for the screen or not at all
+    from matplotlib import rc_context
+
     _fit(figure, paper.columns)
     # letters that can be searched; names of parts that are the same every time
     with rc_context({"pdf.fonttype": 42, "svg.hashsalt": "twin"}):
@@ -76,8 +77,11 @@ def write_for_paper(figure: Figure, path: Path) -> None:
             paper.written.append(vector)
 
 
-def _fit(figure: Figure, columns: int) -> None:
+def _fit(figure: "Figure", columns: int) -> None:
     """Bring what was drawn for the screen to the width of a paper's columns, with letters and lines of a paper."""
+    from matplotlib.lines import Line2D
+    from matplotlib.text import Text
+
     width, height = figure.get_size_inches()
     stacked = _stack(figure) if columns == 1 else 0
     # letters shrink less than the picture, which needs more height for them
@@ -97,7 +101,7 @@ def _fit(figure: Figure, columns: int) -> None:
         line.set_markersize(0.5 * line.get_markersize())
 
 
-def _stack(figure: Figure) -> int:
+def _stack(figure: "Figure") -> int:
     """Put panels that stand beside each other below each other; how many there are, 0 where that cannot be done."""
     panels = [axes for axes in figure.axes if axes.get_visible() and axes.get_subplotspec()]
     places = [axes.get_subplotspec() for axes in panels]

@@ -20,7 +20,7 @@ from twin.studies.accuracy.budget import (
     accuracy_budget,
     without_effects,
 )
-from twin.studies.accuracy.text import accuracy_facts, accuracy_text
+from twin.studies.accuracy.text import accuracy_facts, accuracy_result
 
 EXPERIMENT = shipped()
 
@@ -165,7 +165,7 @@ def test_what_has_no_budget_is_refused(name: str, overrides: tuple[str, ...], sa
 
 
 def test_the_text_is_for_80_columns_and_has_every_line(budget: Budget):
-    text = accuracy_text(budget, "accuracy.json")
+    text = accuracy_result(budget, "accuracy.json").text
     assert max(map(len, text.splitlines())) <= 80
     assert all(one.label in text for one in budget.contributions)
 

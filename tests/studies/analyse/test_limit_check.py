@@ -13,7 +13,7 @@ from tests.studies.analyse.simulated import fig4
 from twin.studies.analyse import stability as limit_check
 from twin.studies.analyse.linear.margins import LARGEST_GAIN
 from twin.studies.analyse.stability import CLOSE, FARTHEST, HOLDS, borders, bracket, lasting_nudges
-from twin.studies.analyse.text import analysis_text
+from twin.studies.analyse.text import analysis_result
 from twin.studies.qualify.shelf import shelved_drives
 
 AIR, PRESSING, BOTH = slice(1, 2), slice(2, 3), slice(1, 3)
@@ -62,7 +62,7 @@ def test_the_limits_of_the_default_drive_hold():
         ("position", True, True),
         ("force", True, True),
     ]
-    assert "the co-simulation agrees within 15 %" in " ".join(analysis_text(done).split())
+    assert "the co-simulation agrees within 15 %" in " ".join(analysis_result(done).text.split())
 
 
 @pytest.mark.slow
@@ -100,7 +100,9 @@ def test_a_nudge_that_lasts_with_the_gains_as_they_are_set_is_unstable(monkeypat
     monkeypatch.setattr(limit_check, "lasting_nudges", lambda *_: (limit_check.SMALL,))
     done = tried(fig4(()), AIR)
     assert all(point.stable for point in done.points) and not done.stable
-    assert analysis_text(done).startswith("fig4_force_position  UNSTABLE at the operating point by the linear model")
+    assert analysis_result(done).text.startswith(
+        "fig4_force_position  UNSTABLE at the operating point by the linear model"
+    )
 
 
 @pytest.mark.slow
@@ -116,7 +118,9 @@ def test_tasks_are_held_with_the_damping_that_only_they_have():
 
 def test_limits_that_were_not_tried_are_told_as_such():
     untried = replace(tried(fig4(()), AIR), checks=[])
-    assert "the linear model's and were not tried in the co-simulation" in " ".join(analysis_text(untried).split())
+    assert "the linear model's and were not tried in the co-simulation" in " ".join(
+        analysis_result(untried).text.split()
+    )
 
 
 @pytest.mark.endurance

@@ -19,7 +19,7 @@ from twin.studies.analyse.linear.plant_system import linear_plant
 from twin.studies.analyse.nudge import NUDGED, held, undisturbed
 from twin.studies.analyse.operating_point import OperatingPoint, resting_point
 from twin.studies.analyse.passivity import RENDERED, WIDTH_FREQUENCIES, Passivity, largest_passive, passivity
-from twin.studies.analyse.text import passivity_text
+from twin.studies.analyse.text import passivity_result
 from twin.studies.steps import silent
 
 
@@ -63,7 +63,7 @@ def test_it_swings_with_a_mass_and_the_co_simulation_agrees_just_inside_and_just
 
 
 def test_the_text_fits_80_columns_and_says_the_verdict_first(fig4: Passivity):
-    lines = passivity_text(fig4).splitlines()
+    lines = passivity_result(fig4).text.splitlines()
     assert lines[0] == "fig4_force_position  passive in the hand at 0 of 5 operating points"
     assert max(map(len, lines)) <= 80
     assert "the co-simulation agrees" in " ".join(line.strip() for line in lines)

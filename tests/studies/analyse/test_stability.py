@@ -9,7 +9,7 @@ from twin.errors import InputRefused
 from twin.studies.analyse.drive_response import Linearised
 from twin.studies.analyse.operating_point import operating_points
 from twin.studies.analyse.stability import FACTORS, STIFFNESSES, Stability, judged_point, stability
-from twin.studies.analyse.text import analysis_text
+from twin.studies.analyse.text import analysis_result
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_a_stable_point_has_disks_at_its_laws_at_its_motors_and_smaller_ones_at_
     pressing = fig4.points[2]
     told = {where: f"{disk.alpha:.2f}" for where, disk in pressing.disks.items()}
     assert told == {"laws": "0.89", "motors": "1.71", "both": "0.56"}
-    assert f"{pressing.disks['laws'].gain:.3g}" in analysis_text(fig4)
+    assert f"{pressing.disks['laws'].gain:.3g}" in analysis_result(fig4).text
 
 
 def test_the_limit_is_a_gain_not_a_factor(fig4, too_much):
@@ -72,8 +72,8 @@ def test_waiting_for_the_computer_costs_gain(fig4):
 def test_dry_friction_is_told_to_be_left_out(fig4):
     rubbing = replace(fig4, experiment=shipped("fig4_force_position", "plant.joint_friction_Nm=0.002"))
     said = "dry friction (joint_friction_Nm, spring_hysteresis) is not in the linear model"
-    assert said in " ".join(analysis_text(rubbing).split())
-    assert "dry friction" not in analysis_text(fig4)
+    assert said in " ".join(analysis_result(rubbing).text.split())
+    assert "dry friction" not in analysis_result(fig4).text
 
 
 def test_the_map_meets_the_limit_at_the_experiment_s_own_stiffness(fig4):
@@ -103,6 +103,6 @@ def test_a_delay_behind_the_monitor_is_as_long_whatever_the_monitor_samples():
 
 def test_the_text_says_the_verdict_first_in_80_columns(fig4, too_much):
     for done, verdict in ((fig4, "STABLE at all 5"), (too_much, "UNSTABLE at 2 of 5")):
-        lines = analysis_text(done).splitlines()
+        lines = analysis_result(done).text.splitlines()
         assert lines[0] == f"fig4_force_position  {verdict} operating points"
         assert max(map(len, lines)) <= 80

@@ -10,7 +10,7 @@ import pytest
 from tests.command_line import twin
 from twin.recording.logs.log import Log, LogSeries
 from twin.recording.recording import Recording
-from twin.studies.compare.comparison import Comparison, compared, coverage, differences_text, experiments_differ
+from twin.studies.compare.comparison import Comparison, compared, coverage, differences_lines, experiments_differ
 from twin.studies.compare.tolerance import ComparisonRefused, alignment, rules
 
 from .logs import log_of
@@ -26,13 +26,13 @@ def test_two_runs_say_what_differs_in_their_experiments(force_position: Recordin
 
 def test_the_same_experiment_differs_in_nothing(force_position: Recording):
     differ = experiments_differ(force_position.path, force_position.path)
-    assert differ == {} and differences_text(differ) == ["", "Nothing differs in the experiments."]
+    assert differ == {} and differences_lines(differ) == ["", "Nothing differs in the experiments."]
 
 
 def test_a_log_of_somebody_else_says_of_no_experiment(force_position: Recording, tmp_path: Path):
     (tmp_path / "log.csv").write_text("t\n0\n")
     assert experiments_differ(force_position.path, tmp_path / "log.csv") is None
-    assert differences_text(None) == []
+    assert differences_lines(None) == []
 
 
 T = np.arange(0.0, 10.0, 0.001)

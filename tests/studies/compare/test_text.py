@@ -6,7 +6,7 @@ from PIL import Image
 
 from tests.studies.compare.logs import log_of
 from twin.studies.compare.comparison import Comparison, compared
-from twin.studies.compare.text import MOST_OUTSIDE, comparison_text, distinct, draw_comparison
+from twin.studies.compare.text import MOST_OUTSIDE, comparison_result, distinct, draw_comparison
 
 T = np.linspace(0.0, 10.0, 1001)
 
@@ -25,7 +25,7 @@ def comparison(tmp_path: Path) -> Comparison:
 
 
 def test_the_answer_comes_first_and_everything_fits_80_columns(comparison: Comparison):
-    lines = comparison_text(comparison).splitlines()
+    lines = comparison_result(comparison).text.splitlines()
     first = comparison.outside[0]
     assert lines[0] == f"{len(comparison.outside)} of 15 leave the tube: {first.signal} first, at 0 s; 94.8 % of A"
     # names of files are not broken
@@ -38,7 +38,7 @@ def test_a_signal_outside_is_told_with_time_value_and_bounds(tmp_path: Path):
     for name in ("a", "b"):
         (tmp_path / name).write_text(name)
     a, b = log_of(T, F=0.0 * T, path=str(tmp_path / "a")), log_of(T, F=np.where(T < 5.0, 0.0, 1.0))
-    text = comparison_text(compared(a, log_of(T, F=b["F"].values, path=str(tmp_path / "b"))))
+    text = comparison_result(compared(a, log_of(T, F=b["F"].values, path=str(tmp_path / "b")))).text
     assert "out at 5 s: 1, not in 0 .. 0 N" in text
 
 
@@ -70,7 +70,9 @@ def test_the_signal_that_leaves_the_tube_first_is_among_the_rows(tmp_path: Path)
     b["s.x05"] = a["s.x05"] + early
     for name in ("a", "b"):
         (tmp_path / name).write_text(name)
-    lines = comparison_text(compared(log_of(T, a, str(tmp_path / "a")), log_of(T, b, str(tmp_path / "b")))).splitlines()
+    lines = comparison_result(
+        compared(log_of(T, a, str(tmp_path / "a")), log_of(T, b, str(tmp_path / "b")))
+    ).text.splitlines()
     assert "s.x05 first, at" in lines[0]
     rows = [line.split()[1] for line in lines if line.startswith("OUT")]
     assert len(rows) == MOST_OUTSIDE and rows[-1] == "s.x05"

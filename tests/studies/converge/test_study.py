@@ -16,7 +16,7 @@ from twin.studies.converge.convergence import (
     convergence,
     recommended,
 )
-from twin.studies.converge.text import convergence_facts, convergence_text, draw_convergence
+from twin.studies.converge.text import convergence_facts, convergence_result, draw_convergence
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def test_the_experiments_own_coupling_and_tick_are_among_the_runs(study: Couplin
 
 
 def test_the_text_is_for_80_columns_and_begins_with_what_can_be_said(study: CouplingStudy):
-    text = convergence_text(study, {"picture": "convergence.png"})
+    text = convergence_result(study, {"picture": "convergence.png"}).text
     assert max(map(len, text.splitlines())) <= 80
     assert text.startswith("fig4_force_position: presses on nothing\n")
     assert "largest error of p_B in um at" in text
@@ -62,7 +62,7 @@ def test_a_pressing_robot_is_told_what_to_use(tmp_path: Path):
     assert found.judged.name == "F_z" and found.choice is not None
     assert found.choice.point.errors["F_z"] <= 1e-3
     files = {"picture": "convergence.png"}
-    text = convergence_text(found, files)
+    text = convergence_result(found, files).text
     assert max(map(len, text.splitlines())) <= 80
     assert text.startswith(f"fig4_position: use {found.choice.coupling.name} at ")
     draw_convergence(found, tmp_path / "picture.png")
@@ -72,7 +72,7 @@ def test_a_pressing_robot_is_told_what_to_use(tmp_path: Path):
         (1e-4, None, "be seen: take"),
     ):
         other = replace(found, tolerance=tolerance, resolution=resolution)
-        words = " ".join(convergence_text(other, files).split())
+        words = " ".join(convergence_result(other, files).text.split())
         assert why in words and f"--set cosim.inputs={found.choice.coupling.inputs}" in words
 
 

@@ -9,15 +9,15 @@ import pytest
 from tests.laws.runs import EXPERIMENTS
 from tests.studies.faults.pressing import pressing
 from twin.errors import InputRefused
-from twin.studies.answer import Answer
 from twin.studies.falsify.study import RUNS, falsify
+from twin.studies.result import Result
 from twin.studies.steps import silent
 from twin.studies.sweep.worker import trial
 
 BOUND = "always (|plant.F_ee_B| <= 18 N)"
 
 
-def asked(folder: Path, **options) -> Answer:
+def asked(folder: Path, **options) -> Result:
     told: dict[str, Any] = {
         "experiment": EXPERIMENTS / "pressing.toml", "requirements": [BOUND], "kinds": [], "bodies": [], "runs": RUNS,
         "duration": None, "processes": 2, "drive": None, "settings": [], "out": folder, "say": silent,
@@ -36,7 +36,7 @@ SAFE = ("drive_dead", "breathing")
 
 
 @pytest.fixture(scope="module")
-def answer(folder: Path) -> Answer:
+def answer(folder: Path) -> Result:
     return asked(folder, kinds=[*BROKEN, *SAFE], runs=20)
 
 
@@ -55,12 +55,12 @@ def test_every_kind_that_the_matrix_shows_beyond_the_bound_is_found_in_a_third_o
             assert one["distances"]["requirement_1"] <= 18.0 - worst[one["kind"]] + 1e-9
 
 
-def test_what_violates_is_found_and_what_does_not_is_not(answer: Answer):
+def test_what_violates_is_found_and_what_does_not_is_not(answer: Result):
     assert {one["kind"] for one in answer.facts["found"] if one["share"] < 0.0} == set(BROKEN)
     assert (answer.facts["runs"], answer.exit_code) == (20, 1)
 
 
-def test_a_found_experiment_runs_and_violates_by_the_same_distance(answer: Answer, folder: Path):
+def test_a_found_experiment_runs_and_violates_by_the_same_distance(answer: Result, folder: Path):
     for one in answer.facts["found"]:
         if one["share"] >= 0.0:
             assert not (folder / f"{one['kind']}.toml").exists()
@@ -69,13 +69,13 @@ def test_a_found_experiment_runs_and_violates_by_the_same_distance(answer: Answe
         assert again.metrics["requirement_1.distance"] == one["distances"]["requirement_1"] < 0.0
 
 
-def test_the_text_fits_80_columns_and_says_the_verdict_first(answer: Answer):
+def test_the_text_fits_80_columns_and_says_the_verdict_first(answer: Result):
     lines = answer.text.splitlines()
     assert lines[0].startswith("pressing  VIOLATED by 4 of 6 kinds of fault")
     assert [line for line in lines if len(line) > 80 and ".toml" not in line] == []
 
 
-def test_the_facts_are_in_the_folder(answer: Answer, folder: Path):
+def test_the_facts_are_in_the_folder(answer: Result, folder: Path):
     assert json.loads((folder / "falsify.json").read_text())["found"] == json.loads(json.dumps(answer.facts["found"]))
 
 

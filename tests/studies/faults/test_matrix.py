@@ -19,7 +19,7 @@ from twin.studies.faults.matrix import (
     matrix_rows,
     touching,
 )
-from twin.studies.faults.text import fault_matrix_table, fault_matrix_text
+from twin.studies.faults.text import fault_matrix_result, fault_matrix_table
 
 
 def test_there_is_a_case_for_every_kind_magnitude_and_onset():
@@ -183,7 +183,7 @@ def test_the_duration_ends_the_fault():
 
 
 def test_text_fits_80_columns_says_the_verdict_first_and_names_every_kind():
-    lines = fault_matrix_text("pressing", pressing()).splitlines()
+    lines = fault_matrix_result("pressing", pressing(), Path("x.png")).text.splitlines()
     assert lines[0].startswith("pressing  PASSED: 155 of 160 cases stay below 18 N")
     assert max(map(len, lines)) <= 80
     assert set(CATALOGUE) <= {line.split()[0] for line in lines if line}

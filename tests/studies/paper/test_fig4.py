@@ -25,7 +25,7 @@ from twin.studies.paper.claim import judged
 from twin.studies.paper.fig4 import CLAIMS, Score, fig4_score, tally
 from twin.studies.paper.fig4_runs import FINAL, SWEEP, Fig4Run, Fig4Runs, draw_fig4, fig4_runs
 from twin.studies.paper.study import score_fig4
-from twin.studies.paper.text import fig4_text
+from twin.studies.paper.text import fig4_result
 
 EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
 WITHOUT_SWEEP = "reference.p_mm=[[0,20,-85],[0,20,-85],[0,20,-105],[0,20,-105],[0,20,-105],[0,20,-105]]"
@@ -95,7 +95,7 @@ def test_what_cannot_be_scored_is_said_first_with_all_that_is_missing_and_the_re
     whole = {f.claim.key: f for f in fig4_score(fig4_runs(force_position, position)).claims}
     same = [f.claim.key for f in score.claims if f.verdict == whole[f.claim.key].verdict == "holds"]
     assert set(same) == {key for key, f in whole.items() if f.verdict == "holds"} - set(score.unscored)
-    first, *rest = fig4_text(score).splitlines()
+    first, *rest = fig4_result(score).text.splitlines()
     assert first.startswith(f"Not scored: {len(score.unscored)} claims")
     assert "controller.triggered" in "".join(rest[:4])
     draw_fig4(runs, tmp_path / "fig4.png")
@@ -225,11 +225,11 @@ def test_pages_state_the_count_and_the_reasons_of_the_scorecard(root: Path, runs
 
 def test_text_and_facts_of_the_scorecard_show_the_third_verdict_in_80_columns(runs: Fig4Runs):
     score = fig4_score(runs)
-    lines = fig4_text(score).splitlines()
+    lines = fig4_result(score).text.splitlines()
     assert lines[0].endswith("25 of 31 claims hold, 6 not reproduced")
     assert max(map(len, lines)) <= 80
     assert sum(line.startswith("  miss ") for line in lines) == len(score.not_reproduced)
-    assert "'ok !'" not in fig4_text(score)
+    assert "'ok !'" not in fig4_result(score).text
     facts = score.facts()
     assert (facts["claims_held"], facts["claims_judged"]) == (25, 31)
     assert facts["not_reproduced"] == NOT_REPRODUCED and facts["failed"] == facts["reproduced_after_all"] == []
@@ -238,7 +238,7 @@ def test_text_and_facts_of_the_scorecard_show_the_third_verdict_in_80_columns(ru
 def test_a_claim_that_is_reproduced_after_all_is_said_and_counted_among_those_that_hold(root: Path, tmp_path: Path):
     score = sabotaged(root, tmp_path, "controller.position.kp_per_s=2")
     assert (score.reproduced_after_all, score.failed) == (["z_lag"], [])
-    text = fig4_text(score)
+    text = fig4_result(score).text
     assert "  ok ! ... lag in time" in text and "reproduced here: z_lag." in text
     assert "24 of 29 claims hold, 5 not reproduced" in text
     assert max(map(len, text.splitlines())) <= 80

@@ -13,7 +13,7 @@ from twin.recording.recording import Recording
 from twin.studies.paper import fig5_picture
 from twin.studies.paper.fig5 import MOVING, REFERENCE, TRACE, TRUTH, Fig5Score, fig5_score, shown_tasks
 from twin.studies.paper.fig5_picture import ESTIMATE, SHIFTED, draw_fig5
-from twin.studies.paper.text import fig5_text
+from twin.studies.paper.text import fig5_result
 
 MAKERS: dict[str, Callable[..., Recording]] = {"press": pressed, "tap": tapped, "roll": rolled, "push": pushed}
 
@@ -96,7 +96,7 @@ def test_of_many_runs_there_is_a_table_and_a_line_for_each_way_to_fail(tmp_path:
     folders = [tmp_path / str(number) for number in range(len(makers))]
     for folder in folders:
         folder.mkdir()
-    lines = fig5_text(fig5_score([make(at) for make, at in zip(makers, folders, strict=True)])).splitlines()
+    lines = fig5_result(fig5_score([make(at) for make, at in zip(makers, folders, strict=True)])).text.splitlines()
     assert max(map(len, lines)) <= 80
     # 0.601 of 0.5 mm
     assert next(line for line in lines if line.startswith("velocity_servo")).split()[2:5] == ["15/16", "120", "%"]

@@ -19,7 +19,8 @@ from twin.studies.qualify.comparison import (
     trials,
     verdict,
 )
-from twin.studies.qualify.text import compare_text
+from twin.studies.qualify.text import compare_blocks
+from twin.studies.result import laid_out
 
 FIG4 = ROOT / "experiments/fig4_force_position.toml"
 
@@ -54,7 +55,7 @@ def test_what_a_drive_does_not_tell_is_a_gap_with_a_reason(fig4: tuple[DriveTria
 
 
 def test_the_table_fits_80_columns_with_one_line_per_drive(fig4: tuple[DriveTrial, ...]):
-    lines = compare_text(DriveTrials("fig4", fig4)).splitlines()
+    lines = laid_out(compare_blocks(DriveTrials("fig4", fig4))).splitlines()
     assert max(map(len, lines)) <= 80
     assert [line.split()[0] for line in lines[2:5]] == ["velocity_servo", "pmsm_foc", "brushed_dc"]
     assert all(len(line.split()) == 1 + len(COMPARED) for line in lines[2:5])
@@ -84,7 +85,7 @@ def test_a_drive_that_fails_keeps_its_place_and_the_others_run(tmp_path: Path):
     failed, servo = done.trials
     assert "NaN" in failed.failure and all(measure.value is None for measure in failed.measures)
     assert servo.failure == ""
-    assert "FAILED" in compare_text(done)
+    assert "FAILED" in laid_out(compare_blocks(done))
     assert verdict([done]) == [f"{folder} failed in fig4_force_position, and is not judged there"]
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from tests.drive.archives import altered
 from twin.errors import ComponentFailed, InputRefused
-from twin.studies.answer import Answer
 from twin.studies.qualify.part_check import contracts, part_check
+from twin.studies.result import Result
 
 LAW = "fmus/parts/paper_law"
 BRIEF = "duration_s=0.5"
@@ -86,15 +86,15 @@ def mine(tmp_path: Path) -> Path:
     return file
 
 
-def checked(role: str, part: str | None, *settings: str, experiment: str = "fig4_force_position") -> Answer:
+def checked(role: str, part: str | None, *settings: str, experiment: str = "fig4_force_position") -> Result:
     return part_check(role, part, Path(experiment), [BRIEF, *settings], say=lambda what: None)
 
 
-def verdicts(answer: Answer) -> dict[str, str]:
+def verdicts(answer: Result) -> dict[str, str]:
     return {one["name"]: one["verdict"] for one in answer.facts["checks"]}
 
 
-def detail(answer: Answer, name: str) -> str:
+def detail(answer: Result, name: str) -> str:
     return next(one["detail"] for one in answer.facts["checks"] if one["name"] == name)
 
 

@@ -7,14 +7,14 @@ import pytest
 from tests.studies.replay.logs import ANGLES, EXPERIMENTS, FIG4, ran, softened, write_log
 from twin.errors import InputRefused
 from twin.recording.reader import read
-from twin.studies.answer import Answer
 from twin.studies.replay.study import replay
+from twin.studies.result import Result
 
 ROBOT = EXPERIMENTS / f"{FIG4}.toml"
 FORCE = "scale.F_z=scale.F_z"
 
 
-def lines(report: Answer) -> list[str]:
+def lines(report: Result) -> list[str]:
     assert all(len(line) <= 80 for line in report.text.splitlines() if "/" not in line)
     return report.text.splitlines()
 

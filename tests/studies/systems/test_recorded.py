@@ -17,7 +17,7 @@ from twin.drive.component import FmuComponent
 from twin.errors import InputRefused
 from twin.report.page.page import write_report
 from twin.studies.systems.recorded import opened
-from twin.studies.systems.text import text
+from twin.studies.systems.text import system_result
 
 A = component("a", "a.fmu", bindings=values("omega_ref=1"))
 B = component("b", "a.fmu")
@@ -87,7 +87,7 @@ def test_values_are_set_in_the_units_of_the_fmu_and_those_of_nobody_are_told(ran
     assert run["a.omega_m"][-1] == pytest.approx(2 * math.pi, rel=1e-15)
     assert sorted(facts["ignored"]) == ["a.x", "c.x"]
     assert facts["kept"] == {"a.omega_ref": pytest.approx(2 * math.pi), "a.tau_load": 0.0}
-    assert "ignored    values that get to no variable: c.x, a.x" in text(facts)
+    assert "ignored    values that get to no variable: c.x, a.x" in system_result(facts).text
 
 
 def test_all_versions_of_fmi_run_together(ran: Ran, root: Path, tmp_path: Path):

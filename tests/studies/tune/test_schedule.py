@@ -12,9 +12,18 @@ from twin.errors import InputRefused
 from twin.runs.assembly.load import load_experiment
 from twin.studies.analyse.stability import stability
 from twin.studies.lines import WIDTH
+from twin.studies.result import laid_out
 from twin.studies.tune import tuned as search
 from twin.studies.tune.prediction import Goals
-from twin.studies.tune.schedule import WORSE, Scheduled, ladder, schedule_lines, schedule_text, scheduled, with_schedule
+from twin.studies.tune.schedule import (
+    WORSE,
+    Scheduled,
+    ladder,
+    schedule_lines,
+    schedule_parts,
+    scheduled,
+    with_schedule,
+)
 from twin.studies.tune.text import fragment
 from twin.studies.tune.tuned import tuned
 
@@ -62,7 +71,7 @@ def test_a_schedule_that_is_worse_somewhere_is_told(over_two: Scheduled):
     points = [replace(point, wholes=[(fixed, replace(followed, outcome=worse))]), *over_two.points[1:]]
     told = replace(over_two, points=points)
     assert any("on 600 N/m with velocity_servo: the force is off by 116 %" in said for said in told.contradictions)
-    assert not told.met and schedule_text(told).splitlines()[0].endswith("this is the best that was found")
+    assert not told.met and laid_out(schedule_parts(told)).splitlines()[0].endswith("this is the best that was found")
 
 
 @pytest.mark.endurance
@@ -81,7 +90,7 @@ def test_what_is_written_is_an_experiment_with_the_schedule_that_was_tried(over_
 
 @pytest.mark.endurance
 def test_the_text_keeps_to_80_columns(over_two: Scheduled):
-    assert max(map(len, schedule_text(over_two).splitlines())) <= WIDTH
+    assert max(map(len, laid_out(schedule_parts(over_two)).splitlines())) <= WIDTH
 
 
 @pytest.mark.endurance

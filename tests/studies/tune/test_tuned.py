@@ -11,9 +11,10 @@ from tests.studies.tune.corners import fig4_corners
 from twin.errors import InputRefused
 from twin.runs.assembly.load import load_experiment
 from twin.studies.lines import WIDTH
+from twin.studies.result import laid_out
 from twin.studies.tune import tuned as search
 from twin.studies.tune.prediction import Corner, Goals, LawGains, at_stiffness, gains_of, predicted, rounded
-from twin.studies.tune.text import fragment, tuning_text
+from twin.studies.tune.text import fragment, tuning_parts
 from twin.studies.tune.tuned import (
     Tuned,
     best_gains,
@@ -194,7 +195,7 @@ def test_what_is_written_finds_its_experiment_from_anywhere(in_air: Tuned, tmp_p
 
 
 def test_the_text_begins_with_the_verdict_and_keeps_to_80_columns(in_air: Tuned):
-    lines = tuning_text(in_air).splitlines()
+    lines = laid_out(tuning_parts(in_air)).splitlines()
     assert lines[0].startswith("step_z_air  GOALS MET")
     assert max(map(len, lines)) <= WIDTH
 
@@ -203,7 +204,7 @@ def test_a_goal_that_cannot_be_met_is_named_with_the_best_that_was_found():
     done = tuned([load_experiment(AIR)], Goals(bandwidth=2.0 * math.pi * 50.0))
     assert not done.met
     assert [miss.goal for miss in done.after.misses] == ["bandwidth"]
-    assert "bandwidth at least 50 Hz: it is" in tuning_text(done)
+    assert "bandwidth at least 50 Hz: it is" in laid_out(tuning_parts(done))
 
 
 def test_gains_that_are_not_tuned_are_refused():

@@ -8,13 +8,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from matplotlib.axes import Axes
-
 from twin.errors import InputRefused
 from twin.recording.recording import Recording
 from twin.report.page.measures import outcome, scored, unscored
 from twin.report.page.run import ReportRun
-from twin.studies.figure import picture
+from twin.studies.figure import Axes, picture
 from twin.studies.metrics.requirement import standing
 from twin.studies.metrics.response import Curve
 from twin.studies.paper.claim import ClaimFinding, judged

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.answer import Answer
 from twin.studies.command import Argument, DriveName, Option, Settings, study
 from twin.studies.first_look import load_experiments
+from twin.studies.result import Result
 from twin.studies.steps import Say
 
 HOME = Path("results") / "accuracy"
@@ -19,7 +19,7 @@ def accuracy(
     drive: DriveName = None,
     settings: Settings = (),
     out: Annotated[Path | None, Option("Where accuracy.json goes: results/accuracy/EXPERIMENT.", "DIR")] = None,
-) -> Answer:
+) -> Result:
     """Budget of the force error: encoders, backlash, statics, coupling, parameters.
 
     Runs the experiment without any imperfection and with each of them alone, and
@@ -34,13 +34,11 @@ def accuracy(
     """
     from twin.runs.assembly.load import load_experiment
     from twin.studies.accuracy.budget import accuracy_budget
-    from twin.studies.accuracy.text import accuracy_facts, accuracy_text
+    from twin.studies.accuracy.text import accuracy_facts, accuracy_result
     from twin.writing import made_folder, write_json
 
     loaded = load_experiment(experiment, settings, drive)
     folder = made_folder(out or HOME / loaded.name)
     found = accuracy_budget(loaded, say)
-    facts = accuracy_facts(found)
-    file = str(folder / FACTS)
-    write_json(folder / FACTS, facts)
-    return Answer(accuracy_text(found, file), facts | {"facts": file})
+    write_json(folder / FACTS, accuracy_facts(found))
+    return accuracy_result(found, str(folder / FACTS))

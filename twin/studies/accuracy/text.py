@@ -1,38 +1,41 @@
 """An accuracy budget as text of at most 80 columns: the error first, then what it consists of."""
 
+from collections.abc import Sequence
+
 from twin.studies.accuracy.budget import NOT_MODELLED, Budget, Contribution
-from twin.studies.lines import wrapped
+from twin.studies.result import Block, Column, Note, Result, Table
 
 NAME = 36
+NUMBERS = (Column("bias", 8, "+.4f"), Column("std", 8, ".4f"), Column("rms", 8, ".4f"))
+Row = tuple[str, float | None, float | None, float]
 
 
-def accuracy_text(budget: Budget, facts: str) -> str:
+def accuracy_result(budget: Budget, facts: str) -> Result:
     """The whole report. facts: path of the file."""
-    imperfections, twin, parameters = (budget.of(group) for group in ("imperfection", "twin", "parameter"))
-    lines = [
-        f"{budget.name}: {headline(budget)}",
-        *(line for sentence in details(budget) for line in wrapped(sentence, "  ")),
+    imperfections, twin = budget.of("imperfection"), budget.of("twin")
+    together = ("sum of biases, root of squares", budget.bias, None, budget.together)
+    left_out = [f"  {what:<{NAME - 3}}{'not modelled, at most':>21}{most:>9.3f}" for what, most, _ in NOT_MODELLED]
+    beliefs = [*map(row, budget.of("parameter")), ("root of the sum of squares", None, None, budget.parameters)]
+    parts: list[Block] = [
+        *(Note(sentence, "  ") for sentence in details(budget)),
         "",
-        f"  {'in this run, N':<{NAME}}{'bias':>9}{'std':>9}{'rms':>9}",
-        *(_line(one) for one in imperfections),
-        f"  {'sum of biases, root of squares':<{NAME}}{budget.bias:>+9.4f}{'':>9}{budget.together:>9.4f}",
-        _line(budget.as_is),
+        _table("in this run, N", [*map(row, imperfections), together, row(budget.as_is)]),
         "",
-        f"  {'the twin itself, N':<{NAME}}{'bias':>9}{'std':>9}{'rms':>9}",
-        *(_line(one) for one in twin),
+        _table("the twin itself, N", [*map(row, twin)]),
         "",
-        f"  {'left out; if the robot had, N':<{NAME}}{'bias':>9}{'std':>9}{'rms':>9}",
-        *(_line(one) for one in budget.of("effect")),
-        *(f"  {what:<{NAME - 3}}{'not modelled, at most':>21}{most:>9.3f}" for what, most, _ in NOT_MODELLED),
+        _table("left out; if the robot had, N", [*map(row, budget.of("effect")), *left_out]),
         "",
-        f"  {'if the controller believed, N':<{NAME}}{'bias':>9}{'std':>9}{'rms':>9}",
-        *(_line(one) for one in parameters),
-        f"  {'root of the sum of squares':<{NAME}}{'':>18}{budget.parameters:>9.4f}",
+        _table("if the controller believed, N", beliefs),
         "",
+        *(Note(f"{one.label}: {one.meaning}", "  ", 4) for one in (*imperfections, *twin)),
     ]
-    for one in (*imperfections, *twin):
-        lines += wrapped(f"{one.label}: {one.meaning}", "  ", 4)
-    return "\n".join([*lines, f"  {'facts':<10} {facts}"])
+    return Result(
+        f"{budget.name}: {headline(budget)}", parts, accuracy_facts(budget) | {"facts": facts}, {"facts": facts}
+    )
+
+
+def _table(title: str, rows: Sequence[Row | str]) -> Table:
+    return Table([Column(title, NAME, left=True), *NUMBERS], rows)
 
 
 def headline(budget: Budget) -> str:
@@ -53,10 +56,9 @@ def details(budget: Budget) -> tuple[str, str]:
     )
 
 
-def _line(one: Contribution) -> str:
-    # a zero has no sign
-    bias = round(one.bias, 4) + 0.0
-    return f"  {one.label:<{NAME}}{bias:>+9.4f}{one.std:>9.4f}{one.rms:>9.4f}"
+def row(one: Contribution) -> Row:
+    """Label, bias, standard deviation and rms (N)."""
+    return one.label, one.bias, one.std, one.rms
 
 
 def accuracy_facts(budget: Budget) -> dict[str, object]:

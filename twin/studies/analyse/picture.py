@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +15,7 @@ from twin.studies.analyse.linear.margins import DiskMargin, Margins, frequencies
 from twin.studies.analyse.passivity import Passivity, Width
 from twin.studies.analyse.stability import FORCE, POSITION, PointStability, Stability, StabilityMap
 from twin.studies.analyse.text import loop_name, point_name
-from twin.studies.figure import BLUE, GREEN, GREY, INK, LIGHT_IS_GOOD, MAP, ORANGE, PINK, SKY, VERMILION, picture
+from twin.studies.figure import BLUE, GREEN, GREY, INK, LIGHT_IS_GOOD, MAP, ORANGE, PINK, SKY, VERMILION, Axes, picture
 
 SHOWN_GAIN = (1e-4, 1e3)
 COLORS = (BLUE, ORANGE, GREEN, PINK, VERMILION, SKY)

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from twin.studies.answer import Answer
 from twin.studies.command import BodyName, DriveName, ExperimentName, Option, Settings, study
 from twin.studies.first_look import load_experiments
+from twin.studies.result import Result
 from twin.studies.steps import Say
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def analyse(
     passivity: Annotated[
         bool, Option("Instead: what a hand feels of the robot, where it is passive, and the stiffness that it renders.")
     ] = False,
-) -> Answer:
+) -> Result:
     """Tell how stable the loops are: margins, gain limits, damping, pictures.
 
     Drives are identified through their FMUs; the rest is linearised at rest,
@@ -55,10 +55,10 @@ def analyse(
     return (_passivity if passivity else _stability)(loaded, tried, folder, say)
 
 
-def _stability(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Answer:
+def _stability(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Result:
     from twin.studies.analyse.picture import draw_analysis, draw_disks, draw_stability_maps
     from twin.studies.analyse.stability import stability
-    from twin.studies.analyse.text import analysis_text
+    from twin.studies.analyse.text import analysis_result
     from twin.writing import write_json
 
     done = stability(experiment, tried, say)
@@ -70,23 +70,19 @@ def _stability(experiment: "Experiment", tried: bool, folder: Path, say: Say) ->
     if done.maps:
         draw_stability_maps(done, folder / MAP)
         pictures.append(MAP)
-    files = [str(folder / name) for name in (*pictures, FACTS)]
-    facts = done.facts() | {"files": files}
-    write_json(folder / FACTS, facts)
-    text = "\n".join([analysis_text(done), "", *(f"  {file}" for file in files)])
-    return Answer(text, facts, 0 if done.stable else 1)
+    result = analysis_result(done, [str(folder / name) for name in (*pictures, FACTS)])
+    write_json(folder / FACTS, result.facts)
+    return result
 
 
-def _passivity(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Answer:
+def _passivity(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Result:
     from twin.studies.analyse.passivity import passivity
     from twin.studies.analyse.picture import draw_passivity
-    from twin.studies.analyse.text import passivity_text
+    from twin.studies.analyse.text import passivity_result
     from twin.writing import write_json
 
     done = passivity(experiment, tried, say)
     draw_passivity(done, folder / PASSIVITY_PICTURE)
-    files = [str(folder / name) for name in (PASSIVITY_PICTURE, PASSIVITY_FACTS)]
-    facts = done.facts() | {"files": files}
-    write_json(folder / PASSIVITY_FACTS, facts)
-    text = "\n".join([passivity_text(done), "", *(f"  {file}" for file in files)])
-    return Answer(text, facts, 0 if all(point.stable for point in done.points) else 1)
+    result = passivity_result(done, [str(folder / name) for name in (PASSIVITY_PICTURE, PASSIVITY_FACTS)])
+    write_json(folder / PASSIVITY_FACTS, result.facts)
+    return result

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from twin.studies.analyse.linear.hand import AXES
 from twin.studies.analyse.linear.margins import LARGEST_GAIN, DiskMargin, Margins, Pole
@@ -18,7 +18,8 @@ from twin.studies.analyse.passivity import (
     Width,
 )
 from twin.studies.analyse.stability import FARTHEST, HOLDS, LimitCheck, PointStability, Stability
-from twin.studies.lines import counted, wrapped
+from twin.studies.lines import counted
+from twin.studies.result import TIE, Block, Column, Note, Result, Row, Table
 
 DOUBT = 0.03
 """Distance of a drive's model from what was measured that a reader has to know of."""
@@ -31,30 +32,43 @@ SLIDING = (
     "dry friction (joint_friction_Nm, spring_hysteresis) is not in the linear model, whose joints slide and whose "
     "springs are ideal: small motions are stiffer"
 )
-TIE = "\xa0"
+HELD = "- where a loop's gain never reaches 1: sticking friction holds the platform there"
 BOUND = re.compile(r"k[pi] = [\d.e+-]+ [^ ,]+(?: s\))?|\([^()]*\) mm|[\d.]+ N\b")
+COLUMNS = (
+    Column("loop", 11, left=True),
+    Column("gain margin", 18),
+    Column("phase margin", 19),
+    Column("M_s", 6, ".2f"),
+    Column("M_t", 6, ".2f"),
+    Column("-3 dB", 10),
+)
+AXIS_COLUMNS = (Column("axis", 6, left=True), Column("springs", 14), Column("passive", gap=3, left=True))
 
 
-def analysis_text(done: Stability) -> str:
-    """The verdict first, then where its numbers come from."""
-    lines = [*_verdict(done), ""]
-    for judged in done.points:
-        lines += [*_wrapped("", point_name(judged.linear.point) + _damping(judged)), *_table(judged)]
-    if any(m.crossover is None for judged in done.points for m in judged.margins.values()):
-        lines += [
-            "",
-            *_wrapped("", "- where a loop's gain never reaches 1: sticking friction holds the platform there"),
-        ]
-    remarks = [f"{name}: {m.remark}" for judged in done.points for name, m in judged.margins.items() if m.remark]
-    lines += ["", *_drives(done)]
+def analysis_result(done: Stability, files: Sequence[str] = ()) -> Result:
+    """The verdict first, then where its numbers come from, then where `files` are."""
+    first, *verdict = _verdict(done)
     plant = done.experiment.plant
-    if plant.joint_friction or plant.spring_hysteresis:
-        remarks.append(SLIDING)
-    if not done.checks:
-        remarks.append(UNTRIED)
-    for text in dict.fromkeys([*remarks, *(f"left out: {problem}" for problem in done.problems)]):
-        lines += _wrapped("note  ", text)
-    return "\n".join(line.rstrip() for line in lines)
+    remarks = [
+        *(f"{name}: {m.remark}" for judged in done.points for name, m in judged.margins.items() if m.remark),
+        *([SLIDING] if plant.joint_friction or plant.spring_hysteresis else []),
+        *([UNTRIED] if not done.checks else []),
+        *(f"left out: {problem}" for problem in done.problems),
+    ]
+    held = any(m.crossover is None for judged in done.points for m in judged.margins.values())
+    doubt: list[Block] = ["", _tied("", HELD)] if held else []
+    parts: list[Block] = [
+        *verdict,
+        "",
+        *(part for judged in done.points for part in _point(judged)),
+        *doubt,
+        "",
+        *_drives(done),
+        *(_tied("note  ", text) for text in dict.fromkeys(remarks)),
+        "",
+    ]
+    facts = done.facts() | {"files": [*files]}
+    return Result(first, parts, facts, {file: file for file in files}, label=0, exit_code=0 if done.stable else 1)
 
 
 def point_name(point: OperatingPoint) -> str:
@@ -69,7 +83,7 @@ def loop_name(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _verdict(done: Stability) -> Iterator[str]:
+def _verdict(done: Stability) -> Iterator[Block]:
     unstable = [judged for judged in done.points if not judged.stable]
     count = len(done.points)
     left_out = f"; {len(done.problems)} left out" if done.problems else ""
@@ -78,17 +92,15 @@ def _verdict(done: Stability) -> Iterator[str]:
         points = f"{len(unstable)} of {count} operating points"
     elif not done.stable:
         points += " by the linear model, but not in the co-simulation"
-    yield from _wrapped("", f"{done.experiment.name}  {'STABLE' if done.stable else 'UNSTABLE'} at {points}{left_out}")
+    yield _tied("", f"{done.experiment.name}  {'STABLE' if done.stable else 'UNSTABLE'} at {points}{left_out}")
     for law in ("position", "force"):
         critical = done.critical(law)
-        checks = [check for check in done.checks if check.law == law]
-        if checks:
-            for check in checks:
-                yield from _wrapped(f"  {law:8}  ", _checked(done, check))
-        elif critical is not None:
-            yield from _wrapped(f"  {law:8}  ", _limit(done, law, critical))
+        told = [_checked(done, check) for check in done.checks if check.law == law]
+        if critical is not None:
+            told = told or [_limit(done, law, critical)]
         elif any(law in judged.limits for judged in done.points):
-            yield f"  {law:8}  nothing limits its gains up to {LARGEST_GAIN:g} times what is set"
+            told = told or [f"nothing limits its gains up to {LARGEST_GAIN:g} times what is set"]
+        yield from (_tied(f"  {law:8}  ", text) for text in told)
 
 
 def _limit(done: Stability, law: str, critical: PointStability) -> str:
@@ -149,40 +161,38 @@ def _growth(pole: Pole) -> str:
     return f"a swing of {_hertz(pole.omega)} Hz grows e-fold in {1.0 / rate:.2g} s"
 
 
-def _table(judged: PointStability) -> Iterator[str]:
+def _point(judged: PointStability) -> list[Block]:
+    title = _tied("", point_name(judged.linear.point) + _damping(judged))
     if not judged.stable:
-        return
-    yield f"  {'loop':11} {'gain margin':>18} {'phase margin':>19} {'M_s':>6} {'M_t':>6} {'-3 dB':>10}"
-    for name, m in judged.margins.items():
-        yield f"  {loop_name(name):11} {_row(m)}"
-    yield f"  {'all at once':11} {'gain, each':>18} {'phase, each':>19} {'disk':>6}"
-    for where, disk in judged.disks.items():
-        yield f"  {where:11} {_disk_row(disk)}"
+        return [title]
+    rows: list[Row] = [_row(loop_name(name), m) for name, m in judged.margins.items()]
+    rows.append(("all at once", "gain, each", "phase, each", "disk"))
+    return [title, Table(COLUMNS, [*rows, *(_disk_row(where, disk) for where, disk in judged.disks.items())])]
 
 
-def _row(m: Margins) -> str:
+def _row(name: str, m: Margins) -> Row:
     gain = f"> {LARGEST_GAIN:g}" if not m.remark else "?"
     if m.gain is not None:
         gain = f"{m.gain:.3g} at {_hertz(m.gain_frequency)} Hz"
     phase = "-" if m.phase is None else f"{math.degrees(m.phase):.0f} deg at {_hertz(m.crossover)} Hz"
     bandwidth = "-" if m.bandwidth is None else f"{_hertz(m.bandwidth)} Hz"
-    return f"{gain:>18} {phase:>19} {m.sensitivity:6.2f} {m.complementary:6.2f} {bandwidth:>10}"
+    return name, gain, phase, m.sensitivity, m.complementary, bandwidth
 
 
-def _disk_row(disk: DiskMargin) -> str:
+def _disk_row(name: str, disk: DiskMargin) -> Row:
     gain = "any" if disk.gain is None else f"{disk.gain:.3g} at {_hertz(disk.frequency)} Hz"
-    return f"{gain:>18} {f'{math.degrees(disk.phase):.0f} deg':>19} {disk.alpha:6.2f}"
+    return name, gain, f"{math.degrees(disk.phase):.0f} deg", disk.alpha
 
 
-def _drives(done: Stability) -> Iterator[str]:
+def _drives(done: Stability) -> Iterator[Note]:
     fits = dict(zip(done.shared.labels, done.shared.drives, strict=True))
     for label, model in fits.items():
         doubt = "; take the numbers with that doubt" if model.residual > DOUBT else ""
         states = counted(len(model.A), "state")
         off = "less than 0.1" if model.residual < 0.001 else f"{100 * model.residual:.2g}"
-        yield from _wrapped("drive  ", f"{label}: {states}, {off} % off its measured frequency response{doubt}")
+        yield _tied("drive  ", f"{label}: {states}, {off} % off its measured frequency response{doubt}")
         if model.turning:
-            yield from _wrapped("       ", TURNING)
+            yield _tied("       ", TURNING)
 
 
 def _digits(value: float) -> str:
@@ -193,27 +203,25 @@ def _hertz(omega: float | None) -> str:
     return f"{(omega or 0.0) / (2.0 * math.pi):.3g}"
 
 
-def _wrapped(head: str, text: str) -> list[str]:
-    """`text` after `head` in lines; numbers stay with their units, and what stands in brackets together."""
+def _tied(head: str, text: str) -> Note:
+    """`text` after `head`; numbers stay with their units, and what stands in brackets together."""
     kept = BOUND.sub(lambda found: found.group().replace(" ", TIE), text)
-    return [line.replace(TIE, " ") for line in wrapped(kept, head, max(2, len(head)), whole=True)]
+    return Note(kept, head, max(2, len(head)), whole=True)
 
 
-def passivity_text(done: Passivity) -> str:
-    """The verdict first: how many points are passive, what is rendered, what was tried."""
+def passivity_result(done: Passivity, files: Sequence[str] = ()) -> Result:
+    """The verdict first: how many points are passive, what is rendered, what was tried; then where `files` are."""
     passive = sum(point.bands["all"] is None and point.stable for point in done.points)
+    parts = [
+        *([Note(_rendered(done.width), "  renders   ")] if done.width is not None else []),
+        *([Note(_carried(done.trial), "  carries   ")] if done.tried else []),
+        *(part for point in done.points for part in _passive_point(point)),
+        *(Note(f"left out: {problem}", "note  ") for problem in dict.fromkeys(done.problems)),
+        "",
+    ]
     verdict = f"{done.experiment.name}  passive in the hand at {passive} of {len(done.points)} operating points"
-    lines = wrapped(verdict, later=4)
-    if done.width is not None:
-        lines += wrapped(_rendered(done.width), "  renders   ")
-    if done.tried:
-        lines += wrapped(_carried(done.trial), "  carries   ")
-    for point in done.points:
-        lines += ["", *wrapped(point_name(point.point) + ("" if point.stable else ": UNSTABLE in an empty hand"))]
-        lines += _passivity_text_table(point)
-    for problem in dict.fromkeys(done.problems):
-        lines += wrapped(f"left out: {problem}", "note  ")
-    return "\n".join(line.rstrip() for line in lines)
+    facts, stable = done.facts() | {"files": [*files]}, all(point.stable for point in done.points)
+    return Result(Note(verdict, later=4), parts, facts, {file: file for file in files}, 0, 0 if stable else 1)
 
 
 def _rendered(width: Width) -> str:
@@ -240,19 +248,18 @@ def _carried(trial: PassivityTrial | None) -> str:
     )
 
 
-def _passivity_text_table(point: PointPassivity) -> list[str]:
-    lines = [f"  {'axis':6} {'springs':>10}   passive"]
-    for i, axis in enumerate(AXES):
-        lines.append(f"  {axis:6} {point.springs[i]:>6.0f} N/m   {_passive(point.bands[axis])}")
-    lines.append(f"  {'all':6} {'':>10}   {_passive(point.bands['all'])}")
+def _passive_point(point: PointPassivity) -> list[Block]:
+    springs = {axis: f"{spring:.0f} N/m" for axis, spring in zip(AXES, point.springs, strict=True)}
+    rows = [(axis, springs.get(axis), _passive(point.bands[axis])) for axis in (*AXES, "all")]
     worst = point.worst
     x, y, z = worst.direction
     told = f"{worst.mass:.3g} kg on {worst.stiffness:.3g} N/m along ({x:.2f}, {y:.2f}, {z:.2f})"
-    if not worst.swings:
-        return [*lines, *wrapped(f"worst environment: none swings; slowest to die out {told}", "  ")]
+    swings = f"{told}, swings at {worst.frequency:.2g} Hz, {worst.growth:+.2g} 1/s"
     return [
-        *lines,
-        *wrapped(f"worst environment: {told}, swings at {worst.frequency:.2g} Hz, {worst.growth:+.2g} 1/s", "  "),
+        "",
+        Note(point_name(point.point) + ("" if point.stable else ": UNSTABLE in an empty hand")),
+        Table(AXIS_COLUMNS, rows),
+        Note(f"worst environment: {swings if worst.swings else f'none swings; slowest to die out {told}'}", "  "),
     ]
 
 

@@ -1,13 +1,14 @@
 """`twin check`: experiments against their baselines."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 from twin.errors import InputRefused, plain
-from twin.studies.answer import Answer
 from twin.studies.command import JOB_ISOLATION, Argument, Isolate, JobIsolation, Option, study
 from twin.studies.first_look import find_experiments
+from twin.studies.result import Result
 from twin.studies.steps import Say
 
 PICTURES = Path("results/check")
@@ -47,7 +48,7 @@ def check(
     out: Annotated[Path, Option("Where pictures of curves outside their tubes go.", "DIR")] = PICTURES,
     jobs: Annotated[int, Option("Processes that run experiments.", "N", "--jobs -j", least=1)] = 2,
     isolate: Isolate = JOB_ISOLATION,
-) -> Answer:
+) -> Result:
     """Check experiments against what they came to before, drive by drive.
 
     Numbers have bounds and curves have tubes, stored in tests/baselines as
@@ -65,7 +66,7 @@ def check(
     """
     from twin.studies.check.baseline import baseline_file, write_baseline
     from twin.studies.check.job import outcomes, pairs
-    from twin.studies.check.text import check_pictures, check_text
+    from twin.studies.check.text import check_pictures, check_result
 
     if update != bool(reason.strip()):
         raise InputRefused('twin check: --update and --reason "why the numbers may move" go together; give both')
@@ -86,10 +87,11 @@ def check(
     say("drawing and writing", 1.0)
     if any(verdict.outside for verdict in verdicts):
         places += [f"  picture  {picture}" for picture in check_pictures(verdicts, out)]
-    text = check_text(verdicts, [plain(outcome.failure) for outcome in failures])
+    result = check_result(verdicts, [plain(outcome.failure) for outcome in failures])
     deviates = not update and any(verdict.deviations for verdict in verdicts)
-    return Answer(
-        "\n".join([text, *([""] if places else []), *places]),
-        {"verdicts": [verdict.facts() for verdict in verdicts], "failures": told},
-        failures[0].exit_code if failures else int(deviates),
+    return replace(
+        result,
+        body=[*result.body, *([""] if places else []), *places],
+        facts={"verdicts": [verdict.facts() for verdict in verdicts], "failures": told},
+        exit_code=failures[0].exit_code if failures else int(deviates),
     )

@@ -1,51 +1,63 @@
 """What `twin check` found, as text of at most 80 columns and as pictures."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from math import nan
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from twin.studies.check.baseline import CheckRow, CheckVerdict, Outside
 from twin.studies.compare.text import A_COLOUR, B_COLOUR, OUT_COLOUR, shown
-from twin.studies.figure import picture
-from twin.studies.lines import counted, wrapped
+from twin.studies.figure import Axes, picture
+from twin.studies.lines import counted
+from twin.studies.result import Block, Column, Note, Result, Row, Table
 from twin.writing import made_folder
 
 LONGEST = 33
 """Of names beside their numbers; longer ones have a line of their own."""
+COLUMNS = (
+    Column("", 7, left=True),
+    Column("metric", left=True),
+    Column("unit", 6, left=True),
+    Column("baseline", 10, ".4g", gap=0),
+    Column("now", 10, ".4g", gap=0),
+    Column("bound", 10, ".4g", gap=0),
+)
 MOST = 5
 """Checks that deviate and are told in full; of the others what they come to. All are in the JSON."""
 
 
-def check_text(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> str:
+def check_result(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> Result:
     """The answer first; of a single check every number, of many only those that deviate.
 
     Args:
         verdicts: of the checks that could be done.
         failures: sentences on those that could not.
     """
-    lines = [_answer(verdicts, failures)]
+    parts: list[Block] = []
     told = verdicts if len(verdicts) == 1 else [verdict for verdict in verdicts if verdict.deviations]
     told = [verdict for verdict in told if len(verdicts) == 1 or not _first(verdict)]
     for verdict in told[:MOST]:
         rows = verdict.rows if len(verdicts) == 1 else verdict.deviations
-        lines += ["", f"{verdict.experiment}, {verdict.drive}", *_table(rows)]
+        parts += [
+            "",
+            f"{verdict.experiment}, {verdict.drive}",
+            Table(COLUMNS, [row for one in rows for row in _rows(one)]),
+        ]
         as_it_was = len(verdict.rows) - len(rows)
-        lines += [f"  and {as_it_was} as they were"] if as_it_was else []
-        lines += [line for note in verdict.notes for line in _wrapped("note", note)]
-    lines += [""] * (len(told) > MOST)
-    lines += [f"{verdict.experiment}, {verdict.drive}: {_words([verdict])}" for verdict in told[MOST:]]
+        parts += [f"  and {as_it_was} as they were"] if as_it_was else []
+        parts += [line for note in verdict.notes for line in _labelled("note", note)]
+    parts += [""] * (len(told) > MOST)
+    parts += [f"{verdict.experiment}, {verdict.drive}: {_words([verdict])}" for verdict in told[MOST:]]
     # a note that a hundred checks share is told once
     others = Counter(note for verdict in verdicts if verdict not in told[:MOST] for note in verdict.notes)
-    lines += [""] * bool(others)
+    parts += [""] * bool(others)
     for note, count in others.items():
-        lines += _wrapped("note", f"{note} ({count} checks)" if count > 1 else note)
-    lines += [""] * bool(failures)
-    for failure in dict.fromkeys(failures):
-        lines += _wrapped("not done", failure)
-    return "\n".join(lines)
+        parts += _labelled("note", f"{note} ({count} checks)" if count > 1 else note)
+    parts += [""] * bool(failures)
+    parts += [line for failure in dict.fromkeys(failures) for line in _labelled("not done", failure)]
+    return Result(_answer(verdicts, failures), parts)
 
 
 def _answer(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> str:
@@ -78,30 +90,22 @@ def _first(verdict: CheckVerdict) -> bool:
     return all(row.word == "new" for row in verdict.rows)
 
 
-def _table(rows: Sequence[CheckRow]) -> Iterable[str]:
-    width = min(LONGEST, max(6, *(len(_name(row)) for row in rows)))
-    yield f"  {'':7} {'metric':{width}} {'unit':6}{'baseline':>10}{'now':>10}{'bound':>10}"
-    for row in rows:
-        unit, factor = shown(row.unit)
-        numbers = "".join(
-            f"{'-' if value is None or value != value else format(factor * value, '.4g'):>10}"
-            for value in (row.before, row.now, row.bound)
-        )
-        head = f"  {row.word:7} {_name(row):{width}}"
-        if len(_name(row)) > width:
-            yield head
-            head = " " * (width + 10)
-        yield f"{head} {unit:6}{numbers}"
+def _rows(row: CheckRow) -> list[Row]:
+    unit, factor = shown(row.unit)
+    numbers = [nan if value is None else factor * value for value in (row.before, row.now, row.bound)]
+    name = _name(row)
+    if len(name) > LONGEST:
+        return [f"  {row.word:7} {name}", ("", "", unit, *numbers)]
+    return [(row.word, name, unit, *numbers)]
 
 
 def _name(row: CheckRow) -> str:
     return row.name if row.at is None or row.word == "ok" else f"{row.name} at {row.at:.4g} s"
 
 
-def _wrapped(head: str, text: str) -> list[str]:
+def _labelled(label: str, text: str) -> list[Note]:
     first, *others = text.splitlines()
-    parts = [(f"  {head:9}", first), *((" " * 11, part) for part in others)]
-    return [line for indent, part in parts for line in wrapped(part, indent, whole=True)]
+    return [Note(first, f"  {label:9}", whole=True), *(Note(line, " " * 11, whole=True) for line in others)]
 
 
 def check_pictures(verdicts: Sequence[CheckVerdict], folder: Path) -> list[Path]:

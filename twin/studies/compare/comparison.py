@@ -34,8 +34,9 @@ from twin.studies.compare.tolerance import (
     shift,
     spans,
 )
-from twin.studies.lines import counted, cut, wrapped
+from twin.studies.lines import counted, cut
 from twin.studies.paper.digitised.provenance import provenance
+from twin.studies.result import Note
 from twin.writing import finite
 
 
@@ -207,17 +208,19 @@ def experiments_differ(a: Path, b: Path) -> Differences | None:
         return None
 
 
-def differences_text(differences: Differences | None) -> list[str]:
-    """Lines for the end of a comparison; none if there is nothing to say of experiments."""
+def differences_lines(differences: Differences | None) -> list[Note | str]:
+    """Parts for the end of a comparison; none if there is nothing to say of experiments."""
     if differences is None:
         return []
     if not differences:
         return ["", "Nothing differs in the experiments."]
-    lines = ["", "What differs in the experiments, A and B:"]
-    for key, values in list(differences.items())[:FEW]:
-        lines += wrapped(" and ".join(cut(value, LONG) for value in values), f"  {key}  ", later=6, whole=True)
+    told = [
+        Note(" and ".join(cut(value, LONG) for value in values), f"  {key}  ", later=6, whole=True)
+        for key, values in list(differences.items())[:FEW]
+    ]
     more = len(differences) - FEW
-    return [*lines, *([f"  and {counted(more, 'more value')}"] if more > 0 else [])]
+    rest = [f"  and {counted(more, 'more value')}"] if more > 0 else []
+    return ["", "What differs in the experiments, A and B:", *told, *rest]
 
 
 IN_PLACE = Alignment()

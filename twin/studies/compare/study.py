@@ -5,9 +5,10 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.errors import InputRefused
-from twin.studies.answer import Answer, judged
+from twin.studies.answer import judged
 from twin.studies.command import Argument, Asked, Option, study
 from twin.studies.first_look import find_logs, print_latest
+from twin.studies.result import Result
 from twin.studies.steps import Say
 
 HOME = Path("results") / "compare"
@@ -49,7 +50,7 @@ def compare(
     max_shift: Annotated[float, Option("Largest shift of fit, in s.", "S")] = 1.0,
     partial: Annotated[bool, Option("Let B cover only a part of A's time; what it covers is compared.")] = False,
     out: Annotated[Path | None, Option("Where picture and JSON go; results/compare, or results/FIGURE.", "DIR")] = None,
-) -> Answer:
+) -> Result:
     """Compare B with A within a tolerance tube, or runs with a figure of the paper.
 
     B is right where it is, at some instant no more than the tolerance in time
@@ -80,14 +81,10 @@ def compare(
         raise InputRefused(
             f"twin compare: got {len(runs)} path{'s' * (len(runs) != 1)}, expected A and B, or --paper FIGURE"
         )
-    from twin.studies.compare.comparison import both, compared, differences_text, experiments_differ
-    from twin.studies.compare.text import comparison_text, draw_comparison
+    from twin.studies.compare.comparison import both, compared, experiments_differ
+    from twin.studies.compare.text import comparison_result, draw_comparison
     from twin.studies.compare.tolerance import alignment, rules
 
     found = compared(*both(runs[0], runs[1], maps), rules(tolerances), signals, alignment(align, by, max_shift))
-    covered = partial or found.least_covered[1] == 1.0
-    differ = experiments_differ(found.a, found.b)
-    text = "\n".join([comparison_text(found, partial), *differences_text(differ)])
-    facts = found.facts() | {"experiments": differ}
-    return judged("compare", out or HOME, text, facts, lambda path: draw_comparison(found, path),
-                  holds=covered and not found.outside)  # fmt: skip
+    result = comparison_result(found, partial, experiments_differ(found.a, found.b))
+    return judged("compare", out or HOME, result, lambda path: draw_comparison(found, path))

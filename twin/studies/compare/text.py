@@ -1,31 +1,51 @@
 """A comparison as text of at most 80 columns and as a picture: the answer first."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from twin.recording.logs.log import sampling
-from twin.studies.compare.comparison import Comparison, SignalRow, TubeCurves
-from twin.studies.figure import PAPER_BLUE, PAPER_ORANGE, picture
-from twin.studies.lines import counted, wrapped
+from twin.studies.compare.comparison import Comparison, Differences, SignalRow, TubeCurves, differences_lines
+from twin.studies.figure import PAPER_BLUE, PAPER_ORANGE, Axes, picture
+from twin.studies.lines import counted
 from twin.studies.metrics.response import rms
+from twin.studies.result import Block, Cell, Column, Note, Result, Table
 
 MOST_OUTSIDE, MOST_INSIDE = 8, 6
 """Rows printed; all are in the JSON."""
+COLUMNS = (
+    Column("", 4, left=True),
+    Column("signal", left=True),
+    Column("unit", 5, left=True),
+    Column("max error", 9, ".3g", gap=0),
+    Column("at s", 8, ".3f", gap=0),
+    Column("rms", 9, ".3g", gap=0),
+    Column("mean", 10, ".2g", gap=0),
+    Column("of tube", 8, gap=0),
+)
 SHOWN = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "rad": ("deg", math.degrees(1.0)), "1": ("", 1.0)}
 """Units people read, by those of recordings, and the factor."""
 
 
-def comparison_text(comparison: Comparison, partial: bool = False) -> str:
-    """The answer first, then the files, then signals worst first; `partial`: b may cover only a part of a."""
-    lines = [_answer(comparison, partial), f"  A  {comparison.a}", f"  B  {comparison.b}{_shift(comparison)}"]
-    if not comparison.identical:
-        lines += ["", *_table(comparison), *_others(comparison, partial)]
-    lines += [part for note in comparison.notes for part in _note(note)]
-    return "\n".join(lines)
+def comparison_result(comparison: Comparison, partial: bool = False, differences: Differences | None = None) -> Result:
+    """The answer first, then the files, then signals worst first, then what differs in the experiments.
+
+    Args:
+        partial: whether b may cover only a part of a.
+        differences: of the experiments; None: they are not compared.
+    """
+    covered = partial or comparison.least_covered[1] == 1.0
+    parts = [
+        f"  A  {comparison.a}",
+        f"  B  {comparison.b}{_shift(comparison)}",
+        *(["", *_tables(comparison), *_others(comparison, partial)] if not comparison.identical else []),
+        *map(_note, comparison.notes),
+        *differences_lines(differences),
+    ]
+    facts = comparison.facts() | {"experiments": differences}
+    return Result(_answer(comparison, partial), parts, facts, exit_code=0 if covered and not comparison.outside else 1)
 
 
 def shown(unit: str) -> tuple[str, float]:
@@ -54,47 +74,46 @@ def _shift(comparison: Comparison) -> str:
     return f", shifted by {comparison.shift.seconds:+.6g} s" if comparison.shift.seconds else ""
 
 
-def _table(comparison: Comparison) -> list[str]:
+def _tables(comparison: Comparison) -> list[Block]:
     outside = [row for row in comparison.rows if row.first_exit]
     inside = [row for row in comparison.rows if not row.first_exit]
     # the one that the answer names is among them
     first = [row for row in comparison.outside[:1] if row not in outside[:MOST_OUTSIDE]]
     rows = [*outside[: MOST_OUTSIDE - len(first)], *first, *inside[:MOST_INSIDE]]
-    width = max(6, *(len(row.signal) for row in rows))
-    lines = [f"     {'signal':{width}} {'unit':5}{'max error':>9}{'at s':>8}{'rms':>9}{'mean':>10}{'of tube':>8}"]
-    for row in rows:
-        lines += _lines(row, width)
-    left = [f"{len(outside) - MOST_OUTSIDE} more outside"] if len(outside) > MOST_OUTSIDE else []
-    left += [f"{len(inside) - MOST_INSIDE} more inside"] if len(inside) > MOST_INSIDE else []
-    return [*lines, *([f"     and {', '.join(left)}"] if left else [])]
+    left = [
+        f"{len(found) - most} more {where}"
+        for found, most, where in ((outside, MOST_OUTSIDE, "outside"), (inside, MOST_INSIDE, "inside"))
+        if len(found) > most
+    ]
+    table = Table(COLUMNS, [cells for row in rows for cells in _rows(row)], indent=0)
+    return [table, *([f"     and {', '.join(left)}"] if left else [])]
 
 
-def _lines(row: SignalRow, width: int) -> list[str]:
+def _rows(row: SignalRow) -> list[Sequence[Cell] | str]:
     unit, factor = shown(row.unit)
-    numbers = f"{factor * row.max_error:9.3g}{row.max_error_at:8.3f}"
-    numbers += f"{factor * row.rms_error:9.3g}{factor * row.mean_error:10.2g}"
     used = ">999 %" if row.used > 9.99 else f"{100.0 * row.used:.0f} %"
-    line = f"{'OUT' if row.first_exit else 'ok':4} {row.signal:{width}} {unit:5}{numbers}{used:>8}"
+    errors = (factor * row.max_error, row.max_error_at, factor * row.rms_error, factor * row.mean_error)
+    line = ("OUT" if row.first_exit else "ok", row.signal, unit, *errors, used)
     if row.first_exit is None:
         return [line]
     out = row.first_exit
     bounds = f"{factor * out.lower:.4g} .. {factor * out.upper:.4g}"
-    return [line, f"       out at {out.t:.6g} s: {factor * out.value:.4g}, not in {bounds} {unit}".rstrip()]
+    return [line, f"       out at {out.t:.6g} s: {factor * out.value:.4g}, not in {bounds} {unit}"]
 
 
-def _others(comparison: Comparison, partial: bool) -> Iterable[str]:
+def _others(comparison: Comparison, partial: bool) -> Iterable[Block]:
     lacking, covered = comparison.least_covered
     if covered < 1.0 and not partial:
-        yield from _note(f"{lacking}: what B does not cover of A is not compared; --partial lets that pass")
+        yield _note(f"{lacking}: what B does not cover of A is not compared; --partial lets that pass")
     for name, names in (("A", comparison.only_a), ("B", comparison.only_b)):
         if names:
             there = list(dict.fromkeys(signal.partition("[")[0] for signal in names))
             more = f" and {len(there) - 4} more" if len(there) > 4 else ""
-            yield from _note(f"only in {name}: {', '.join(there[:4])}{more}")
+            yield _note(f"only in {name}: {', '.join(there[:4])}{more}")
 
 
-def _note(text: str) -> list[str]:
-    return wrapped(text, "  note     ", whole=True)
+def _note(text: str) -> Note:
+    return Note(text, "  note     ", whole=True)
 
 
 MOST = 6

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.answer import Answer
 from twin.studies.command import Argument, DriveName, Option, Settings, study
 from twin.studies.first_look import load_experiments
+from twin.studies.result import Result
 from twin.studies.steps import Say
 
 HOME = Path("results") / "converge"
@@ -22,7 +22,7 @@ def converge(
     duration: Annotated[float | None, Option("How much of the experiment; without it, all.", "S", least=0.01)] = None,
     smooth: Annotated[bool, Option("Without backlash and friction, so that orders are clean.")] = False,
     out: Annotated[Path | None, Option("Where files go: results/converge/EXPERIMENT.", "DIR")] = None,
-) -> Answer:
+) -> Result:
     """Halve the step: error, order and power residual of each coupling.
 
     Runs the experiment in each scheme with held and interpolated inputs at
@@ -38,15 +38,12 @@ def converge(
     """
     from twin.runs.assembly.load import load_experiment
     from twin.studies.converge.convergence import convergence
-    from twin.studies.converge.text import convergence_facts, convergence_text, draw_convergence
+    from twin.studies.converge.text import convergence_facts, convergence_result, draw_convergence
     from twin.writing import made_folder, write_json
 
     loaded = load_experiment(experiment, settings, drive)
     folder = made_folder(out or HOME / loaded.name)
     done = convergence(loaded, tolerance, duration, smooth, say)
-    files = {"picture": str(folder / PICTURE), "facts": str(folder / FACTS)}
-    facts = convergence_facts(done)
     draw_convergence(done, folder / PICTURE)
-    write_json(folder / FACTS, facts)
-    met = done.choice is not None or not done.reference.pressed
-    return Answer(convergence_text(done, files), facts | files, 0 if met else 1)
+    write_json(folder / FACTS, convergence_facts(done))
+    return convergence_result(done, {"picture": str(folder / PICTURE), "facts": str(folder / FACTS)})

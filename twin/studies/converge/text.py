@@ -3,20 +3,19 @@
 A study of the coupling as a picture: error over the tick, and over what it costs.
 """
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import asdict
+from itertools import zip_longest
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from twin.studies.converge.convergence import CouplingSeries, CouplingStudy, TickPoint
 from twin.studies.converge.order import FORCE, SIGNALS, Order, OrderFinding, Signal
-from twin.studies.figure import BLUE, GREEN, INK, ORANGE, PINK, RED, SKY, picture
-from twin.studies.lines import labelled, wrapped
+from twin.studies.figure import BLUE, GREEN, INK, ORANGE, PINK, RED, SKY, Axes, picture
+from twin.studies.result import Block, Column, Note, Result, Table, note
 from twin.writing import finite
 
 NAME = 31
@@ -36,19 +35,29 @@ REMARKS = {
 """How orders are marked, and why."""
 
 
-def convergence_text(study: CouplingStudy, files: Mapping[str, str]) -> str:
+def convergence_result(study: CouplingStudy, files: dict[str, str]) -> Result:
     """The whole report. files: kind -> path."""
-    lines = [*_headline(study), ""]
-    lines += [*_errors_by_tick(study), "", *_errors_by_signal(study), "", *_orders(study), "", *_power(study), ""]
-    lines += labelled("reference", study.reference.meaning)
-    lines += labelled("changed", "; ".join(study.changes))
-    for name, why in study.left_out:
-        lines += labelled("left out", f"{name}: {why}")
-    lines += [f"  {kind:<10} {path}" for kind, path in files.items()]
-    return "\n".join(lines)
+    headline, *others = _headline(study)
+    parts: list[Block] = [
+        *others,
+        "",
+        _errors_by_tick(study),
+        "",
+        _errors_by_signal(study),
+        "",
+        *_orders(study),
+        "",
+        *_power(study),
+        "",
+        note("reference", study.reference.meaning),
+        note("changed", "; ".join(study.changes)),
+        *(note("left out", f"{name}: {why}") for name, why in study.left_out),
+    ]
+    met = study.choice is not None or not study.reference.pressed
+    return Result(headline, parts, convergence_facts(study) | files, files, exit_code=0 if met else 1)
 
 
-def _headline(study: CouplingStudy) -> list[str]:
+def _headline(study: CouplingStudy) -> list[Block]:
     if not study.reference.pressed:
         why = "  so no tolerance of the force says which tick and coupling to use"
         return [f"{study.name}: presses on nothing", why]
@@ -56,7 +65,7 @@ def _headline(study: CouplingStudy) -> list[str]:
     if study.choice is None:
         return [f"{study.name}: no coupling at any of these ticks keeps F_z within {limit}"]
     coupling, point = study.choice.coupling, study.choice.point
-    told = [
+    told: list[Block] = [
         f"{study.name}: use {coupling.name} at {1e3 * point.tick:g} ms",
         f"  the longest tick, and the simplest coupling there, that keeps F_z within {limit}:",
         f"  {_number(1e3 * point.errors[FORCE.name])} mN, for {1e3 * point.cost:.1f} ms of computing per second",
@@ -68,7 +77,7 @@ def _headline(study: CouplingStudy) -> list[str]:
     return told
 
 
-def _why_not(study: CouplingStudy, own: TickPoint) -> list[str]:
+def _why_not(study: CouplingStudy, own: TickPoint) -> list[Block]:
     """Why an experiment that has another coupling than the one recommended may keep it, and how to change it."""
     if study.choice is None or (study.choice.coupling, study.choice.point.tick) == (study.coupling, study.tick):
         return []
@@ -80,9 +89,9 @@ def _why_not(study: CouplingStudy, own: TickPoint) -> list[str]:
     elif study.resolution and error < study.resolution:
         why = f"its error is {error / study.resolution:.0%} of a step of the scale's display, which nobody could read"
     else:
-        return wrapped(f"its error can be seen: take the other with {_settings(study)}", "  ", later=2, whole=True)
+        return [Note(f"its error can be seen: take the other with {_settings(study)}", "  ", whole=True)]
     text = f"it stays the default because {why}, and recordings stay comparable; take the other with {_settings(study)}"
-    return wrapped(text, "  ", later=2, whole=True)
+    return [Note(text, "  ", whole=True)]
 
 
 def _settings(study: CouplingStudy) -> str:
@@ -97,51 +106,57 @@ def _settings(study: CouplingStudy) -> str:
 
 def _own(study: CouplingStudy) -> TickPoint | None:
     """The run of the experiment's own coupling and tick, if it is among the others."""
-    points = [point for one in study.series if one.coupling == study.coupling for point in one.points]
-    return next((point for point in points if point.tick == study.tick), None)
+    return next((_at(one, study.tick) for one in study.series if one.coupling == study.coupling), None)
 
 
-def _errors_by_tick(study: CouplingStudy) -> list[str]:
+def _at(one: CouplingSeries, tick: float) -> TickPoint | None:
+    return next((point for point in one.points if point.tick == tick), None)
+
+
+def _errors_by_tick(study: CouplingStudy) -> Table:
     ticks = sorted({point.tick for one in study.series for point in one.points}, reverse=True)
-    signal = study.judged
-    told = [_columns(f"largest error of {signal.name} in {signal.unit} at", [f"{1e3 * tick:g} ms" for tick in ticks])]
-    for one in study.series:
-        by_tick = {point.tick: point.errors[signal.name] for point in one.points}
-        told.append(_columns(one.coupling.name, [_error(by_tick.get(tick), signal.scale) for tick in ticks]))
-    return told
+    rows = [[one.coupling.name, *(_error(_at(one, tick), study.judged) for tick in ticks)] for one in study.series]
+    title = f"largest error of {study.judged.name} in {study.judged.unit} at"
+    return _table(title, [f"{1e3 * tick:g} ms" for tick in ticks], rows)
 
 
-def _errors_by_signal(study: CouplingStudy) -> list[str]:
-    head = f"largest error at {1e3 * study.tick:g} ms"
-    told = [_columns(head, [signal.name for signal in SIGNALS]), _columns("", [signal.unit for signal in SIGNALS])]
-    for one in study.series:
-        point = next((point for point in one.points if point.tick == study.tick), None)
-        if point is not None:
-            told.append(_columns(one.coupling.name, [_error(point.errors[s.name], s.scale) for s in SIGNALS]))
-    return told
+def _errors_by_signal(study: CouplingStudy) -> Table:
+    found = [(one, point) for one in study.series if (point := _at(one, study.tick)) is not None]
+    return _table(
+        f"largest error at {1e3 * study.tick:g} ms",
+        [signal.name for signal in SIGNALS],
+        [[one.coupling.name, *(_error(point, signal) for signal in SIGNALS)] for one, point in found],
+        [signal.unit for signal in SIGNALS],
+    )
 
 
-def _orders(study: CouplingStudy) -> list[str]:
-    told = [_columns("observed order", [signal.name for signal in SIGNALS] + ["expected"])]
-    for one in study.series:
-        orders = [_order(one.orders[signal.name]) for signal in SIGNALS]
-        told.append(_columns(one.coupling.name, [*orders, str(one.coupling.expected_order)]))
-    found = {order.finding for one in study.series for order in one.orders.values()}
-    for finding, (mark, meaning) in REMARKS.items():
-        if finding in found:
-            told += labelled(mark, meaning)
-    return told
-
-
-def _power(study: CouplingStudy) -> list[str]:
-    told = [
-        _columns(f"power out of nothing at {1e3 * study.tick:g} ms", ["mean", "peak", "energy", "share"]),
-        _columns("", ["uW", "uW", "uJ", "ppm"]),
+def _orders(study: CouplingStudy) -> list[Block]:
+    rows = [
+        [one.coupling.name, *(_order(one.orders[signal.name]) for signal in SIGNALS), str(one.coupling.expected_order)]
+        for one in study.series
     ]
-    for one in study.series:
-        if one.residuals:
-            told.append(_columns(one.coupling.name, _balance(one)))
-    return [*told, *labelled("", "mean, energy: of all joints, + created; peak: of one; share: of the energy through")]
+    found = {order.finding for one in study.series for order in one.orders.values()}
+    return [
+        _table("observed order", [*(signal.name for signal in SIGNALS), "expected"], rows),
+        *(note(mark, meaning) for finding, (mark, meaning) in REMARKS.items() if finding in found),
+    ]
+
+
+def _power(study: CouplingStudy) -> list[Block]:
+    return [
+        _table(
+            f"power out of nothing at {1e3 * study.tick:g} ms",
+            ["mean", "peak", "energy", "share"],
+            [[one.coupling.name, *_balance(one)] for one in study.series if one.residuals],
+            ["uW", "uW", "uJ", "ppm"],
+        ),
+        note("", "mean, energy: of all joints, + created; peak: of one; share: of the energy through"),
+    ]
+
+
+def _table(title: str, names: list[str], rows: list[list[str]], units: Sequence[str] = ()) -> Table:
+    columns = [Column(name, COLUMN, unit=unit, gap=0) for name, unit in zip_longest(names, units, fillvalue="")]
+    return Table([Column(title, NAME, left=True), *columns], rows)
 
 
 def _balance(one: CouplingSeries) -> list[str]:
@@ -151,14 +166,11 @@ def _balance(one: CouplingSeries) -> list[str]:
     return [_number(1e6 * value) for value in (mean, peak, energy, share)]
 
 
-def _columns(name: str, values: list[str]) -> str:
-    return f"  {name:<{NAME}}" + "".join(f"{value:>{COLUMN}}" for value in values)
-
-
-def _error(value: float | None, scale: float) -> str:
-    if value is None:
+def _error(point: TickPoint | None, signal: Signal) -> str:
+    if point is None:
         return ""
-    return _number(scale * value) if isfinite(value) else "failed"
+    error = point.errors[signal.name]
+    return _number(signal.scale * error) if isfinite(error) else "failed"
 
 
 def _number(value: float) -> str:
@@ -219,6 +231,8 @@ STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (PINK, "D"), (SKY, "v"))
 
 def draw_convergence(study: CouplingStudy, path: Path) -> None:
     """Write the picture to `path` (PNG)."""
+    from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+
     with picture(path, 11, 5.6) as figure:
         by_tick, by_cost = figure.subplots(1, 2, sharey=True)
         signal = study.judged

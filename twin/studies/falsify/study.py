@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.errors import InputRefused
-from twin.studies.answer import Answer
 from twin.studies.command import Argument, DriveName, Option, Settings, study
 from twin.studies.first_look import load_experiments
+from twin.studies.result import Result
 from twin.studies.steps import Say
 
 HOME = Path("results") / "falsify"
@@ -42,7 +42,7 @@ def falsify(
     drive: DriveName = None,
     settings: Settings = (),
     out: Annotated[Path | None, Option("Where findings go: results/falsify/EXPERIMENT.", "DIR")] = None,
-) -> Answer:
+) -> Result:
     """Search for the fault that violates a requirement most.
 
     Which kind, at which joint, when, how large, with which sign, body and seed.
@@ -67,7 +67,7 @@ def falsify(
     from twin.studies.falsify.judge import Judge, crew, requirements_of
     from twin.studies.falsify.search import Search
     from twin.studies.falsify.space import Holes, Space
-    from twin.studies.falsify.text import Found, falsify_text, header
+    from twin.studies.falsify.text import Found, falsify_result, header
     from twin.studies.faults.matrix import cases, known_kinds
     from twin.studies.left_behind import SCRATCH, held_folder
     from twin.studies.tune.text import findable
@@ -115,15 +115,7 @@ def falsify(
         text = space.file(one.wrong, findable(path, folder), header(path.stem, one, wanted))
         write_text(folder / f"{one.wrong.kind}.toml", text)
     holes = Holes.of(space, list(search.tried), judge.ended, {one.wrong.kind for one in violating})
-    facts = {
-        "experiment": path.stem,
-        "requirements": [vars(requirement) for requirement in wanted],
-        "runs": len(search.tried),
-        "seconds": judge.seconds,
-        "found": [one.facts(space) for one in found],
-        **holes.facts,
-    }
-    write_json(folder / FOUND, facts)
     shown = out or HOME / path.stem
-    text = falsify_text(path.stem, wanted, found, holes, space, len(search.tried), judge.seconds, shown)
-    return Answer(text, facts, 1 if violating else 0)
+    result = falsify_result(path.stem, wanted, found, holes, space, len(search.tried), judge.seconds, shown)
+    write_json(folder / FOUND, result.facts)
+    return result

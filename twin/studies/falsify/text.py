@@ -8,8 +8,17 @@ from typing import Any
 from twin.experiment.fault import CATALOGUE
 from twin.studies.falsify.space import Ended, Holes, Space, Wrong
 from twin.studies.faults.text import magnitude_text
-from twin.studies.lines import wrapped
+from twin.studies.result import Block, Cell, Column, Note, Result, Table
 
+COLUMNS = (
+    Column("", 23, left=True),
+    Column("distance", 10),
+    Column("magnitude", 11),
+    Column("onset", 8),
+    Column("target", 15, left=True),
+    Column("run", 4),
+    Column(left=True),
+)
 SHOWN = 5
 """Kinds that do not violate, the nearest first."""
 
@@ -67,7 +76,7 @@ def header(experiment: str, found: Found, requirements: Sequence[Requirement]) -
     return [f"Found by twin falsify {experiment}: {found.wrong.kind} violates what is required.", *told]
 
 
-def falsify_text(
+def falsify_result(
     experiment: str,
     requirements: Sequence[Requirement],
     found: Sequence[Found],
@@ -76,7 +85,7 @@ def falsify_text(
     runs: int,
     seconds: float,
     folder: Path,
-) -> str:
+) -> Result:
     """The verdict, what is required, the kinds that violate it and the nearest that do not, what is not known, then
     where files are.
 
@@ -92,26 +101,39 @@ def falsify_text(
         verdict = f"{experiment}  not violated by {kept} of {len(space.kinds)} kinds of fault, as far as was searched"
     last = max((one.first or 0 for one in violating), default=0)
     when = f", the last of these kinds was found in run {last}" if violating else ""
-    lines = wrapped(f"{verdict}: {runs} runs, {seconds:.0f} s of processor time{when}.", later=4)
-    lines += [f"  {r.name}  {r.formula}" for r in requirements]
-    lines += ["", _line("", "distance", "magnitude", "onset", "target", "run", "")]
-    for one in [*violating, *[one for one in found if one.share >= 0.0][:SHOWN]]:
-        nearest = min(requirements, key=lambda r: one.distances[r.name])
-        wrong, body = one.wrong, f"on {one.wrong.body}" if one.wrong.body else ""
-        magnitude, onset = magnitude_text(wrong.kind, wrong.magnitude), f"{space.onset(wrong):.3f} s"
-        mark = "! " if one.share < 0.0 else "? " if wrong.kind in holes.ended else "  "
-        lines.append(
-            _line(mark + wrong.kind, _distance(one, nearest), magnitude, onset, wrong.target, str(one.run), body)
-        )
-    if unknown := holes.lines():
-        lines += ["", *unknown]
-    lines += ["", *(f"  {folder / one.wrong.kind}.toml" for one in violating)]
-    return "\n".join(line.rstrip() for line in lines).rstrip()
+    nearest = [*violating, *[one for one in found if one.share >= 0.0][:SHOWN]]
+    unknown, files = holes.lines(), [f"  {folder / one.wrong.kind}.toml" for one in violating]
+    parts: list[Block] = [
+        *(f"  {r.name}  {r.formula}" for r in requirements),
+        "",
+        Table(COLUMNS, [_row(one, requirements, holes, space) for one in nearest], indent=0),
+        *(["", *unknown] if unknown else []),
+        *(["", *files] if files else []),
+    ]
+    facts = {
+        "experiment": experiment,
+        "requirements": [vars(requirement) for requirement in requirements],
+        "runs": runs,
+        "seconds": seconds,
+        "found": [one.facts(space) for one in found],
+        **holes.facts,
+    }
+    headline = Note(f"{verdict}: {runs} runs, {seconds:.0f} s of processor time{when}.", later=4)
+    return Result(headline, parts, facts, exit_code=1 if violating else 0)
+
+
+def _row(one: Found, requirements: Sequence[Requirement], holes: Holes, space: Space) -> list[Cell]:
+    wrong = one.wrong
+    return [
+        ("! " if one.share < 0.0 else "? " if wrong.kind in holes.ended else "  ") + wrong.kind,
+        _distance(one, min(requirements, key=lambda r: one.distances[r.name])),
+        magnitude_text(wrong.kind, wrong.magnitude),
+        f"{space.onset(wrong):.3f} s",
+        wrong.target,
+        one.run,
+        f"on {wrong.body}" if wrong.body else "",
+    ]
 
 
 def _distance(found: Found, requirement: Requirement) -> str:
     return f"{found.distances[requirement.name]:.4g} {requirement.unit}"
-
-
-def _line(kind: str, distance: str, magnitude: str, onset: str, target: str, run: str, body: str) -> str:
-    return f"{kind:23} {distance:>10} {magnitude:>11} {onset:>8} {target:15} {run:>4} {body}"

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.answer import Answer
 from twin.studies.command import Argument, Asked, BodyName, DriveName, Option, Settings, study
 from twin.studies.first_look import load_experiments
+from twin.studies.result import Result
 from twin.studies.steps import Say
 
 HOME = Path("results") / "faults"
@@ -35,7 +35,7 @@ def faults(
     body: BodyName = None,
     settings: Settings = (),
     out: Annotated[Path | None, Option("Where rows, picture and JSON go: results/faults/EXPERIMENT.", "DIR")] = None,
-) -> Answer:
+) -> Result:
     """Break everything once: each kind of fault, with the safety monitor and without.
 
     The catalogue of faults says before the run which ones the monitor sees, and
@@ -53,7 +53,7 @@ def faults(
     """
     from twin.runs.assembly.load import load_experiment
     from twin.studies.faults.matrix import cases, healthy_trial, known_kinds, matrix_rows, onsets_of
-    from twin.studies.faults.text import draw_fault_matrix, fault_matrix_text
+    from twin.studies.faults.text import draw_fault_matrix, fault_matrix_result
     from twin.writing import growing, json_text, made_folder, write_json
 
     folder = made_folder(out or HOME / experiment.stem)
@@ -73,8 +73,7 @@ def faults(
             append(json_text(row.facts()) + "\n")
             say(f"{len(rows)} of {len(planned)} cases", len(rows) / len(planned))
     say("drawing the matrix", 1.0)
-    facts = {"experiment": name, "rows": [row.facts() for row in rows]}
+    result = fault_matrix_result(name, rows, picture)
     draw_fault_matrix(name, rows, home / PICTURE)
-    write_json(home / MATRIX, facts)
-    text = f"{fault_matrix_text(name, rows)}\n\n  {picture}"
-    return Answer(text, facts, 1 if any(row.fails for row in rows) else 0)
+    write_json(home / MATRIX, result.facts)
+    return result

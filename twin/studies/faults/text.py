@@ -3,18 +3,17 @@
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
-from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
 
 from twin.experiment.fault import CATALOGUE
 from twin.studies.faults.matrix import ALLOWANCE, FaultRow
-from twin.studies.figure import BARE, INK, LESS_IS_BETTER, LIGHT_IS_GOOD, VERMILION, picture
-from twin.studies.lines import markdown, wrapped
+from twin.studies.figure import BARE, INK, LESS_IS_BETTER, LIGHT_IS_GOOD, VERMILION, Axes, picture
+from twin.studies.result import Block, Column, Note, Result, Table, table_markdown
+
+if TYPE_CHECKING:
+    from matplotlib.cm import ScalarMappable
 
 UNITS = {
     None: "",
@@ -28,49 +27,65 @@ UNITS = {
 SINGULAR = 100.0
 """Force (N) that springs and body of this robot do not make: a mechanism near its singular pose does, before the run
 ends. How far beyond is no forecast."""
-HEAD = ("worst of each kind", "", "onset", "peak", "without", "seen", "by", "after")
-UNDER_HEAD = ("", "", "s", "N", "N", "", "", "s")
-MARKDOWN = ("Kind", "Worst at", "Onset (s)", "Peak (N)", "Without monitor (N)", "Seen", "By", "After (s)", "Ends")
+COLUMNS = (
+    Column("worst of each kind", 20, left=True),
+    Column("", 12, left=True),
+    Column("onset", 5, unit="s"),
+    Column("peak", 5, unit="N"),
+    Column("without", 7, unit="N"),
+    Column("seen", 4),
+    Column("by", 14, ".14s", left=True),
+    Column("after", 6, unit="s"),
+)
+MARKDOWN = (
+    Column("Kind"),
+    Column("Worst at"),
+    Column("Onset", unit="s"),
+    Column("Peak", unit="N"),
+    Column("Without monitor", unit="N"),
+    Column("Seen"),
+    Column("By"),
+    Column("After", unit="s"),
+    Column("Ends"),
+)
 
 
-def fault_matrix_text(experiment: str, rows: Sequence[FaultRow]) -> str:
+def fault_matrix_result(experiment: str, rows: Sequence[FaultRow], picture: Path) -> Result:
     """The verdict, then the worst case of each kind, then what the verdict does not cover.
 
     Args:
         experiment: its name.
         rows: of one matrix, kind by kind, at least one.
+        picture: where it is.
     """
     first = rows[0]
     safe, safe_unwatched = sum(r.safe for r in rows), sum(r.safe_unwatched for r in rows)
-    failing = [r for r in rows if r.fails]
-    verdict = "FAILED" if failing else "PASSED"
-    sentences = [
-        f"{experiment}  {verdict}: {safe} of {len(rows)} cases stay below {first.bound:g} N, the limit of "
-        f"{first.limit:g} N plus {100 * (ALLOWANCE - 1):.0f} %; without the monitor {safe_unwatched}. "
+    failing = any(r.fails for r in rows)
+    verdict = (
+        f"{experiment}  {'FAILED' if failing else 'PASSED'}: {safe} of {len(rows)} cases stay below {first.bound:g} N, "
+        f"the limit of {first.limit:g} N plus {100 * (ALLOWANCE - 1):.0f} %; without the monitor {safe_unwatched}. "
         f"Healthy: no trip, at most {max(r.healthy_peak for r in rows):.1f} N."
-    ]
+    )
     claimed, allowed = [r for r in rows if r.said_to_be_seen], [r for r in rows if r.said_to_go_beyond]
-    sentences.append(
+    said = (
         f"Said before: the monitor sees {len(claimed)} cases; it saw {sum(r.detected for r in claimed)} of them. "
         f"Said before: the force may go beyond in {len(allowed)}; it did in {sum(not r.safe for r in allowed)} of them "
         f"and in {sum(r.loose for r in rows)} others."
     )
     ended = sum(r.unwatched.end == "run ended" and r.watched.end != "run ended" for r in rows)
-    if ended:
-        sentences.append(
-            f"Without the monitor {ended} more runs end early because a component fails; "
-            "their peak is the one until then."
-        )
-    lines = [line for sentence in sentences for line in wrapped(sentence, later=4)]
-    lines += ["", _line(HEAD), _line(UNDER_HEAD)]
-    lines += [_line((row.kind, *_cells(row, of_kind))) for row, of_kind in _worst(rows)]
-    return "\n".join(line.rstrip() for line in [*lines, *_exceptions(rows)])
+    early = (
+        f"Without the monitor {ended} more runs end early because a component fails; their peak is the one until then."
+    )
+    worst = Table(COLUMNS, [(row.kind, *_cells(row, of_kind)) for row, of_kind in _worst(rows)], indent=0)
+    parts = [Note(said, later=4), *([Note(early, later=4)] if ended else []), "", worst, *_exceptions(rows), ""]
+    facts = {"experiment": experiment, "rows": [row.facts() for row in rows]}
+    return Result(Note(verdict, later=4), parts, facts, {"picture": picture}, label=0, exit_code=int(failing))
 
 
 def fault_matrix_table(rows: Sequence[FaultRow]) -> str:
     """A Markdown table: the worst case of each kind."""
     lines = [(f"`{row.kind}`", *_cells(row, of_kind), row.watched.end) for row, of_kind in _worst(rows)]
-    return markdown(MARKDOWN, [[cell or "-" for cell in cells] for cells in lines])
+    return table_markdown(Table(MARKDOWN, [[cell or "-" for cell in cells] for cells in lines]))
 
 
 def magnitude_text(kind: str, magnitude: float | None) -> str:
@@ -102,33 +117,28 @@ def _force(peak: float) -> str:
     return f">{SINGULAR:g}" if peak > SINGULAR else f"{peak:.1f}"
 
 
-def _line(cells: Sequence[str]) -> str:
-    kind, worst, onset, peak, without, seen, by, after = cells
-    return f"{kind:20} {worst:12} {onset:>5} {peak:>5} {without:>7} {seen:>4} {by:14.14} {after:>6}"
-
-
-def _exceptions(rows: Sequence[FaultRow]) -> Iterator[str]:
+def _exceptions(rows: Sequence[FaultRow]) -> Iterator[Block]:
     kinds = list(dict.fromkeys(row.kind for row in rows))
-    yield from _block("! said to be seen, and not seen:", [_named(row) for row in rows if row.missed])
-    yield from _block("! beyond the bound, and not said to go there:", [_named(row) for row in rows if row.loose])
-    beyond = [row for row in rows if not row.safe and not row.loose]
-    yield from _block("! beyond the bound, as was said:", [_named(row) for row in beyond])
-    unseen = [kind for kind in kinds if CATALOGUE[kind].detection == "no"]
-    yield from _block("cannot be seen:", [f"{kind}: {CATALOGUE[kind].reason}" for kind in unseen])
-    otherwise = [row for row in rows if not row.as_stated and not row.fails]
-    yield from _block("seen in time, and not said to be:", [_named(row) for row in otherwise])
     last = [row for row in rows if CATALOGUE[row.kind].detection == "if large" and row.largest and not row.detected]
-    yield from _block("unseen at their largest magnitude, as was said:", [_named(r) for r in last if not r.missed])
+    blocks: dict[str, Sequence[FaultRow | str]] = {
+        "! said to be seen, and not seen:": [row for row in rows if row.missed],
+        "! beyond the bound, and not said to go there:": [row for row in rows if row.loose],
+        "! beyond the bound, as was said:": [row for row in rows if not row.safe and not row.loose],
+        "cannot be seen:": [kind for kind in kinds if CATALOGUE[kind].detection == "no"],
+        "seen in time, and not said to be:": [row for row in rows if not row.as_stated and not row.fails],
+        "unseen at their largest magnitude, as was said:": [row for row in last if not row.missed],
+    }
+    for title, found in blocks.items():
+        yield from ["", title] if found else []
+        for one in found:
+            text = f"{one}: {CATALOGUE[one].reason}" if isinstance(one, str) else _named(one)
+            yield Note(text, "  ", later=4)
 
 
 def _named(row: FaultRow) -> str:
     told = " ".join(filter(None, (row.kind, magnitude_text(row.kind, row.magnitude))))
     seen = f"{row.watched.reason} after {1e3 * (row.watched.delay or 0.0):.0f} ms" if row.detected else "not seen"
     return f"{told} at {row.onset:.2f} s: {row.watched.peak:.1f} N, {seen}"
-
-
-def _block(title: str, texts: Sequence[str]) -> list[str]:
-    return ["", title, *(line for text in texts for line in wrapped(f"  {text}", later=4))] if texts else []
 
 
 BEYOND = VERMILION
@@ -145,6 +155,11 @@ def draw_fault_matrix(experiment: str, rows: Sequence[FaultRow], path: Path) -> 
         experiment: its name.
         rows: of one matrix, kind by kind, the same onsets for each.
     """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Rectangle
+
     kinds = [list(group) for _, group in groupby(rows, lambda row: row.kind)]
     onsets = list(dict.fromkeys(row.onset for row in rows))
     title = f"Faults in {experiment}: largest true contact force (N) from the onset on; limit {rows[0].limit:g} N"
@@ -168,7 +183,9 @@ def draw_fault_matrix(experiment: str, rows: Sequence[FaultRow], path: Path) -> 
         figure.legend(handles=marks, loc="outside lower center", ncols=3)
 
 
-def _draw_cell(axes: Axes, shade: ScalarMappable, row: FaultRow, watched: bool, line: int, onset: int) -> None:
+def _draw_cell(axes: Axes, shade: "ScalarMappable", row: FaultRow, watched: bool, line: int, onset: int) -> None:
+    from matplotlib.patches import Rectangle
+
     run, safe = (row.watched, row.safe) if watched else (row.unwatched, row.safe_unwatched)
     wide = SIZES if row.magnitude is None else 1
     left = onset * SIZES + (0 if row.magnitude is None else _size(row))

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.answer import Answer
 from twin.studies.command import Argument, ColumnMaps, Option, Settings, study
 from twin.studies.first_look import find_experiments, find_logs, print_latest
+from twin.studies.result import Result
 from twin.studies.steps import Say, silent
 
 HOME = Path("results") / "identify"
@@ -24,7 +24,7 @@ def identify(
     motor_torque: Annotated[bool, Option("Take drive/n.tau_motor as measured: parts k_s from eta.")] = False,
     out: Annotated[Path | None, Option("Where files go; without it, results/identify/NAME/TIME.", "DIR")] = None,
     say: Say = silent,
-) -> Answer:
+) -> Result:
     """Identify a robot from presses on a scale: k_s eta, zeros, backlash, friction.
 
     Each number has its 95 % interval; what the log does not say is named, and the
@@ -47,7 +47,7 @@ def identify(
     from twin.studies.identify.text import (
         draw_identification,
         identification_facts,
-        identification_text,
+        identification_result,
         model_fragment,
     )
     from twin.studies.identify.truth import truth
@@ -68,4 +68,4 @@ def identify(
     facts = identification_facts(one, curves.path.name, true)
     write_json(files["facts"], facts)
     named = {kind: str(path) for kind, path in files.items()}
-    return Answer(identification_text(one, name, named, true), facts | named)
+    return identification_result(one, name, named, true, facts)

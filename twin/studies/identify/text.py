@@ -1,26 +1,36 @@
 """An identification as text of at most 80 columns, as TOML to paste, and as a picture."""
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tomlkit
-from matplotlib.axes import Axes
 
 from twin.errors import visible
-from twin.studies.figure import INK, JOINTS, PAPER_BLUE, PAPER_ORANGE, RED, picture
+from twin.studies.figure import INK, JOINTS, PAPER_BLUE, PAPER_ORANGE, RED, Axes, picture
 from twin.studies.identify.identification import Identification, Quantity
 from twin.studies.identify.windows import JOINTS_PER_METRE, Estimate, decimals, shown, shown_unit
-from twin.studies.lines import labelled, wrapped
+from twin.studies.result import Block, Column, Note, Result, Table, note
 from twin.writing import inline_table
 
 ALL_THREE = {"zero of joint": "zeros of the joints", "zero of wind-up": "zeros of the wind-ups"}
+COLUMNS = (Column("", 27, left=True), Column("found", 9), Column("+- 95 %", 9), Column("", 10, left=True),
+           Column("believed", 9))  # fmt: skip
+STEPS = (Column("", 20, left=True), Column("", 8, ".3f"), Column("", 6, "+.1f", gap=2), Column(""))
 
 
-def identification_text(one: Identification, name: str, files: Mapping[str, str], true: Mapping[str, float]) -> str:
-    """The whole report. name: of the log; files: kind -> path; true: values of a run of the twin, SI, or nothing."""
+def identification_result(
+    one: Identification, name: str, files: dict[str, str], true: Mapping[str, float], facts: dict[str, object]
+) -> Result:
+    """The whole report.
+
+    Args:
+        name: of the log.
+        files: kind -> path.
+        true: values of a run of the twin, SI, or nothing.
+        facts: `identification_facts`.
+    """
     k = one.quantities["k_s_eta"]
     assert k.found is not None and k.believed is not None
     digits = decimals(k.found)
@@ -28,50 +38,41 @@ def identification_text(one: Identification, name: str, files: Mapping[str, str]
         f"{name}: {k.meaning} = {k.found.value:.{digits}f} +- {k.found.half_width:.{digits}f} N m/rad (95 %), "
         f"believed {k.believed:g}"
     )
-    lines = [
-        *wrapped(verdict, later=2, whole=True),
+    rows = [_row(name, quantity, true) for name, quantity in one.quantities.items() if quantity.found is not None]
+    parts = [
         "",
-        *_table(one, true),
-        *_unknown(one),
+        Table([*COLUMNS, *([Column("true", 9)] if true else [])], rows),
+        "",
+        "  Not identifiable from this log:",
+        *(Note(text, "    ", 6, whole=True) for text in _unknown(one)),
+        "",
         *_paper(one),
         *_residuals(one),
+        *(note("note", text, whole=True) for text in one.notes),
     ]
-    for note in one.notes:
-        lines += _labelled("note", note)
-    return "\n".join([*lines, *(f"  {kind:<10} {path}" for kind, path in files.items())])
+    return Result(Note(verdict, later=2, whole=True), parts, facts | files, files)
 
 
-def _table(one: Identification, true: Mapping[str, float]) -> list[str]:
-    head = f"  {'':<27} {'found':>9} {'+- 95 %':>9} {'':<10} {'believed':>9}"
-    rows = [head + (f" {'true':>9}" if true else "")]
-    for name, quantity in one.quantities.items():
-        if quantity.found is not None:
-            rows.append(_row(name, quantity, true))
-    return [row.rstrip() for row in rows]
-
-
-def _row(name: str, quantity: Quantity, true: Mapping[str, float]) -> str:
+def _row(name: str, quantity: Quantity, true: Mapping[str, float]) -> list[str]:
     found = quantity.found
     assert found is not None
     digits, unit = decimals(found), found.unit
 
     def told(value: float | None) -> str:
-        # + 0.0: no minus before a zero
-        return "" if value is None else f"{round(shown(value, unit), digits) + 0.0:.{digits}f}"
+        return Column(form=f".{digits}f").text(None if value is None else shown(value, unit))
 
-    row = f"  {quantity.meaning:<27} {told(found.value):>9} {told(found.half_width):>9} {shown_unit(unit):<10}"
-    row += f" {told(quantity.believed):>9}"
-    return row + (f" {told(true.get(name)):>9}" if true else "")
+    cells = [told(found.value), told(found.half_width), shown_unit(unit), told(quantity.believed)]
+    return [quantity.meaning, *cells, *([told(true.get(name))] if true else [])]
 
 
 def _unknown(one: Identification) -> list[str]:
     """What this log does not say, in plain words."""
-    lines = ["", "  Not identifiable from this log:"]
+    told = []
     if not one.apart:
         loss = (
             "and loading and unloading agree" if one.loss is not None else "and loading is not compared with unloading"
         )
-        lines += _item(
+        told.append(
             f"k_s and eta one by one: encoders and scale see only their product (20), {loss}; a measured motor torque "
             "would part them (--motor-torque)"
         )
@@ -81,18 +82,18 @@ def _unknown(one: Identification) -> list[str]:
         if quantity.found is None and name not in ("k_s", "eta", "friction")
     ]
     if missing:
-        lines += _item(f"{_list(missing)}: less sure than a tenth of what they may plausibly be")
+        told.append(f"{_list(missing)}: less sure than a tenth of what they may plausibly be")
     if one.quantities["friction"].found is None:
-        lines += _item("friction under the head: no sweep under load that is long enough")
-    for told in dict.fromkeys(_list(group) for group in one.alike if len(group) > 1):
-        lines += _item(f"trade against each other: {told}")
+        told.append("friction under the head: no sweep under load that is long enough")
+    alike = dict.fromkeys(_list(group) for group in one.alike if len(group) > 1)
+    told += [f"trade against each other: {names}" for names in alike]
     if "height" in one.quantities:
-        lines += _item("joint zeros as well as a level scale of known height would give them: measure it (--height MM)")
-    lines += _item(
-        "b_j by itself: encoders of motor and joint that are read dt apart look like friction of k_s eta N^2 dt"
-    )
-    lines += _item("lengths, N and masses: taken from the experiment; weigh and measure them")
-    return [*lines, ""]
+        told.append("joint zeros as well as a level scale of known height would give them: measure it (--height MM)")
+    return [
+        *told,
+        "b_j by itself: encoders of motor and joint that are read dt apart look like friction of k_s eta N^2 dt",
+        "lengths, N and masses: taken from the experiment; weigh and measure them",
+    ]
 
 
 def _list(names: Sequence[str]) -> str:
@@ -106,43 +107,32 @@ def _list(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def _paper(one: Identification) -> list[str]:
+def _paper(one: Identification) -> list[Block]:
     """The paper's procedure and its bias."""
     press = one.one_pose
     if press is None:
-        return _labelled("paper", "no gradual press in one place, so Sec. III.A cannot be followed")
+        return [note("paper", "no gradual press in one place, so Sec. III.A cannot be followed", whole=True)]
     k = one.fit.x[0]
     # + 0.0: no minus before a zero
     x, y = (1e3 * press.place).round() + 0.0
-    lines = _labelled(
-        "paper",
+    text = (
         f"Sec. III.A on the press of {press.start:.1f} to {press.end:.1f} s at ({x:.0f}, {y:.0f}) mm, "
-        f"{press.force[0]:.1f} to {press.force[-1]:.1f} N, k_s eta by a line through the origin:",
+        f"{press.force[0]:.1f} to {press.force[-1]:.1f} N, k_s eta by a line through the origin:"
     )
-    for step in press.steps:
-        lines.append(f"    {step.name:<20} {step.k_s_eta:>8.3f}  {100.0 * (step.k_s_eta / k - 1.0):>+6.1f} %")
-    return [*lines, ""]
+    rows = [(step.name, step.k_s_eta, 100.0 * (step.k_s_eta / k - 1.0), "%") for step in press.steps]
+    return [note("paper", text, whole=True), Table(STEPS, rows, indent=4), ""]
 
 
-def _residuals(one: Identification) -> list[str]:
+def _residuals(one: Identification) -> list[Block]:
     fit = one.fit
     air, scale = int((fit.rows.kind == 0).sum()) // 3, int((fit.rows.kind == 1).sum())
     share = fit.misfit(0, 1, 2)
-    lines = _labelled(
-        "fit",
+    text = (
         f"{air} windows of {fit.seen.length:g} s in free air, {scale} on the scale, in {fit.clusters} independent "
-        f"stretches; residuals are {share:.2f} of what rounding leaves in one sample",
+        f"stretches; residuals are {share:.2f} of what rounding leaves in one sample"
     )
-    if share > 1.0:
-        lines += _labelled("doubt", "more than rounding explains: lengths, masses or the scale are not as believed")
-    return lines
-
-
-def _item(text: str) -> list[str]:
-    return wrapped(text, "    ", 6, whole=True)
-
-
-_labelled = partial(labelled, whole=True)
+    doubt = "more than rounding explains: lengths, masses or the scale are not as believed"
+    return [note("fit", text, whole=True), *([note("doubt", doubt, whole=True)] if share > 1.0 else [])]
 
 
 def identification_facts(one: Identification, log: str, true: Mapping[str, float]) -> dict[str, object]:

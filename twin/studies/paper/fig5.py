@@ -12,10 +12,9 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from twin.controller.program import PhaseKind, Press, Push, Roll, Tap, Task
 from twin.recording.errors import UnknownSeries
@@ -26,6 +25,9 @@ from twin.studies.paper import fig5_measures as measure
 from twin.studies.paper.claim import Claim, ClaimFinding, as_facts, judged
 from twin.studies.paper.fig4 import failed
 from twin.studies.paper.fig5_measures import Mask, TaskRun, body_of, drive_of, settings, task_runs, trip_sentence
+
+if TYPE_CHECKING:
+    from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 
 def _excess(figure: str, quote: str, share: float, why: str) -> Claim:
@@ -308,7 +310,7 @@ HEIGHT = 0.75
 WORK = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH, PhaseKind.TAP, PhaseKind.RISE)
 
 
-def draw_in_space(axes: Axes3D, run: TaskRun, floor: float) -> None:
+def draw_in_space(axes: "Axes3D", run: TaskRun, floor: float) -> None:
     """Draw the task into `axes`.
 
     Args:
@@ -344,7 +346,7 @@ def _height(run: TaskRun) -> float:
     return float(settings(run.recording)["contact"]["height_mm"]) / 1e3
 
 
-def _draw_box(axes: Axes3D, bottom: float) -> None:
+def _draw_box(axes: "Axes3D", bottom: float) -> None:
     """The twelve edges."""
     corners = np.array(list(product((-REACH, REACH), (-REACH, REACH), (bottom, TOP))))
     for i, a in enumerate(corners):
@@ -353,7 +355,9 @@ def _draw_box(axes: Axes3D, bottom: float) -> None:
                 axes.plot(*np.transpose([a, b]), color="black", lw=0.9, zorder=1, clip_on=False)
 
 
-def _draw_surface(axes: Axes3D, height: float) -> None:
+def _draw_surface(axes: "Axes3D", height: float) -> None:
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
     corners = [(-REACH, -REACH, height), (REACH, -REACH, height), (REACH, REACH, height), (-REACH, REACH, height)]
     axes.add_collection3d(Poly3DCollection([corners], facecolor=SURFACE, alpha=0.6, edgecolor="none", zorder=0))
 

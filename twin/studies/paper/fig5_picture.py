@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.patches import Circle
 
 from twin.controller.program import PhaseKind, Push, Roll, Tap
 from twin.experiment.source import names_stand_in
 from twin.monitor.checks import Monitor
 from twin.recording.errors import UnknownSeries
-from twin.studies.figure import GREEN, ORANGE, picture
+from twin.studies.figure import GREEN, ORANGE, Axes, picture
 from twin.studies.metrics.response import along_and_off
 from twin.studies.paper.claim import Claim
 from twin.studies.paper.fig5 import CLAIMS, REFERENCE, TRACE, TRUTH, Fig5Score, draw_in_space, shown_tasks

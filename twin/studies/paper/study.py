@@ -7,12 +7,13 @@ from twin.errors import InputRefused
 from twin.recording.folder import recording_in
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.studies.answer import Answer, judged
+from twin.studies.answer import judged
 from twin.studies.paper.fig4 import fig4_score
 from twin.studies.paper.fig4_runs import draw_fig4, fig4_runs
 from twin.studies.paper.fig5 import fig5_score
 from twin.studies.paper.fig5_picture import draw_fig5
-from twin.studies.paper.text import fig4_text, fig5_text
+from twin.studies.paper.text import fig4_result, fig5_result
+from twin.studies.result import Result
 
 FIG4_EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
 FIG5_EXPERIMENTS = ("pressing", "tapping", "rolling", "pushing")
@@ -20,7 +21,7 @@ FIGURE_EXPERIMENTS = {"fig4": FIG4_EXPERIMENTS, "fig5": FIG5_EXPERIMENTS}
 HOME = Path("results")
 
 
-def score_fig4(paths: Sequence[Path], out: Path | None) -> Answer:
+def score_fig4(paths: Sequence[Path], out: Path | None) -> Result:
     """Which claims of Fig. 4 hold in recordings, and files in `out`, or results/fig4.
 
     Exit code 1: a claim fails, or cannot be scored because a run lacks a series.
@@ -43,11 +44,10 @@ def score_fig4(paths: Sequence[Path], out: Path | None) -> Answer:
     runs = fig4_runs(*recordings)
     score = fig4_score(runs)
     notes = [*(recording.note for recording in recordings if recording.note), *_deviations(recordings)]
-    return judged("fig4", out or HOME / "fig4", fig4_text(score), score.facts(), lambda path: draw_fig4(runs, path),
-                  holds=not score.failed and not score.unscored, notes=notes)  # fmt: skip
+    return judged("fig4", out or HOME / "fig4", fig4_result(score), lambda path: draw_fig4(runs, path), notes)
 
 
-def score_fig5(paths: Sequence[Path], out: Path | None) -> Answer:
+def score_fig5(paths: Sequence[Path], out: Path | None) -> Result:
     """Which claims of Fig. 5 hold in recordings, and files in `out`, or results/fig5.
 
     Exit code 1: a claim fails.
@@ -62,8 +62,8 @@ def score_fig5(paths: Sequence[Path], out: Path | None) -> Answer:
     """
     recordings = _recordings(paths or _latest("fig5"))
     score = fig5_score(recordings)
-    return judged("fig5", out or HOME / "fig5", fig5_text(score), score.facts(), lambda path: draw_fig5(score, path),
-                  holds=not score.failed, notes=_deviations(recordings))  # fmt: skip
+    notes = _deviations(recordings)
+    return judged("fig5", out or HOME / "fig5", fig5_result(score), lambda path: draw_fig5(score, path), notes)
 
 
 def _deviations(recordings: Sequence[Recording]) -> list[str]:

@@ -1,11 +1,12 @@
 """Claims beside what was measured, as text of at most 80 columns: the verdict first."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
-from twin.studies.lines import WIDTH, counted, wrapped
+from twin.studies.lines import WIDTH, counted
 from twin.studies.paper.claim import ClaimFinding
 from twin.studies.paper.fig4 import Score, bound_used, standing, tally
 from twin.studies.paper.fig5 import Fig5Score, TaskScore
+from twin.studies.result import Block, Column, Note, Result, Row, Table
 
 MARKS = {
     "holds": "ok", "fails": "FAIL", "trivial": "n/a", "not reproduced": "miss", "reproduced after all": "ok !",
@@ -16,45 +17,53 @@ FEW = 4
 KINDS = ("press", "tap", "roll", "push")
 
 
-def fig4_text(score: Score) -> str:
+def fig4_result(score: Score) -> Result:
     """Fig. 4: the claims of the paper, then ours on the true force."""
-    lines = []
+    lines: list[Block] = []
     if score.unscored:
         lines += [f"Not scored: {counted(len(score.unscored), 'claim')}, marked ?, for want of what a run lacks:"]
         lines += [f"  {run}: no {', '.join(series)}" for run, series in score.missing.items()]
-    lines += [_two("Fig. 4: force-position control", standing(score.claims))]
-    lines += _lines(score.claims)
+    lines += [_two("Fig. 4: force-position control", standing(score.claims)), _claims(score.claims)]
     if not score.without_x:
         lines += ["  Imperfect: scale tilted, encoders off zero. All other rows: the ideal runs."]
-    lines += ["", "Judged on the true contact force, force-position run", *_lines(score.quality)]
+    lines += ["", "Judged on the true contact force, force-position run", _claims(score.quality)]
     if score.reproduced_after_all:
         lines += [f"'ok !': known not to be reproduced, and reproduced here: {', '.join(score.reproduced_after_all)}."]
     lines += ["", "Tuned to meet the text: " + ", ".join(sorted(key.rpartition(".")[2] for key in score.tuned))]
     lines += [f"Out of scope: {text}" for text in score.out_of_scope]
-    return _text(lines)
+    return _result(lines, score.facts(), not score.failed and not score.unscored)
 
 
-def fig5_text(score: Fig5Score) -> str:
+def fig5_result(score: Fig5Score) -> Result:
     """Fig. 5: every claim on every task of a few runs; of many runs a table, and what fails in them."""
     held, judged = tally(score.findings)
-    lines = [_two("Fig. 5: pressing, tapping, rolling, pushing", f"{held} of {judged} claims hold")]
+    lines: list[Block] = [_two("Fig. 5: pressing, tapping, rolling, pushing", f"{held} of {judged} claims hold")]
     runs = {task.run.recording.path for task in score.tasks}
     if len(runs) > FEW:
-        return _text([*lines, "", *_table(score.tasks), "", *_failures(score.tasks), "", *score.remarks])
-    lines += [*score.remarks, ""]
-    for task in score.tasks:
-        lines += [_two(f"{task.name}: {task.manner}", f"{task.drive} on {task.body}"), *_lines(task.findings), ""]
-    return _text([*lines, "All are judged on the true force and the true position."])
+        lines += ["", *_table(score.tasks), "", *_failures(score.tasks), "", *score.remarks]
+    else:
+        lines += [*score.remarks, ""]
+        for task in score.tasks:
+            title = _two(f"{task.name}: {task.manner}", f"{task.drive} on {task.body}")
+            lines += [title, _claims(task.findings), ""]
+        lines += ["All are judged on the true force and the true position."]
+    return _result(lines, score.facts(), not score.failed)
 
 
-def _table(tasks: Sequence[TaskScore]) -> list[str]:
+def _table(tasks: Sequence[TaskScore]) -> list[Block]:
     rows: dict[tuple[str, str], dict[str, list[ClaimFinding]]] = {}
     for task in tasks:
         rows.setdefault((task.drive, task.body), {}).setdefault(task.kind, []).extend(task.findings)
-    lines = [f"{'drive':18} {'body':9}" + "".join(f"{kind:>13}" for kind in KINDS)]
-    for (drive, body), kinds in rows.items():
-        lines.append(f"{drive:18.18} {body:9.9}" + "".join(f"{_cell(kinds.get(kind, [])):>13}" for kind in KINDS))
-    return [*lines, "Claims held/judged, and how much of its bound the worst measure takes."]
+    cells = [[drive, body, *(_cell(kinds.get(kind, [])) for kind in KINDS)] for (drive, body), kinds in rows.items()]
+    columns = [
+        Column("drive", 18, ".18s", left=True),
+        Column("body", 9, ".9s", left=True),
+        *(Column(kind, 12) for kind in KINDS),
+    ]
+    return [
+        Table(columns, cells, indent=0),
+        "Claims held/judged, and how much of its bound the worst measure takes.",
+    ]
 
 
 def _cell(findings: Sequence[ClaimFinding]) -> str:
@@ -93,23 +102,26 @@ def _range(findings: Sequence[ClaimFinding]) -> str:
     return f"{least.measured.removesuffix(least.claim.unit).rstrip()} .. {largest.measured}"
 
 
-def _lines(findings: Iterable[ClaimFinding]) -> list[str]:
-    lines: list[str] = []
+def _claims(findings: Iterable[ClaimFinding]) -> Table:
+    rows: list[Row] = []
     said: set[str] = set()
     for f in findings:
-        lines.append(f"  {MARKS[f.verdict]:4} {f.claim.text:47} {f.measured:>10}  {f.expected:>12}".rstrip())
-        lines += [f"       {'for the same reason' if f.reason in said else f.reason}"] if f.reason else []
+        rows.append((MARKS[f.verdict], f.claim.text, f.measured, f.expected))
+        if f.reason:
+            rows.append(Note("for the same reason" if f.reason in said else f.reason, " " * 7, later=9))
         said.add(f.reason)
-    return lines
+    return Table((Column("", 4, left=True), Column("", 47, left=True), Column("", 10), Column("", 12, gap=2)), rows)
 
 
 def _two(left: str, right: str) -> str:
     return f"{left}{right:>{WIDTH - len(left)}}" if len(left) + len(right) < WIDTH else f"{left}  {right}"
 
 
-def _text(lines: Iterable[str]) -> str:
-    return "\n".join(part for line in lines for part in _folded(line))
+def _result(lines: Sequence[Block], facts: Mapping[str, object], holds: bool) -> Result:
+    """The first line answers; what is wider than the page is folded."""
+    first, *others = [_folded(line) if isinstance(line, str) and len(line) > WIDTH else line for line in lines]
+    return Result(first, others, facts, exit_code=0 if holds else 1)
 
 
-def _folded(line: str) -> list[str]:
-    return wrapped(line, later=len(line) - len(line.lstrip()) + 2) if len(line) > WIDTH else [line]
+def _folded(line: str) -> Note:
+    return Note(line, later=len(line) - len(line.lstrip()) + 2)

@@ -29,12 +29,16 @@ from twin.runs.assembly.assemble import ROBOT
 from twin.runs.assembly.drives import OMEGA_REF, DrivePlan, drive
 from twin.runs.assembly.roles import OtherPart
 from twin.runs.trace import Trace
-from twin.studies.lines import wrapped
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify.definitions import TICK
+from twin.studies.result import Block, Column, Table, laid_out
 
 MOST_VARIABLES = 60
 """Variables of a causality that are listed; a body in a few thousand helps nobody."""
+
+
+VARIABLE = (Column("", 8, left=True, gap=2), Column("", 10, left=True), Column(folds=True))
+"""Columns beside the name of a variable."""
 
 
 def variables_text(parts: Mapping[str, FmuDescription]) -> str:
@@ -43,16 +47,20 @@ def variables_text(parts: Mapping[str, FmuDescription]) -> str:
     Args:
         parts: FMUs by part; "" for the only one.
     """
-    lines: list[str] = []
+    blocks: list[Block] = []
     for part, fmu in parts.items():
         for causality, variables in _listed(fmu).items():
-            lines.append(f"{part or fmu.path.name}: {len(variables) or 'no'} {causality}{'s' * (len(variables) != 1)}")
-            longest = max((len(visible(v.name)) for v in variables[:MOST_VARIABLES]), default=0)
-            for v in variables[:MOST_VARIABLES]:
-                head = f"  {visible(v.name):{min(longest, 32)}}  {v.type:8} {f'[{v.unit}]' if v.unit else '-':10} "
-                lines += wrapped(v.description, head) or [head.rstrip()]
-            lines += [f"  and {len(variables) - MOST_VARIABLES} more"] if len(variables) > MOST_VARIABLES else []
-    return "\n".join(lines)
+            count = len(variables)
+            blocks.append(f"{part or fmu.path.name}: {count or 'no'} {causality}{'s' * (count != 1)}")
+            names = [visible(v.name) for v in variables[:MOST_VARIABLES]]
+            rows = [
+                (name, v.type, f"[{v.unit}]" if v.unit else "-", v.description)
+                for name, v in zip(names, variables, strict=False)
+            ]
+            name = Column(width=min(max(map(len, names), default=0), 32), left=True)
+            blocks.append(Table([name, *VARIABLE], rows))
+            blocks += [f"  and {count - MOST_VARIABLES} more"] if count > MOST_VARIABLES else []
+    return laid_out(blocks)
 
 
 def variables_facts(parts: Mapping[str, FmuDescription]) -> list[dict[str, Any]]:

@@ -16,11 +16,10 @@ from twin.experiment.experiment import Experiment
 from twin.runs.assembly.load import load_experiment
 from twin.runs.assembly.roles import CONTRACTS, OtherPart, other_part
 from twin.runs.trace import Trace, run_in_memory
-from twin.studies.answer import Answer
-from twin.studies.lines import wrapped
 from twin.studies.metrics.requirement import FIG4, FIG5, MEASURES, OF_A_CONSTANT_FORCE
 from twin.studies.qualify.bench import Inputs, Played, inputs_for, played, replayed_from_state
 from twin.studies.qualify.definitions import Check, judged
+from twin.studies.result import Block, Column, Note, Result, Table
 
 VERDICTS = {"ok": "ok", "FAIL": "fails", "note": "note"}
 """What a verdict is called here."""
@@ -184,7 +183,7 @@ def _apart(
 
 def part_check(
     role: str, part: str | None, experiment: Path, settings: Sequence[str], say: Callable[[str], None]
-) -> Answer:
+) -> Result:
     """Whether a part of another make can take its place in the robot, called with what twin's own gets.
 
     Exit code 1: it cannot.
@@ -213,10 +212,10 @@ def part_check(
     run = run_in_memory(load_experiment(experiment, rest))
     ticks = {"monitor": other.monitor_ticks, "scale": other.scale_ticks, "body": 1}.get(role, other.controller_ticks)
     done = checked_part(found, other, ticks, run, part is not None, say)
-    return Answer(checked_text(done), component_facts(done), 0 if done.good else 1)
+    return checked_result(done)
 
 
-def contracts() -> Answer:
+def contracts() -> Result:
     """The ports of every part that may be of another make."""
     facts = {
         role: {
@@ -231,7 +230,8 @@ def contracts() -> Answer:
         }
         for role, contract in CONTRACTS.items()
     }  # fmt: skip
-    return Answer(contracts_text(), facts)
+    first, *body = [block for role in CONTRACTS for block in (f"[{role}]", _contract(role))]
+    return Result(first, body, facts)
 
 
 def _absolute(part: str) -> str:
@@ -240,19 +240,22 @@ def _absolute(part: str) -> str:
     return f"{Path(file).absolute()}{colon}{name}" if Path(file).exists() else part
 
 
-def checked_text(done: Checked) -> str:
-    """For people, at most 80 columns."""
-    part = done.part
-    lines = [f"{part.role}: {part.label}, every {1e3 * done.period:g} ms, sha256 {part.sha256[:12]}"]
-    lines += [line for text in part.facts.get("mapped", ()) for line in wrapped(text, "  ", 4)]
-    for check in done.checks:
-        lines += wrapped(check.detail, f"  {VERDICTS[check.verdict]:6} {check.name:11} ")
-    lines.append(f"  {'':6} {'cost':11} {1e6 * done.cost:.2g} us per call")
-    for name, apart in (done.apart or {}).items():
-        unit = next(port.unit for port in part.outputs if port.name == name)
-        lines.append(f"  {'':6} {name:11} {_difference(apart, unit)}")
-    verdict = "can take its place" if done.good else "cannot take its place"
-    return "\n".join([*lines, f"{part.label} {verdict} as {part.role}"])
+def checked_result(done: Checked) -> Result:
+    """What was found of a part."""
+    part, label = done.part, done.part.label
+    units = {port.name: port.unit for port in part.outputs}
+    rows = [
+        *((VERDICTS[check.verdict], check.name, check.detail) for check in done.checks),
+        ("", "cost", f"{1e6 * done.cost:.2g} us per call"),
+        *(("", name, _difference(apart, units[name])) for name, apart in (done.apart or {}).items()),
+    ]
+    body: list[Block] = [
+        *(Note(text, "  ", 4) for text in part.facts.get("mapped", ())),
+        Table((Column("", 6, left=True), Column("", 11, left=True), Column(folds=True)), rows),
+        f"{label} {'can take its place' if done.good else 'cannot take its place'} as {part.role}",
+    ]
+    headline = f"{part.role}: {label}, every {1e3 * done.period:g} ms, sha256 {part.sha256[:12]}"
+    return Result(headline, body, component_facts(done), exit_code=0 if done.good else 1)
 
 
 def _difference(apart: float, unit: str) -> str:
@@ -277,18 +280,15 @@ def component_facts(done: Checked) -> dict[str, object]:
     }
 
 
-def contracts_text() -> str:
-    """Every part and its ports, for people."""
-    return "\n".join(line for role in CONTRACTS for line in _contract(role))
-
-
-def _contract(role: str) -> Iterator[str]:
+def _contract(role: str) -> Table:
+    """A part and its ports."""
     contract = CONTRACTS[role]
-    yield f"[{role}]"
-    for arrow, ports in (("<-", contract.inputs), ("->", contract.outputs)):
-        for port in ports:
-            needed = " (needed)" if arrow == "->" and port.name in contract.required else ""
-            yield from wrapped(f"{port.meaning}{needed}", f"  {arrow} {_sized(port):12} {port.unit:6} ")
+    rows = [
+        (arrow, _sized(port), port.unit, port.meaning + " (needed)" * (port.name in needed))
+        for arrow, ports, needed in (("<-", contract.inputs, ()), ("->", contract.outputs, contract.required))
+        for port in ports
+    ]
+    return Table((Column(left=True), Column("", 12, left=True), Column("", 6, left=True), Column(folds=True)), rows)
 
 
 def _sized(port: Port) -> str:

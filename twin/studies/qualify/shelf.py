@@ -10,7 +10,7 @@ from twin.drive import COMPILED
 from twin.errors import InputRefused
 from twin.kept import contents, kept
 from twin.places import located
-from twin.studies.lines import wrapped
+from twin.studies.result import Column, Table, laid_out
 
 SHELF = "fmus"
 
@@ -49,15 +49,23 @@ def shelved_drives(start: Path) -> tuple[ShelvedDrive, ...]:
     return tuple(ShelvedDrive(*facts) for facts in json.loads(answer))
 
 
+COLUMNS = (
+    Column("drive", left=True),
+    Column("fits", 4, left=True, gap=2),
+    Column("kind", 5, left=True, gap=2),
+    Column("command", 8, left=True, gap=2),
+    Column("FMI", 3, left=True, gap=2),
+    Column("what it is", left=True, gap=2, folds=True),
+)
+
+
 def shelf_text(drives: Sequence[ShelvedDrive]) -> str:
     """One line per drive, a second one where the description or the problem is long."""
-    longest = max((len(drive.name) for drive in drives), default=0)
-    lines = [f"{'drive':{longest}}  fits  kind   command   FMI  what it is"]
-    for drive in drives:
-        fits = "no" if drive.problem else "yes"
-        head = f"{drive.name:{longest}}  {fits:4}  {drive.kind:5}  {drive.command:8}  {drive.fmi:3}  "
-        lines += wrapped(drive.problem or drive.description, head) or [head]
-    return "\n".join(line.rstrip() for line in lines)
+    rows = [
+        (one.name, "no" if one.problem else "yes", one.kind, one.command, one.fmi, one.problem or one.description)
+        for one in drives
+    ]
+    return laid_out([Table(COLUMNS, rows, indent=0)])
 
 
 def _made_of(shelf: Path) -> str | None:

@@ -5,7 +5,7 @@ import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from twin.errors import InputRefused
 from twin.experiment.drive_files import experiment_file, lone_drive
@@ -28,6 +28,7 @@ from twin.studies.command import (
     study,
 )
 from twin.studies.first_look import find_experiments
+from twin.studies.result import Block, Note, Result
 from twin.studies.steps import Say
 
 if TYPE_CHECKING:
@@ -167,7 +168,7 @@ def drive_check(
         yield Answer(measures_table([answer.facts for answer in answers]), {}, max(a.exit_code for a in answers))
 
 
-def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Answer:
+def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Result | Answer:
     """What a drive does on the bench, and its picture in `out`; before that, what comes of the files that came with it.
 
     Exit code 1: it does not qualify, or does something else than those files say. 2: they were tried, but it is no
@@ -186,7 +187,7 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Answer:
     """
     from twin.studies.qualify.bench import told
     from twin.studies.qualify.qualification import qualified
-    from twin.studies.qualify.text import check_text, draw_drive_check
+    from twin.studies.qualify.text import draw_drive_check, qualification_result
     from twin.studies.qualify.workload import Workload
     from twin.studies.reference.outcome import came_with, no_drive, references_text
     from twin.writing import made_folder
@@ -205,8 +206,8 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Answer:
     picture = folder / f"{Path(done.plan.label).stem}.png"
     draw_drive_check(done, picture)
     facts = done.facts() | {"references": [one.facts() for one in came], "picture": str(picture)}
-    text = "\n".join([check_text(facts), *([references_text(came)] if came else []), f"  picture  {picture}"])
-    return Answer(text, facts, 0 if facts["qualified"] and all(one.holds for one in came) else 1)
+    references = references_text(came) if came else ""
+    return qualification_result(facts, references, picture, all(one.holds for one in came))
 
 
 def compare_drives(
@@ -216,7 +217,7 @@ def compare_drives(
     body: str | None,
     out: Path,
     say: Say,
-) -> Answer:
+) -> Result:
     """What truly happens in experiments with one drive after the other, and a picture of each in `out`.
 
     Exit code 3: a run failed.
@@ -233,18 +234,19 @@ def compare_drives(
         NotWritten: the disk refuses.
     """
     from twin.studies.qualify.comparison import COMPARED, comparison_facts, draw_drive_compare, trials, verdict
-    from twin.studies.qualify.text import compare_text, verdict_text
+    from twin.studies.qualify.text import compare_blocks
     from twin.writing import made_folder
 
     folder, files = made_folder(out), [experiment_file(experiment) for experiment in experiments]
     compared = trials(files, list(fmus), settings, body, say)
-    facts, texts = [], []
+    said = verdict(compared)
+    facts: list[dict[str, Any]] = []
+    blocks: list[Block] = [Note(sentence, later=2, whole=True) for sentence in said] or [""]
     for file, one in zip(files, compared, strict=True):
         picture = folder / f"{file.stem}.png"
         draw_drive_compare(one.trials, f"Drives compared in {file.name}", picture)
         facts.append(comparison_facts(one) | {"picture": str(picture)})
-        texts.append(f"{one.name}\n{compare_text(one)}\npicture  {picture}")
-    said = verdict(compared)
+        blocks += ["", one.name, *compare_blocks(one), f"picture  {picture}"]
     everything = {
         "verdict": said,
         "set": [*settings, *([f"body {body}"] if body else [])],
@@ -252,7 +254,7 @@ def compare_drives(
         "experiments": facts,
     }
     failed = any(trial.failure for one in compared for trial in one.trials)
-    return Answer("\n\n".join([verdict_text(said), *texts]), everything, 3 if failed else 0)
+    return Result(blocks[0], blocks[1:], everything, exit_code=3 if failed else 0)
 
 
 def _build(table: "Drive") -> None:
@@ -266,7 +268,7 @@ def _build(table: "Drive") -> None:
 
 
 @study("component list")
-def component_list() -> Answer:
+def component_list() -> Result:
     """List the parts that may be of another make, and the ports of each.
 
     Exit code: 0 in any case.

@@ -8,16 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
-from twin.studies.figure import GREY, INK, PAPER_BLUE, picture
-from twin.studies.lines import WIDTH, markdown, wrapped
+from twin.studies.figure import GREY, INK, PAPER_BLUE, Axes, picture
+from twin.studies.lines import WIDTH, markdown
 from twin.studies.qualify.bench import Response
 from twin.studies.qualify.comparison import COMPARED, DriveTrials
 from twin.studies.qualify.definitions import COMMANDED, LOAD_IN_USE, LOAD_PEAK, LOADED, SPEED_IN_USE, TICK
 from twin.studies.qualify.motion import BAND, NOTHING
 from twin.studies.qualify.qualification import Qualification
+from twin.studies.result import Block, Column, Note, Result, Table
 
+CHECKS = (Column("", 4, left=True), Column("", 10, left=True, gap=2), Column(folds=True))
+MEASURES = (Column("", 20, left=True), Column("", 10), Column("", 14, left=True), Column(folds=True))
 SHOWN_IN = {"s": (1e3, "ms"), "m": (1e3, "mm")}
 """SI unit -> (factor, unit) that people read."""
 
@@ -25,23 +27,32 @@ ROUNDING = 1e-9
 """In SI units: what double precision leaves of angles and speeds after seconds of turning."""
 
 
-def check_text(facts: Mapping[str, Any]) -> str:
+def qualification_result(facts: dict[str, Any], references: str, picture: Path, holds: bool) -> Result:
     """The verdict, then the evidence.
 
     Args:
-        facts: of `Qualification.facts`.
+        facts: of `Qualification.facts`, and more.
+        references: what came of the recordings that came with the drive; "": none did.
+        picture: where it is.
+        holds: whether they are what they were.
     """
     verdict = "QUALIFIED" if facts["qualified"] else "NOT QUALIFIED: " + ", ".join(facts["failed"])
     versions = " + ".join(fmu["standard"] for fmu in facts["fmus"])
-    lines = [f"{facts['drive']}  {verdict}", f"  {versions}, commanded with a {facts['command']}", ""]
-    for name, check in facts["checks"].items():
-        lines += _hanging(f"  {check['verdict']:4}  {name:10} ", check["detail"])
-    lines.append("")
-    for measure in facts["measures"].values():
-        lines += _hanging(f"  {measure['text']:20} {_quantity(measure['value'], measure['unit'])} ", measure["remark"])
-    for warning in facts["warnings"]:
-        lines += wrapped(f"warning: {warning}", later=2)
-    return "\n".join(line.rstrip() for line in lines)
+    checks = [(check["verdict"], name, check["detail"]) for name, check in facts["checks"].items()]
+    measures = [
+        (one["text"], *_quantity(one["value"], one["unit"]), one["remark"]) for one in facts["measures"].values()
+    ]
+    body: list[Block] = [
+        f"  {versions}, commanded with a {facts['command']}",
+        "",
+        Table(CHECKS, checks),
+        "",
+        Table(MEASURES, measures),
+        *(Note(f"warning: {warning}", later=2) for warning in facts["warnings"]),
+        *([references] if references else []),
+    ]
+    met = facts["qualified"] and holds
+    return Result(f"{facts['drive']}  {verdict}", body, facts, {"picture": picture}, label=8, exit_code=0 if met else 1)
 
 
 def measures_table(checked: Sequence[Mapping[str, Any]]) -> str:
@@ -59,33 +70,29 @@ def measures_table(checked: Sequence[Mapping[str, Any]]) -> str:
     return markdown(head, rows)
 
 
-def verdict_text(sentences: Sequence[str]) -> str:
-    """What comes first: who is better in what."""
-    return "\n".join(line for sentence in sentences for line in wrapped(sentence, later=2, whole=True))
-
-
-def compare_text(compared: DriveTrials) -> str:
+def compare_blocks(compared: DriveTrials) -> list[Block]:
     """One line per drive, and what there is to say about gaps."""
     trials = compared.trials
     shown = {name: _unit_shown(name) for name in COMPARED}
-    columns = {name: 1 + max(6, len(COMPARED[name].text), len(unit)) for name, (_, unit) in shown.items()}
-    first = WIDTH - sum(columns.values())
-    lines = [
-        " " * first + "".join(f"{COMPARED[name].text:>{width}}" for name, width in columns.items()),
-        f"{_cut(compared.name, first - 1):{first}}"
-        + "".join(f"{shown[name][1]:>{width}}" for name, width in columns.items()),
+    columns = [
+        Column(COMPARED[name].text, max(6, len(COMPARED[name].text), len(unit)), unit=unit)
+        for name, (_, unit) in shown.items()
+    ]
+    first = WIDTH - sum(1 + column.width for column in columns)
+    rows = [
+        [_cut(trial.name, first - 1), *(_cell(one.value, shown[one.name][0]) for one in trial.measures)]
+        for trial in trials
     ]
     notes: dict[str, list[str]] = {}
     for trial in trials:
-        cells = ""
         for measure in trial.measures:
-            cells += f"{_cell(measure.value, shown[measure.name][0]):>{columns[measure.name]}}"
             if measure.value is None and not trial.failure:
                 notes.setdefault(f"{COMPARED[measure.name].text}: {measure.remark}", []).append(trial.name)
-        lines.append(f"{_cut(trial.name, first - 1):{first}}{cells}")
-    lines += _wrapped("- ", [f"{note} ({', '.join(names)})" for note, names in notes.items()])
-    lines += _wrapped("FAILED ", [f"{trial.name}: {trial.failure}" for trial in trials if trial.failure])
-    return "\n".join(lines)
+    return [
+        Table([Column("", first, unit=_cut(compared.name, first - 1), left=True), *columns], rows, indent=0),
+        *(Note(f"- {note} ({', '.join(names)})", later=2) for note, names in notes.items()),
+        *(Note(f"FAILED {trial.name}: {trial.failure}", later=2) for trial in trials if trial.failure),
+    ]
 
 
 def shown_value(name: str, value: float) -> str:
@@ -94,11 +101,11 @@ def shown_value(name: str, value: float) -> str:
     return f"{_digits(value, factor)} {unit}"
 
 
-def _quantity(value: float | None, unit: str) -> str:
+def _quantity(value: float | None, unit: str) -> tuple[str, str]:
     factor, shown = SHOWN_IN.get(unit, (1.0, unit))
     if value is not None and unit == "s" and abs(value) < 1e-3:
         factor, shown = 1e6, "us"
-    return f"{_digits(value, factor):>10} {'' if value is None else shown:14}"
+    return _digits(value, factor), "" if value is None else shown
 
 
 def _digits(value: float | None, factor: float) -> str:
@@ -129,14 +136,6 @@ def _unit_shown(name: str) -> tuple[float, str]:
     if name == "settling_time":
         return 1.0, "s"
     return (1e6, "us/tick") if name == "cost" else SHOWN_IN.get(COMPARED[name].unit, (1.0, COMPARED[name].unit))
-
-
-def _hanging(head: str, text: str) -> list[str]:
-    return wrapped(text, head) or [head]
-
-
-def _wrapped(mark: str, texts: Sequence[str]) -> list[str]:
-    return [line for text in texts for line in wrapped(mark + text, later=2)]
 
 
 def _cut(name: str, most: int) -> str:

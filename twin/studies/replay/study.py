@@ -4,9 +4,9 @@ import shlex
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.answer import Answer
 from twin.studies.command import Argument, Asked, ColumnMaps, Option, Settings, study
 from twin.studies.first_look import find_experiments, find_logs, print_latest
+from twin.studies.result import Result
 from twin.studies.steps import Say, Steps, silent
 
 HOME = Path("results") / "replay"
@@ -36,7 +36,7 @@ def replay(
     ] = None,
     out: Annotated[Path | None, Option("Where files go; without it, results/replay/NAME/TIME.", "DIR")] = None,
     say: Say = silent,
-) -> Answer:
+) -> Result:
     """Replay a robot's log: position, force, and whether the twin still matches.
 
     The log has encoder counts (encoder.count_m[0..2], encoder.count_l[0..2]) or
@@ -59,7 +59,7 @@ def replay(
     from twin.studies.replay.model import model_for
     from twin.studies.replay.record import record
     from twin.studies.replay.replay import normal_time, replayed
-    from twin.studies.replay.text import draw_replay, next_command, replay_facts, replay_text
+    from twin.studies.replay.text import draw_replay, next_command, replay_facts, replay_result
     from twin.writing import write_json
 
     steps = Steps(say, 3)
@@ -74,12 +74,9 @@ def replay(
     steps.next("recording and drawing")
     record(done, files["recording"])
     draw_replay(done, name, files["picture"])
-    facts = replay_facts(done)
-    write_json(files["facts"], facts)
-    named = {kind: str(path) for kind, path in files.items()}
+    write_json(files["facts"], replay_facts(done))
     options = {"--experiment": [experiment] if experiment else [], "--map": maps, "--set": settings}
     words = [word for option, values in options.items() for value in values for word in (option, str(value))]
     first = next_command(done, str(log))
     following = shlex.join([*first, *words]) if first else ""
-    text = replay_text(done, name, named, following)
-    return Answer(text, facts | named | {"next": following}, 0 if done.first_alarm is None else 1)
+    return replay_result(done, name, {kind: str(path) for kind, path in files.items()}, following)

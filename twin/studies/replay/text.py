@@ -1,20 +1,34 @@
 """A replay as text of at most 80 columns and as a picture: the verdict first, then why."""
 
-from collections.abc import Mapping
 from dataclasses import asdict
 from enum import StrEnum
-from math import degrees, isnan
+from math import degrees
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 
-from twin.studies.figure import INK, JOINTS, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLOW, RED, picture
-from twin.studies.lines import labelled, wrapped
+from twin.studies.figure import INK, JOINTS, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLOW, RED, Axes, picture
 from twin.studies.replay.replay import Indicator, Replay, pressing
+from twin.studies.result import Block, Column, Note, Result, Table, note
 from twin.writing import finite
 
 ROWS = {"estimator": "estimate", "twin": "dead zone off", "plant": "plant model"}
+INDICATORS = (
+    Column("block means", 11, left=True),
+    Column("seen above", 11),
+    Column("largest", 11),
+    Column("verdict", left=True, gap=3),
+)
+STATISTICS = (
+    Column("F_z less measured", 17, left=True),
+    Column("bias", 8, "+.3f", "N"),
+    Column("std", 7, ".3f", "N"),
+    Column("rms", 7, ".3f", "N"),
+    Column("largest", 9, "+.3f", "N"),
+    Column("at", 9, ".3f", "s"),
+    Column("corr.", 7, ".4f", "1"),
+    Column("lag", 6, ".0f", "ms"),
+)
 
 
 class ReplayVerdict(StrEnum):
@@ -32,15 +46,13 @@ def verdict(replay: Replay) -> ReplayVerdict:
     return ReplayVerdict.DRIFTING if replay.first_alarm else ReplayVerdict.MATCHES
 
 
-def replay_text(replay: Replay, name: str, files: Mapping[str, str], following: str) -> str:
+def replay_result(replay: Replay, name: str, files: dict[str, str], following: str) -> Result:
     """The whole report. name: of the log; files: kind -> path; following: the command that comes next, or ""."""
-    lines = [_headline(replay, name), *_reasons(replay), ""]
-    if replay.forces:
-        lines += [*_table(replay), ""]
-    lines += _samples(replay)
-    lines += [f"  {kind:<10} {path}" for kind, path in files.items()]
-    lines += [f"  {'next':<10} {following}"] if following else []
-    return "\n".join(lines)
+    forces: list[Block] = [_table(replay), ""] if replay.forces else []
+    parts = [*_reasons(replay), "", *forces, *_samples(replay)]
+    shown = {**files, **({"next": following} if following else {})}
+    facts = replay_facts(replay) | files | {"next": following}
+    return Result(_headline(replay, name), parts, facts, shown, exit_code=1 if replay.first_alarm else 0)
 
 
 def _headline(replay: Replay, name: str) -> str:
@@ -61,60 +73,50 @@ def _change(one: Indicator) -> str:
     return f"{one.name} of the plant model went {abs(degrees(one.drift.size)):.3f} deg {side} the robot's"
 
 
-def _reasons(replay: Replay) -> list[str]:
-    told = []
+def _reasons(replay: Replay) -> list[Block]:
+    told: list[Block] = []
     if replay.indicators:
-        told += ["", f"  {'block means':<11} {'seen above':>11} {'largest':>11}   verdict"]
-    for one in replay.indicators:
-        d = one.drift
-        scale, unit = (1.0, "N") if one.unit == "N" else (degrees(1.0), "deg")
-        largest, slack = f"{scale * max(abs(d.mean - d.baseline)):.3f} {unit}", f"{scale * d.slack:.3f} {unit}"
-        found = "matches" if d.matches else f"since {d.since:.3f} s, seen at {d.alarm:.3f} s"
-        told.append(f"  {one.name:<11} {slack:>11} {largest:>11}   {found}")
+        told += ["", Table(INDICATORS, [_indicator(one) for one in replay.indicators])]
     if replay.first_alarm:
-        told += wrapped(
-            "A spring, belt, encoder, the body or the force sensor has changed; this cannot tell which.", "  "
+        told.append(
+            Note("A spring, belt, encoder, the body or the force sensor has changed; this cannot tell which.", "  ")
         )
     if not replay.indicators and replay.log.force is not None:
-        return wrapped("The log ends before one block of 1 s after the baseline.", "  ")
+        return [Note("The log ends before one block of 1 s after the baseline.", "  ")]
     if replay.log.force is None:
-        told += wrapped(
+        text = (
             "No force was measured, and the estimate comes from the encoders alone: if k_s is not what the twin "
             "believes, it is wrong by that share and nothing contradicts it. Name a measured force with "
-            "--map scale.F_z=COLUMN[N]" + ("." if replay.plant else ", or let the plant model run with --plant."),
-            "  ",
-            whole=True,
+            "--map scale.F_z=COLUMN[N]" + ("." if replay.plant else ", or let the plant model run with --plant.")
         )
+        told.append(Note(text, "  ", whole=True))
     return told
 
 
-def _table(replay: Replay) -> list[str]:
+def _indicator(one: Indicator) -> list[str]:
+    d = one.drift
+    scale, unit = (1.0, "N") if one.unit == "N" else (degrees(1.0), "deg")
+    found = "matches" if d.matches else f"since {d.since:.3f} s, seen at {d.alarm:.3f} s"
+    return [one.name, f"{scale * d.slack:.3f} {unit}", f"{scale * max(abs(d.mean - d.baseline)):.3f} {unit}", found]
+
+
+def _table(replay: Replay) -> Table:
     rows = [
-        f"  F_z less measured {'bias':>8} {'std':>7} {'rms':>7} {'largest':>9} {'at':>9}   corr.    lag",
-        f"  {'':<17} {'N':>8} {'N':>7} {'N':>7} {'N':>9} {'s':>9}       1     ms",
+        (ROWS[name], s.bias, s.std, s.rms, s.largest, s.at, s.correlation, 1e3 * s.lag)
+        for name, s in replay.statistics.items()
     ]
-    for name, s in replay.statistics.items():
-        rows.append(
-            f"  {ROWS[name]:<17} {s.bias:>+8.3f} {s.std:>7.3f} {s.rms:>7.3f} {s.largest:>+9.3f} {s.at:>9.3f} "
-            f"{_or_dash(s.correlation, '7.4f'):>7} {_or_dash(1e3 * s.lag, '6.0f'):>6}"
-        )
-    return rows
+    return Table(STATISTICS, rows)
 
 
-def _or_dash(value: float, form: str) -> str:
-    return "-" if isnan(value) else format(value, form)
-
-
-def _samples(replay: Replay) -> list[str]:
+def _samples(replay: Replay) -> list[Block]:
     log = replay.log
     lost = f"{log.missing} missing in {len(log.gaps)} gaps" if len(log.gaps) else "none missing"
-    told = labelled("samples", f"{len(log.t)}, one every {1e3 * log.period:.4g} ms, {lost}")
-    if len(replay.starts) > 1:
-        again = ", ".join(f"{start:.3f}" for start in replay.starts[1:])
-        told += labelled("restarts", f"the plant model starts anew after gaps, at {again} s")
-    for note in log.notes:
-        told += labelled("note", note, whole=True)
-    return told
+    again = ", ".join(f"{start:.3f}" for start in replay.starts[1:])
+    return [
+        note("samples", f"{len(log.t)}, one every {1e3 * log.period:.4g} ms, {lost}"),
+        *([note("restarts", f"the plant model starts anew after gaps, at {again} s")] if again else []),
+        *(note("note", text, whole=True) for text in log.notes),
+    ]
 
 
 def next_command(replay: Replay, log: str) -> list[str]:

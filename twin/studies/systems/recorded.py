@@ -28,10 +28,10 @@ from twin.recording.recorder import BLOCK_TICKS, Recorder, RowStream, versions
 from twin.recording.schema import message_names
 from twin.recording.writer import Writer
 from twin.runs.guard.reporter import Reporter
-from twin.studies.answer import Answer
+from twin.studies.result import Result
 from twin.studies.systems.coupled import Coupled, coupled
 from twin.studies.systems.plan import Part, Plan, distinct, element, field, fmu_sources, planned
-from twin.studies.systems.text import facts, text
+from twin.studies.systems.text import facts, system_result
 from twin.writing import made_folder, write_bytes
 
 
@@ -93,7 +93,7 @@ def recorded_system(
     scheme: Scheme = "gauss_seidel",
     out: Path | None = None,
     compiled: bool = False,
-) -> Answer:
+) -> Result:
     """Run the system of an SSP archive and record it.
 
     Notes: {"experiment": its name, "folder", "duration" (s)} before the first step.
@@ -121,7 +121,7 @@ def recorded_system(
         reporter.note(experiment=package.file.stem, folder=str(path.parent), duration=duration)
         done, events, writing = _recorded(plan, made, path, reporter)
         came = facts(plan, made, done, events, writing, folder / RECORDING)
-    return Answer(text(came), came)
+    return system_result(came)
 
 
 @contextmanager

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from twin.errors import InputRefused
-from twin.studies.answer import Answer
 from twin.studies.command import Argument, Asked, Compile, Option, study
+from twin.studies.result import Result
 
 if TYPE_CHECKING:
     from twin.runs.guard.reporter import Reporter
@@ -39,7 +39,7 @@ def cosim(
     stop_s: Annotated[float | None, Option("End of the run; without it, of the default experiment.", "S")] = None,
     out: Annotated[Path | None, Option("The run's own folder; without it, results/cosim/SYSTEM/TIME.", "DIR")] = None,
     compiled: Compile = False,
-) -> Answer:
+) -> Result:
     """Run a system of co-simulation FMUs (SSP), and record the outputs of each.
 
     Exit code: 0 done, 2 input refused, 3 a component failed while running

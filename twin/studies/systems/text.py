@@ -8,13 +8,15 @@ from typing import Any
 from twin.cosim.observers import Simulated, TickEvent
 from twin.drive.setting import told
 from twin.drive.variable import Variable
-from twin.studies.lines import counted, labelled
+from twin.studies.lines import counted
+from twin.studies.result import Result, note
 from twin.studies.systems.coupled import Coupled
 from twin.studies.systems.plan import Part, Plan
 
 MOST = 6
 """Of a list that are told; programs get all."""
 MOST_EVENTS = 20
+UNSETTLED = "the initial values never agree: inputs at the start follow from each other in a circle"
 SCHEMES = {"gauss_seidel": "Gauss-Seidel in the order of the file", "jacobi": "Jacobi"}
 
 
@@ -63,37 +65,30 @@ def _start(part: Part, variable: Variable) -> Any:
     return listed[0] if isinstance(given, float) and math.isnan(given) else given
 
 
-def text(came: Mapping[str, Any]) -> str:
-    """For people, at most 80 columns but for paths."""
-    lines = [
-        f"{Path(came['system']).stem}  {came['simulated_s']:g} s at {came['real_time_factor']:.3g} x real time",
-        *labelled("system", f"SSP {came['ssp']}, {counted(came['connections'], 'connection')}", True),
-        *labelled(
-            "coupling", f"{SCHEMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"
-        ),
+def system_result(came: Mapping[str, Any]) -> Result:
+    """For people, at most 80 columns but for paths; for programs what `facts` gave."""
+    when = "the end of the last step" if came["scheme"] == "jacobi" else "the last step, leading back in the order"
+    kept = [f"{name} = {value:g}" if isinstance(value, float) else f"{name} = {value}"
+            for name, value in came["kept"].items()]  # fmt: skip
+    ignored, more = f"values that get to no variable: {_some(came['ignored'])}", len(came["events"]) - MOST_EVENTS
+    late = f"{counted(len(came['late']), 'connection')} with values of {when}: {_some(came['late'])}"
+    parts = [
+        note("system", f"SSP {came['ssp']}, {counted(came['connections'], 'connection')}", True),
+        note("coupling", f"{SCHEMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"),
+        *(note(path, _component(one), True) for path, one in came["components"].items()),
+        *([note("late", late, True)] if came["late"] else []),
+        *([note("not fed", _some(kept), True)] if kept else []),
+        *([note("ignored", ignored, True)] if came["ignored"] else []),
+        *([] if came["settled"] else [note("start", UNSETTLED)]),
+        *(note("event", f"{e['t_s']:.3f} s  {e['source']}: {e['text']}") for e in came["events"][:MOST_EVENTS]),
+        *([note("event", f"and {more} more, see the recording")] if more > 0 else []),
     ]
-    for path, one in came["components"].items():
-        what = f"{one['fmu']}  FMI {one['fmi']}  sha256 {one['sha256'][:12]}  {one['microseconds_per_step']:.2f} us"
-        lines += labelled(path, what, True)
-    if came["late"]:
-        when = "the end of the last step" if came["scheme"] == "jacobi" else "the last step, leading back in the order"
-        lines += labelled(
-            "late", f"{counted(len(came['late']), 'connection')} with values of {when}: {_some(came['late'])}", True
-        )
-    if came["kept"]:
-        lines += labelled("not fed", _some([f"{name} = {value:g}" if isinstance(value, float) else f"{name} = {value}"
-                                            for name, value in came["kept"].items()]), True)  # fmt: skip
-    if came["ignored"]:
-        lines += labelled("ignored", f"values that get to no variable: {_some(came['ignored'])}", True)
-    if not came["settled"]:
-        lines += labelled(
-            "start", "the initial values never agree: inputs at the start follow from each other in a circle"
-        )
-    for event in came["events"][:MOST_EVENTS]:
-        lines += labelled("event", f"{event['t_s']:.3f} s  {event['source']}: {event['text']}")
-    if len(came["events"]) > MOST_EVENTS:
-        lines += labelled("event", f"and {len(came['events']) - MOST_EVENTS} more, see the recording")
-    return "\n".join([*lines, f"  {'recording':<10} {came['recording']}"])
+    headline = f"{Path(came['system']).stem}  {came['simulated_s']:g} s at {came['real_time_factor']:.3g} x real time"
+    return Result(headline, parts, came, {"recording": came["recording"]})
+
+
+def _component(one: Mapping[str, Any]) -> str:
+    return f"{one['fmu']}  FMI {one['fmi']}  sha256 {one['sha256'][:12]}  {one['microseconds_per_step']:.2f} us"
 
 
 def _some(names: Sequence[str]) -> str:

@@ -20,9 +20,9 @@ from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.checks.agreement import believed_loop, radius
 from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness
-from twin.studies.lines import wrapped
+from twin.studies.result import Block, Column, Row, Table
 from twin.studies.tune.prediction import Corner, Goals, LawGains, Prediction, opened, predicted, with_gains
-from twin.studies.tune.text import goals_sentence
+from twin.studies.tune.text import goals_sentence, missed_note
 from twin.studies.tune.tuned import (
     Miss,
     StepTrial,
@@ -244,14 +244,9 @@ def _wholes(base: Tuned, points: Sequence[Point], at: Point) -> list[tuple[Whole
     return done
 
 
-def schedule_text(done: Scheduled) -> str:
+def schedule_parts(done: Scheduled) -> list[Block]:
     """For people: the verdict, then each point."""
-    lines = [*_verdict(done), ""]
-    lines.append(f"{'':13} {'kp':>6} {'ki':>9}  {'M_s':>4} {'over':>5} {'5 % in':>7}   run: force off by (rms)")
-    lines.append(f"{'on':13} {'mm/N':>6} {'mm/(N s)':>9}  {'':4} {'':5} {'':7}   one set  scheduled")
-    for point in done.points:
-        lines += _point(point)
-    return "\n".join(line.rstrip() for line in lines)
+    return [*_verdict(done), "", Table(COLUMNS, [row for point in done.points for row in _rows(point)], indent=0)]
 
 
 def schedule_lines(done: Scheduled, own_tissue: bool) -> str:
@@ -273,36 +268,48 @@ def schedule_lines(done: Scheduled, own_tissue: bool) -> str:
     return "\n".join(lines if own_tissue else [*lines, "[controller.tissue]", ""])
 
 
-def _verdict(done: Scheduled) -> Iterator[str]:
+def _verdict(done: Scheduled) -> list[Block]:
     name, points = done.base.experiments[0].name, len(done.points)
     if done.met:
-        yield f"{name}  SCHEDULE of {points} points, goals met at each, and the co-simulation agrees"
-        return
-    yield f"{name}  SCHEDULE of {points} points, GOALS NOT MET; this is the best that was found"
-    for point in done.points:
-        for miss in point.misses:
-            yield from wrapped(f"{miss.goal} for {point.stiffness:.4g} N/m: {miss.at.corner.name}", "  missed    ")
-    for sentence in done.contradictions:
-        yield from wrapped(sentence, "  missed    ")
+        return [f"{name}  SCHEDULE of {points} points, goals met at each, and the co-simulation agrees"]
+    missed = [
+        f"{miss.goal} for {point.stiffness:.4g} N/m: {miss.at.corner.name}"
+        for point in done.points
+        for miss in point.misses
+    ]
+    return [
+        f"{name}  SCHEDULE of {points} points, GOALS NOT MET; this is the best that was found",
+        *map(missed_note, (*missed, *done.contradictions)),
+    ]
 
 
-def _point(point: Point) -> Iterator[str]:
-    gains = f"{1e3 * point.gains.force_kp:6.3g} {1e3 * point.gains.force_ki:9.3g}"
+def _rows(point: Point) -> Iterator[Row]:
+    gains = (f"{point.stiffness:8.4g} N/m", 1e3 * point.gains.force_kp, 1e3 * point.gains.force_ki)
     stable = [prediction for prediction in point.predictions if prediction.stable]
     if not stable:
-        yield f"{point.stiffness:8.4g} N/m  {gains}  UNSTABLE"
+        yield f"{gains[0]}  {gains[1]:6.3g} {gains[2]:9.3g}  UNSTABLE"
         return
     M_s = max(prediction.sensitivity for prediction in stable)
     over = max(prediction.answers["force"].overshoot for prediction in stable)
     settling = max(prediction.answers["force"].settling for prediction in stable)
     time = f"{settling:.2f} s" if math.isfinite(settling) else "never"
     for number, (fixed, scheduled) in enumerate(point.wholes):
-        own = f"{point.stiffness:8.4g} N/m  {gains}  {M_s:4.2f} {100 * over:3.0f} % {time:>7}" if number == 0 else ""
-        errors = [_error(whole) for whole in (fixed, scheduled)]
         label = f"  {Path(fixed.drive).stem}" if len(point.wholes) > 1 else ""
-        yield f"{own:51}  {errors[0]:>8} {errors[1]:>8}{label}"
+        own = (*gains, M_s, f"{100 * over:.0f} %", time) if number == 0 else 6 * ("",)
+        yield *own, f"{_error(fixed):>8} {_error(scheduled):>8}{label}"
 
 
 def _error(whole: Whole) -> str:
     found = whole.outcome and whole.outcome.force_error
     return f"{found:.3f} N" if found else "failed"
+
+
+COLUMNS = (
+    Column("", 12, unit="on", left=True),
+    Column("kp", 6, ".3g", "mm/N", gap=2),
+    Column("ki", 9, ".3g", "mm/(N s)"),
+    Column("M_s", 4, ".2f", gap=2),
+    Column("over", 5),
+    Column("5 % in", 7),
+    Column("run: force off by (rms)", unit="one set  scheduled", left=True, gap=3),
+)

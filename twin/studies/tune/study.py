@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.answer import Answer
 from twin.studies.command import BodyName, ExperimentName, Option, Settings, study
 from twin.studies.first_look import load_experiments
+from twin.studies.result import Result
 from twin.studies.steps import Say
 
 HOME = Path("results") / "tuning"
@@ -33,7 +33,7 @@ def tune(
     body: BodyName = None,
     settings: Settings = (),
     out: Annotated[Path | None, Option("Where gains, picture, JSON go: results/tuning/EXPERIMENT.", "DIR")] = None,
-) -> Answer:
+) -> Result:
     """Find the fastest gains that keep a margin and an overshoot everywhere.
 
     Searched on the linear model at every place, stiffness and drive, then
@@ -50,8 +50,8 @@ def tune(
     from twin.experiment.drive_files import experiment_file
     from twin.runs.assembly.load import load_experiment
     from twin.studies.tune.prediction import Goals, stiffness_range
-    from twin.studies.tune.schedule import RANGE, schedule_lines, schedule_text, scheduled
-    from twin.studies.tune.text import draw_tuning, fragment, tuning_text
+    from twin.studies.tune.schedule import RANGE, schedule_lines, schedule_parts, scheduled
+    from twin.studies.tune.text import draw_tuning, fragment, tuning_parts
     from twin.studies.tune.tuned import tuned
     from twin.writing import made_folder, write_json, write_text
 
@@ -75,13 +75,14 @@ def tune(
     files = [str(folder / name) for name in (GAINS, PICTURE, FACTS)]
     again = shlex.join(["twin", "run", str(folder / GAINS), *options])
     facts = done.facts() | {"files": files, "again": again}
-    lines, told = fragment(done, file, folder, options), [tuning_text(done)]
+    lines, (first, *parts) = fragment(done, file, folder, options), tuning_parts(done)
     if over is not None:
         lines += schedule_lines(over, done.experiments[0].controller.tissue is not None)
-        told += ["", schedule_text(over), ""]
+        parts += ["", *schedule_parts(over), ""]
         facts["schedule"] = over.facts()
     write_text(folder / GAINS, lines)
     draw_tuning(done, folder / PICTURE)
     write_json(folder / FACTS, facts)
-    text = "\n".join([*told, f"next  {again}", "", *(f"  {file}" for file in files)])
-    return Answer(text, facts, 0 if done.met and (over is None or over.met) else 1)
+    met = done.met and (over is None or over.met)
+    shown = {file: file for file in files}
+    return Result(first, [*parts, f"next  {again}", ""], facts, shown, label=0, exit_code=0 if met else 1)

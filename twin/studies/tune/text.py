@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import tomlkit
-from matplotlib.axes import Axes
 
-from twin.studies.figure import BARE, BLUE, GREY, picture
-from twin.studies.lines import wrapped
+from twin.studies.figure import BARE, BLUE, GREY, Axes, picture
+from twin.studies.result import Block, Column, Note, Row, Table
 from twin.studies.tune.prediction import HORIZON, SETTLED, StepAnswer, sensitivities, step_response
 from twin.studies.tune.tuned import Judged, Miss, Tuned, Whole, worst_places
 from twin.writing import inline_table
@@ -62,36 +61,50 @@ def findable(experiment: Path, folder: Path) -> Path:
 
 DOUBT = 0.03
 """Distance of a drive's model from what was measured that a reader has to know of."""
+UNTRIED = "no step is simulated: tasks lead this robot, and damping that only they have acts"
+HEAD = f"{'M_s':>4} {'over':>5} {'5 % in':>7} {'-3 dB':>7}"
+STEPS = (
+    Column("", 23, unit="a step of", left=True),
+    Column(f"{'before':-^26}", 26, unit=HEAD, left=True, gap=2),
+    Column(f"{'after':-^26}", 26, unit=HEAD, left=True, gap=2),
+)
 
 
-def tuning_text(done: Tuned) -> str:
+def tuning_parts(done: Tuned) -> list[Block]:
     """For people."""
-    lines = [*_verdict(done), "", *_gains(done), *wrapped(goals_sentence(done), "  goals     "), ""]
-    lines += [*_table(done), "", *_runs(done)]
-    for drive in done.drives:
-        model = drive.drives[0]
-        if model.turning or model.residual > DOUBT:
-            text = f"the linear model of {drive.labels[0]} is {100.0 * model.residual:.2g} % off its measured response"
-            lines += wrapped(f"{text}; trust what is simulated", "note  ")
-    if not done.after.trials:
-        lines += wrapped("no step is simulated: tasks lead this robot, and damping that only they have acts", "note  ")
-    for problem in done.problems:
-        lines += wrapped(f"left out: {problem}", "note  ")
-    return "\n".join(line.rstrip() for line in lines)
+    doubtful = [
+        f"the linear model of {drive.labels[0]} is {100.0 * model.residual:.2g} % off its measured response; "
+        "trust what is simulated"
+        for drive in done.drives
+        if (model := drive.drives[0]).turning or model.residual > DOUBT
+    ]
+    untried = [] if done.after.trials else [UNTRIED]
+    return [
+        *_verdict(done),
+        "",
+        _gains(done),
+        Note(goals_sentence(done), "  goals     "),
+        "",
+        Table(STEPS, list(_steps(done)), indent=0),
+        "",
+        *_runs(done),
+        *(Note(text, "note  ") for text in (*doubtful, *untried, *(f"left out: {one}" for one in done.problems))),
+    ]
 
 
-def _verdict(done: Tuned) -> Iterator[str]:
+def _verdict(done: Tuned) -> list[Block]:
     name, corners = done.experiments[0].name, len(done.after.predictions)
     if done.met:
         confirmed = ", and the co-simulation agrees" if done.after.trials else ""
         where = "the one corner" if corners == 1 else f"all {corners} corners"
-        yield f"{name}  GOALS MET at {where}{confirmed}"
-        return
-    yield f"{name}  GOALS NOT MET; this is the best that was found"
-    for miss in done.after.misses:
-        yield from wrapped(_miss(done, miss), "  missed    ")
-    for sentence in done.contradictions:
-        yield from wrapped(sentence, "  missed    ")
+        return [f"{name}  GOALS MET at {where}{confirmed}"]
+    missed = [*(_miss(done, miss) for miss in done.after.misses), *done.contradictions]
+    return [f"{name}  GOALS NOT MET; this is the best that was found", *map(missed_note, missed)]
+
+
+def missed_note(text: str) -> Note:
+    """A goal that is not met."""
+    return Note(text, "  missed    ")
 
 
 def _miss(done: Tuned, miss: Miss) -> str:
@@ -107,31 +120,27 @@ def _miss(done: Tuned, miss: Miss) -> str:
     return f"bandwidth at least {goals.bandwidth_hertz:g} Hz: it is {reached:.3g} Hz, {where}; margin goes first"
 
 
-def _gains(done: Tuned) -> Iterator[str]:
+def _gains(done: Tuned) -> Table:
     before, after = done.before.gains, done.after.gains
-    yield _gain("position", f"kp = {after.kp:.3g} 1/s", before.kp)
+    rows = [("position", f"kp = {after.kp:.3g} 1/s", f"was {before.kp:.3g}")]
     if done.goals.law == "force":
-        yield _gain("force", f"kp = {1e3 * after.force_kp:.3g} mm/N", 1e3 * before.force_kp)
-        yield _gain("", f"ki = {1e3 * after.force_ki:.3g} mm/(N s)", 1e3 * before.force_ki)
+        rows += [
+            ("force", f"kp = {1e3 * after.force_kp:.3g} mm/N", f"was {1e3 * before.force_kp:.3g}"),
+            ("", f"ki = {1e3 * after.force_ki:.3g} mm/(N s)", f"was {1e3 * before.force_ki:.3g}"),
+        ]
+    return Table((Column("", 8, left=True), Column("", 24, left=True, gap=2), Column(left=True)), rows)
 
 
-def _gain(law: str, now: str, before: float) -> str:
-    return f"  {law:8}  {now:24} was {before:.3g}"
-
-
-def _table(done: Tuned) -> Iterator[str]:
-    head = f"{'M_s':>4} {'over':>5} {'5 % in':>7} {'-3 dB':>7}"
-    yield f"{'':23}  {'before':-^26}  {'after':-^26}"
-    yield f"{'a step of':23}  {head}  {head}"
+def _steps(done: Tuned) -> Iterator[Row]:
     drive = ""
     for i in worst_places(done.after.predictions):
         corner = done.after.predictions[i].corner
         if corner.drive != drive:
             drive = corner.drive
             yield Path(drive).stem
-        yield f"  {corner.name:21}  {_predicted(done.before, i)}  {_predicted(done.after, i)}"
+        yield f"  {corner.name}", _predicted(done.before, i), _predicted(done.after, i)
         if i in done.after.trials:
-            yield f"  {'  simulated':21}  {_simulated(done.before, i)}  {_simulated(done.after, i)}"
+            yield "    simulated", _simulated(done.before, i), _simulated(done.after, i)
 
 
 def _predicted(judged: Judged, i: int) -> str:
@@ -160,11 +169,11 @@ def _answer(found: StepAnswer) -> str:
     return f"{100.0 * found.overshoot:3.0f} % {settling:>7}"
 
 
-def _runs(done: Tuned) -> Iterator[str]:
+def _runs(done: Tuned) -> Iterator[Note]:
     for before, after in zip(done.before.wholes, done.after.wholes, strict=True):
         text = f"{_run(before)} before, {_run(after)} after"
         kind = "z" if after.outcome is None or after.outcome.force_error is None else "force"
-        yield from wrapped(f"the experiment itself, {Path(after.drive).stem}: {kind} off by {text} (rms)", "run   ")
+        yield Note(f"the experiment itself, {Path(after.drive).stem}: {kind} off by {text} (rms)", "run   ")
 
 
 def _run(whole: Whole) -> str:

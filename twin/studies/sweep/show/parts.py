@@ -7,9 +7,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from twin.errors import InputRefused, nearest, plain
-from twin.studies.lines import WIDTH, counted, wrapped
+from twin.studies.lines import counted
+from twin.studies.result import Block, Column, Note, Table, laid_out
 from twin.studies.sweep.folder import KeptRows
-from twin.studies.sweep.rows import Column, Columns, Positions
+from twin.studies.sweep.rows import Column as Values
+from twin.studies.sweep.rows import Columns, Positions
 from twin.studies.sweep.statistics.claims import Likelihood, likelihoods
 from twin.studies.sweep.statistics.ranking import (
     BINS,
@@ -85,7 +87,7 @@ def interval(ends: tuple[float, float], form: str = ".2f") -> str:
     return "-" if math.isnan(low) or math.isnan(high) else f"{low:{form}} .. {high:{form}}"
 
 
-def shown(parameters: Column | None, row: int) -> str:
+def shown(parameters: Values | None, row: int) -> str:
     """The value of a parameter in a row; `-` if the run does not have it."""
     parameter = None if parameters is None else parameters[row]
     if parameter is None or parameter != parameter:
@@ -456,36 +458,19 @@ def worst_label(kept: KeptRows, wanted: str | None) -> str | None:
 
 def sweep_text(kept: KeptRows, asked: Asked) -> str:
     """The report of a sweep."""
-    lines = [headline_text(kept, asked.by)]
+    blocks: list[Block] = [_folded(headline(kept, asked.by))]
     for part in parts(kept, asked):
-        lines += ["", _folded(part.title)]
-        if part.rows:
-            lines += _aligned([list(column) for column in zip(part.head, *part.rows, strict=True)])
-        lines += [_folded(remark, 4, "  ") for remark in part.remarks]
-    return "\n".join(line.rstrip() for line in lines)
+        blocks += ["", _folded(part.title)]
+        columns = [Column(title, left=number == 0, gap=2) for number, title in enumerate(part.head)]
+        blocks += [Table(columns, part.rows, left_out="--html")] if part.rows else []
+        blocks += [Note(remark, "  ", 4, whole=True) for remark in part.remarks]
+    return laid_out(blocks)
 
 
 def headline_text(kept: KeptRows, by: str) -> str:
     """The first sentence in lines of at most 80 characters."""
-    return _folded(headline(kept, by))
+    return laid_out([_folded(headline(kept, by))])
 
 
-def _aligned(columns: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a table; columns that do not fit in 80 are left out, and said to be."""
-    lines = ["  "] * len(columns[0])
-    left_out = 0
-    for position, column in enumerate(columns):
-        width = max(map(len, column))
-        if len(lines[0]) + width > WIDTH:
-            left_out = len(columns) - position
-            break
-        first = position == 0
-        lines = [
-            line + (f"{cell:<{width}}" if first else f"{cell:>{width}}") + "  "
-            for line, cell in zip(lines, column, strict=True)
-        ]
-    return [*lines, f"  ({counted(left_out, 'more column')} in --html)"] if left_out else lines
-
-
-def _folded(text: str, later: int = 2, first: str = "") -> str:
-    return "\n".join(wrapped(text, first, later, whole=True))
+def _folded(text: str) -> Note:
+    return Note(text, later=2, whole=True)

@@ -1,0 +1,121 @@
+"""One renderer: what stands in tables, notes and files is the same as text, for programs and as Markdown."""
+
+import subprocess
+import sys
+from math import inf, nan
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twin.studies.answer import answered
+from twin.studies.lines import WIDTH
+from twin.studies.result import TIE, Column, Note, Result, Table, laid_out, note, render_text, table_markdown, to_json
+from twin.studies.result import to_markdown as markdown_of
+
+COLUMNS = (Column("joint", left=True), Column("error", 8, "+.2f", "mm"), Column("why", left=True, gap=3, folds=True))
+TABLE = Table(COLUMNS, [("first", -0.001, "a reason"), ("second one", 12.345, ""), ("third",)])
+RESULT = Result("all is well", ["", TABLE, note("note", "a sentence")], files={"picture": "a.png"})
+
+
+def test_columns_stand_below_each_other_with_their_units_and_digits():
+    assert laid_out([TABLE]).splitlines() == [
+        "  joint         error   why",
+        "                   mm",
+        "  first         +0.00   a reason",
+        "  second one   +12.35",
+        "  third",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("value", "form", "shown"),
+    [
+        (-0.0004, ".3f", "0.000"), (-0.0006, ".3f", "-0.001"), (nan, ".3f", "-"), (inf, ".3f", "inf"), (None, "", ""),
+        (3, "", "3"), (0, "d", "0"), ("-0.0", ".3f", "-0.0"), ("a long name", ".6s", "a long"), (None, ".6s", ""),
+    ],
+)  # fmt: skip
+def test_a_cell_is_shown_in_the_format_of_its_column(value: float | str | None, form: str, shown: str):
+    assert Column(form=form).text(value) == shown
+
+
+def test_a_cell_beyond_its_width_moves_what_follows_on_its_own_line_only():
+    rows = [("ab", "x"), ("a" * 9, "x")]
+    assert laid_out([Table((Column("", 4, left=True), Column()), rows)]) == "  ab   x\n  aaaaaaaaa x"
+
+
+words = st.lists(st.text("ab-", min_size=1, max_size=12), max_size=40).map(" ".join)
+
+
+@given(st.lists(st.tuples(st.text("xyz", max_size=8), words), min_size=1), words)
+def test_the_last_column_and_notes_are_folded_into_80_columns(rows: list[tuple[str, str]], text: str):
+    table = Table((Column("name", 8, left=True), Column("meaning", left=True, folds=True)), rows)
+    lines = laid_out([table, Note(text, "  note  ")]).splitlines()
+    assert max(map(len, lines)) <= WIDTH
+    assert not any(line.endswith(" ") for line in lines)
+
+
+def test_columns_that_do_not_fit_are_left_out_and_said_to_be():
+    table = Table([Column(f"{i}" * 30) for i in range(4)], [["a"] * 4], left_out="--html")
+    head, row, said = laid_out([table]).splitlines()
+    assert head == f"  {'0' * 30} {'1' * 30}" and len(row) == len(head)
+    assert said == "  (2 more columns in --html)"
+
+
+def test_a_line_may_stand_between_rows_and_a_sentence_below_one():
+    table = Table((Column(left=True), Column("", 3)), ["drive", ("a", 1), Note("x " * 40, "    ")])
+    assert laid_out([table]).splitlines()[:2] == ["drive", "  a   1"]
+    assert len(laid_out([table]).splitlines()) == 4
+
+
+def test_what_is_tied_stays_on_one_line():
+    apart, tied = (laid_out([Note(f"{'a' * 76} 12{space}N")]).splitlines() for space in (" ", TIE))
+    assert apart[0].endswith("a 12") and tied[1] == "12 N"
+
+
+def test_the_text_ends_with_the_files_and_an_empty_line_stays():
+    first, empty, *_, said, file = render_text(RESULT).splitlines()
+    assert (first, empty) == ("all is well", "")
+    assert (said, file) == ("  note       a sentence", "  picture    a.png")
+    assert render_text(Result("x", files={"a": "b"}, label=0)) == "x\n  b"
+
+
+def test_programs_get_the_facts_or_what_people_read_with_its_numbers():
+    assert to_json(Result("x", facts={"a": 1})) == {"a": 1}
+    found = to_json(RESULT)
+    assert found["headline"] == "all is well" and found["files"] == {"picture": "a.png"}
+    assert found["notes"] == ["note: a sentence"]
+    (table,) = found["tables"]
+    assert table["columns"][1] == {"name": "error", "unit": "mm"}
+    assert table["rows"][1] == ["second one", 12.345, ""]
+
+
+def test_markdown_has_the_cells_of_the_text():
+    assert table_markdown(TABLE).splitlines()[:3] == [
+        "| joint | error (mm) | why |", "|---|---|---|", "| first | +0.00 | a reason |",
+    ]  # fmt: skip
+    headline, table, said, files = markdown_of(RESULT).split("\n\n")
+    assert headline == "**all is well**" and table == table_markdown(TABLE)
+    assert said == "note: a sentence" and files == "- picture: `a.png`"
+
+
+class Listener:
+    def note(self, **values: object) -> None:
+        """Nobody listens."""
+
+
+def failing(say: object) -> Result:
+    return Result("it fails", [TABLE], exit_code=1)
+
+
+def test_who_asks_a_study_gets_its_text_facts_and_exit_code():
+    answer = answered(Listener(), f"{__name__}:failing", {})  # type: ignore[arg-type]
+    assert answer == {"text": failing(None).text, "facts": to_json(failing(None)), "exit_code": 1}
+
+
+def test_what_says_text_only_loads_no_matplotlib():
+    names = ("check", "compare", "converge", "falsify", "identify", "qualify", "paper")
+    code = (
+        f"import sys, {', '.join(f'twin.studies.{name}.text' for name in names)}; sys.exit('matplotlib' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], timeout=60).returncode == 0
