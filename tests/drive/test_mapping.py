@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twin.drive.contract import COMMANDS, contract
 from twin.drive.mapping import Join, Wiring, bindings, joins, objection
 from twin.drive.variable import Variable, conversion
 from twin.errors import InputRefused
@@ -42,6 +43,13 @@ def refusal(variables: dict[str, Variable], wiring: Wiring | None = None) -> str
     with pytest.raises(InputRefused) as refused:
         bindings("acme.fmu", variables, wiring or Wiring())
     return str(refused.value)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_no_drive_goes_without_command_load_and_shaft_or_where_the_shaft_is_ours_without_torque(command):
+    goal = "omega_ref" if command == "velocity" else "command"
+    for rotor, needed in ((False, {goal, "tau_load", "theta_m", "omega_m"}), (True, {goal, "tau_motor"})):
+        assert {role.port.name for role in contract(command, rotor) if role.required} == needed
 
 
 def test_a_drive_that_speaks_the_contract_is_taken_as_it_is():
