@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.drive.contract import COMMANDS, contract
-from twin.drive.mapping import Join, Wiring, bindings, joins, objection
+from twin.drive.contract import COMMANDS, OMEGA_M, contract
+from twin.drive.mapping import Join, Wiring, bindings, candidates, joins, objection
 from twin.drive.variable import Variable, conversion
 from twin.errors import InputRefused
 
@@ -43,6 +43,12 @@ def refusal(variables: dict[str, Variable], wiring: Wiring | None = None) -> str
     with pytest.raises(InputRefused) as refused:
         bindings("acme.fmu", variables, wiring or Wiring())
     return str(refused.value)
+
+
+def test_what_states_its_unit_goes_before_what_does_not_and_that_before_nothing():
+    bare, stated = variable("omega_m", "output", ""), variable("shaft", "output", "rpm")
+    assert candidates(drive(bare, stated), OMEGA_M) == ["shaft"]
+    assert candidates(drive(bare), OMEGA_M) == ["omega_m"]
 
 
 @pytest.mark.parametrize("command", COMMANDS)
