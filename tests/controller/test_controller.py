@@ -7,6 +7,7 @@ from tests.laws.runs import FORCE, POSITION, Sampled, shipped
 from tests.plant.states import positions
 from twin.controller.controller import NEVER, Controller, Law, follow_passed, reference_position
 from twin.controller.pid import PID, Gains, loop, proposal
+from twin.controller.way_points import WayPointReference
 from twin.robot.geometry import Geometry
 from twin.robot.kinematics import jacobian
 from twin.runs.assembly.computer import belief, controller
@@ -207,6 +208,12 @@ def test_searching_from_the_start_finds_the_same_point(trajectory, now):
     t, p = trajectory
     found = reference_position(t, p, 0, now)
     assert reference_position(t, p, found[3], now) == found
+
+
+def test_before_its_first_way_point_the_reference_waits_there():
+    reference = Sampled(WayPointReference([1.0, 2.0], [[0.0, 0.0, -0.1], [0.0, 0.02, -0.11]]))
+    found = [reference.named(np.zeros(0), t, T_s)["p_ref_B"][1] for t in (0.0, 0.5, 1.0, 1.5, 2.5)]
+    assert found == pytest.approx([0.0, 0.0, 0.0, 0.01, 0.02])
 
 
 @given(trajectories())

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.controller.energy_tank import COASTING, PLAY, RETURN, Tank, TankValve, passed_on
+from twin.controller.energy_tank import COASTING, PLAY, RETURN, Tank, TankValve, _way, passed_on
 from twin.errors import ComponentFailed
 from twin.studies.converge.monolith import Sampled
 
@@ -113,6 +113,16 @@ def test_rounding_to_and_fro_is_no_way():
         found = told(of, sample, 0.9e-4 * (sample % 2), 4.0)
     assert found["level"] == pytest.approx(0.1 - 4.0 * 0.9e-4 * (sample % 2 - 1), abs=4e-4)
     assert found["level"] >= 0.1 - 4.0 * 0.9e-4 - 1e-12
+
+
+def test_the_way_is_that_of_all_three_joints_with_every_move_of_the_head_less_their_play():
+    # each joint turns by another amount with each axis
+    jacobian, moved = np.array([[1.0, 2.0, 4.0], [-8.0, 16.0, 32.0], [64.0, -3.0, 5.0]]), np.array([0.01, 0.03, 0.07])
+    turned = np.zeros(3)
+    way = _way(turned, jacobian.ravel(), moved, np.zeros(3))
+    # rounding of sums below 4
+    assert way == pytest.approx(np.sum(np.abs(jacobian @ moved) - PLAY), rel=1e-12)
+    assert turned.tolist() == [PLAY] * 3
 
 
 def test_a_command_passes_unchanged_as_long_as_there_is_plenty():

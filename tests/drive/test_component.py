@@ -75,9 +75,9 @@ def test_the_shaft_is_coupled_at_the_angle_it_starts_with(root: Path):
     assert out["theta_m"][-1] == pytest.approx(0.75 + 2.0 * 1.0, abs=1e-12)
 
 
-def test_a_drive_is_initialised_under_the_load_that_it_has(root: Path, servo: Path):
+def test_a_drive_is_initialised_under_the_load_that_it_has_and_without_a_command(root: Path, servo: Path):
     plain = drive("drive_1", planned(Drive.model_validate({"fmu": str(servo)})), TICK, 0.0, 0.25)
-    assert inside(plain, "tau_load") == 0.25
+    assert inside(plain, "tau_load") == 0.25 and inside(plain, "omega_ref") == 0.0
     geared = planned(Drive.model_validate({"fmu": str(servo), "sign": -1, "gear_ratio": 10.0}))
     # a shaft that turns ten times as fast, the other way, carries a tenth; exact but for rounding
     assert inside(drive("drive_1", geared, TICK, 0.0, 0.25), "tau_load") == pytest.approx(-0.025, rel=1e-15)

@@ -10,6 +10,7 @@ from tests.drive.compiled import compiled_drive
 from tests.drive.test_component import TICK, made, run
 from tests.drive.test_event_step import stepped
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
+from twin.cosim.playback import play
 from twin.cosim.port import Port, width
 from twin.cosim.python_class import PythonComponent
 from twin.cosim.simulation import Simulation
@@ -339,3 +340,19 @@ def test_by_default_the_loop_neither_weighs_nor_saves_anything():
         table = system.table(np.zeros(system.inputs_width), y)
         assert len(y) == system.outputs_width
         assert not any(table[name].any() for name in ("weights", "before", "save", "restore", "rewind"))
+
+
+def test_every_output_goes_on_from_the_value_that_it_is_taken_to_have_at_the_start(root: Path):
+    # Real, unscaled: what goes by the short way if no more than one of them is shifted
+    servo = described(root / "fmus/velocity_servo/velocity_servo.fmu")
+    inputs, outputs = (
+        [FmuPort(Port(name), servo.variables[name]) for name in names]
+        for names in (("omega_ref", "tau_load"), ("theta_m", "omega_m"))
+    )
+    folder, start = unpacked(servo.path, servo.sha256), {"theta_m": 0.2, "omega_m": 0.3}
+    component = FmuComponent("servo", servo, folder, inputs, outputs, outputs_at_start=start)
+    rows, status = play(component, 1e-3 * np.arange(3.0), np.full(3, 1e-3), np.zeros((3, 2)))
+    component.close()
+    assert status == 0
+    # it stands still
+    assert rows.tolist() == [[0.2, 0.3]] * 3

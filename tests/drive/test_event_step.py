@@ -105,6 +105,13 @@ def test_a_clock_is_asked_for_its_next_tick_as_its_kind_wants_it(shaft: Maker, r
     component.close()
 
 
+def test_a_countdown_that_says_unchanged_in_an_event_of_another_kind_goes_on_to_count(shaft: Maker):
+    # bounces lie at no ticks: counted from one of them anew, the clock would be due between two
+    fmu = shaft(ALL, clocks=IN_CLOCK.format('intervalVariability="countdown"'))
+    theta_m = turned(fmu, "bounces", stop=3.3e-3, period=7e-3)["theta_m"]
+    assert np.allclose(theta_m, triangle(TICK * np.arange(101), 3.3e-3), rtol=0, atol=1e-15)
+
+
 def test_a_discrete_input_is_set_in_an_event_and_only_when_it_changes(shaft: Maker):
     """The FMU refuses to have it set anywhere else."""
     fmu = shaft(ALL, omega_ref='variability="discrete"')

@@ -1,10 +1,12 @@
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.drive.mapping import Join, Wiring, bindings, joins, objection
+from twin.drive.contract import COMMANDS, LOAD, OMEGA_M, OPTIONAL_INPUTS, THETA_M, contract
+from twin.drive.mapping import Join, Wiring, bindings, candidates, joins, objection, proposals, score
 from twin.drive.variable import Variable, conversion
 from twin.errors import InputRefused
 
@@ -42,6 +44,44 @@ def refusal(variables: dict[str, Variable], wiring: Wiring | None = None) -> str
     with pytest.raises(InputRefused) as refused:
         bindings("acme.fmu", variables, wiring or Wiring())
     return str(refused.value)
+
+
+def test_what_states_its_unit_goes_before_what_does_not_and_that_before_nothing():
+    bare, stated = variable("omega_m", "output", ""), variable("shaft", "output", "rpm")
+    assert candidates(drive(bare, stated), OMEGA_M) == ["shaft"]
+    assert candidates(drive(bare), OMEGA_M) == ["omega_m"]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_no_drive_goes_without_command_load_and_shaft_or_where_the_shaft_is_ours_without_torque(command):
+    goal = "omega_ref" if command == "velocity" else "command"
+    for rotor, needed in ((False, {goal, "tau_load", "theta_m", "omega_m"}), (True, {goal, "tau_motor"})):
+        assert {role.port.name for role in contract(command, rotor) if role.required} == needed
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_gear_and_sign_turn_angles_speeds_and_torques_and_nothing_else(command):
+    for role in (*contract(command), *contract(command, rotor=True)):
+        assert role.port.size == 1
+        assert role.mechanical == {"rad": 1, "rad/s": 1, "N m": -1}.get(role.port.unit, 0), role.port.name
+
+
+def test_a_switch_is_taken_for_what_may_be_left_out_only():
+    switch = replace(variable("on", "input", ""), type="Boolean")
+    assert candidates(drive(switch), OPTIONAL_INPUTS[0]) == ["on"]
+    assert candidates(drive(switch), LOAD) == []
+
+
+def test_an_angle_in_no_unit_is_proposed_where_it_is_measured_and_not_where_it_is_commanded():
+    assert proposals(drive(variable("goal", "input", "1")), COMMANDS["position"], set()) == []
+    assert proposals(drive(variable("goal", "input", "rad")), COMMANDS["position"], set()) == ["goal"]
+    assert proposals(drive(variable("theta", "output", "1")), THETA_M, set()) == ["theta"]
+
+
+def test_a_name_fits_best_that_is_a_synonym_then_one_with_it_inside_then_one_described_by_it():
+    said = [("load", ""), ("load_at_shaft", ""), ("M", "load on the shaft"), ("M", "")]
+    fits = [score(name, variable(name, "input", "N.m", text), LOAD) for name, text in said]
+    assert fits == sorted(set(fits), reverse=True) and fits[-1] == 0
 
 
 def test_a_drive_that_speaks_the_contract_is_taken_as_it_is():

@@ -140,6 +140,16 @@ def test_every_kind_of_damage_is_seen_and_said_once(tmp_path: Path, capsys: pyte
     assert shelf().changed == ()
 
 
+def test_what_is_kept_is_counted_in_drives_and_in_bytes(tmp_path: Path):
+    fmu = archived(tmp_path / "servo.fmu")
+    content = unpacked(fmu, sha256(fmu))
+    assert shelf()[1:] == (1, sum(map(len, CONTENTS.values())), ())
+    # what is gone takes no place
+    lost = content / "binaries/linux64/servo.so"
+    lost.unlink()
+    assert shelf()[2:] == (sum(map(len, CONTENTS.values())) - len(CONTENTS["binaries/linux64/servo.so"]), (lost,))
+
+
 def test_what_was_only_touched_is_no_damage_and_read_once(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):

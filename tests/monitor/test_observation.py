@@ -28,7 +28,10 @@ def test_one_count_on_every_encoder_is_worth_at_most_the_resolution(p_B, sign):
     tau_l = sign * BELIEF.k_s * BELIEF.N * BELIEF.eta * (2.0 * np.pi / BELIEF.motor_counts + BELIEF.N * joint)
     # rounding
     assert np.linalg.norm(end_effector_force(GEOMETRY, theta_l, tau_l)) <= one.force * (1.0 + 1e-12)
-    assert one.force_rate * DT == np.float64(one.force) or abs(one.force_rate * DT / one.force - 1.0) < 1e-12
+    motor = 2.0 * np.pi / BELIEF.motor_counts
+    per_sample = (one.motor_speed, motor), (one.jump, one.wind_up), (one.force_rate, one.force)
+    for rate, count in (*per_sample, (one.velocity, one.position)):
+        assert rate * DT == pytest.approx(count, rel=1e-12)
 
 
 @given(positions(), st.floats(0.0, 20.0))

@@ -1,7 +1,7 @@
 """Which lines of the package a test file runs, and so which test files can notice a mutant."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -76,7 +76,16 @@ def noted(root: Path, notes: Path) -> tuple[dict[Path, set[int]], dict[Path, set
     return lines, imported
 
 
-def makes_machine_code(mutant: Mutant, files: Iterable[TestFile]) -> bool:
-    """Whether code that is compiled may differ: the place is compiled, or ran while modules were imported."""
-    here = (file.imported.get(mutant.file, set()) for file in files)
-    return mutant.is_compiled or any(not lines.isdisjoint(mutant.statement) for lines in here)
+def noticing(mutant: Mutant, files: Sequence[TestFile]) -> list[TestFile]:
+    """Those of `files` that may notice `mutant`: all that import its file if it seems that nobody runs the place."""
+    return [file for file in files if file.runs(mutant)] or [file for file in files if file.lines.get(mutant.file)]
+
+
+def makes_machine_code(mutant: Mutant, files: Sequence[TestFile]) -> bool:
+    """Whether code that is compiled may differ: the place is, ran while modules were imported, or never seemed to run.
+
+    A function that is handed to what compiles it, without a decorator, is not seen to run.
+    """
+    here = [file.imported.get(mutant.file, set()) for file in files]
+    never = not any(file.runs(mutant) for file in files)
+    return mutant.is_compiled or never or any(not lines.isdisjoint(mutant.statement) for lines in here)

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 
-from tests.mutants.executed import TestFile, environment, makes_machine_code, noted, read, write
+from tests.mutants.executed import TestFile, environment, makes_machine_code, noted, noticing, read, write
 from tests.mutants.mutant import Mutant
 
 PATIENCE = 3.0
@@ -109,7 +109,7 @@ class Place:
     def _noticing(self, mutant: Mutant, folder: str) -> tuple[list[TestFile], list[TestFile]]:
         """Test files in `folder` that can notice `mutant`: its own, which is there or not, and the others."""
         own = self.root / "tests" / mutant.room / f"test_{mutant.file.stem}.py"
-        able = sorted((test for test in self.tests[folder] if test.runs(mutant)), key=lambda test: test.seconds)
+        able = sorted(noticing(mutant, self.tests[folder]), key=lambda test: test.seconds)
         return [test for test in able if test.path == own], [test for test in able if test.path != own]
 
     def _tested(self, tests: Sequence[Path], timeout: float | None, variables: Mapping[str, str] | None = None) -> str:

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("cosmic_ray", reason="the extra mutants, which only make mutants asks for")
 
-from tests.mutants.executed import TestFile, environment, makes_machine_code, noted, read, write
+from tests.mutants.executed import TestFile, environment, makes_machine_code, noted, noticing, read, write
 from tests.mutants.mutant import Mutant, possible_mutants
 
 SOURCE = '''"""A module."""
@@ -81,8 +81,16 @@ def test_a_test_may_notice_what_it_runs_and_all_compiled_code_that_it_imports(ra
     assert ran.runs(numbers[number]) is runs
 
 
-def test_what_runs_while_a_module_is_imported_may_be_in_machine_code(ran, numbers):
-    assert [number for number in sorted(numbers) if makes_machine_code(numbers[number], [ran])] == ["1", "2"]
+def test_what_runs_while_a_module_is_imported_or_never_seems_to_may_be_in_machine_code(ran, numbers):
+    found = [number for number in sorted(numbers) if makes_machine_code(numbers[number], [ran])]
+    assert found == ["1", "2", "4", "6"]
+
+
+def test_what_nobody_seems_to_run_is_tried_against_all_that_import_it(ran, numbers):
+    stranger = TestFile(Path("tests/robot/test_other.py"), 1.0)
+    imports = TestFile(Path("tests/robot/test_imports.py"), 1.0, {numbers["6"].file: {1}})
+    assert noticing(numbers["3"], [stranger, imports, ran]) == [ran]
+    assert noticing(numbers["6"], [stranger, imports, ran]) == [imports, ran]
 
 
 def test_a_line_in_the_middle_belongs_to_its_statement(numbers):

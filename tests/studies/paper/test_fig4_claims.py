@@ -193,6 +193,15 @@ def test_a_way_or_a_reading_that_ends_below_its_beginning_is_in_proportion_to_no
         assert np.isnan(disproportion(Fig4Runs(runs().force_position, position)))
 
 
+def test_the_line_begins_where_the_scale_first_reads_a_press_if_it_does():
+    whole, pulled, never, at_once = (runs().position for _ in range(4))
+    pulled.recording["scale.F_z"][100] = -0.1
+    never.recording["scale.F_z"][T < SWEEP[0]] = 0.0
+    at_once.recording["scale.F_z"][0] = 0.1
+    found = [disproportion(Fig4Runs(runs().force_position, one)) for one in (whole, pulled, never, at_once)]
+    assert found[0] == found[1] > 0.0 and np.isnan(found[2:]).all()
+
+
 DIGITS = {"%": 1, "mm": 2, "N": 2, "s": 2, "": 2}
 FINER = {"early_trigger", "trigger_time", "trigger_force", "fluctuation_small", "true_force", "true_z"}
 

@@ -17,7 +17,7 @@ from twin.runs.run import execute
 from twin.studies.paper.claim import ClaimFinding
 from twin.studies.paper.fig4 import bound_used, tally
 from twin.studies.paper.fig5 import CLAIMS, fig5_score
-from twin.studies.paper.fig5_measures import body_of, drive_of, speed_of_touch, task_runs, trip_sentence
+from twin.studies.paper.fig5_measures import body_of, drive_of, height_before, speed_of_touch, task_runs, trip_sentence
 
 GOOD: dict[str, Callable[..., Recording]] = {"press": pressed, "tap": tapped, "roll": rolled, "push": pushed}
 HALF = np.arange(2000) < 500
@@ -173,6 +173,7 @@ def test_a_pull_is_no_touch(tmp_path: Path):
     assert again.touches.tolist() == touches.tolist()
     on = np.ones(len(run.t), dtype=bool)
     assert speed_of_touch(again, on) == speed_of_touch(run, on) > 0.0
+    assert height_before(again) == height_before(run) > 0.0
 
 
 def test_taps_that_never_touch_have_begun_above_nothing(tmp_path: Path):

@@ -55,6 +55,15 @@ def test_panels_over_time_show_all_of_a_task_as_it_truly_was(score: Fig5Score, m
     assert height.get_xlim() == columns["press"][1].get_xlim()
 
 
+def test_the_time_that_is_judged_is_marked_in_all_but_taps(score: Fig5Score, monkeypatch: pytest.MonkeyPatch):
+    figure = Figure()
+    monkeypatch.setattr(fig5_picture, "picture", lambda *size, **more: nullcontext(figure))
+    draw_fig5(score, Path())
+    for k, task in enumerate(shown_tasks(score)):
+        marks = [mark for mark in figure.axes[3 * k + 2].patches if mark.get_label() == "judged"]
+        assert len(marks) == (task.kind != "tap")
+
+
 def test_arrows_point_down_and_along_the_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     arrows: list[tuple[float, ...]] = []
     monkeypatch.setattr(Axes3D, "quiver", lambda axes, *place, **look: arrows.append(place[3:]))
