@@ -20,11 +20,18 @@ from hatch_build import OBJECTS
 from twin.compiled.machine import X86_64, file_of
 from twin.compiled.native import Entry, Native
 from twin.compiled.store import sealed
+from twin.controller import controller, task_controller
 from twin.faults import drive_fault
 from twin.plant import component
 
 ROOT = Path(__file__).parent
-CLOSED = ((component.step_over, 2), (component.outputs_at_start, 2), (drive_fault.step_of, 1))
+CLOSED = (
+    (controller.step_over, 2),
+    (task_controller.step_over, 2),
+    (component.step_over, 2),
+    (component.outputs_at_start, 2),
+    (drive_fault.step_of, 1),
+)
 """Functions that make a step, and of how many booleans."""
 
 

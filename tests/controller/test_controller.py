@@ -5,9 +5,8 @@ from hypothesis import strategies as st
 
 from tests.laws.runs import FORCE, POSITION, Sampled, shipped
 from tests.plant.states import positions
-from twin.controller.controller import NEVER, Controller, Law, follow_passed, reference_position
+from twin.controller.controller import NEVER, Controller, Law, WayPointReference, follow_passed, reference_position
 from twin.controller.pid import PID, Gains, loop, proposal
-from twin.controller.way_points import WayPointReference
 from twin.robot.geometry import Geometry
 from twin.robot.kinematics import jacobian
 from twin.runs.assembly.computer import belief, controller

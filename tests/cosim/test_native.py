@@ -12,7 +12,7 @@ def test_a_step_is_compiled_once_and_only_when_its_address_is_asked_for(monkeypa
         compiled.append(self.takes)
         return 17
 
-    monkeypatch.setattr(native.Native, "_name", "")
+    monkeypatch.setattr(native.Native, "name", "")
     monkeypatch.setattr(native.Native, "_of_numba", counted)
     step = step_function(np.dtype([("x", "f8")]))(lambda m, t, h, u, y: 0)
     assert not compiled
