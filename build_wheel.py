@@ -17,12 +17,12 @@ from pathlib import Path
 
 import twin
 from hatch_build import OBJECTS
-from twin.compiled.machine import X86_64, file_of
-from twin.compiled.native import Entry, Native
-from twin.compiled.store import sealed
-from twin.controller import controller, task_controller
-from twin.faults import drive_fault
-from twin.plant import component
+from twin.kernel.compiled.machine import X86_64, file_of
+from twin.kernel.compiled.native import Entry, Native
+from twin.kernel.compiled.store import sealed
+from twin.robot.controller import controller, task_controller
+from twin.robot.faults import drive_fault
+from twin.robot.plant import component
 
 ROOT = Path(__file__).parent
 CLOSED = (

@@ -23,7 +23,7 @@ class Untracked(BuildHookInterface):
         if version == "editable":
             return
         if folder := os.environ.get(OBJECTS):
-            build_data["force_include"][folder] = "twin/compiled/objects"
+            build_data["force_include"][folder] = "twin/kernel/compiled/objects"
             build_data["pure_python"], build_data["tag"] = False, "py3-none-linux_x86_64"
         try:
             # a source distribution may lie in somebody else's repository, which knows none of its files

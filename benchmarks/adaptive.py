@@ -7,7 +7,7 @@ from pathlib import Path
 
 from benchmarks.measurement import Measurement, Rounds
 from benchmarks.other_parts import call_seconds
-from twin.runs.assembly.load import load_experiment
+from twin.robot.assembly.load import load_experiment
 
 ROUNDS = 15
 BODY = "back"

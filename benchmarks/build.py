@@ -13,8 +13,8 @@ from fmpy.fmi2 import FMU2Slave
 from benchmarks.c_loop import CLoop, NoCompiler
 from benchmarks.measurement import Measurement, Rounds
 from benchmarks.start_up import process
-from twin.cosim.component import NativeComponent
-from twin.runs.assembly.load import load_experiment
+from twin.kernel.cosim.component import NativeComponent
+from twin.robot.assembly.load import load_experiment
 from twin.studies.build.linking import PLATFORMS
 from twin.studies.build.part import part_of
 from twin.studies.build.part_fmu import build_fmu

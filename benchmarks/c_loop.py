@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from fmpy.fmi2 import FMU2Slave
 
-from twin.cosim.component import NativeComponent
-from twin.cosim.system import System
-from twin.drive.cosim_step import plain_step
+from twin.kernel.cosim.component import NativeComponent
+from twin.kernel.cosim.system import System
+from twin.kernel.fmi.cosim_step import plain_step
 
 SOURCE = Path(__file__).with_name("macro_loop.c")
 

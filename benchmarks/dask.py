@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import median
 
 from benchmarks.measurement import Measurement
-from twin.runs.guard.limits import JobLimits
+from twin.kernel.process.limits import JobLimits
 from twin.studies.sweep.definition import short_definition
 from twin.studies.sweep.plan import Plan, plan_of
 from twin.studies.sweep.pool import Engine, Job, Pool

@@ -7,10 +7,10 @@ import numpy as np
 
 from benchmarks.macro_step import TICKS, master_seconds
 from benchmarks.measurement import Measurement, Rounds
-from tests.drive.exchange.fmus import NoCompiler, exchange_fmu
-from twin.experiment.drive_files import lone_drive
-from twin.experiment.schema import Drive
-from twin.runs.assembly.drives import DrivePlan, planned
+from tests.kernel.fmi.exchange.fmus import NoCompiler, exchange_fmu
+from twin.robot.assembly.drives import DrivePlan, planned
+from twin.robot.experiment.drive_files import lone_drive
+from twin.robot.experiment.schema import Drive
 from twin.studies.qualify.bench import response
 
 ROUNDS = 15

@@ -5,11 +5,11 @@ from pathlib import Path
 from statistics import median
 
 from benchmarks.measurement import Measurement
-from twin.cosim.observers import simulate
-from twin.experiment.experiment import Experiment
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.load import load_experiment
-from twin.runs.run import SLICE_TICKS, execute
+from twin.kernel.cosim.observers import simulate
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.run import SLICE_TICKS, execute
 
 ROUNDS = 7
 

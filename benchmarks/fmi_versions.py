@@ -14,8 +14,8 @@ from pathlib import Path
 
 from benchmarks.macro_step import TICKS, master_seconds
 from benchmarks.measurement import Measurement, Rounds
-from twin.experiment.schema import Drive as DriveTable
-from twin.runs.assembly.drives import DrivePlan, planned
+from twin.robot.assembly.drives import DrivePlan, planned
+from twin.robot.experiment.schema import Drive as DriveTable
 
 ROUNDS = 31
 FMUS = Path(__file__).parents[1] / "fmus"

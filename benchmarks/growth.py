@@ -19,9 +19,10 @@ import numpy as np
 from benchmarks.figure_4 import stepped
 from benchmarks.report import _twin
 from benchmarks.sweep import KEY
-from twin.experiment.experiment import Experiment
-from twin.runs.assembly.load import load_experiment
-from twin.runs.guard.limits import JobLimits
+from twin.kernel.process.limits import JobLimits
+from twin.kernel.writing import made_folder, write_json, write_text
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
 from twin.studies.figure import BLUE, picture
 from twin.studies.lines import markdown
 from twin.studies.sweep.definition import short_definition
@@ -30,7 +31,6 @@ from twin.studies.sweep.measures import METRICS, RunFinding, failure
 from twin.studies.sweep.plan import plan_of
 from twin.studies.sweep.pool import Job, Pool
 from twin.studies.sweep.rows import ROWS, Rows
-from twin.writing import made_folder, write_json, write_text
 
 ROOT = Path(__file__).parents[1]
 EXPERIMENT = ROOT / "experiments" / "fig4_force_position.toml"

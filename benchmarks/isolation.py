@@ -9,16 +9,16 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks.measurement import Measurement, Rounds
-from twin.cosim.component import Component
-from twin.cosim.observers import simulate
-from twin.experiment.experiment import Experiment
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.drives import DrivePlan, Start, drive
-from twin.runs.assembly.load import load_experiment
-from twin.runs.guard.isolated_drive import IsolatedDrives
-from twin.runs.guard.limits import JobLimits
-from twin.runs.guard.reporter import DirectReporter
-from twin.runs.run import SLICE_TICKS
+from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.observers import simulate
+from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.reporter import DirectReporter
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.drives import DrivePlan, Start, drive
+from twin.robot.assembly.isolated_drive import IsolatedDrives
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.run import SLICE_TICKS
 
 ROUNDS = 9
 VOICE = DirectReporter(lambda note: None, lambda done, total: None)
@@ -81,7 +81,7 @@ class FirstElsewhere:
         self._drives, self._count = drives, count
 
     def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
-        """See `twin.runs.assembly.drives.drive`."""
+        """See `twin.robot.assembly.drives.drive`."""
         elsewhere = int(name.removeprefix("drive_")) <= self._count
         return (self._drives.drive if elsewhere else drive)(name, plan, tick, theta_m, tau_load)
 

@@ -14,14 +14,14 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.measurement import Measurement, Rounds
-from twin.cosim.observers import TickEvent
-from twin.experiment.experiment import Experiment
-from twin.recording.recorder import RowStream
-from twin.runs.assembly.load import load_experiment
-from twin.runs.run import execute
-from twin.runs.scene.scene import Scene
-from twin.runs.tuning import Tuning
-from twin.runs.viewer import Viewer
+from twin.kernel.cosim.observers import TickEvent
+from twin.kernel.recording.recorder import RowStream
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.run import execute
+from twin.robot.run.tuning import Tuning
+from twin.robot.run.viewer import Viewer
+from twin.robot.scene.scene import Scene
 
 ROUNDS = 15
 PACED_ROUNDS = 5
@@ -87,7 +87,7 @@ def _run(experiment: Experiment, factor: float | None, live: bool) -> Cost:
             watch = Stopwatch()
             execute(experiment, Path(scratch), factor=factor, viewer=watch)
             return Cost(time.perf_counter() - watch.began, 0.0, 0)
-        from twin.runs.live.server import LiveServer
+        from twin.robot.live.server import LiveServer
 
         clients: list[subprocess.Popen[str]] = []
         with LiveServer(0, lambda address: clients.append(_client(address))) as server:

@@ -2,7 +2,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* The memory of a drive component, field by field as in twin/drive/plain_adapter.py. */
+/* The memory of a drive component, field by field as in twin/kernel/fmi/plain_adapter.py. */
 typedef struct {
     void *instance;
     int (*set_real)(void *instance, const unsigned *references, size_t count, const double *values);

@@ -15,12 +15,12 @@ from fmpy.fmi2 import FMU2Slave
 
 from benchmarks.c_loop import CLoop, NoCompiler
 from benchmarks.measurement import Measurement, Rounds
-from twin.cosim.simulation import Simulation
-from twin.cosim.system import System
-from twin.drive.unpacked import unpacked
-from twin.experiment.drive_files import lone_drive
-from twin.runs.assembly.drives import DrivePlan, drive, planned
-from twin.runs.run import SLICE_TICKS
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.cosim.system import System
+from twin.kernel.fmi.unpacked import unpacked
+from twin.robot.assembly.drives import DrivePlan, drive, planned
+from twin.robot.experiment.drive_files import lone_drive
+from twin.robot.run.run import SLICE_TICKS
 
 TICKS = 20_000
 FMPY_TICKS = 1_000

@@ -7,11 +7,11 @@ from typing import Any
 
 from benchmarks.c_loop import CLoop, NoCompiler
 from benchmarks.measurement import Measurement, Rounds
-from twin.cosim.observers import simulate
-from twin.experiment.experiment import Experiment
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.load import load_experiment
-from twin.runs.assembly.roles import other_part
+from twin.kernel.cosim.observers import simulate
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.load import load_experiment
+from twin.robot.assembly.roles import other_part
+from twin.robot.experiment.experiment import Experiment
 
 ROUNDS = 15
 CALLS = 10_000

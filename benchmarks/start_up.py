@@ -19,7 +19,7 @@ TURNS = 11
 COMMANDS = {"--help": 5.0, "schema": 8.0, "drive list": 8.0, "doctor": 8.0}
 """What answers without running anything, and the most time it may take, in times of a Python that does nothing."""
 WATCH = Path(__file__).with_name("watch.py")
-IMPORTS = "import twin.runs, twin.runs.assembly.load, twin.recording.folder"
+IMPORTS = "import twin.robot.run, twin.robot.assembly.load, twin.kernel.recording.folder"
 MEGABYTE = 1024.0 if sys.platform != "darwin" else 1024.0**2
 """`ru_maxrss` counts kibibytes, on macOS bytes."""
 

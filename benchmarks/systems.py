@@ -5,11 +5,11 @@ from pathlib import Path
 
 from benchmarks.figure_4 import stepped
 from benchmarks.measurement import Measurement, Rounds
-from twin.cosim.observers import simulate
-from twin.cosim.ssp.package import read_package
-from twin.errors import InputRefused
-from twin.runs.assembly.load import load_experiment
-from twin.runs.run import SLICE_TICKS
+from twin.kernel.cosim.observers import simulate
+from twin.kernel.errors import InputRefused
+from twin.kernel.ssp.package import read_package
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.run import SLICE_TICKS
 from twin.studies.build.system import build_ssp
 from twin.studies.systems.recorded import opened
 

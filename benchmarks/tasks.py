@@ -5,7 +5,7 @@ from statistics import median
 
 from benchmarks.figure_4 import stepped
 from benchmarks.measurement import Measurement
-from twin.runs.assembly.load import load_experiment
+from twin.robot.assembly.load import load_experiment
 
 ROUNDS = 5
 TASKS = ("pressing", "tapping", "rolling", "pushing")

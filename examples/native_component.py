@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from twin.cosim.component import Component, NativeComponent
-from twin.cosim.native import step_function
-from twin.cosim.port import Port
+from twin.kernel.cosim.component import Component, NativeComponent
+from twin.kernel.cosim.native import step_function
+from twin.kernel.cosim.port import Port
 
 INPUTS = (Port("omega_ref", 1, "rad/s", "commanded motor speed"),)
 OUTPUTS = (Port("theta_m", 1, "rad", "motor angle"),)

@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 
-from twin.cosim.port import Port
-from twin.cosim.python_class import PythonComponent
-from twin.cosim.simulation import Simulation
-from twin.cosim.system import System
+from twin.kernel.cosim.port import Port
+from twin.kernel.cosim.python_class import PythonComponent
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.cosim.system import System
 
 THETA_M = Port("theta_m", 1, "rad", "motor angle")
 OMEGA_REF = Port("omega_ref", 1, "rad/s", "commanded motor speed")

@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from unittest import mock
 
-from twin.runs.guard.job import function_called
-from twin.runs.guard.reporter import DirectReporter, Listen, Show
+from twin.kernel.process.job import function_called
+from twin.kernel.process.reporter import DirectReporter, Listen, Show
 
 GUARDED = (
-    "twin.runs.guard.guard.guarded",
+    "twin.kernel.process.guard.guarded",
     "twin.cli.ask.guarded",
     "twin.studies.check.job.guarded",
     "twin.studies.qualify.lifecycle.guarded",
@@ -71,7 +71,7 @@ def twin(*arguments: object, cwd: Path, env: Mapping[str, str] | None = None, is
             for place in GUARDED:
                 stack.enter_context(mock.patch(place, _unguarded))
             # nobody would ask the process that is started before it is known what for
-            stack.enter_context(mock.patch("twin.runs.guard.ahead.start_ahead"))
+            stack.enter_context(mock.patch("twin.kernel.process.ahead.start_ahead"))
         code = _exit_code(main)
     return Done(code, said.getvalue(), told.getvalue())
 
@@ -108,7 +108,7 @@ def _unguarded(
     listen: Listen = lambda note: None,
     show: Show = lambda done, total: None,
 ) -> Any:
-    """As `twin.runs.guard.guard.guarded`, through JSON likewise, in this process."""
+    """As `twin.kernel.process.guard.guarded`, through JSON likewise, in this process."""
     reporter = DirectReporter(lambda note: listen(_through_json(note)), show)
     # two jobs are two processes otherwise, and need not stand each other in one
     with _ONE_JOB:

@@ -11,14 +11,14 @@ from unittest import mock
 import pytest
 from hypothesis import settings
 
-from tests.drive.eventful import Maker, maker
+from tests.kernel.fmi.eventful import Maker, maker
 from tests.machine_code import call_compiled
 from tests.warm import WarmStart
-from twin import cache_folder
-from twin.recording.reader import read
-from twin.recording.recording import Recording
-from twin.runs.assembly.load import load_experiment
-from twin.runs.run import execute
+from twin.kernel import cache_folder
+from twin.kernel.recording.reader import read
+from twin.kernel.recording.recording import Recording
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.run import execute
 
 call_compiled()
 ROOT = Path(__file__).parents[1]
@@ -42,7 +42,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 LONG = (
-    "runs/guard", "docs", "cli", "studies/sweep", "studies/check", "studies/identify", "studies/faults", "installed",
+    "kernel/process", "docs", "cli", "studies/sweep", "studies/check", "studies/identify", "studies/faults", "installed",
     "browser",
 )  # fmt: skip
 """Rooms whose files take longest: they go first, so that no process has one left to do when the others are done."""
@@ -70,7 +70,7 @@ def examples(count: int, **options: Any) -> settings:
 @pytest.fixture(scope="session", autouse=True)
 def warm_start() -> Iterator[None]:
     """Guarded processes do not import anew what all of them import."""
-    with mock.patch("twin.runs.guard.process.Popen", WarmStart()):
+    with mock.patch("twin.kernel.process.process.Popen", WarmStart()):
         yield
 
 

@@ -1,7 +1,7 @@
 """What a process remembers of the installation, forgotten: what is asked next is asked as by another process."""
 
-from twin import kept
-from twin.places import sources
+from twin.kernel import kept
+from twin.kernel.places import sources
 
 
 def forget_installation() -> None:

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from twin.cache_folder import evict
-from twin.compiled.function import Function
-from twin.places import PACKAGE, sources
+from twin.kernel.cache_folder import evict
+from twin.kernel.compiled.function import Function
+from twin.kernel.places import PACKAGE, sources
 
 KEPT = 3
 """Sources whose machine code is kept."""

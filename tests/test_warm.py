@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from tests.warm import Forked, WarmStart
-from twin.runs.guard import process
-from twin.runs.guard.guard import guarded
+from twin.kernel.process import process
+from twin.kernel.process.guard import guarded
 
-JOB = "tests.runs.guard.jobs:surroundings"
+JOB = "tests.kernel.process.jobs:surroundings"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere all are started")

@@ -7,16 +7,16 @@ from pathlib import Path
 import pytest
 
 ALONE = {
-    "writing.py": "the place",
-    "recording/writer.py": "a recording grows, is readable before it is finished, and renamed then",
+    "kernel/writing.py": "the place",
+    "kernel/recording/writer.py": "a recording grows, is readable before it is finished, and renamed then",
     "studies/sweep/rows.py": "rows are only ever appended to",
-    "cache_folder.py": "a cache",
-    "drive/unpacked.py": "a cache",
-    "drive/compiling.py": "a cache",
-    "compiled/store.py": "a cache",
+    "kernel/cache_folder.py": "a cache",
+    "kernel/fmi/unpacked.py": "a cache",
+    "kernel/fmi/compiling.py": "a cache",
+    "kernel/compiled/store.py": "a cache",
     "studies/sweep/dask/bundle.py": "a folder of its own in a worker, gone with the sweep",
-    "recording/folder.py": "the folder of a run must be new",
-    "runs/guard/child.py": "pipes to the guard",
+    "kernel/recording/folder.py": "the folder of a run must be new",
+    "kernel/process/child.py": "pipes to the guard",
     "cli/streams.py": "standard streams",
     "report/page/drawer.py": "what one process hands to another, in a folder of its own that goes with the page",
 }

@@ -16,12 +16,12 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from twin.runs.guard import child
-from twin.runs.guard.process import THREADS, environment, module_command
+from twin.kernel.process import child
+from twin.kernel.process.process import THREADS, environment, module_command
 
 IMPORTED = (
-    "twin.runs.guard.runs", "twin.runs.guard.reporter", "twin.runs.guard.host", "twin.studies.sweep.worker",
-    "twin.studies.check.job", "twin.studies.qualify.lifecycle", "twin.report.page.drawer", "tests.runs.guard.jobs",
+    "twin.robot.run.isolated_runs", "twin.kernel.process.reporter", "twin.robot.assembly.drive_host", "twin.studies.sweep.worker",
+    "twin.studies.check.job", "twin.studies.qualify.lifecycle", "twin.report.page.drawer", "tests.kernel.process.jobs",
     "twin.studies.qualify.qualification", "twin.studies.qualify.text", "scipy.linalg", "scipy.optimize",
     "scipy.stats", "lxml.etree",
 )  # fmt: skip

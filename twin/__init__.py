@@ -10,12 +10,12 @@ from typing import Any
 __version__ = "0.1.0"
 
 _PUBLIC = {
-    "Experiment": "twin.experiment.experiment:Experiment",
-    "Run": "twin.runs.run:Run",
+    "Experiment": "twin.robot.experiment.experiment:Experiment",
+    "Run": "twin.robot.run.run:Run",
     "check": "twin.studies.check.job:check",
-    "load": "twin.runs.assembly.load:load_experiment",
-    "read": "twin.recording.reader:read",
-    "run": "twin.runs.run:execute",
+    "load": "twin.robot.assembly.load:load_experiment",
+    "read": "twin.kernel.recording.reader:read",
+    "run": "twin.robot.run.run:execute",
 }
 
 __all__ = list(_PUBLIC)

@@ -1,8 +1,8 @@
-from twin.experiment.experiment import Experiment as Experiment
-from twin.recording.reader import read as read
-from twin.runs.assembly.load import load_experiment
-from twin.runs.run import Run as Run
-from twin.runs.run import execute
+from twin.kernel.recording.reader import read as read
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment as Experiment
+from twin.robot.run.run import Run as Run
+from twin.robot.run.run import execute
 from twin.studies.check.check import check as check
 
 load = load_experiment

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from twin.errors import nearest
+from twin.kernel.errors import nearest
 from validation.page import rewritten
 from validation.trial import apart, names
 from validation.yardstick import Finding

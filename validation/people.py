@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.plant.contact_law import Contact, elastic_force
-from twin.plant.dynamics import PlantParameters
-from twin.runs.assembly.build import plant_parameters
-from twin.runs.assembly.load import load_experiment
+from twin.robot.assembly.build import plant_parameters
+from twin.robot.assembly.load import load_experiment
+from twin.robot.plant.contact_law import Contact, elastic_force
+from twin.robot.plant.dynamics import PlantParameters
 from twin.studies.figure import BLUE, GREEN, GREY, INK, ORANGE, PINK, SKY, VERMILION, picture
 
 Numbers = NDArray[np.float64]

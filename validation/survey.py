@@ -14,21 +14,21 @@ from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from twin.archive import content_of, entries, sha256
-from twin.cache_folder import cache_folder
-from twin.drive.description import DESCRIPTION, MOST_DESCRIPTION
-from twin.drive.unpacked import CONTENT, HOME
-from twin.errors import InputRefused, TwinError, visible
-from twin.experiment.drive_files import lone_drive
-from twin.files import read_json, read_toml, xml_of
-from twin.runs.assembly.drives import planned
-from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
-from twin.runs.guard.limits import JobLimits
-from twin.runs.guard.reporter import Reporter
+from twin.kernel.archive import content_of, entries, sha256
+from twin.kernel.cache_folder import cache_folder
+from twin.kernel.errors import InputRefused, TwinError, visible
+from twin.kernel.files import read_json, read_toml, xml_of
+from twin.kernel.fmi.description import DESCRIPTION, MOST_DESCRIPTION
+from twin.kernel.fmi.unpacked import CONTENT, HOME
+from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
+from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.reporter import Reporter
+from twin.kernel.writing import made_folder, write_json, write_text
+from twin.robot.assembly.drives import planned
+from twin.robot.experiment.drive_files import lone_drive
 from twin.studies.lines import counted, labelled, markdown
 from twin.studies.reference.carried import Trial, carried
 from twin.studies.reference.outcome import BAD, TOLERANCE, WORDS, Outcome, outcome_of, references
-from twin.writing import made_folder, write_json, write_text
 
 DOCS = Path(__file__).parents[1] / "docs"
 JOB = "validation.survey:tried"

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 
 NUMBERS = (b"0", b"-1", b"1e308", b"-1e308", b"1e-308", b"nan", b"inf", b"1e15", b"9" * 500, b"0x" + b"f" * 99, b"1_0")
 VALUES = (

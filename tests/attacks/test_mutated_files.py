@@ -11,13 +11,13 @@ import pytest
 from tests.attacks.mutations import endure, mutated, mutated_json
 from tests.studies.sweep.statistics.rows import row
 from tests.studies.systems.archives import archive, component, connection, connector, line, structure, system, values
-from twin.cosim.ssp.flat import flattened
-from twin.cosim.ssp.package import read_package
-from twin.experiment.json_schema import commented_experiment
-from twin.recording.logs.column_map import column_map
-from twin.recording.logs.reader import read_log
-from twin.runs.assembly.declared import DECLARED
-from twin.runs.assembly.load import load_experiment
+from twin.kernel.recording.logs.column_map import column_map
+from twin.kernel.recording.logs.reader import read_log
+from twin.kernel.ssp.flat import flattened
+from twin.kernel.ssp.package import read_package
+from twin.robot.assembly.declared import DECLARED
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.json_schema import commented_experiment
 from twin.studies.check.baseline import read_baseline
 from twin.studies.compare.tolerance import rules
 from twin.studies.sweep.definition import read_definition

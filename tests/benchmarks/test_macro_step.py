@@ -4,8 +4,8 @@ import pytest
 
 from benchmarks.c_loop import CLoop, NoCompiler
 from benchmarks.macro_step import refuse_different_results
-from twin.experiment.drive_files import lone_drive
-from twin.runs.assembly.drives import planned
+from twin.robot.assembly.drives import planned
+from twin.robot.experiment.drive_files import lone_drive
 
 
 def test_the_yardstick_reads_the_memory_of_a_drive_as_it_is_and_computes_the_same_bits(root: Path, tmp_path: Path):

@@ -9,9 +9,9 @@ import pytest
 from playwright.sync_api import Browser
 
 from tests.laws.runs import shipped
-from tests.runs.live.viewer import Viewer
-from twin.runs.live.server import LiveServer
-from twin.runs.run import execute
+from tests.robot.live.viewer import Viewer
+from twin.robot.live.server import LiveServer
+from twin.robot.run.run import execute
 
 pytestmark = pytest.mark.slow
 

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from tests.command_line import twin
-from tests.runs.guard.hostile import SEGFAULT, hostile_drive
+from tests.kernel.process.hostile import SEGFAULT, hostile_drive
 
 EXPERIMENT = "experiments/fig4_force_position.toml"
 

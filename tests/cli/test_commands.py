@@ -12,18 +12,18 @@ import typer
 from typer.testing import CliRunner
 
 from twin import studies as package
-from twin.cache_folder import VARIABLE
 from twin.cli import commands as made
 from twin.cli.app import TwinCommands, app
 from twin.cli.commands import WHOLE, declared
-from twin.errors import ComponentFailed
+from twin.kernel.cache_folder import VARIABLE
+from twin.kernel.errors import ComponentFailed
 
 STUDY = '''
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
-from twin.errors import ComponentFailed, InputRefused
+from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.studies.answer import Answer
 from twin.studies.command import Argument, Asked, Option, study
 from twin.studies.steps import Say

@@ -8,10 +8,10 @@ import pytest
 from PIL import Image
 
 from tests.command_line import twin
-from tests.recording import samples
+from tests.kernel.recording import samples
 from twin.cli.commands import asking, declared
-from twin.errors import InputRefused
-from twin.recording.recording import Recording
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.recording import Recording
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.command_line import twin
-from tests.drive.faulty import faulty_drive
+from tests.kernel.fmi.faulty import faulty_drive
 from tests.studies.systems.archives import archive, component, connection, structure, system, values
 
 TWO = system(

@@ -6,8 +6,8 @@ import pytest
 from PIL import Image
 
 from tests.command_line import twin
-from tests.drive.archives import redescribed
-from tests.drive.faulty import faulty_drive
+from tests.kernel.fmi.archives import redescribed
+from tests.kernel.fmi.faulty import faulty_drive
 from twin.studies.qualify.definitions import CHECKS, MEASURES
 
 FIG4 = "experiments/fig4_force_position.toml"

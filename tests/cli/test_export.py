@@ -1,8 +1,8 @@
 from pathlib import Path
 
 from tests.command_line import twin
-from tests.recording import samples
-from tests.recording.export.readers import csv_columns
+from tests.kernel.recording import samples
+from tests.kernel.recording.export.readers import csv_columns
 
 
 def test_a_run_is_exported_beside_its_recording(tmp_path: Path):

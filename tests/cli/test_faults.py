@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from tests.command_line import twin
-from tests.drive.compiled import compiled_drive
+from tests.kernel.fmi.compiled import compiled_drive
 from twin.studies.faults.study import MATRIX, PICTURE, ROWS
 
 PRESSING = "experiments/pressing.toml"

@@ -8,7 +8,6 @@ import pytest
 
 from tests.command_line import twin_process
 from tests.damage import damage
-from twin.archive import sha256
 from twin.cli import installation
 from twin.cli.installation import (
     Finding,
@@ -24,8 +23,9 @@ from twin.cli.installation import (
     unpacked_finding,
     verdict,
 )
-from twin.compiled import store
-from twin.drive.unpacked import unpacked
+from twin.kernel.archive import sha256
+from twin.kernel.compiled import store
+from twin.kernel.fmi.unpacked import unpacked
 
 PROJECT = {"requires-python": ">=3.11", "dependencies": ["numpy>=2.0"]}
 

@@ -11,10 +11,10 @@ import pytest
 
 from tests.command_line import twin
 from tests.installations import forget_installation
-from twin import kept as keeping
-from twin.cache_folder import VARIABLE
 from twin.cli import app, starting
 from twin.cli import line as whole
+from twin.kernel import kept as keeping
+from twin.kernel.cache_folder import VARIABLE
 
 NEEDED = ("typer", "pydantic", "numpy", "fmpy", "packaging")
 """What takes long to import."""

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from twin.cli.app import app
-from twin.errors import TwinError
-from twin.recording.recording import Recording
+from twin.kernel.errors import TwinError
+from twin.kernel.recording.recording import Recording
 
 READ_ONLY = Path("/sys")
 

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from tests.command_line import twin, twin_process
-from tests.drive.archives import redescribed
-from twin.recording.reader import read
-from twin.runs.assembly.load import load_experiment
+from tests.kernel.fmi.archives import redescribed
+from twin.kernel.recording.reader import read
+from twin.robot.assembly.load import load_experiment
 
 FIG4 = "experiments/fig4_force_position.toml"
 

@@ -11,8 +11,8 @@ import pytest
 
 from twin.cli import line
 from twin.cli.streams import READER_GONE, Aside, Outlet, Unread, standard_streams
-from twin.errors import NotWritten
-from twin.runs.guard.black_box import BlackBox
+from twin.kernel.errors import NotWritten
+from twin.kernel.process.black_box import BlackBox
 
 FULL = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="only Linux has a disk that is always full")
 

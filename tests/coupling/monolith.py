@@ -10,10 +10,10 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.experiment.experiment import Experiment
-from twin.plant.component import OUTPUTS
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.build import plant_parameters
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.build import plant_parameters
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.plant.component import OUTPUTS
 from twin.studies.analyse.linear.plant_system import plant_system, signal_labels
 from twin.studies.converge.monolith import applies, monolithic_rows, servos, within_limits
 

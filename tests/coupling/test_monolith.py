@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tests.coupling.monolith import T_M, coupled_system, drive_droop
 from tests.laws.runs import PARAMETERS, shipped
-from twin.plant.component import resting
+from twin.robot.plant.component import resting
 from twin.studies.converge.monolith import Coupled
 
 EXPERIMENT = shipped()

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import PARAMETERS
-from twin.cosim.port import Port
-from twin.cosim.python_class import PythonComponent
-from twin.cosim.simulation import Simulation
-from twin.cosim.system import System
+from twin.kernel.cosim.port import Port
+from twin.kernel.cosim.python_class import PythonComponent
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.cosim.system import System
 
 # one joint with its link held: K = k_s N^2 and d = b_j about the joint
 K, d = PARAMETERS.k_s * PARAMETERS.N**2, PARAMETERS.b_j

@@ -11,13 +11,13 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from tests.conftest import ROOT
-from twin.controller.program import TASKS
-from twin.experiment import change, fault, measure, schema
-from twin.experiment import drive_files as stand_in
-from twin.experiment.declared import nested
-from twin.experiment.experiment import Head
-from twin.runs.assembly.declared import DECLARED
-from twin.settings import Settings
+from twin.kernel.settings import Settings
+from twin.robot.assembly.declared import DECLARED
+from twin.robot.controller.program import TASKS
+from twin.robot.experiment import change, fault, measure, schema
+from twin.robot.experiment import drive_files as stand_in
+from twin.robot.experiment.declared import nested
+from twin.robot.experiment.experiment import Head
 
 PAGE = ROOT / "docs/keys.md"
 ELSEWHERE = ("controller.model", "estimator", "body")

@@ -10,7 +10,7 @@ import pytest
 
 from tests.docs.map_rows import PAGE, completed, rows
 from twin.cli.commands import declared
-from twin.runs.guard.job import function_called
+from twin.kernel.process.job import function_called
 
 OWNERS = {"fmpy": {"drive"}, "control": {"studies"}, "mcap": {"recording"}, "numba": {"compiled"}}
 """Rooms that may import a package, where not all may."""

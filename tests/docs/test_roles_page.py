@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.runs.assembly.roles import CONTRACTS
+from twin.robot.assembly.roles import CONTRACTS
 
 
 @pytest.mark.parametrize("role", CONTRACTS)

@@ -78,7 +78,7 @@ def test_a_link_into_the_code_shows_the_code(site: Path, root: Path):
     page = (site / "repository" / "twin" / "robot" / "statics.py.html").read_text()
     text = re.sub(r"<[^>]+>", "", page)
     assert "def dead_zone(d, half_width):" in text
-    assert 'href="repository/twin/robot/statics.py.html"' in (site / "physics.html").read_text()
+    assert 'href="repository/twin/robot/mechanism/statics.py.html"' in (site / "physics.html").read_text()
 
 
 @pytest.mark.slow

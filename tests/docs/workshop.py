@@ -16,10 +16,10 @@ import pytest
 
 from tests.command_line import twin
 from tests.docs.code_blocks import Block
-from tests.drive.amplifier import parts_of_a_drive
-from twin.experiment.schema import Drive
-from twin.recording.logs.column_map import column_map
-from twin.runs.assembly.load import load_experiment
+from tests.kernel.fmi.amplifier import parts_of_a_drive
+from twin.kernel.recording.logs.column_map import column_map
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.schema import Drive
 from twin.studies.sweep.plan import planned
 
 PLAIN = re.compile(r"twin ([^|;&$<>`*?~{}()!\\'\"]|'[^']*')*$")

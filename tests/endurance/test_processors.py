@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS
-from twin.recording.reader import read
+from twin.kernel.recording.reader import read
 
 pytestmark = [
     pytest.mark.endurance,

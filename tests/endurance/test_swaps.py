@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from twin.cosim.simulation import Simulation
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.load import load_experiment
+from twin.kernel.cosim.simulation import Simulation
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.load import load_experiment
 
 pytestmark = [
     pytest.mark.endurance,

@@ -1,7 +1,7 @@
 """Parameters of fmus/paper_law for an experiment of twin's own controller, and the experiment with it."""
 
-from twin.controller.program import Press, Push, Roll, Tap, Task
-from twin.experiment.experiment import Experiment
+from twin.robot.controller.program import Press, Push, Roll, Tap, Task
+from twin.robot.experiment.experiment import Experiment
 
 NEVER = 1e300
 KINDS = {Press: 1, Tap: 2, Roll: 3, Push: 4}

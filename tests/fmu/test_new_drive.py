@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from tests.docs.code_blocks import blocks
-from twin.experiment.drive_files import lone_drive
-from twin.runs.assembly.drives import planned
+from twin.robot.assembly.drives import planned
+from twin.robot.experiment.drive_files import lone_drive
 
 NAME = "lag_servo"
 

@@ -13,12 +13,12 @@ from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
 from tests.fmu.paper_law import parameters
-from twin.experiment.experiment import Experiment
-from twin.recording.reader import read
-from twin.recording.recording import Recording
-from twin.runs.assembly.load import load_experiment
-from twin.runs.run import execute
-from twin.runs.trace import Trace, run_in_memory
+from twin.kernel.recording.reader import read
+from twin.kernel.recording.recording import Recording
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.run import execute
+from twin.robot.run.trace import Trace, run_in_memory
 
 FMU = "fmus/parts/paper_law"
 ROUNDING = 1e-12

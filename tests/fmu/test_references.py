@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from builder.references import FILES, carry_references
 
-from tests.drive.archives import altered
+from tests.kernel.fmi.archives import altered
 from twin.studies.reference.carried import HOME, carried
 from twin.studies.reference.outcome import References, references
 

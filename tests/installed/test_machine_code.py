@@ -17,8 +17,8 @@ from build_wheel import main, roots
 from hatch_build import OBJECTS
 from tests.bytes.cases import all_cases
 from tests.installed.environments import BUILD, Environment, installed
-from twin.compiled.machine import X86_64, chosen_form, file_of
-from twin.compiled.store import sealed
+from twin.kernel.compiled.machine import X86_64, chosen_form, file_of
+from twin.kernel.compiled.store import sealed
 
 LINUX = pytest.mark.skipif(
     (sys.platform, platform.machine()) != ("linux", "x86_64"), reason="the wheel is for Linux on x86-64"
@@ -28,8 +28,8 @@ import json, os, sys, tempfile
 from pathlib import Path
 sys.modules.update({name: None for name in sys.argv[1:]})
 import twin
-from twin.compiled import machine
-from twin.errors import TwinError
+from twin.kernel.compiled import machine
+from twin.kernel.errors import TwinError
 for case in json.load(sys.stdin):
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
@@ -69,7 +69,7 @@ def test_machine_code_makes_it_a_wheel_for_one_platform(root: Path, tmp_path: Pa
     (wheel,) = tmp_path.glob("*.whl")
     assert wheel.name == "twin-0.1.0-py3-none-linux_x86_64.whl"
     inside = zipfile.ZipFile(wheel)
-    assert inside.read("twin/compiled/objects/twin.a.o") == (objects / "twin.a.o").read_bytes()
+    assert inside.read("twin/kernel/compiled/objects/twin.a.o") == (objects / "twin.a.o").read_bytes()
     assert "Root-Is-Purelib: false" in inside.read("twin-0.1.0.dist-info/WHEEL").decode()
 
 
@@ -105,5 +105,5 @@ def test_code_of_the_wheel_that_was_damaged_is_compiled(carrying: Environment, t
         path.write_bytes(path.read_bytes()[1:])
     carrying.run("twin", "run", "step_z_air", cwd=tmp_path)
     assert [path.name.partition("-")[0] for path in carrying.folder.rglob("native/*.o")] == [
-        "twin.robot.inverse_kinematics._angles"
+        "twin.robot.mechanism.inverse_kinematics._angles"
     ]

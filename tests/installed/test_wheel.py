@@ -31,8 +31,8 @@ REPOSITORY = (
 NAMES = """
 import json
 import tarfile
-from twin.runs.assembly.load import load_experiment
-from twin.places import HOME
+from twin.robot.assembly.load import load_experiment
+from twin.kernel.places import HOME
 from twin.studies.check.baseline import baselines_here
 from twin.studies.check.job import pairs
 

@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.plant.kinetic import kinetic_energy
-from tests.plant.test_energy import stored
-from twin.plant.dynamics import PlantParameters
-from twin.robot.statics import G_ACCELERATION, platform_weight
-from twin.runs.trace import Trace
+from tests.robot.plant.kinetic import kinetic_energy
+from tests.robot.plant.test_energy import stored
+from twin.robot.mechanism.statics import G_ACCELERATION, platform_weight
+from twin.robot.plant.dynamics import PlantParameters
+from twin.robot.run.trace import Trace
 
 Numbers = NDArray[np.float64]
 

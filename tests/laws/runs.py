@@ -3,10 +3,10 @@
 from dataclasses import replace
 from pathlib import Path
 
-from twin.experiment.experiment import Experiment
-from twin.runs.assembly.build import plant_parameters
-from twin.runs.assembly.load import load_experiment
-from twin.runs.trace import Trace, run_in_memory
+from twin.robot.assembly.build import plant_parameters
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.converge.monolith import Sampled
 
 EXPERIMENTS = Path(__file__).resolve().parents[2] / "experiments"

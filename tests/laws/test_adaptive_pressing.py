@@ -10,9 +10,9 @@ import itertools
 import numpy as np
 import pytest
 
-from twin.controller.program import PhaseKind
-from twin.runs.assembly.load import load_experiment
-from twin.runs.trace import run_in_memory
+from twin.robot.assembly.load import load_experiment
+from twin.robot.controller.program import PhaseKind
+from twin.robot.run.trace import run_in_memory
 
 ONE_SET = (
     "monitor.enabled=false", "controller.position.kp_per_s=10.3", "controller.force.kp_mm_per_N=1.38",

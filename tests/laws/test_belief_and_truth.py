@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXACT_ENCODERS, FORCE, POSITION, Sampled, co_simulated, shipped
-from twin.controller.controller import Estimator
-from twin.robot.geometry import Geometry
-from twin.robot.kinematics import jacobian
-from twin.robot.statics import arm_gravity_torque, platform_weight
-from twin.runs.assembly.build import plant_parameters
-from twin.runs.assembly.computer import belief, controller
+from twin.robot.assembly.build import plant_parameters
+from twin.robot.assembly.computer import belief, controller
+from twin.robot.controller.controller import Estimator
+from twin.robot.mechanism.geometry import Geometry
+from twin.robot.mechanism.kinematics import jacobian
+from twin.robot.mechanism.statics import arm_gravity_torque, platform_weight
 
 NO_BACKLASH = (*EXACT_ENCODERS, "plant.backlash_deg=0")
 WRONG = {

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.laws.runs import EXPERIMENTS
-from twin.cosim.observers import simulate
-from twin.errors import InputRefused
-from twin.experiment.fault import CATALOGUE
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.load import load_experiment
-from twin.runs.trace import Trace
+from twin.kernel.cosim.observers import simulate
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.run.trace import Trace
 
 SIZE = 0.06
 TANK = f"controller.energy_tank.size_J={SIZE}"

@@ -7,13 +7,13 @@ import pytest
 
 from tests.laws.energy import gained_with_motors_held
 from tests.laws.runs import EVERY_EXPERIMENT, FORCE, co_simulated, shipped
-from twin.experiment.experiment import Experiment
-from twin.plant.dynamics import PlantParameters
-from twin.robot.geometry import Geometry
-from twin.robot.kinematics import jacobian
-from twin.robot.statics import arm_gravity_torque, platform_weight
-from twin.runs.assembly.build import plant_parameters, surface_motions
-from twin.runs.trace import Trace
+from twin.robot.assembly.build import plant_parameters, surface_motions
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.mechanism.geometry import Geometry
+from twin.robot.mechanism.kinematics import jacobian
+from twin.robot.mechanism.statics import arm_gravity_torque, platform_weight
+from twin.robot.plant.dynamics import PlantParameters
+from twin.robot.run.trace import Trace
 
 LOSSES = ("plant.eta=0.8", "plant.eta_rate_rad_per_s=0.2")
 RUNS = {name: (name,) for name in EVERY_EXPERIMENT} | {

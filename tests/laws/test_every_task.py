@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS, co_simulated, shipped
-from twin.controller.program import PhaseKind as Kind
-from twin.controller.program import Push, Roll, Tap
-from twin.plant.contact import surface_frame
-from twin.robot.geometry import Geometry
-from twin.robot.kinematics import jacobian
-from twin.runs.assembly.build import plant_parameters
-from twin.runs.assembly.load import load_experiment
+from twin.robot.assembly.build import plant_parameters
+from twin.robot.assembly.load import load_experiment
+from twin.robot.controller.program import PhaseKind as Kind
+from twin.robot.controller.program import Push, Roll, Tap
+from twin.robot.mechanism.geometry import Geometry
+from twin.robot.mechanism.kinematics import jacobian
+from twin.robot.plant.contact import surface_frame
 
 TASKS = ("massage", "pressing", "pushing", "rolling", "tapping")
 BODIES = sorted(path.stem for path in (EXPERIMENTS / "bodies").glob("*.toml"))

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS
-from twin.cosim.observers import simulate
-from twin.monitor.component import own_monitor, trip_reason
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.load import load_experiment
-from twin.runs.trace import Trace
+from twin.kernel.cosim.observers import simulate
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.load import load_experiment
+from twin.robot.monitor.component import own_monitor, trip_reason
+from twin.robot.run.trace import Trace
 
 TASKS = ("pressing", "tapping", "rolling", "pushing", "massage")
 TOO_WEAK = {"xl330"}

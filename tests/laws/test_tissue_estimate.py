@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.plant.contact_law import elastic_force
-from twin.runs.assembly.build import plant_parameters
-from twin.runs.assembly.load import load_experiment
-from twin.runs.trace import run_in_memory
+from twin.robot.assembly.build import plant_parameters
+from twin.robot.assembly.load import load_experiment
+from twin.robot.plant.contact_law import elastic_force
+from twin.robot.run.trace import run_in_memory
 
 BODIES = sorted(path.stem for path in Path("experiments/bodies").glob("*.toml"))
 NOISY = ["robot.motor_noise_deg=0.02", "robot.joint_noise_deg=0.01"]

@@ -9,7 +9,10 @@ from cosmic_ray.ast import ast_nodes, get_ast
 from cosmic_ray.mutating import mutate_code
 from cosmic_ray.plugins import get_operator, operator_names
 
-ROOMS = ("robot", "plant", "controller", "monitor", "drive", "faults", "studies/paper", "studies/metrics")
+ROOMS = (
+    "robot/mechanism", "robot/plant", "robot/controller", "robot/monitor", "robot/drive", "robot/faults", "kernel/fmi",
+    "studies/paper", "studies/metrics",
+)  # fmt: skip
 COMPILERS = ("njit", "step_function", "entry")
 """Decorators of functions that are compiled."""
 

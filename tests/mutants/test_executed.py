@@ -14,7 +14,7 @@ from tests.mutants.mutant import Mutant, possible_mutants
 
 SOURCE = '''"""A module."""
 
-from twin.compiled.function import njit
+from twin.kernel.compiled.function import njit
 
 
 def _at_import():
@@ -59,11 +59,11 @@ def repository(tmp_path: Path) -> Path:
 def ran(repository: Path) -> TestFile:
     """Of a test that calls the module with a small number, in a process that is killed thereafter."""
     notes = repository / "notes"
-    code = "import os; from twin.robot.part import called; called(1); os.kill(os.getpid(), 9)"
+    code = "import os; from twin.robot.mechanism.part import called; called(1); os.kill(os.getpid(), 9)"
     subprocess.run(
         [sys.executable, "-c", code], env={**os.environ, **environment(repository, notes)}, check=False, cwd=repository
     )
-    return TestFile(Path("tests/robot/test_part.py"), 1.0, *noted(repository, notes))
+    return TestFile(Path("tests/robot/mechanism/test_part.py"), 1.0, *noted(repository, notes))
 
 
 @pytest.fixture
@@ -87,8 +87,8 @@ def test_what_runs_while_a_module_is_imported_or_never_seems_to_may_be_in_machin
 
 
 def test_what_nobody_seems_to_run_is_tried_against_all_that_import_it(ran, numbers):
-    stranger = TestFile(Path("tests/robot/test_other.py"), 1.0)
-    imports = TestFile(Path("tests/robot/test_imports.py"), 1.0, {numbers["6"].file: {1}})
+    stranger = TestFile(Path("tests/robot/mechanism/test_other.py"), 1.0)
+    imports = TestFile(Path("tests/robot/mechanism/test_imports.py"), 1.0, {numbers["6"].file: {1}})
     assert noticing(numbers["3"], [stranger, imports, ran]) == [ran]
     assert noticing(numbers["6"], [stranger, imports, ran]) == [imports, ran]
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from mcap.opcode import Opcode
 
-from tests.recording.forgery import Record, content_of, joined, records, sealed, with_content, with_metadata
+from tests.kernel.recording.forgery import Record, content_of, joined, records, sealed, with_content, with_metadata
 
 ODD: tuple[Any, ...] = (
     None, True, False, 0, -1, 1e308, -1e308, 1e-300, float("inf"), float("nan"), "", "x", "\0", "\x1b[31m", "x" * 5000,

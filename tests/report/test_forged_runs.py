@@ -7,18 +7,18 @@ from random import Random
 
 import pytest
 
+from tests.kernel.recording.forgery import data_records, sealed, with_metadata
 from tests.memory import growth
-from tests.recording.forgery import data_records, sealed, with_metadata
 from tests.report.attacks import Attack
-from twin.errors import InputRefused, TwinError
-from twin.recording.export.export import export_recording
+from twin.kernel.errors import InputRefused, TwinError
+from twin.kernel.recording.export.export import export_recording
+from twin.kernel.writing import json_text
 from twin.report.page.page import write_report
-from twin.runs.assembly.load import load_experiment
-from twin.runs.run import SUMMARY, execute
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.run import SUMMARY, execute
 from twin.studies.compare.comparison import both, compared
 from twin.studies.identify import study as identification
 from twin.studies.replay import study as replaying
-from twin.writing import json_text
 
 SEED = 12
 FEW, MANY = 8, 1500

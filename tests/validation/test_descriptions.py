@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.drive.archives import redescribed
+from tests.kernel.fmi.archives import redescribed
 from validation.yardsticks.descriptions import fmpy_complaints, toolbox_complaints
 
 

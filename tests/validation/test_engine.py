@@ -5,11 +5,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from twin.plant.dynamics import PlantParameters
-from twin.robot.geometry import Geometry
-from twin.robot.kinematics import jacobian, joint_angles
-from twin.runs.assembly.load import load_experiment
-from twin.runs.trace import Trace, run_in_memory
+from twin.robot.assembly.load import load_experiment
+from twin.robot.mechanism.geometry import Geometry
+from twin.robot.mechanism.kinematics import jacobian, joint_angles
+from twin.robot.plant.dynamics import PlantParameters
+from twin.robot.run.trace import Trace, run_in_memory
 from validation.engine.constrained import Constrained, Numbers
 from validation.engine.robots import State, TwinsRobot, differences, holding, states
 from validation.masters.robot import ROOT

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.runs.assembly.load import load_experiment
-from twin.runs.trace import Trace, run_in_memory
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.trace import Trace, run_in_memory
 from validation.masters.master import BIT_FOR_BIT, ROUNDING
 from validation.masters.robot import JACOBI, differences
 from validation.yardsticks.omsimulator import SUMMED

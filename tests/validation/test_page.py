@@ -4,7 +4,7 @@ import pickle
 import re
 from pathlib import Path
 
-from twin.files import read_json
+from twin.kernel.files import read_json
 from validation.page import BEGIN, table
 from validation.trial import names, of_file
 from validation.yardstick import Finding

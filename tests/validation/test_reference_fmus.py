@@ -54,7 +54,7 @@ def test_results_at_other_times_fail(folder: Path):
 
 def stepped(folder: Path) -> float:
     """The step of the default experiment (s)."""
-    from twin.drive.description import described
+    from twin.kernel.fmi.description import described
     from twin.studies.reference.carried import Prepared, Trial
     from twin.studies.reference.outcome import BareRun, bare_run
 

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.drive.archives import altered, carrying, redescribed
-from twin.errors import InputRefused
-from twin.files import read_json, read_toml
-from twin.runs.guard.guard import JobEnded
+from tests.kernel.fmi.archives import altered, carrying, redescribed
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import read_json, read_toml
+from twin.kernel.process.guard import JobEnded
 from twin.studies.reference.outcome import WORDS
 from validation import survey as module
 from validation.survey import main, page_text, stated, survey, survey_text, tried

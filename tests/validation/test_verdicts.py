@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.files import read_json
+from twin.kernel.files import read_json
 from validation import __main__ as command
 from validation.page import BEGIN, rewritten, table
 from validation.yardstick import Finding, NotHere, Yardstick, found

@@ -5,11 +5,11 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
+from twin.kernel.process.limits import cores
 from twin.report.page import DRAWN
-from twin.runs.guard.limits import cores
 from twin.studies.sweep import SERVED
 
-JOB = "twin.runs.guard.runs:recorded_runs"
+JOB = "twin.robot.run.isolated_runs:recorded_runs"
 """Of `twin run`."""
 JOBS = {"run": JOB, "report": DRAWN, "sweep": SERVED}
 _ELSEWHERE = {
@@ -31,7 +31,7 @@ def job_expected() -> Iterator[None]:
         yield
         return
     # for every other command this would be half of what it imports
-    from twin.runs.guard.ahead import end_waiting, start_ahead
+    from twin.kernel.process.ahead import end_waiting, start_ahead
 
     # what is in the way is told when the process is needed
     with suppress(OSError):

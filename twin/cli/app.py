@@ -8,7 +8,7 @@ import typer
 
 from twin import __version__
 from twin.cli.commands import Commands, Group
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.command import Isolation
 
 

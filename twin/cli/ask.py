@@ -6,11 +6,11 @@ from typing import Any
 
 from twin.cli.streams import show
 from twin.cli.terminal import Display
-from twin.errors import ComponentFailed
-from twin.runs.guard.guard import JobEnded, guarded
-from twin.runs.guard.job import function_called
-from twin.runs.guard.limits import JobLimits
-from twin.runs.guard.recorded import left_behind, recorded_until_then
+from twin.kernel.errors import ComponentFailed
+from twin.kernel.process.guard import JobEnded, guarded
+from twin.kernel.process.job import function_called
+from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.recorded import left_behind, recorded_until_then
 from twin.studies.answer import Answer, answer_of
 from twin.studies.command import SHARED, Interrupted, Isolation, JobIsolation, Study, answer_apart
 
@@ -106,7 +106,7 @@ def recorded(
     hear = hear or display.hear
     try:
         if isolate == Isolation.NONE:
-            from twin.runs.guard.reporter import DirectReporter
+            from twin.kernel.process.reporter import DirectReporter
 
             return function_called(job)(DirectReporter(hear, display.show), **arguments)
         return guarded(job, arguments, limits, hear, display.show)

@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from twin.cli import completion
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.command import SHARED, Argument, Option
 
 FOLDERS = {"twin.studies": Path(__file__).parents[1] / "studies", "twin.cli": Path(__file__).parent}

@@ -4,7 +4,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 
 
 def experiment_files(incomplete: str) -> list[str]:
@@ -15,14 +15,14 @@ def experiment_files(incomplete: str) -> list[str]:
 
 def experiment_names(incomplete: str) -> list[str]:
     """Experiments that come with twin, without folder and suffix."""
-    from twin.experiment.drive_files import known_experiments
+    from twin.robot.experiment.drive_files import known_experiments
 
     return _starting_with(incomplete, known_experiments())
 
 
 def drive_names(incomplete: str) -> list[str]:
     """Drives of fmus/."""
-    from twin.places import located
+    from twin.kernel.places import located
 
     shelf = located("fmus", Path.cwd())
     fmus = [*shelf.glob("*/*.fmu"), *shelf.glob("*/mapping.toml")]
@@ -31,15 +31,15 @@ def drive_names(incomplete: str) -> list[str]:
 
 def role_names(incomplete: str) -> list[str]:
     """Parts of the robot that may be of another make."""
-    from twin.experiment.source import KEPT
+    from twin.robot.experiment.source import KEPT
 
     return _starting_with(incomplete, KEPT)
 
 
 def body_names(incomplete: str) -> list[str]:
     """Bodies of bodies/ and experiments/bodies/."""
-    from twin.experiment.drive_files import FOLDERS
-    from twin.places import located
+    from twin.kernel.places import located
+    from twin.robot.experiment.drive_files import FOLDERS
 
     bodies = {body.stem for folder in FOLDERS for body in located(folder, Path.cwd()).glob("*.toml")}
     return _starting_with(incomplete, bodies)
@@ -47,7 +47,7 @@ def body_names(incomplete: str) -> list[str]:
 
 def setting_keys(incomplete: str) -> list[str]:
     """Keys that the experiments on the line, or what they extend, already set."""
-    from twin.experiment.source import read_source
+    from twin.robot.experiment.source import read_source
 
     keys: set[str] = set()
     # the parser gives up on the whole line while an option lacks its value; the line itself is what shells hand over

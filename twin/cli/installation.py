@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from twin import __version__
-from twin.compiled.store import CARRIED, VARIABLE, damaged_files, folder, object_files, refusal
-from twin.drive.unpacked import shelf
-from twin.errors import InputRefused
-from twin.files import read_toml
-from twin.kept import kept
-from twin.places import HOME, PACKAGE, is_clone
+from twin.kernel.compiled.store import CARRIED, VARIABLE, damaged_files, folder, object_files, refusal
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import read_toml
+from twin.kernel.fmi.unpacked import shelf
+from twin.kernel.kept import kept
+from twin.kernel.places import HOME, PACKAGE, is_clone
 from twin.studies.answer import Answer
 from twin.studies.command import Option, study
 from twin.studies.lines import wrapped
@@ -254,7 +254,7 @@ def smoke_finding(home: Path) -> Finding:
     import tempfile
     import time
 
-    from twin.runs.guard.process import environment, module_command
+    from twin.kernel.process.process import environment, module_command
 
     with tempfile.TemporaryDirectory() as folder:
         command = module_command("twin", "run", str(home / "experiments" / SMOKE), "--json", "--set", "duration_s=1")

@@ -1,6 +1,6 @@
 """A command line from beginning to end: answered by its words alone or by Typer, with one message and exit code.
 
-What is answered before Typer, which takes longer to import than these answers all take, is kept (`twin.kept`), so
+What is answered before Typer, which takes longer to import than these answers all take, is kept (`twin.kernel.kept`), so
 that in the end hardly anything is imported.
 """
 
@@ -10,10 +10,10 @@ from collections.abc import Callable
 from functools import partial
 
 from twin.cli.streams import READER_GONE, Unread, guard_terminal, show, standard_streams
-from twin.errors import InputRefused, NotWritten, TwinError, plain, system_sentence
-from twin.kept import kept
-from twin.runs.guard.interrupt import INTERRUPTED
-from twin.runs.guard.job import function_called
+from twin.kernel.errors import InputRefused, NotWritten, TwinError, plain, system_sentence
+from twin.kernel.kept import kept
+from twin.kernel.process.interrupt import INTERRUPTED
+from twin.kernel.process.job import function_called
 
 ROOMS = ("cli", "studies")
 """Whose source the help of `twin` is made with."""

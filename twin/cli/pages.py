@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated
 
-from twin.runs.guard.limits import JobLimits
+from twin.kernel.process.limits import JobLimits
 from twin.studies.answer import Answer
 from twin.studies.command import (
     JOB_ISOLATION,
@@ -127,7 +127,7 @@ def sweep_show(
         InputRefused: there is no such sweep, metric or parameter.
         NotWritten: the disk refuses.
     """
-    from twin.experiment.drive_files import sweep_file
+    from twin.robot.experiment.drive_files import sweep_file
     from twin.studies.sweep.folder import HOME, kept
 
     # a sweep by its file or its name; else its folder

@@ -11,9 +11,9 @@ from twin.cli.ahead import JOB
 from twin.cli.ask import Hear, recorded
 from twin.cli.streams import show
 from twin.cli.terminal import Display
-from twin.errors import InputRefused, plain
-from twin.runs.guard.guard import GRACE
-from twin.runs.guard.limits import LONG, JobLimits
+from twin.kernel.errors import InputRefused, plain
+from twin.kernel.process.guard import GRACE
+from twin.kernel.process.limits import LONG, JobLimits
 from twin.studies.command import (
     JOB_ISOLATION,
     Argument,
@@ -27,7 +27,7 @@ from twin.studies.command import (
     study,
 )
 
-LIVE_JOB = "twin.runs.live.runs:served_runs"
+LIVE_JOB = "twin.robot.live.runs:served_runs"
 PORT = 8765
 MEMORY = 4000.0
 

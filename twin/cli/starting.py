@@ -4,12 +4,12 @@ import shlex
 from pathlib import Path
 from typing import Annotated
 
-from twin.kept import kept
+from twin.kernel.kept import kept
 from twin.studies.answer import Answer
 from twin.studies.command import Argument, Option, study
 from twin.studies.first_look import find_logs
 
-ROOMS = ("compiled", "controller", "cosim", "experiment", "monitor", "plant", "robot", "runs")
+ROOMS = ("kernel/compiled", "kernel/cosim", "robot")
 """Whose source the schema is made with."""
 
 
@@ -28,8 +28,8 @@ def init(
 
     Example: twin init my_experiment.toml --from pressing
     """
-    from twin.experiment.recorded import start_experiment
-    from twin.runs.assembly.declared import DECLARED
+    from twin.robot.assembly.declared import DECLARED
+    from twin.robot.experiment.recorded import start_experiment
 
     written = [str(path) for path in start_experiment(DECLARED, file, start)]
     return Answer("\n".join([*written, f"next: {shlex.join(['twin', 'run', str(file)])}"]), written)
@@ -50,15 +50,15 @@ def schema(
     """
 
     def made() -> str:
-        from twin.experiment.json_schema import schema_text
-        from twin.runs.assembly.declared import DECLARED
+        from twin.robot.assembly.declared import DECLARED
+        from twin.robot.experiment.json_schema import schema_text
 
         return schema_text(DECLARED)
 
     text = kept("schema", made, rooms=ROOMS)
     if out is None:
         return Answer(text.removesuffix("\n"), {})
-    from twin.writing import write_text
+    from twin.kernel.writing import write_text
 
     write_text(out, text)
     return Answer(str(out), {})
@@ -76,7 +76,7 @@ def log_new(log: Annotated[Path, Argument("A CSV file of a robot.", "CSV")]) -> 
 
     Example: twin log new robot.csv
     """
-    from twin.recording.logs.proposal import propose
+    from twin.kernel.recording.logs.proposal import propose
 
     path, complete = propose(log)
     words = ["twin", "replay", str(log), "--experiment", "fig4_force_position", "--map", str(path)]

@@ -7,8 +7,8 @@ import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, TextIO
 
-from twin.errors import NotWritten, visible_lines
-from twin.writing import json_text
+from twin.kernel.errors import NotWritten, visible_lines
+from twin.kernel.writing import json_text
 
 if TYPE_CHECKING:
     from twin.studies.answer import Answer

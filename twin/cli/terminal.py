@@ -12,13 +12,13 @@ import time
 from pathlib import Path
 from typing import Any
 
-from twin.compiled.store import compiled_pieces
-from twin.errors import plain, visible
-from twin.recording.folder import LATEST
+from twin.kernel.compiled.store import compiled_pieces
+from twin.kernel.errors import plain, visible
+from twin.kernel.process.limits import duration_text
+from twin.kernel.process.recorded import seen_from_here
+from twin.kernel.recording.folder import LATEST
+from twin.kernel.writing import json_text
 from twin.report.run_text import run_facts, run_text
-from twin.runs.guard.limits import duration_text
-from twin.runs.guard.recorded import seen_from_here
-from twin.writing import json_text
 
 NARROW = 60
 """A line of so many columns has no room for a bar."""

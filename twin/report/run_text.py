@@ -13,7 +13,7 @@ def run_text(run: Mapping[str, Any]) -> str:
     """For people, at most 80 columns but for paths.
 
     Args:
-        run: the fields of `twin.runs.Run`, `real_time_factor`, `remarks`, and the name of the `experiment`.
+        run: the fields of `twin.robot.run.Run`, `real_time_factor`, `remarks`, and the name of the `experiment`.
     """
     speed = f"{run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"
     lines = [f"{run['experiment']}  {speed}", *(f"  {remark}" for remark in run["remarks"])]

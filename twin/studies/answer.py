@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from twin.runs.guard.job import function_called
+from twin.kernel.process.job import function_called
+from twin.kernel.writing import made_folder, write_json
 from twin.studies.result import Result, render_text, to_json
-from twin.writing import made_folder, write_json
 
 if TYPE_CHECKING:
-    from twin.runs.guard.reporter import Reporter
+    from twin.kernel.process.reporter import Reporter
 
 JOB = "twin.studies.answer:answered"
 

@@ -14,12 +14,12 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-from twin.errors import ComponentFailed, TwinError
-from twin.runs.guard.interrupt import INTERRUPTED
-from twin.runs.guard.limits import JobLimits
+from twin.kernel.errors import ComponentFailed, TwinError
+from twin.kernel.process.interrupt import INTERRUPTED
+from twin.kernel.process.limits import JobLimits
 
 if TYPE_CHECKING:
-    from twin.runs.guard.reporter import Reporter
+    from twin.kernel.process.reporter import Reporter
     from twin.studies.answer import Answer
     from twin.studies.steps import Say
 
@@ -204,10 +204,10 @@ def answer_apart(
 
     arguments: dict[str, Any] = {"study": name, "asked": dict(asked), "formats": list(formats), "columns": columns}
     if isolate == JobIsolation.NONE:
-        from twin.runs.guard.reporter import DirectReporter
+        from twin.kernel.process.reporter import DirectReporter
 
         return Answer(**answered(DirectReporter(hear), **arguments))
-    from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
+    from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
 
     try:
         return Answer(**guarded(JOB, arguments, limits, hear))
@@ -224,7 +224,7 @@ def recorded(reporter: "Reporter", name: str, asked: Asked) -> dict[str, Any]:
         name: "module:function"; the function takes what is asked, and `reporter`.
         asked: its arguments.
     """
-    from twin.runs.guard.job import function_called
+    from twin.kernel.process.job import function_called
     from twin.studies.answer import answer_of
 
     return vars(answer_of(function_called(name)(**asked, reporter=reporter)))

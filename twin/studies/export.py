@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.answer import Answer
 from twin.studies.command import Argument, Asked, Option, study
 from twin.studies.first_look import print_latest
 
 if TYPE_CHECKING:
-    from twin.recording.export.export import Format
+    from twin.kernel.recording.export.export import Format
 
 FORMATS: tuple["Format", ...] = ("csv", "parquet", "mat", "ros2")
 
@@ -50,7 +50,7 @@ def export(
     Raises:
         InputRefused, NotWritten: see `export_recording`.
     """
-    from twin.recording.export.export import export_recording
+    from twin.kernel.recording.export.export import export_recording
 
     form = next(form for form, wanted in zip(FORMATS, (csv, parquet, mat, ros2), strict=True) if wanted)
     exported = export_recording(run, form, signals, rate, out, force, maps)

@@ -5,8 +5,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from twin.kernel.writing import written
 from twin.studies.paper_figure import write_for_paper
-from twin.writing import written
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Axes

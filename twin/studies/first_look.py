@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from twin.errors import InputRefused, plain
+from twin.kernel.errors import InputRefused, plain
 from twin.studies.command import Asked
 
 
@@ -20,7 +20,7 @@ def load_experiments(asked: Asked) -> None:
     Raises:
         InputRefused: it cannot.
     """
-    from twin.runs.assembly.load import load_experiment
+    from twin.robot.assembly.load import load_experiment
 
     for experiment in _named(asked, "experiment"):
         for drive in _named(asked, "drive") or (None,):
@@ -33,8 +33,8 @@ def find_experiments(asked: Asked) -> None:
     Raises:
         InputRefused: one is not, or is no TOML.
     """
-    from twin.experiment.drive_files import experiment_file
-    from twin.experiment.source import read_source
+    from twin.robot.experiment.drive_files import experiment_file
+    from twin.robot.experiment.source import read_source
 
     for experiment in _named(asked, "experiment"):
         read_source(experiment_file(experiment))
@@ -46,8 +46,8 @@ def find_logs(asked: Asked) -> None:
     Raises:
         InputRefused: there is not.
     """
-    from twin.files import open_regular
-    from twin.recording.folder import recording_in
+    from twin.kernel.files import open_regular
+    from twin.kernel.recording.folder import recording_in
 
     for log in _logs(asked):
         # not Path.exists, which raises for a name that is too long
@@ -63,7 +63,7 @@ def print_latest(asked: Asked) -> None:
 
     Nothing is said of a file or of a run's own folder, nor of what is no folder of runs: whoever reads it refuses it.
     """
-    from twin.recording.folder import recording_in
+    from twin.kernel.recording.folder import recording_in
 
     for path in _logs(asked):
         try:

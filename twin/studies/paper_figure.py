@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from twin.writing import written
+from twin.kernel.writing import written
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,1 +1,1 @@
-"""The robot as bodies in somebody else's engine, beside `twin.plant`."""
+"""The robot as bodies in somebody else's engine, beside `twin.robot.plant`."""

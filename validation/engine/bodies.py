@@ -2,9 +2,9 @@
 
 import math
 
-from twin.plant.dynamics import PlantParameters
-from twin.robot.geometry import LEG_COS, LEG_SIN
-from twin.robot.statics import G_ACCELERATION
+from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN
+from twin.robot.mechanism.statics import G_ACCELERATION
+from twin.robot.plant.dynamics import PlantParameters
 
 HALF_WIDTH = 0.015
 """Half the distance of the two rods of a pair (m): assumed, and without effect while the platform does not turn."""

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.plant.dynamics import PlantParameters
+from twin.robot.plant.dynamics import PlantParameters
 from validation.engine.bodies import UNIFORM, described
 from validation.engine.constrained import Constrained, Numbers
 

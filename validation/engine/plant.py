@@ -4,17 +4,17 @@ from typing import Any
 
 import numpy as np
 
-from twin.cosim.observers import simulate
-from twin.cosim.port import Port, memory_of
-from twin.cosim.python_class import PythonComponent
-from twin.experiment.experiment import Experiment
-from twin.plant.component import OUTPUTS, STILL, inputs, resting, settle
-from twin.plant.contact import apex_frame, touch
-from twin.plant.dynamics import PARAMETERS, PlantParameters, spring_deflection, spring_stiffness
-from twin.robot.statics import motor_load_torque
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.build import plant_parameters
-from twin.runs.trace import Trace
+from twin.kernel.cosim.observers import simulate
+from twin.kernel.cosim.port import Port, memory_of
+from twin.kernel.cosim.python_class import PythonComponent
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.build import plant_parameters
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.mechanism.statics import motor_load_torque
+from twin.robot.plant.component import OUTPUTS, STILL, inputs, resting, settle
+from twin.robot.plant.contact import apex_frame, touch
+from twin.robot.plant.dynamics import PARAMETERS, PlantParameters, spring_deflection, spring_stiffness
+from twin.robot.run.trace import Trace
 from validation.engine.constrained import Constrained, Numbers
 from validation.engine.mechanism import Mechanism
 from validation.engine.robots import spring_torques

@@ -6,20 +6,20 @@ from typing import Protocol
 
 import numpy as np
 
-from twin.plant.component import STILL
-from twin.plant.contact import apex_frame
-from twin.plant.dynamics import PlantParameters, acceleration, joint_torque, spring_deflection
-from twin.robot.geometry import LEG_COS, LEG_SIN, Geometry
-from twin.robot.kinematics import distal_volume, jacobian, joint_angles, position, transmission_sines
-from twin.robot.leg import NO_ANCHOR
-from twin.robot.statics import G_ACCELERATION, arm_gravity_torque, environment_force, leg_force
-from twin.robot.workspace import is_reachable
+from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN, Geometry
+from twin.robot.mechanism.kinematics import distal_volume, jacobian, joint_angles, position, transmission_sines
+from twin.robot.mechanism.leg import NO_ANCHOR
+from twin.robot.mechanism.statics import G_ACCELERATION, arm_gravity_torque, environment_force, leg_force
+from twin.robot.mechanism.workspace import is_reachable
+from twin.robot.plant.component import STILL
+from twin.robot.plant.contact import apex_frame
+from twin.robot.plant.dynamics import PlantParameters, acceleration, joint_torque, spring_deflection
 from validation.engine.constrained import Numbers
 from validation.engine.mechanism import Mechanism
 
 WEIGHTLESS = "rods, weightless"
 CLEAR = 0.1
-"""How far from a singularity, as the measures of `twin.robot.kinematics` and `holding`: 0 there, at most 1."""
+"""How far from a singularity, as the measures of `twin.robot.mechanism.kinematics` and `holding`: 0 there, at most 1."""
 WAY = 21
 """Points of a way that are looked at."""
 
@@ -48,7 +48,7 @@ class Robot(Protocol):
 
 
 class TwinsRobot:
-    """As `twin.plant` and `twin.robot` have it.
+    """As `twin.robot.plant` and `twin.robot.mechanism` have it.
 
     Args:
         parameters: of it; what it presses on is left out.

@@ -10,8 +10,8 @@ import numpy as np
 from fmpy import read_model_description
 from numpy.typing import NDArray
 
-from twin.runs.assembly.load import load_experiment
-from twin.runs.trace import Trace, run_in_memory
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.build.part_fmu import build_fmu
 
 ROOT = Path(__file__).parents[2]

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from twin.robot.geometry import Geometry
-from twin.robot.kinematics import joint_angles, position
+from twin.robot.mechanism.geometry import Geometry
+from twin.robot.mechanism.kinematics import joint_angles, position
 from validation.yardstick import Yardstick
 
 BASE_SIDE, PLATFORM_SIDE = 0.567, 0.076

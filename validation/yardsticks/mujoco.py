@@ -5,11 +5,11 @@ from functools import cache, partial
 
 import numpy as np
 
-from twin.experiment.experiment import Experiment
-from twin.plant.dynamics import PlantParameters
-from twin.runs.assembly.build import plant_parameters
-from twin.runs.assembly.load import load_experiment
-from twin.runs.trace import Trace, run_in_memory
+from twin.robot.assembly.build import plant_parameters
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.plant.dynamics import PlantParameters
+from twin.robot.run.trace import Trace, run_in_memory
 from validation.masters.robot import ROOT
 from validation.yardstick import Yardstick
 

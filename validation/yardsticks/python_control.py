@@ -59,7 +59,7 @@ def satellite() -> Mapping[str, float]:
 @cache
 def pressing() -> Any:
     """Fig. 4's loops where it presses."""
-    from twin.runs.assembly.load import load_experiment
+    from twin.robot.assembly.load import load_experiment
     from twin.studies.analyse.drive_response import Linearised
     from twin.studies.analyse.operating_point import operating_points
     from validation.masters.robot import ROOT

@@ -19,7 +19,7 @@ DURATION = 8.0
 def bag() -> tuple[Path, Path]:
     """A recording, and the bag made of it."""
     import twin
-    from twin.recording.export.export import export_recording
+    from twin.kernel.recording.export.export import export_recording
 
     folder = PLACE / "bag"
     shutil.rmtree(folder, ignore_errors=True)
@@ -64,8 +64,8 @@ def numbers(message: Any) -> list[float]:
 
 def strayed(read: Callable[[Path], Iterator[tuple[str, int, Any]]]) -> Mapping[str, float]:
     """How many numbers of each topic are not, bit for bit, at their time what was recorded."""
-    from twin.recording.export.ros_bag import ros_topics
-    from twin.recording.reader import read as read_recording
+    from twin.kernel.recording.export.ros_bag import ros_topics
+    from twin.kernel.recording.reader import read as read_recording
 
     path, folder = bag()
     recording = read_recording(path)

@@ -6,7 +6,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.experiment.measure import requirement
+from twin.robot.experiment.measure import requirement
 from twin.studies.metrics import requirement as distance
 from validation.yardstick import Yardstick
 

@@ -12,9 +12,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.robot.geometry import Geometry
-from twin.robot.kinematics import distal_volume, jacobian, joint_angles, transmission_sines
-from twin.robot.workspace import is_reachable
+from twin.robot.mechanism.geometry import Geometry
+from twin.robot.mechanism.kinematics import distal_volume, jacobian, joint_angles, transmission_sines
+from twin.robot.mechanism.workspace import is_reachable
 from validation.yardstick import Yardstick
 
 Numbers = NDArray[np.float64]

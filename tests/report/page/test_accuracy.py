@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from twin.errors import InputRefused
-from twin.recording.recording import Recording
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.recording import Recording
 from twin.report.page.page import report_page, write_report
 from twin.report.page.run import ReportRun
-from twin.runs.assembly.load import load_experiment
-from twin.runs.run import execute
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.run import execute
 from twin.studies.accuracy.budget import NOT_MODELLED, Budget, Contribution, accuracy_budget
 
 BUDGET = Budget(

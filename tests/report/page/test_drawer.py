@@ -5,10 +5,10 @@ import signal
 
 import pytest
 
+from twin.kernel.process import ahead
+from twin.kernel.process.ahead import end_waiting, start_ahead
 from twin.report.page import DRAWN
 from twin.report.page.drawer import LARGEST, drawing
-from twin.runs.guard import ahead
-from twin.runs.guard.ahead import end_waiting, start_ahead
 
 HERE = "tests.report.page.drawings:"
 

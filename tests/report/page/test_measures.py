@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.recording.reader import read
-from twin.recording.recording import Recording
+from twin.kernel.recording.reader import read
+from twin.kernel.recording.recording import Recording
 from twin.report.page.measures import measures, number, outcome
 from twin.report.page.run import ReportRun
-from twin.runs.assembly.load import load_experiment
-from twin.runs.run import execute
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.run import execute
 from twin.studies.paper.fig4_runs import FINAL, Fig4Run
 
 

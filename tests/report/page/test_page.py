@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.recording import samples
-from tests.recording.forgery import data_records, sealed, without_last
+from tests.kernel.recording import samples
+from tests.kernel.recording.forgery import data_records, sealed, without_last
 from tests.studies.paper.fig5_recordings import pressed
-from twin.recording.reader import read
-from twin.recording.recording import Recording
+from twin.kernel.recording.reader import read
+from twin.kernel.recording.recording import Recording
 from twin.report.page.page import report_page, write_report
 from twin.report.page.panels import commanded_speed
 from twin.report.page.run import ReportRun
 from twin.report.page.sections import verdict_section
 from twin.report.page.verdict import verdict
-from twin.runs.assembly.load import load_experiment
-from twin.runs.run import execute
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.run import execute
 
 EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 

@@ -7,20 +7,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.cosim.component import Component
-from twin.cosim.python_class import PythonComponent
-from twin.errors import InputRefused
-from twin.experiment.recorded import flat, name_and_unit
-from twin.recording.logs.reader import recorded
-from twin.recording.reader import read
-from twin.recording.recording import Recording
+from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.python_class import PythonComponent
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.logs.reader import recorded
+from twin.kernel.recording.reader import read
+from twin.kernel.recording.recording import Recording
 from twin.report.page.page import report_page
 from twin.report.page.provenance import command, differences, drives, provenance, source
 from twin.report.page.run import ReportRun, report_runs
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.declared import DECLARED
-from twin.runs.assembly.load import load_experiment, recorded_experiment
-from twin.runs.run import SUMMARY, execute
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.declared import DECLARED
+from twin.robot.assembly.load import load_experiment, recorded_experiment
+from twin.robot.experiment.recorded import flat, name_and_unit
+from twin.robot.run.run import SUMMARY, execute
 
 
 @pytest.mark.parametrize(

@@ -5,11 +5,11 @@ import pytest
 
 from tests.laws.runs import PARAMETERS
 from tests.studies.paper.fig5_recordings import pressed
-from twin.plant.contact import Shape, surface_frame
-from twin.recording.recording import Recording
+from twin.kernel.recording.recording import Recording
 from twin.report.page.markup import DataBlock
 from twin.report.page.run import ReportRun
 from twin.report.page.scene import scene, surface
+from twin.robot.plant.contact import Shape, surface_frame
 from twin.studies.packing import values_of
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.studies.sweep.statistics.rows import kept, row
-from twin.errors import InputRefused, NotWritten
+from twin.kernel.errors import InputRefused, NotWritten
 from twin.report.page.sweep import sweep_page, write_sweep_page
 from twin.studies.sweep.fig4 import packed
 from twin.studies.sweep.folder import KeptRows

@@ -6,9 +6,9 @@ from math import radians
 import pytest
 
 from tests.laws.runs import EVERY_EXPERIMENT, FORCE, shipped
-from twin.errors import InputRefused
-from twin.experiment.experiment import with_model
-from twin.robot.statics import G_ACCELERATION
+from twin.kernel.errors import InputRefused
+from twin.robot.experiment.experiment import with_model
+from twin.robot.mechanism.statics import G_ACCELERATION
 from twin.studies.accuracy.budget import (
     EFFECTS,
     NOT_MODELLED,

@@ -6,7 +6,7 @@ Run it with `python -m tests.studies.analyse.gain_limits`; it takes some minutes
 from pathlib import Path
 
 from tests.studies.analyse.simulated import fig4
-from twin.experiment.experiment import Experiment
+from twin.robot.experiment.experiment import Experiment
 from twin.studies.analyse.drive_response import Linearised
 from twin.studies.analyse.operating_point import operating_points
 from twin.studies.analyse.stability import LimitCheck, Stability, judged_point, lasting_nudges, limit_checks, narrowed

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from tests.laws.runs import EXACT_ENCODERS, EXPERIMENTS, co_simulated
-from twin.errors import ComponentFailed
-from twin.experiment.experiment import Experiment
-from twin.runs.assembly.load import load_experiment
-from twin.runs.trace import Trace
+from twin.kernel.errors import ComponentFailed
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.trace import Trace
 
 LINEAR = (
     *EXACT_ENCODERS,

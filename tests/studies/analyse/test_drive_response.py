@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from twin.experiment.drive_files import lone_drive
-from twin.runs.assembly.drives import planned
+from twin.robot.assembly.drives import planned
+from twin.robot.experiment.drive_files import lone_drive
 from twin.studies.analyse.drive_response import identified, sum_of_sines
 
 TICK = 1e-3

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import PARAMETERS, shipped
-from twin.errors import InputRefused
-from twin.plant.dynamics import derivative
+from twin.kernel.errors import InputRefused
+from twin.robot.plant.dynamics import derivative
 from twin.studies.analyse.operating_point import (
     CLEARANCE,
     on_stiffness,

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import shipped
-from twin.controller.pid import Gains
-from twin.cosim.observers import simulate
-from twin.experiment.experiment import with_model, with_plant
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.build import plant_parameters
-from twin.runs.trace import Trace
+from twin.kernel.cosim.observers import simulate
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.build import plant_parameters
+from twin.robot.controller.pid import Gains
+from twin.robot.experiment.experiment import with_model, with_plant
+from twin.robot.run.trace import Trace
 from twin.studies.analyse.drive_response import Linearised
 from twin.studies.analyse.linear.hand import DRIFT, NOTHING, FreePlant, Hand, hand_of, hertz, power_share, robot_with
 from twin.studies.analyse.linear.loops import LOOPS, linear_law

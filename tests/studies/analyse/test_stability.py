@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import shipped
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.analyse.drive_response import Linearised
 from twin.studies.analyse.operating_point import operating_points
 from twin.studies.analyse.stability import FACTORS, STIFFNESSES, Stability, judged_point, stability

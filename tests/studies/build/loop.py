@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.studies.build.slaves import Ends, Slave
-from twin.runs.trace import Trace
+from twin.robot.run.trace import Trace
 
 PLANT = [
     "plant.p_B", "plant.v_B", "plant.theta_l", "plant.omega_l", "plant.tau_l", "plant.tau_load", "plant.F_ee_B",

@@ -12,10 +12,10 @@ import pytest
 from numba import carray
 
 from tests.studies.build.conftest import FIG4, MODULES, silent
-from twin.cosim.native import step_function
-from twin.cosim.port import record
-from twin.errors import InputRefused, NotWritten
-from twin.runs.assembly.load import load_experiment
+from twin.kernel.cosim.native import step_function
+from twin.kernel.cosim.port import record
+from twin.kernel.errors import InputRefused, NotWritten
+from twin.robot.assembly.load import load_experiment
 from twin.studies.build import linking
 from twin.studies.build.layout import laid_out
 from twin.studies.build.library import build_c

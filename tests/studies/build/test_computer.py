@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from tests.studies.build.conftest import FIG4, ROOT, silent
 from tests.studies.build.test_open_parameters import another
-from twin.compiled.emission import MATHEMATICS
-from twin.drive.compiling import compiler
-from twin.runs.assembly.load import load_experiment
-from twin.runs.trace import Trace, run_in_memory
+from twin.kernel.compiled.emission import MATHEMATICS
+from twin.kernel.fmi.compiling import compiler
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.build.library import COUNTS, PART, TOLD, build_c
 from twin.studies.build.parameters import parameters
 from twin.studies.build.part import part_of

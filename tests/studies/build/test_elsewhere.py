@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from tests.studies.build.conftest import FIG4, ROOT, silent
 from tests.studies.build.test_computer import counted, fed, recorded, recorder, sizes
-from twin.runs.assembly.load import load_experiment
-from twin.runs.trace import run_in_memory
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.trace import run_in_memory
 from twin.studies.build.library import build_c
 
 WINE = shutil.which("wine")

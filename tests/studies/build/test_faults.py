@@ -9,10 +9,10 @@ import pytest
 
 from tests.studies.build.conftest import FIG4, MASSAGE
 from tests.studies.build.slaves import Kept, Slave
-from twin.errors import InputRefused
-from twin.experiment.fault import CATALOGUE
-from twin.runs.assembly.load import load_experiment
-from twin.runs.trace import run_in_memory
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.run.trace import run_in_memory
 from twin.studies.build.layout import laid_out, tables
 from twin.studies.build.parameters import fixed, parameters
 from twin.studies.build.part import part_of

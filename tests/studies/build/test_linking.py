@@ -10,9 +10,9 @@ import pytest
 
 from tests.studies.build.binaries import Binary, binary, slices
 from tests.studies.build.conftest import FIG4, MODULES, silent
-from twin.compiled.emission import MATHEMATICS
-from twin.compiled.native import Native
-from twin.errors import InputRefused
+from twin.kernel.compiled.emission import MATHEMATICS
+from twin.kernel.compiled.native import Native
+from twin.kernel.errors import InputRefused
 from twin.studies.build.linking import PLATFORMS
 from twin.studies.build.part import PARTS
 from twin.studies.build.part_fmu import build_fmu

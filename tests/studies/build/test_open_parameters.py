@@ -9,8 +9,8 @@ import pytest
 
 from tests.studies.build.conftest import DELAYED, FIG4, MASSAGE, ROOT
 from tests.studies.build.slaves import Kept, Slave
-from twin.runs.assembly.load import load_experiment
-from twin.runs.trace import run_in_memory
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.trace import run_in_memory
 from twin.studies.build.parameters import START, Parameter, parameters
 from twin.studies.build.part import part_of
 

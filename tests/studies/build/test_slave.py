@@ -9,9 +9,9 @@ import pytest
 
 from tests.studies.build.conftest import DELAYED, FIG4, MASSAGE, silent
 from tests.studies.build.slaves import Slave
-from twin.plant.component import Plant, resting
-from twin.runs.assembly.build import plant_parameters
-from twin.runs.assembly.load import load_experiment
+from twin.robot.assembly.build import plant_parameters
+from twin.robot.assembly.load import load_experiment
+from twin.robot.plant.component import Plant, resting
 from twin.studies.build import fmu
 from twin.studies.build.linking import HERE, c_files
 from twin.studies.build.part_fmu import build_fmu

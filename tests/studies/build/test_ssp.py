@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.cosim.ssp.test_writing import complaints
-from tests.drive.archives import redescribed
+from tests.kernel.fmi.archives import redescribed
+from tests.kernel.ssp.test_writing import complaints
 from tests.studies.build.conftest import FIG4, ROOT, silent
-from twin.cosim.ssp.package import read_package
-from twin.cosim.ssp.parameters import Transformation
-from twin.cosim.ssp.structure import End, SspComponent
-from twin.drive.setting import FilePath
-from twin.errors import InputRefused
-from twin.recording.reader import read
-from twin.runs.assembly.build import planned_drives
-from twin.runs.assembly.load import load_experiment
-from twin.runs.guard.reporter import DirectReporter
-from twin.runs.trace import run_in_memory
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi.setting import FilePath
+from twin.kernel.process.reporter import DirectReporter
+from twin.kernel.recording.reader import read
+from twin.kernel.ssp.package import read_package
+from twin.kernel.ssp.parameters import Transformation
+from twin.kernel.ssp.structure import End, SspComponent
+from twin.robot.assembly.build import planned_drives
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.trace import run_in_memory
 from twin.studies.build import drives, linking
 from twin.studies.build.drives import travelling_drives
 from twin.studies.build.system import build_ssp

@@ -10,8 +10,8 @@ import pytest
 from tests.studies.build.conftest import DELAYED, FIG4, MASSAGE, ROOT
 from tests.studies.build.loop import differing, looped
 from tests.studies.build.slaves import Slave
-from twin.runs.assembly.load import load_experiment
-from twin.runs.trace import Trace, run_in_memory
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.trace import Trace, run_in_memory
 
 DRIVE = ROOT / "fmus" / "velocity_servo" / "velocity_servo.fmu"
 JACOBI = ("cosim.scheme=jacobi", "controller.bus_delay_ticks=1")

@@ -8,7 +8,7 @@ import pytest
 
 from tests.laws.runs import shipped
 from tests.studies.check.traces import EXPERIMENT, t
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.check.baseline import (
     Baseline,
     CheckVerdict,

@@ -6,7 +6,7 @@ import pytest
 
 from tests.conftest import ROOT
 from twin import check
-from twin.runs.assembly.load import load_experiment
+from twin.robot.assembly.load import load_experiment
 from twin.studies.check.baseline import baseline_file, fingerprint, read_baseline, stored_drives
 
 FOLDER = ROOT / "tests" / "baselines"

@@ -7,8 +7,8 @@ import pytest
 
 from tests.studies.check.files import step_file
 from twin import check
-from twin.errors import InputRefused
-from twin.runs.guard.reporter import DirectReporter
+from twin.kernel.errors import InputRefused
+from twin.kernel.process.reporter import DirectReporter
 from twin.studies.check.baseline import Entry, baseline_file, read_baseline, write_baseline
 from twin.studies.check.job import CheckOutcome, Pair, checked, pairs
 

@@ -5,12 +5,12 @@ import pytest
 
 from tests.laws.runs import shipped
 from tests.studies.check.traces import EXPERIMENT, measuring, t, trace
-from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment, shortened
-from twin.robot.geometry import geometry_of
-from twin.robot.kinematics import joint_angles
-from twin.runs.assembly.assemble import assemble
-from twin.runs.trace import run_in_memory
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.assemble import assemble
+from twin.robot.experiment.experiment import Experiment, shortened
+from twin.robot.mechanism.geometry import geometry_of
+from twin.robot.mechanism.kinematics import joint_angles
+from twin.robot.run.trace import run_in_memory
 from twin.studies.check.measurement import REFERENCE_THETA_L, Signals, measured, refuse_unknown
 
 FAULT = "fault=[{kind='belief_eta', onset_s=0.2, magnitude_factor=0.9}]"

@@ -4,7 +4,7 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.laws.runs import EXPERIMENTS
-from twin.runs.assembly.load import load_experiment
+from twin.robot.assembly.load import load_experiment
 from twin.studies.check.baseline import CheckRow, read_baseline, verdict
 from twin.studies.check.measurement import measured, run_for_measures
 

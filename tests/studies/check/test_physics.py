@@ -8,11 +8,11 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.laws.runs import co_simulated, shipped
-from twin.robot.geometry import Geometry
-from twin.robot.kinematics import jacobian
-from twin.robot.statics import G_ACCELERATION
-from twin.runs.assembly.build import plant_parameters
-from twin.runs.assembly.load import load_experiment
+from twin.robot.assembly.build import plant_parameters
+from twin.robot.assembly.load import load_experiment
+from twin.robot.mechanism.geometry import Geometry
+from twin.robot.mechanism.kinematics import jacobian
+from twin.robot.mechanism.statics import G_ACCELERATION
 from twin.studies.check.baseline import read_baseline
 
 JOINTS = ("1", "2", "3", "1_side", "2_side", "3_side")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.check.baseline import CheckVerdict, Outside
 from twin.studies.check.text import MOST, check_pictures
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.laws.runs import shipped
-from tests.runs.made_up import made_up
-from twin.experiment.experiment import Experiment
-from twin.experiment.measure import checked_measures
-from twin.robot.geometry import geometry_of
+from tests.robot.run.made_up import made_up
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.measure import checked_measures
+from twin.robot.mechanism.geometry import geometry_of
 from twin.studies.check.measurement import Signals
 
 t: NDArray[np.float64] = np.arange(10_001, dtype=np.float64) * 1e-3

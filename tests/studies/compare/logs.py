@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.recording.logs.log import Log, LogSeries
+from twin.kernel.recording.logs.log import Log, LogSeries
 
 
 def log_of(

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from tests.conftest import examples
-from twin.recording.logs.column_map import unit
+from twin.kernel.recording.logs.column_map import unit
 from twin.studies.compare.tolerance import (
     Allowance,
     ComparisonRefused,

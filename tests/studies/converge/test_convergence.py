@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
-from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment, exactly_measured, shortened
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.load import load_experiment
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment, exactly_measured, shortened
 from twin.studies.converge.convergence import FINEST, comparable, reference_of
 from twin.studies.converge.monolith import applies, monolithic_rows, servos, within_limits
 from twin.studies.converge.order import chosen, largest_errors, sampled_run

@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.cosim.port import Port
-from twin.cosim.python_class import PythonComponent
-from twin.errors import ComponentFailed
-from twin.plant.encoder import Scale
+from twin.kernel.cosim.port import Port
+from twin.kernel.cosim.python_class import PythonComponent
+from twin.kernel.errors import ComponentFailed
+from twin.robot.plant.encoder import Scale
 from twin.studies.converge.monolith import Sampled
 
 STEPPED = """
 import numpy as np
 from twin.studies.converge.monolith import Sampled
-from twin.plant.encoder import Scale
+from twin.robot.plant.encoder import Scale
 print(Sampled(Scale(0.005 * 9.81))(np.array([0.0, 0.0, -5.0]))[0])
 """
 

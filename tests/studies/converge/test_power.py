@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import FORCE, shipped
-from twin.experiment.experiment import Experiment, exactly_measured, shortened
-from twin.runs.trace import run_in_memory
+from twin.robot.experiment.experiment import Experiment, exactly_measured, shortened
+from twin.robot.run.trace import run_in_memory
 from twin.studies.converge.convergence import Coupling, Smooth, smoothed
 from twin.studies.converge.power import power_residuals
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import FORCE, shipped
-from twin.runs.assembly.load import load_experiment
+from twin.robot.assembly.load import load_experiment
 from twin.studies.converge.convergence import (
     COUPLINGS,
     CouplingSeries,

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from twin.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import CATALOGUE
 from twin.studies.falsify.search import Search
 from twin.studies.falsify.space import Space, Wrong
 from twin.studies.falsify.study import RUNS

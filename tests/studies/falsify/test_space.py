@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.laws.runs import EXPERIMENTS
-from twin.experiment.fault import CATALOGUE
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.load import load_experiment
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.fault import CATALOGUE
 from twin.studies.falsify.judge import judged
 from twin.studies.falsify.space import Space, Wrong
 

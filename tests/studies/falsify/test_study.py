@@ -8,7 +8,7 @@ import pytest
 
 from tests.laws.runs import EXPERIMENTS
 from tests.studies.faults.pressing import pressing
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.falsify.study import RUNS, falsify
 from twin.studies.result import Result
 from twin.studies.steps import silent

@@ -6,9 +6,9 @@ import pytest
 
 from tests.laws.runs import shipped
 from tests.studies.faults.pressing import matrix, pressing
-from twin.errors import InputRefused, SafetyTrip
-from twin.experiment import fault
-from twin.experiment.fault import CATALOGUE, UNSEEN
+from twin.kernel.errors import InputRefused, SafetyTrip
+from twin.robot.experiment import fault
+from twin.robot.experiment.fault import CATALOGUE, UNSEEN
 from twin.studies.faults.matrix import (
     GLITCH_SHARE,
     FaultTrial,

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.studies.replay.logs import EXPERIMENTS, ran
-from twin.controller.controller import Belief
-from twin.recording.logs.log import Log
-from twin.recording.logs.reader import recorded
-from twin.robot.geometry import Geometry
-from twin.robot.kinematics import jacobian, joint_angles
-from twin.robot.statics import arm_gravity_torque, joint_torques, platform_weight
+from twin.kernel.recording.logs.log import Log
+from twin.kernel.recording.logs.reader import recorded
+from twin.robot.controller.controller import Belief
+from twin.robot.mechanism.geometry import Geometry
+from twin.robot.mechanism.kinematics import jacobian, joint_angles
+from twin.robot.mechanism.statics import arm_gravity_torque, joint_torques, platform_weight
 from twin.studies.identify.identification import Identification, identified
 from twin.studies.identify.windows import (
     BACKLASH,

@@ -8,8 +8,8 @@ import pytest
 
 from tests.studies.identify.calibrations import identification, run
 from tests.studies.replay.logs import EXPERIMENTS, NOISE
-from twin.errors import TwinError
-from twin.recording.logs.log import Log, LogRefused, LogSeries
+from twin.kernel.errors import TwinError
+from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
 from twin.studies.identify.identification import NotIdentifiable, identified
 from twin.studies.identify.truth import truth
 from twin.studies.replay.model import RobotModel, loaded_model

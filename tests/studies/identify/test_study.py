@@ -9,11 +9,11 @@ from mcap.writer import Writer
 
 from tests.studies.identify.calibrations import identification
 from tests.studies.replay.logs import EXPERIMENTS, ran, write_log
-from twin.errors import InputRefused
-from twin.recording.reader import read
-from twin.recording.recording import Recording
-from twin.runs.assembly.load import load_experiment
-from twin.runs.run import execute
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.reader import read
+from twin.kernel.recording.recording import Recording
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.run import execute
 from twin.studies.identify.study import identify
 from twin.studies.identify.text import model_fragment
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.studies.identify.calibrations import belief
-from twin.recording.logs.log import LogRefused, LogSeries
+from twin.kernel.recording.logs.log import LogRefused, LogSeries
 from twin.studies.identify.windows import windows
 from twin.studies.replay.replay import RobotLog
 

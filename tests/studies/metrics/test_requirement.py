@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.errors import InputRefused
-from twin.experiment.measure import AtMost, Formula, Joined, Not, Term, Until, Within, requirement
-from twin.recording.layout import Field
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.layout import Field
+from twin.robot.experiment.measure import AtMost, Formula, Joined, Not, Term, Until, Within, requirement
 from twin.studies.metrics.requirement import SAME, Standing, checked_requirement, distance, overall, standing
 from validation.yardsticks.temporal_logic import Curves, formula
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.metrics.response import (
     PERIODS,
     along_and_off,

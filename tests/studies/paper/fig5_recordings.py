@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from twin.controller.program import PhaseKind
-from twin.recording.layout import Field, Topic
-from twin.recording.reader import read
-from twin.recording.recording import Recording
-from twin.recording.writer import Writer
+from twin.kernel.recording.layout import Field, Topic
+from twin.kernel.recording.reader import read
+from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.writer import Writer
+from twin.robot.controller.program import PhaseKind
 
 TICK = 1e-3
 SURFACE = -0.101

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from twin.controller.controller import ESTIMATE, ESTIMATOR_INPUTS, ESTIMATOR_OUTPUTS, Belief, estimate
-from twin.robot.geometry import LEG_COS, LEG_SIN
-from twin.robot.statics import arm_gravity_torque, platform_weight
+from twin.robot.controller.controller import ESTIMATE, ESTIMATOR_INPUTS, ESTIMATOR_OUTPUTS, Belief, estimate
+from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN
+from twin.robot.mechanism.statics import arm_gravity_torque, platform_weight
 
 
 def rotation(angle: float) -> np.ndarray:

@@ -6,10 +6,23 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from tests.robot.poses import GEOMETRY, HOME, MASSES
-from twin.robot.geometry import LEG_COS, LEG_SIN, distal_link
-from twin.robot.kinematics import jacobian, joint_angles, leg_angle, loop_coefficients, position, sphere_centre
-from twin.robot.statics import directed_load_torque, end_effector_force, environment_force, joint_torques, load_torque
+from tests.robot.mechanism.poses import GEOMETRY, HOME, MASSES
+from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN, distal_link
+from twin.robot.mechanism.kinematics import (
+    jacobian,
+    joint_angles,
+    leg_angle,
+    loop_coefficients,
+    position,
+    sphere_centre,
+)
+from twin.robot.mechanism.statics import (
+    directed_load_torque,
+    end_effector_force,
+    environment_force,
+    joint_torques,
+    load_torque,
+)
 
 OFF_HOME = (0.012, -0.017, -0.104)
 START = (0.0, 0.020, -0.085)

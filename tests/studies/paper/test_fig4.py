@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.recording.forgery import data_records, sealed, without_last
+from tests.kernel.recording.forgery import data_records, sealed, without_last
 from tests.studies.paper.printed import PrintedEstimator
 from tests.studies.paper.test_fig4_claims import WHILE_SWEEPING
-from twin.cosim.python_class import PythonComponent
-from twin.errors import InputRefused
-from twin.recording.reader import read
-from twin.recording.recording import Recording
-from twin.runs.assembly.computer import belief
-from twin.runs.assembly.load import load_experiment
-from twin.runs.run import execute
-from twin.runs.trace import run_in_memory
+from twin.kernel.cosim.python_class import PythonComponent
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.reader import read
+from twin.kernel.recording.recording import Recording
+from twin.robot.assembly.computer import belief
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.run import execute
+from twin.robot.run.trace import run_in_memory
 from twin.studies.metrics.requirement import FIG4
 from twin.studies.metrics.response import first_time, rms, settling_time
 from twin.studies.paper.claim import judged

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from tests.studies.paper.fig4_series import runs
-from twin.recording.recording import Recording
+from twin.kernel.recording.recording import Recording
 from twin.studies.paper import fig4_runs as module
 from twin.studies.paper.fig4_runs import FP_BASED, FP_REFERENCE, P_BASED, PRE_DEFINE, draw_fig4, fig4_runs
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from tests.studies.paper.fig5_recordings import pressed, pushed, rolled, tapped
-from twin.errors import InputRefused
-from twin.recording.reader import read
-from twin.recording.recording import Recording
-from twin.runs.assembly.load import load_experiment
-from twin.runs.run import execute
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.reader import read
+from twin.kernel.recording.recording import Recording
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.run import execute
 from twin.studies.paper.claim import ClaimFinding
 from twin.studies.paper.fig4 import bound_used, tally
 from twin.studies.paper.fig5 import CLAIMS, fig5_score

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import ROOT
-from twin.experiment.drive_files import lone_drive
+from twin.robot.experiment.drive_files import lone_drive
 from twin.studies.qualify.qualification import Qualification, qualified
 
 

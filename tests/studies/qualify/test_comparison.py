@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from tests.conftest import ROOT
-from tests.drive.faulty import faulty_drive
-from tests.runs.made_up import made_up
-from twin.errors import InputRefused
+from tests.kernel.fmi.faulty import faulty_drive
+from tests.robot.run.made_up import made_up
+from twin.kernel.errors import InputRefused
 from twin.studies.qualify.comparison import (
     COMPARED,
     DriveTrial,

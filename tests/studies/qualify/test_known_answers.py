@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tests.conftest import ROOT
-from twin.experiment.drive_files import lone_drive
-from twin.runs.assembly.drives import planned
+from twin.robot.assembly.drives import planned
+from twin.robot.experiment.drive_files import lone_drive
 from twin.studies.qualify.definitions import CHECKS, MEASURES
 from twin.studies.qualify.motion import overload, ramped_torque, stall_torque
 from twin.studies.qualify.qualification import Qualification

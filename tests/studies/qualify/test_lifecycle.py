@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.command_line import twin
-from tests.drive.compiled import compiled_drive
+from tests.kernel.fmi.compiled import compiled_drive
 
 CRASH = "*(volatile int *)8 = 1; "
 

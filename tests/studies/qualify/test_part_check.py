@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from tests.drive.archives import altered
-from twin.errors import ComponentFailed, InputRefused
+from tests.kernel.fmi.archives import altered
+from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.studies.qualify.part_check import contracts, part_check
 from twin.studies.result import Result
 

@@ -8,14 +8,14 @@ import pytest
 
 from tests.command_line import twin
 from tests.conftest import ROOT
-from tests.drive.amplifier import parts_of_a_drive
-from tests.drive.archives import redescribed
-from twin.cosim.ssp.structure import STRUCTURE
-from twin.drive.description import described
-from twin.drive.mapping import RolesUnclear, Wiring, bindings
-from twin.errors import InputRefused
-from twin.experiment.drive_files import lone_drive
-from twin.runs.assembly.drives import DrivePlan, planned
+from tests.kernel.fmi.amplifier import parts_of_a_drive
+from tests.kernel.fmi.archives import redescribed
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi.description import described
+from twin.kernel.ssp.structure import STRUCTURE
+from twin.robot.assembly.drives import DrivePlan, planned
+from twin.robot.drive.mapping import RolesUnclear, Wiring, bindings
+from twin.robot.experiment.drive_files import lone_drive
 from twin.studies.qualify.bench import response
 from twin.studies.qualify.proposal import begun, part_names, parts_proposal, proposal, understood
 from twin.studies.qualify.shelf import shelved_drives
@@ -133,7 +133,7 @@ def test_a_drive_that_does_not_fit_is_listed_with_its_reason(velocity_servo: Pat
 
 def test_a_folder_without_a_shelf_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("twin.places.HOME", tmp_path)
+    monkeypatch.setattr("twin.kernel.places.HOME", tmp_path)
     with pytest.raises(InputRefused, match="no such folder"):
         shelved_drives(tmp_path)
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from tests.installations import forget_installation
-from twin.cache_folder import VARIABLE, cache_folder
-from twin.drive import COMPILED
-from twin.errors import InputRefused
+from twin.kernel.cache_folder import VARIABLE, cache_folder
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi import COMPILED
 from twin.studies.qualify import shelf
 from twin.studies.qualify.shelf import ShelvedDrive, shelved_drives
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import ROOT
-from tests.drive.archives import redescribed
-from tests.drive.faulty import faulty_drive
-from tests.drive.three_axes import three_axes_drive
-from twin.experiment.drive_files import lone_drive
+from tests.kernel.fmi.archives import redescribed
+from tests.kernel.fmi.faulty import faulty_drive
+from tests.kernel.fmi.three_axes import three_axes_drive
+from twin.robot.experiment.drive_files import lone_drive
 from twin.studies.qualify.qualification import Qualification, qualified
 from twin.studies.qualify.text import draw_drive_check
 

@@ -1,6 +1,6 @@
 import pytest
 
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.qualify import workload
 from twin.studies.qualify.bench import told
 from twin.studies.qualify.motion import carried

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.drive.archives import carrying
-from twin.drive.description import FmuDescription, described
-from twin.errors import InputRefused
-from twin.files import LIMIT
+from tests.kernel.fmi.archives import carrying
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import LIMIT
+from twin.kernel.fmi.description import FmuDescription, described
 from twin.studies.reference.carried import HOME, MANIFEST, MOST_RELATED, carried, parameters_of, series_of
 
 NAMED = (

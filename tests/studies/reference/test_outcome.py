@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.drive.archives import carrying, redescribed
-from tests.drive.faulty import faulty_drive
+from tests.kernel.fmi.archives import carrying, redescribed
+from tests.kernel.fmi.faulty import faulty_drive
 from tests.studies.reference.test_carried import NAMED, real, ssv
-from twin.errors import InputRefused
-from twin.experiment.drive_files import lone_drive
-from twin.files import LIMIT
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import LIMIT
+from twin.robot.experiment.drive_files import lone_drive
 from twin.studies.reference.carried import HOME, MANIFEST
 from twin.studies.reference.outcome import MOST_STEPS, Outcome, References, came_with, references, references_text
 

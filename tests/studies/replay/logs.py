@@ -7,11 +7,11 @@ from tempfile import TemporaryDirectory, mkdtemp
 
 import numpy as np
 
-from twin.recording.logs.reader import recorded
-from twin.recording.reader import read
-from twin.recording.recording import Recording
-from twin.runs.assembly.load import load_experiment
-from twin.runs.run import execute
+from twin.kernel.recording.logs.reader import recorded
+from twin.kernel.recording.reader import read
+from twin.kernel.recording.recording import Recording
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.run import execute
 from twin.studies.replay.model import RobotModel, loaded_model
 from twin.studies.replay.replay import Replay, replayed
 

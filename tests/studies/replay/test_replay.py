@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tests.studies.replay.logs import ANGLES, FIG4, NOISE, drifting, healthy, judged, ran, softened, write_log
-from twin.errors import InputRefused
-from twin.recording.logs.column_map import column_map
-from twin.recording.logs.reader import read_log, recorded
-from twin.recording.reader import read
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.logs.column_map import column_map
+from twin.kernel.recording.logs.reader import read_log, recorded
+from twin.kernel.recording.reader import read
 from twin.studies.replay.model import recorded_model
 from twin.studies.replay.record import record
 from twin.studies.replay.replay import _indicator, normal_time, replayed

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from tests.studies.replay.logs import ANGLES, EXPERIMENTS, FIG4, ran, softened, write_log
-from twin.errors import InputRefused
-from twin.recording.reader import read
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.reader import read
 from twin.studies.replay.study import replay
 from twin.studies.result import Result
 

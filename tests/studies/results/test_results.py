@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from tests.command_line import Done, twin
-from twin.errors import InputRefused
-from twin.experiment.source import COMMAND_LINE
-from twin.recording.folder import recording_in
-from twin.recording.reader import last_time, origin, read
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.folder import recording_in
+from twin.kernel.recording.reader import last_time, origin, read
+from twin.robot.experiment.source import COMMAND_LINE
 from twin.studies.results.kept import ExperimentsNow, KeptRun, kept_runs, told_differences
 from twin.studies.results.listing import doomed_runs
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.studies.sweep.definitions import written
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.sweep.definition import read_definition, short_definition
 
 VARY = '[[vary]]\nkey = "contact.stiffness_N_per_m"\n'

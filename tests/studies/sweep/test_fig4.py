@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tests.studies.sweep.definitions import written
-from twin.errors import InputRefused
-from twin.recording.recording import Recording
-from twin.runs.assembly.load import load_experiment
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.recording import Recording
+from twin.robot.assembly.load import load_experiment
 from twin.studies.paper.claim import as_facts
 from twin.studies.paper.fig4 import fig4_score
 from twin.studies.paper.fig4_runs import fig4_runs

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from tests.studies.sweep.definitions import GAIN, SHORT, STIFFNESS, definition, stiffness_text, stiffnesses, written
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.sweep.definition import Condition, Value, Vary, why_not_saltelli
 from twin.studies.sweep.plan import MOST, Plan, Point, largest_count, planned, points, saltelli_cube, unit_cube
 

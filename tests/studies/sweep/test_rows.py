@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.recording.test_writer import largest_file
+from tests.kernel.recording.test_writer import largest_file
 from tests.studies.sweep.statistics import rows as made_up
 from tests.studies.sweep.statistics.rows import row
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.sweep.rows import (
     Columns,
     DiskFailed,

@@ -9,9 +9,9 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from tests.conftest import examples
-from tests.recording.test_writer import largest_file
+from tests.kernel.recording.test_writer import largest_file
 from tests.studies.sweep.definitions import STIFFNESS, stiffnesses
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.sweep.folder import kept
 from twin.studies.sweep.measures import RunFinding
 from twin.studies.sweep.plan import Plan, Task

@@ -3,9 +3,9 @@ from pathlib import Path
 import pytest
 
 from tests.studies.sweep.definitions import STIFFNESS
-from twin.recording.reader import read
-from twin.runs.assembly.load import load_experiment
-from twin.runs.run import execute
+from twin.kernel.recording.reader import read
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.run import execute
 from twin.studies.check.measurement import measured, run_for_measures
 from twin.studies.sweep.measures import BY_KIND, METRICS, metric_names, metrics_of
 from twin.studies.sweep.worker import record, trial

@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from tests.studies.systems.archives import archive
-from twin.recording.reader import read
-from twin.recording.recording import Recording
-from twin.runs.guard.reporter import DirectReporter
+from twin.kernel.process.reporter import DirectReporter
+from twin.kernel.recording.reader import read
+from twin.kernel.recording.recording import Recording
 from twin.studies.systems.recorded import recorded_system
 
 Ran = Callable[..., tuple[Recording, dict[str, Any]]]

@@ -8,16 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.drive.archives import DESCRIPTION, altered, redescribed
+from tests.kernel.fmi.archives import DESCRIPTION, altered, redescribed
 from tests.studies.systems.archives import archive, component, connection, connector, line, structure, system, values
-from twin.cosim.ssp.flat import Hop
-from twin.cosim.ssp.parameters import Transformation, UnitDefinition
-from twin.errors import InputRefused
-from twin.runs.guard.reporter import DirectReporter
+from twin.kernel.errors import InputRefused
+from twin.kernel.process.reporter import DirectReporter
+from twin.kernel.ssp.flat import Hop
+from twin.kernel.ssp.parameters import Transformation, UnitDefinition
+from twin.kernel.units import Dimension
 from twin.studies.systems import coupled
 from twin.studies.systems.plan import Way, spelt, way
 from twin.studies.systems.recorded import recorded_system
-from twin.units import Dimension
 
 Change = tuple[str, str]
 A, B = component("a", "a.fmu"), component("b", "a.fmu")

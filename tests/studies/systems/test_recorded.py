@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.drive.archives import redescribed
-from tests.drive.first import first_description, first_drive, first_library
-from tests.drive.three_axes import three_axes_drive
+from tests.kernel.fmi.archives import redescribed
+from tests.kernel.fmi.first import first_description, first_drive, first_library
+from tests.kernel.fmi.three_axes import three_axes_drive
 from tests.studies.systems.archives import archive, component, connection, connector, line, structure, system, values
 from tests.studies.systems.conftest import Ran
-from twin.cosim.ssp.package import read_package
-from twin.drive.component import FmuComponent
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi.component import FmuComponent
+from twin.kernel.ssp.package import read_package
 from twin.report.page.page import write_report
 from twin.studies.systems.recorded import opened
 from twin.studies.systems.text import system_result

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS
-from twin.errors import InputRefused
-from twin.runs.assembly.load import load_experiment
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.load import load_experiment
 from twin.studies.analyse.stability import stability
 from twin.studies.lines import WIDTH
 from twin.studies.result import laid_out

@@ -8,8 +8,8 @@ import pytest
 
 from tests.laws.runs import EXPERIMENTS, shipped
 from tests.studies.tune.corners import fig4_corners
-from twin.errors import InputRefused
-from twin.runs.assembly.load import load_experiment
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.load import load_experiment
 from twin.studies.lines import WIDTH
 from twin.studies.result import laid_out
 from twin.studies.tune import tuned as search

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
+from twin.kernel.process.ahead import taken
+from twin.kernel.process.job import function_called
+from twin.kernel.process.process import GuardedProcess
 from twin.report.page import DRAWN
-from twin.runs.guard.ahead import taken
-from twin.runs.guard.job import function_called
-from twin.runs.guard.process import GuardedProcess
 
 POLL, PATIENCE = 0.05, 60.0
 """How often (s) it is looked whether that process still lives, and for how long it is waited for."""

@@ -7,8 +7,8 @@ import matplotlib.backends.backend_agg  # noqa: F401
 
 import twin.report.page.verdict
 import twin.studies.paper.fig4_runs  # noqa: F401
-from twin.runs.guard.job import function_called
-from twin.runs.guard.reporter import Reporter
+from twin.kernel.process.job import function_called
+from twin.kernel.process.reporter import Reporter
 
 
 def drawn(reporter: Reporter, draw: str, shown: Path, path: Path) -> None:

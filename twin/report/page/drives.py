@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from twin.kernel.writing import write_text
 from twin.report.page.markup import Markup, element, joined, table
 from twin.report.page.picture import figure
 from twin.report.page.plain import plain_page
 from twin.studies.qualify.text import shown_value
-from twin.writing import write_text
 
 PAGE = "compare.html"
 

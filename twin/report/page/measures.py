@@ -141,7 +141,7 @@ def _force(run: "ReportRun") -> list[Measure]:
 
 
 def _force_error(run: "ReportRun", t: Curve, F_z: Curve, believed: Curve) -> list[Measure]:
-    """The `force_error` of `twin.runs.outcome`: off the reference, force loop on, from the first touch on."""
+    """The `force_error` of `twin.robot.run.outcome`: off the reference, force loop on, from the first touch on."""
     on = (run.held("controller.triggered", t) > 0.0) & np.logical_or.accumulate(F_z > 0.0)
     if not np.any(on):
         return []

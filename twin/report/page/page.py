@@ -9,6 +9,8 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
+from twin.kernel.process.recorded import seen_from_here
+from twin.kernel.writing import finite, made_folder, write_text
 from twin.report.page.dark import dark_filter
 from twin.report.page.markup import DataBlock, Markup, element, joined
 from twin.report.page.panels import curves
@@ -17,10 +19,8 @@ from twin.report.page.run import ReportRun, report_runs
 from twin.report.page.scene import scene
 from twin.report.page.sections import sections, verdict_section
 from twin.report.page.verdict import verdict
-from twin.runs.guard.recorded import seen_from_here
 from twin.studies.answer import Answer
 from twin.studies.steps import Say, silent
-from twin.writing import finite, made_folder, write_text
 
 if TYPE_CHECKING:
     from twin.studies.accuracy.budget import Budget
@@ -111,7 +111,7 @@ def _data(runs: Sequence[ReportRun]) -> tuple[dict[str, Any], int]:
 
 def _budget(run: ReportRun, say: Say) -> "Budget":
     # what runs experiments takes a while to load
-    from twin.runs.assembly.load import recorded_experiment
+    from twin.robot.assembly.load import recorded_experiment
     from twin.studies.accuracy.budget import accuracy_budget
 
     experiment = recorded_experiment(run.recording.metadata, run.recording.path)

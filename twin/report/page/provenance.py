@@ -9,12 +9,12 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from twin.experiment.recorded import FROM_ROBOT, differing, flat, name_and_unit, options, recorded_facts, told
-from twin.experiment.source import COMMAND_LINE
 from twin.report.page.markup import Markup, element, joined, table
 from twin.report.page.measures import number
 from twin.report.page.run import ReportRun
-from twin.runs.assembly.declared import DECLARED
+from twin.robot.assembly.declared import DECLARED
+from twin.robot.experiment.recorded import FROM_ROBOT, differing, flat, name_and_unit, options, recorded_facts, told
+from twin.robot.experiment.source import COMMAND_LINE
 
 
 def source(key: str, origins: Mapping[str, str]) -> str:

@@ -7,13 +7,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from twin.errors import InputRefused
-from twin.experiment.recorded import recorded_fmus, recorded_name
-from twin.files import read_json
-from twin.recording.folder import recording_in
-from twin.recording.reader import read
-from twin.recording.recording import Recording
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import read_json
+from twin.kernel.recording.folder import recording_in
+from twin.kernel.recording.reader import read
+from twin.kernel.recording.recording import Recording
 from twin.report.page.measures import Measure, measures
+from twin.robot.experiment.recorded import recorded_fmus, recorded_name
 from twin.studies.metrics.response import Curve
 from twin.studies.paper.fig5_measures import settings
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from twin.plant.contact import apex_frame
 from twin.report.page.markup import DataBlock
 from twin.report.page.run import ReportRun
-from twin.robot.geometry import AXIS, OUTWARD, Geometry, skeleton
+from twin.robot.mechanism.geometry import AXIS, OUTWARD, Geometry, skeleton
+from twin.robot.plant.contact import apex_frame
 from twin.studies.metrics.response import Curve
 
 RATE = 50.0
@@ -55,7 +55,7 @@ def surface(contact: Mapping[str, Any]) -> list[list[list[float]]]:
     """Points of the untouched surface in B, (LINES + 1, LINES + 1, 3), mm, apex in the middle.
 
     Args:
-        contact: the experiment's [contact]. Shapes and axes are those of `twin.plant.contact`.
+        contact: the experiment's [contact]. Shapes and axes are those of `twin.robot.plant.contact`.
     """
     tilts = SimpleNamespace(**{name: math.radians(contact.get(f"{name}_deg", 0.0)) for name in ("tilt", "tilt_x")})
     e_1, e_2, n = (np.array(axis) for axis in apex_frame(tilts))

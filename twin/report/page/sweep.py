@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+from twin.kernel.writing import write_text
 from twin.report.page.markup import Markup, element, joined, table
 from twin.report.page.picture import figure
 from twin.report.page.plain import plain_page
 from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.show.parts import Asked, Part, headline, parts
-from twin.writing import write_text
 
 PAGE = "sweep.html"
 CAPTIONS = {

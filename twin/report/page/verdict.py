@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from twin.errors import InputRefused
-from twin.recording.recording import Recording
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.recording import Recording
 from twin.report.page.measures import outcome, scored, unscored
 from twin.report.page.run import ReportRun
 from twin.studies.figure import Axes, picture

@@ -24,12 +24,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment, exactly_measured, with_cosim, with_model, with_plant
-from twin.plant.dynamics import TrueRobot
-from twin.robot.geometry import Model
-from twin.runs.assembly.roles import refuse_other_parts
-from twin.runs.trace import run_in_memory
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.roles import refuse_other_parts
+from twin.robot.experiment.experiment import Experiment, exactly_measured, with_cosim, with_model, with_plant
+from twin.robot.mechanism.geometry import Model
+from twin.robot.plant.dynamics import TrueRobot
+from twin.robot.run.trace import run_in_memory
 from twin.studies.steps import Say, Steps, silent
 
 

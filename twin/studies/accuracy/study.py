@@ -32,10 +32,10 @@ def accuracy(
         InputRefused: the experiment, a drive or the folder cannot be used.
         ComponentFailed: a component failed.
     """
-    from twin.runs.assembly.load import load_experiment
+    from twin.kernel.writing import made_folder, write_json
+    from twin.robot.assembly.load import load_experiment
     from twin.studies.accuracy.budget import accuracy_budget
     from twin.studies.accuracy.text import accuracy_facts, accuracy_result
-    from twin.writing import made_folder, write_json
 
     loaded = load_experiment(experiment, settings, drive)
     folder = made_folder(out or HOME / loaded.name)

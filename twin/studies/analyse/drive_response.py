@@ -22,18 +22,18 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.controller.pid import Gains, force_gains
-from twin.cosim.simulation import Simulation
-from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment
-from twin.experiment.schema import whole_ticks
-from twin.plant.contact import stopped
-from twin.plant.dynamics import series_share, spring_stiffness
-from twin.robot.geometry import Geometry
-from twin.robot.kinematics import joint_angles
-from twin.runs.assembly.build import shafts
-from twin.runs.assembly.computer import belief
-from twin.runs.assembly.drives import DrivePlan, planned
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.build import shafts
+from twin.robot.assembly.computer import belief
+from twin.robot.assembly.drives import DrivePlan, planned
+from twin.robot.controller.pid import Gains, force_gains
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.schema import whole_ticks
+from twin.robot.mechanism.geometry import Geometry
+from twin.robot.mechanism.kinematics import joint_angles
+from twin.robot.plant.contact import stopped
+from twin.robot.plant.dynamics import series_share, spring_stiffness
 from twin.studies.analyse.linear.drive_model import DriveModel, fitted_drive
 from twin.studies.analyse.linear.loops import (
     LOOPS,

@@ -11,16 +11,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twin.controller.controller import Controller
-from twin.controller.program import Phase, PhaseKind
-from twin.controller.task_controller import TaskController
-from twin.cosim.observers import Observer, TickEvent, simulate
-from twin.cosim.system import System
-from twin.experiment.experiment import Experiment, exactly_measured, with_plant
-from twin.experiment.task import WayPoints
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.computer import controller
-from twin.runs.trace import Trace
+from twin.kernel.cosim.observers import Observer, TickEvent, simulate
+from twin.kernel.cosim.system import System
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.computer import controller
+from twin.robot.controller.controller import Controller
+from twin.robot.controller.program import Phase, PhaseKind
+from twin.robot.controller.task_controller import TaskController
+from twin.robot.experiment.experiment import Experiment, exactly_measured, with_plant
+from twin.robot.experiment.task import WayPoints
+from twin.robot.run.trace import Trace
 from twin.studies.analyse.linear.drive_model import Matrix
 from twin.studies.analyse.operating_point import OperatingPoint
 

@@ -7,15 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from twin.controller.program import Push, Tap
-from twin.errors import InputRefused, Unreachable
-from twin.experiment.experiment import Experiment
-from twin.plant.component import resting
-from twin.plant.contact import contact_force, surface_depth
-from twin.plant.dynamics import PlantParameters
-from twin.robot.geometry import Geometry
-from twin.robot.kinematics import joint_angles
-from twin.runs.assembly.build import plant_parameters
+from twin.kernel.errors import InputRefused, Unreachable
+from twin.robot.assembly.build import plant_parameters
+from twin.robot.controller.program import Push, Tap
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.mechanism.geometry import Geometry
+from twin.robot.mechanism.kinematics import joint_angles
+from twin.robot.plant.component import resting
+from twin.robot.plant.contact import contact_force, surface_depth
+from twin.robot.plant.dynamics import PlantParameters
 
 CLEARANCE = 1e-3
 """Height (m) over the surface at which a pose is looked at in free air, too."""

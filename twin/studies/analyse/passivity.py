@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import differential_evolution
 
-from twin.controller.pid import Gains
-from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment, with_model, with_plant
-from twin.runs.assembly.roles import refuse_other_parts
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.roles import refuse_other_parts
+from twin.robot.controller.pid import Gains
+from twin.robot.experiment.experiment import Experiment, with_model, with_plant
 from twin.studies.analyse.drive_response import Linearised, closed_in
 from twin.studies.analyse.linear.drive_model import Matrix
 from twin.studies.analyse.linear.hand import (

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment
-from twin.runs.assembly.roles import refuse_other_parts
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.roles import refuse_other_parts
+from twin.robot.experiment.experiment import Experiment
 from twin.studies.analyse.drive_response import Linearised, LinearPoint
 from twin.studies.analyse.linear.drive_model import DriveModel
 from twin.studies.analyse.linear.loops import COMMANDS, LOOPS, closed_poles, spectral_radius

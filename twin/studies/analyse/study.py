@@ -9,7 +9,7 @@ from twin.studies.result import Result
 from twin.studies.steps import Say
 
 if TYPE_CHECKING:
-    from twin.experiment.experiment import Experiment
+    from twin.robot.experiment.experiment import Experiment
 
 HOME = Path("results") / "analysis"
 FACTS, PICTURE, DISKS, MAP = "analysis.json", "analysis.png", "disks.png", "map.png"
@@ -47,8 +47,8 @@ def analyse(
     Raises:
         InputRefused, ComponentFailed: see `stability` and `passivity`; or the folder cannot be used.
     """
-    from twin.runs.assembly.load import load_experiment
-    from twin.writing import made_folder
+    from twin.kernel.writing import made_folder
+    from twin.robot.assembly.load import load_experiment
 
     folder = made_folder(out or HOME / experiment.stem)
     loaded = load_experiment(experiment, settings, drive, body)
@@ -56,10 +56,10 @@ def analyse(
 
 
 def _stability(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Result:
+    from twin.kernel.writing import write_json
     from twin.studies.analyse.picture import draw_analysis, draw_disks, draw_stability_maps
     from twin.studies.analyse.stability import stability
     from twin.studies.analyse.text import analysis_result
-    from twin.writing import write_json
 
     done = stability(experiment, tried, say)
     draw_analysis(done, folder / PICTURE)
@@ -76,10 +76,10 @@ def _stability(experiment: "Experiment", tried: bool, folder: Path, say: Say) ->
 
 
 def _passivity(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Result:
+    from twin.kernel.writing import write_json
     from twin.studies.analyse.passivity import passivity
     from twin.studies.analyse.picture import draw_passivity
     from twin.studies.analyse.text import passivity_result
-    from twin.writing import write_json
 
     done = passivity(experiment, tried, say)
     draw_passivity(done, folder / PASSIVITY_PICTURE)

@@ -10,20 +10,20 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from twin.cosim.component import Component, NativeComponent
-from twin.cosim.subsystem import INLET, Subsystem
-from twin.cosim.system import Feeds
-from twin.drive.component import FmuComponent
-from twin.drive.description import KIND_NAMES, FmuDescription
-from twin.drive.setting import FilePath, Setting
-from twin.drive.variable import Variable
-from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment
-from twin.experiment.fault import CATALOGUE
-from twin.runs.assembly.assemble import HERE
-from twin.runs.assembly.build import Build, at_rest, joint_drives, motions, need_processes, planned_drives, turns_all
-from twin.runs.assembly.declared import BROKEN, PLACES
-from twin.runs.assembly.drives import DrivePlan, rates
+from twin.kernel.cosim.component import Component, NativeComponent
+from twin.kernel.cosim.subsystem import INLET, Subsystem
+from twin.kernel.cosim.system import Feeds
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi.component import FmuComponent
+from twin.kernel.fmi.description import KIND_NAMES, FmuDescription
+from twin.kernel.fmi.setting import FilePath, Setting
+from twin.kernel.fmi.variable import Variable
+from twin.robot.assembly.assemble import HERE
+from twin.robot.assembly.build import Build, at_rest, joint_drives, motions, need_processes, planned_drives, turns_all
+from twin.robot.assembly.declared import BROKEN, PLACES
+from twin.robot.assembly.drives import DrivePlan, rates
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import CATALOGUE
 
 
 def refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> None:

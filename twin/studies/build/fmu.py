@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from twin.drive.compiling import fmi_headers
+from twin.kernel.fmi.compiling import fmi_headers
+from twin.kernel.units import Unit, known_unit
 from twin.studies.build.layout import Kind, Layout, Variable, sizes, tables
 from twin.studies.build.linking import (
     HERE,
@@ -23,7 +24,6 @@ from twin.studies.build.linking import (
     universal,
 )
 from twin.studies.build.part import RobotPart
-from twin.units import Unit, known_unit
 
 TOOL = "twin"
 _CAUSALITY: dict[Kind, str] = {"parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output"}

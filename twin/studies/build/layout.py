@@ -11,12 +11,12 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from twin.cosim.component import NativeComponent
-from twin.cosim.port import Port, by_port, width
-from twin.cosim.system import End
+from twin.kernel.cosim.component import NativeComponent
+from twin.kernel.cosim.port import Port, by_port, width
+from twin.kernel.cosim.system import End
+from twin.kernel.units import Unit, known_unit
 from twin.studies.build.parameters import UNLIMITED, Destination, Limits, Parameter
 from twin.studies.build.part import Beginning, RobotPart
-from twin.units import Unit, known_unit
 
 ALIGNED = 64
 """Bytes to whose multiples components and what they point to begin."""

@@ -10,10 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from twin.cosim.port import Port
-from twin.errors import disk_refusals
-from twin.monitor.checks import Reason
-from twin.runs.assembly.load import load_experiment
+from twin.kernel.cosim.port import Port
+from twin.kernel.errors import disk_refusals
+from twin.kernel.writing import made_folder, write_bytes
+from twin.robot.assembly.load import load_experiment
+from twin.robot.monitor.checks import Reason
 from twin.studies.answer import Answer
 from twin.studies.build.layout import STATUS, Layout, Variable, laid_out, sizes, tables
 from twin.studies.build.linking import (
@@ -31,7 +32,6 @@ from twin.studies.build.linking import (
 from twin.studies.build.parameters import Limits, fixed, parameters
 from twin.studies.build.part import RobotPart, part_of, told_to_drives
 from twin.studies.build.part_fmu import HOME
-from twin.writing import made_folder, write_bytes
 
 COUNTS = (
     Port("count_m", 3, "1", "motor encoders", "int"),

@@ -3,9 +3,9 @@
 import re
 from collections.abc import Sequence
 
-from twin.cosim.ssp.parameters import Metadata, ParameterSet, ParameterValue, UnitDefinition
-from twin.cosim.ssp.structure import Connector, ConnectorKind
-from twin.experiment.experiment import Experiment
+from twin.kernel.ssp.parameters import Metadata, ParameterSet, ParameterValue, UnitDefinition
+from twin.kernel.ssp.structure import Connector, ConnectorKind
+from twin.robot.experiment.experiment import Experiment
 from twin.studies.build.layout import Kind, Variable
 from twin.studies.build.structure import Told, defined, origin
 

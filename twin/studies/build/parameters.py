@@ -12,16 +12,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twin.cosim.component import NativeComponent
-from twin.cosim.place import Place
-from twin.experiment.experiment import Experiment
-from twin.experiment.fault import CATALOGUE, Fault, table_of
-from twin.faults.drive_fault import FaultComponent
-from twin.robot.geometry import Model
-from twin.runs.assembly.declared import MEMORIES, PATHS, PLACES
-from twin.settings import taken
+from twin.kernel.cosim.component import NativeComponent
+from twin.kernel.cosim.place import Place
+from twin.kernel.settings import taken
+from twin.kernel.units import Unit, known_unit
+from twin.robot.assembly.declared import MEMORIES, PATHS, PLACES
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import CATALOGUE, Fault, table_of
+from twin.robot.faults.drive_fault import FaultComponent
+from twin.robot.mechanism.geometry import Model
 from twin.studies.build.part import RobotPart
-from twin.units import Unit, known_unit
 
 
 def fault_of(experiment: Experiment, name: str) -> Fault | None:

@@ -6,17 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from twin.cosim.component import Component, NativeComponent
-from twin.cosim.delay import filled
-from twin.cosim.port import Port, width
-from twin.cosim.system import End, Feeds
-from twin.errors import InputRefused, nearest
-from twin.experiment.experiment import Experiment
-from twin.plant.component import REST_OUTPUTS, outputs_at_start, rest
-from twin.plant.component import inputs as plant_inputs
-from twin.runs.assembly.assemble import HERE, ROBOT, Row, broken, connected
-from twin.runs.assembly.build import JOINTS, Build, at_rest
-from twin.runs.assembly.roles import CONTRACTS
+from twin.kernel.cosim.component import Component, NativeComponent
+from twin.kernel.cosim.delay import filled
+from twin.kernel.cosim.port import Port, width
+from twin.kernel.cosim.system import End, Feeds
+from twin.kernel.errors import InputRefused, nearest
+from twin.robot.assembly.assemble import HERE, ROBOT, Row, broken, connected
+from twin.robot.assembly.build import JOINTS, Build, at_rest
+from twin.robot.assembly.roles import CONTRACTS
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.plant.component import REST_OUTPUTS, outputs_at_start, rest
+from twin.robot.plant.component import inputs as plant_inputs
 from twin.studies.build.drives import refuse_broken, refuse_changed, refuse_others
 
 DRIVE = "drive"

@@ -3,14 +3,14 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from twin.runs.assembly.load import load_experiment
+from twin.kernel.writing import made_folder, refuse_unwritable, write_bytes
+from twin.robot.assembly.load import load_experiment
 from twin.studies.answer import Answer
 from twin.studies.build.fmu import packed
 from twin.studies.build.layout import Layout, laid_out
 from twin.studies.build.linking import Platform, platforms_named, refuse_platform
 from twin.studies.build.parameters import Parameter, fixed, parameters
 from twin.studies.build.part import RobotPart, part_of
-from twin.writing import made_folder, refuse_unwritable, write_bytes
 
 HOME = Path("results/build")
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 
-from twin.cosim.ssp.parameters import (
+from twin.kernel.ssp.parameters import (
     Annotation,
     Metadata,
     ParameterBinding,
@@ -16,9 +16,9 @@ from twin.cosim.ssp.parameters import (
     Transformation,
     UnitDefinition,
 )
-from twin.cosim.ssp.structure import Connection, Connector, DefaultExperiment, End, SspComponent, SspSystem, Structure
-from twin.experiment.experiment import Experiment
-from twin.runs.assembly.assemble import COMMAND, POWER
+from twin.kernel.ssp.structure import Connection, Connector, DefaultExperiment, End, SspComponent, SspSystem, Structure
+from twin.robot.assembly.assemble import COMMAND, POWER
+from twin.robot.experiment.experiment import Experiment
 from twin.studies.build.drives import JointDrive, Socket
 
 Told = tuple[Connector, UnitDefinition | None]

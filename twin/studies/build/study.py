@@ -5,7 +5,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.answer import Answer
 from twin.studies.command import Argument, Asked, DriveName, Option, Settings, study
 from twin.studies.first_look import load_experiments

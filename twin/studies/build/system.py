@@ -12,14 +12,15 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.cosim.ssp.parameters import NONE, Metadata
-from twin.cosim.ssp.structure import STRUCTURE, Connection
-from twin.cosim.ssp.writing import parameter_set_xml, structure_xml
-from twin.drive.description import FmuDescription
-from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment
-from twin.runs.assembly.load import load_experiment
-from twin.runs.provenance import named_files
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi.description import FmuDescription
+from twin.kernel.ssp.parameters import NONE, Metadata
+from twin.kernel.ssp.structure import STRUCTURE, Connection
+from twin.kernel.ssp.writing import parameter_set_xml, structure_xml
+from twin.kernel.writing import json_text, made_folder, refuse_unwritable, write_bytes
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.provenance import named_files
 from twin.studies.answer import Answer
 from twin.studies.build.drives import Element, JointDrive, travelling_drives
 from twin.studies.build.fmu import archive, packed
@@ -31,7 +32,6 @@ from twin.studies.build.part import RobotPart, part_of
 from twin.studies.build.part_fmu import HOME, about, readme
 from twin.studies.build.structure import Member, structure
 from twin.studies.build.theirs import foreign_connectors, foreign_values
-from twin.writing import json_text, made_folder, refuse_unwritable, write_bytes
 
 _SCHEME = {
     "gauss_seidel": (

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twin.cosim.ssp.parameters import Metadata, ParameterSet, ParameterValue, UnitDefinition
-from twin.cosim.ssp.structure import Connector, ConnectorKind
-from twin.drive.description import FmuDescription
-from twin.drive.setting import Setting
-from twin.drive.variable import Variable
-from twin.experiment.experiment import Experiment
+from twin.kernel.fmi.description import FmuDescription
+from twin.kernel.fmi.setting import Setting
+from twin.kernel.fmi.variable import Variable
+from twin.kernel.ssp.parameters import Metadata, ParameterSet, ParameterValue, UnitDefinition
+from twin.kernel.ssp.structure import Connector, ConnectorKind
+from twin.kernel.units import Dimension, known_unit
+from twin.robot.experiment.experiment import Experiment
 from twin.studies.build.structure import Told, defined, origin
-from twin.units import Dimension, known_unit
 
 TYPES = {name: name for name in ("Real", "Boolean", "String", "Enumeration", "Binary")}
 TYPES |= {"Float64": "Real", "Float32": "Real"}

@@ -17,15 +17,15 @@ import tomlkit
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from twin import __version__
-from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment
-from twin.experiment.mistakes import sentences
-from twin.files import read_toml
-from twin.places import HOME, is_clone
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import read_toml
+from twin.kernel.places import HOME, is_clone
+from twin.kernel.writing import finite, inline_table, made_folder, write_text
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.mistakes import sentences
 from twin.studies.check.measurement import POINTS, Measured, Metric, Sampled
 from twin.studies.compare.tolerance import reach
 from twin.studies.metrics.response import within
-from twin.writing import finite, inline_table, made_folder, write_text
 
 OWN = "own"
 """Called like a drive: the one that the experiment's file names, with the parameters that it sets."""

@@ -11,13 +11,13 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from twin.errors import InputRefused, TwinError
-from twin.experiment.drive_files import experiment_file, shelved
-from twin.experiment.experiment import Experiment
-from twin.places import HOME, located
-from twin.runs.assembly.load import load_experiment
-from twin.runs.guard.guard import guarded
-from twin.runs.guard.reporter import DirectReporter
+from twin.kernel.errors import InputRefused, TwinError
+from twin.kernel.places import HOME, located
+from twin.kernel.process.guard import guarded
+from twin.kernel.process.reporter import DirectReporter
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.drive_files import experiment_file, shelved
+from twin.robot.experiment.experiment import Experiment
 from twin.studies.check.baseline import (
     FOLDER,
     OWN,

@@ -16,17 +16,17 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.cosim.observers import simulate
-from twin.cosim.system import System
-from twin.errors import InputRefused, SafetyTrip, nearest
-from twin.experiment import measure as measures
-from twin.experiment.experiment import Experiment
-from twin.experiment.measure import Led, Measure, Required, Watched
-from twin.monitor.component import trip_reason
-from twin.robot.geometry import Geometry, geometry_of
-from twin.robot.kinematics import joint_angles
-from twin.runs.assembly.assemble import assemble
-from twin.runs.trace import Trace, fields_of
+from twin.kernel.cosim.observers import simulate
+from twin.kernel.cosim.system import System
+from twin.kernel.errors import InputRefused, SafetyTrip, nearest
+from twin.robot.assembly.assemble import assemble
+from twin.robot.experiment import measure as measures
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.measure import Led, Measure, Required, Watched
+from twin.robot.mechanism.geometry import Geometry, geometry_of
+from twin.robot.mechanism.kinematics import joint_angles
+from twin.robot.monitor.component import trip_reason
+from twin.robot.run.trace import Trace, fields_of
 from twin.studies.metrics.requirement import checked_requirement, distance
 from twin.studies.metrics.response import (
     PERIODS,

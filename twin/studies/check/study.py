@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
-from twin.errors import InputRefused, plain
+from twin.kernel.errors import InputRefused, plain
 from twin.studies.command import JOB_ISOLATION, Argument, Isolate, JobIsolation, Option, study
 from twin.studies.first_look import find_experiments
 from twin.studies.result import Result

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.kernel.writing import made_folder
 from twin.studies.check.baseline import CheckRow, CheckVerdict, Outside
 from twin.studies.compare.text import A_COLOUR, B_COLOUR, OUT_COLOUR, shown
 from twin.studies.figure import Axes, picture
 from twin.studies.lines import counted
 from twin.studies.result import Block, Column, Note, Result, Row, Table
-from twin.writing import made_folder
 
 LONGEST = 33
 """Of names beside their numbers; longer ones have a line of their own."""

@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from twin.errors import InputRefused
-from twin.experiment.recorded import differing, recorded_facts
-from twin.recording.logs.column_map import column_map
-from twin.recording.logs.log import Log, LogSeries, in_gap
-from twin.recording.logs.reader import is_recording, read_log
-from twin.recording.reader import origin
-from twin.runs.assembly.declared import DECLARED
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.logs.column_map import column_map
+from twin.kernel.recording.logs.log import Log, LogSeries, in_gap
+from twin.kernel.recording.logs.reader import is_recording, read_log
+from twin.kernel.recording.reader import origin
+from twin.kernel.writing import finite
+from twin.robot.assembly.declared import DECLARED
+from twin.robot.experiment.recorded import differing, recorded_facts
 from twin.studies.compare.tolerance import (
     Alignment,
     Allowance,
@@ -37,7 +38,6 @@ from twin.studies.compare.tolerance import (
 from twin.studies.lines import counted, cut
 from twin.studies.paper.digitised.provenance import provenance
 from twin.studies.result import Note
-from twin.writing import finite
 
 
 def both(a: Path, b: Path, maps: Sequence[str] = ()) -> tuple[Log, Log]:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.answer import judged
 from twin.studies.command import Argument, Asked, Option, study
 from twin.studies.first_look import find_logs, print_latest

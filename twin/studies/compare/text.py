@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.recording.logs.log import sampling
+from twin.kernel.recording.logs.log import sampling
 from twin.studies.compare.comparison import Comparison, Differences, SignalRow, TubeCurves, differences_lines
 from twin.studies.figure import PAPER_BLUE, PAPER_ORANGE, Axes, picture
 from twin.studies.lines import counted

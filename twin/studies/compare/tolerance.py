@@ -32,10 +32,10 @@ from typing import Literal, NamedTuple, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.errors import InputRefused, nearest
-from twin.files import read_toml
-from twin.recording.logs.log import Log, LogSeries
-from twin.units import Dimension, Unit, known_unit, weight_hint
+from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.files import read_toml
+from twin.kernel.recording.logs.log import Log, LogSeries
+from twin.kernel.units import Dimension, Unit, known_unit, weight_hint
 
 SECONDS = Dimension(s=1)
 _RULE = re.compile(r"\s*(?:([0-9.eE+-]+)\s*([^@]*?))?\s*(?:@\s*([0-9.eE+-]+)\s*(\S+))?\s*")

@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin.cosim.interpolation import Inputs, Scheme
-from twin.errors import ComponentFailed, InputRefused
-from twin.experiment.experiment import Experiment, exactly_measured, shortened, with_cosim, with_plant
-from twin.robot.statics import G_ACCELERATION
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.build import plant_parameters
-from twin.runs.assembly.roles import refuse_other_parts
-from twin.runs.trace import run_in_memory
+from twin.kernel.cosim.interpolation import Inputs, Scheme
+from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.build import plant_parameters
+from twin.robot.assembly.roles import refuse_other_parts
+from twin.robot.experiment.experiment import Experiment, exactly_measured, shortened, with_cosim, with_plant
+from twin.robot.mechanism.statics import G_ACCELERATION
+from twin.robot.run.trace import run_in_memory
 from twin.studies.converge.monolith import ATOL, applies, monolithic_rows, servos, within_limits
 from twin.studies.converge.order import (
     FORCE,
@@ -41,7 +41,7 @@ from twin.studies.steps import Say, Steps, silent
 
 @dataclass(frozen=True)
 class Coupling:
-    """Scheme, inputs and iterations of `twin.cosim.system.System`."""
+    """Scheme, inputs and iterations of `twin.kernel.cosim.system.System`."""
 
     scheme: Scheme
     inputs: Inputs

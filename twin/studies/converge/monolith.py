@@ -20,19 +20,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import DOP853
 
-from twin.compiled.native import entry
-from twin.controller.controller import Estimator
-from twin.cosim.component import Component
-from twin.cosim.port import memory_of, places, record, width
-from twin.errors import ComponentFailed
-from twin.experiment.experiment import Experiment
-from twin.plant.component import MOTION, OUTPUTS, STILL, Equations, outputs_near, resting
-from twin.plant.contact import ANCHORS, apex_frame
-from twin.plant.dynamics import PARAMETERS, STATES, UNTOUCHED, PlantParameters, derivative
-from twin.plant.encoder import Encoder
-from twin.runs.assembly.build import plant_parameters, shafts, surface_motions
-from twin.runs.assembly.computer import belief, controller
-from twin.runs.assembly.drives import ALONE, DrivePlan
+from twin.kernel.compiled.native import entry
+from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.port import memory_of, places, record, width
+from twin.kernel.errors import ComponentFailed
+from twin.robot.assembly.build import plant_parameters, shafts, surface_motions
+from twin.robot.assembly.computer import belief, controller
+from twin.robot.assembly.drives import ALONE, DrivePlan
+from twin.robot.controller.controller import Estimator
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.plant.component import MOTION, OUTPUTS, STILL, Equations, outputs_near, resting
+from twin.robot.plant.contact import ANCHORS, apex_frame
+from twin.robot.plant.dynamics import PARAMETERS, STATES, UNTOUCHED, PlantParameters, derivative
+from twin.robot.plant.encoder import Encoder
 
 _STEP = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p

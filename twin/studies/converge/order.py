@@ -9,10 +9,10 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twin.cosim.observers import simulate
-from twin.experiment.experiment import Experiment
-from twin.runs.assembly.assemble import assemble
-from twin.runs.trace import Trace
+from twin.kernel.cosim.observers import simulate
+from twin.robot.assembly.assemble import assemble
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.trace import Trace
 
 
 @dataclass(frozen=True)

@@ -28,16 +28,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.cosim.component import Component
-from twin.cosim.observers import Observer, TickEvent, simulate
-from twin.cosim.port import by_port
-from twin.cosim.simulation import Simulation
-from twin.experiment.experiment import Experiment
-from twin.plant.dynamics import series_share, spring_stiffness
-from twin.robot.statics import dead_zone, deflection, motor_load_torque
-from twin.runs.assembly.assemble import Assembly, assemble
-from twin.runs.assembly.build import plant_parameters
-from twin.runs.trace import Trace
+from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.observers import Observer, TickEvent, simulate
+from twin.kernel.cosim.port import by_port
+from twin.kernel.cosim.simulation import Simulation
+from twin.robot.assembly.assemble import Assembly, assemble
+from twin.robot.assembly.build import plant_parameters
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.mechanism.statics import dead_zone, deflection, motor_load_torque
+from twin.robot.plant.dynamics import series_share, spring_stiffness
+from twin.robot.run.trace import Trace
 
 
 @dataclass(frozen=True)

@@ -36,10 +36,10 @@ def converge(
         InputRefused: the experiment, a drive or the folder cannot be used.
         ComponentFailed: a component failed in the experiment as it is.
     """
-    from twin.runs.assembly.load import load_experiment
+    from twin.kernel.writing import made_folder, write_json
+    from twin.robot.assembly.load import load_experiment
     from twin.studies.converge.convergence import convergence
     from twin.studies.converge.text import convergence_facts, convergence_result, draw_convergence
-    from twin.writing import made_folder, write_json
 
     loaded = load_experiment(experiment, settings, drive)
     folder = made_folder(out or HOME / loaded.name)

@@ -16,16 +16,17 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
-from twin.cosim.observers import simulate
-from twin.errors import ComponentFailed, InputRefused, SafetyTrip
-from twin.experiment.experiment import Experiment
-from twin.experiment.measure import Required, requirement, signals_of
-from twin.monitor.component import trip_reason
-from twin.robot.geometry import geometry_of
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.load import load_experiment
-from twin.runs.guard.limits import JobLimits
-from twin.runs.trace import Trace, fields_of
+from twin.kernel.cosim.observers import simulate
+from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
+from twin.kernel.process.limits import JobLimits
+from twin.kernel.writing import write_text
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.measure import Required, requirement, signals_of
+from twin.robot.mechanism.geometry import geometry_of
+from twin.robot.monitor.component import trip_reason
+from twin.robot.run.trace import Trace, fields_of
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.falsify.space import Ended, Space, Wrong
 from twin.studies.falsify.text import Requirement
@@ -35,7 +36,6 @@ from twin.studies.steps import Say
 from twin.studies.sweep.measures import RunFinding
 from twin.studies.sweep.plan import Task
 from twin.studies.sweep.pool import Job, WorkerProcess
-from twin.writing import write_text
 
 FORCE, PLACE = "plant.F_ee_B", "plant.p_B"
 

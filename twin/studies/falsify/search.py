@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
-from twin.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import CATALOGUE
 from twin.studies.falsify.space import Place, Space, Wrong
 
 Judge = Callable[[Sequence[Wrong]], list[float]]

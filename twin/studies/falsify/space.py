@@ -9,8 +9,8 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import tomlkit
 
-from twin.experiment.fault import CATALOGUE
-from twin.experiment.source import laid_over
+from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.source import laid_over
 from twin.studies.faults.matrix import GLITCH_SHARE
 from twin.studies.lines import counted, wrapped
 

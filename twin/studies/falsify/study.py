@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.command import Argument, DriveName, Option, Settings, study
 from twin.studies.first_look import load_experiments
 from twin.studies.result import Result
@@ -60,10 +60,11 @@ def falsify(
         ComponentFailed, SafetyTrip: the healthy run fails, or its monitor trips.
         NotWritten: the disk refuses.
     """
-    from twin.experiment.drive_files import experiment_file
-    from twin.experiment.source import Source, override
-    from twin.runs.assembly.load import load_experiment
-    from twin.runs.guard.limits import cores
+    from twin.kernel.process.limits import cores
+    from twin.kernel.writing import made_folder, write_json, write_text
+    from twin.robot.assembly.load import load_experiment
+    from twin.robot.experiment.drive_files import experiment_file
+    from twin.robot.experiment.source import Source, override
     from twin.studies.falsify.judge import Judge, crew, requirements_of
     from twin.studies.falsify.search import Search
     from twin.studies.falsify.space import Holes, Space
@@ -71,7 +72,6 @@ def falsify(
     from twin.studies.faults.matrix import cases, known_kinds
     from twin.studies.left_behind import SCRATCH, held_folder
     from twin.studies.tune.text import findable
-    from twin.writing import made_folder, write_json, write_text
 
     if os.name != "posix":
         raise InputRefused("twin falsify: needs Linux or macOS, where a drive that crashes can be kept apart")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twin.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import CATALOGUE
 from twin.studies.falsify.space import Ended, Holes, Space, Wrong
 from twin.studies.faults.text import magnitude_text
 from twin.studies.result import Block, Cell, Column, Note, Result, Table

@@ -15,15 +15,15 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.cosim.observers import Simulated, simulate
-from twin.errors import ComponentFailed, InputRefused, SafetyTrip
-from twin.experiment.experiment import Experiment
-from twin.experiment.fault import CATALOGUE, NEVER, Fault, checked_faults, expected
-from twin.monitor.checks import Trip, trip_sentence
-from twin.monitor.component import own_monitor
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.roles import refuse_other_parts
-from twin.runs.trace import Trace
+from twin.kernel.cosim.observers import Simulated, simulate
+from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.roles import refuse_other_parts
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import CATALOGUE, NEVER, Fault, checked_faults, expected
+from twin.robot.monitor.checks import Trip, trip_sentence
+from twin.robot.monitor.component import own_monitor
+from twin.robot.run.trace import Trace
 
 GLITCH_SHARE = 0.02
 """Of the samples, for kinds that hit a share of them besides having a magnitude: ten a second at 2 ms."""
@@ -194,7 +194,7 @@ class FaultOutcome:
         peak: largest true contact force (N).
         peak_delay: from the onset to that (s).
         above: how long the force was above the force limit (s).
-        reason: why the monitor tripped, a name of `twin.monitor.checks.Reason`; FAILURE if the run ended at the fault
+        reason: why the monitor tripped, a name of `twin.robot.monitor.checks.Reason`; FAILURE if the run ended at the fault
             itself; "" if neither.
         delay: from the onset to the trip (s).
         power_off_delay: from the onset to the loss of power (s).

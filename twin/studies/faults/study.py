@@ -51,10 +51,10 @@ def faults(
         SafetyTrip, ComponentFailed: without any fault, see `healthy_trial`.
         NotWritten: the disk refuses.
     """
-    from twin.runs.assembly.load import load_experiment
+    from twin.kernel.writing import growing, json_text, made_folder, write_json
+    from twin.robot.assembly.load import load_experiment
     from twin.studies.faults.matrix import cases, healthy_trial, known_kinds, matrix_rows, onsets_of
     from twin.studies.faults.text import draw_fault_matrix, fault_matrix_result
-    from twin.writing import growing, json_text, made_folder, write_json
 
     folder = made_folder(out or HOME / experiment.stem)
     name, picture = experiment.stem, folder / PICTURE

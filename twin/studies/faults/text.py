@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import CATALOGUE
 from twin.studies.faults.matrix import ALLOWANCE, FaultRow
 from twin.studies.figure import BARE, INK, LESS_IS_BETTER, LIGHT_IS_GOOD, VERMILION, Axes, picture
 from twin.studies.result import Block, Column, Note, Result, Table, table_markdown

@@ -31,10 +31,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.controller.controller import Belief
-from twin.robot.geometry import Geometry
-from twin.robot.kinematics import jacobian_rows, position
-from twin.robot.statics import arm_gravity_torque, platform_weight
+from twin.robot.controller.controller import Belief
+from twin.robot.mechanism.geometry import Geometry
+from twin.robot.mechanism.kinematics import jacobian_rows, position
+from twin.robot.mechanism.statics import arm_gravity_torque, platform_weight
 from twin.studies.identify.windows import (
     BACKLASH,
     COMPLIANCE,

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
-from twin.controller.controller import Belief
+from twin.robot.controller.controller import Belief
 from twin.studies.identify.balance import Equations, clear, in_air, on_scale, pose, rows
 from twin.studies.identify.windows import COUNT, JOINT_ZERO, KAPPA, RATE, Parameter, Windows, sizes, starts
 

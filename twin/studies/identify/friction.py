@@ -12,8 +12,8 @@ zone (18). eta is then k_s eta / k_s.
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.controller.controller import Belief
-from twin.recording.logs.log import Log, LogRefused
+from twin.kernel.recording.logs.log import Log, LogRefused
+from twin.robot.controller.controller import Belief
 from twin.studies.identify.balance import on_scale, pose, pressing_force, wind_up, wound
 from twin.studies.identify.fit import Fit, line
 from twin.studies.identify.windows import BACKLASH, JOINT_ZERO, Estimate, Windows

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 
-from twin.controller.controller import Belief
-from twin.errors import TwinError, Unreachable
-from twin.recording.logs.log import Log, LogRefused
+from twin.kernel.errors import TwinError, Unreachable
+from twin.kernel.recording.logs.log import Log, LogRefused
+from twin.robot.controller.controller import Belief
 from twin.studies.identify.balance import CONTACT, OnePose, in_air, on_scale, one_pose
 from twin.studies.identify.fit import TOLD, Fit, fit
 from twin.studies.identify.friction import friction, spring_stiffness

@@ -40,9 +40,10 @@ def identify(
     """
     from datetime import datetime
 
-    from twin.recording.folder import claim_run_folder, create_run_folder
-    from twin.recording.logs.column_map import column_map
-    from twin.recording.logs.reader import is_recording, read_log
+    from twin.kernel.recording.folder import claim_run_folder, create_run_folder
+    from twin.kernel.recording.logs.column_map import column_map
+    from twin.kernel.recording.logs.reader import is_recording, read_log
+    from twin.kernel.writing import write_json, write_text
     from twin.studies.identify.identification import identified
     from twin.studies.identify.text import (
         draw_identification,
@@ -52,7 +53,6 @@ def identify(
     )
     from twin.studies.identify.truth import truth
     from twin.studies.replay.model import model_for
-    from twin.writing import write_json, write_text
 
     say("reading", 0.0)
     curves = read_log(log, column_map(maps))

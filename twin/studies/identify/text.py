@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from twin.errors import visible
+from twin.kernel.errors import visible
+from twin.kernel.writing import inline_table
 from twin.studies.figure import INK, JOINTS, PAPER_BLUE, PAPER_ORANGE, RED, Axes, picture
 from twin.studies.identify.identification import Identification, Quantity
 from twin.studies.identify.windows import JOINTS_PER_METRE, Estimate, decimals, shown, shown_unit
 from twin.studies.result import Block, Column, Note, Result, Table, note
-from twin.writing import inline_table
 
 ALL_THREE = {"zero of joint": "zeros of the joints", "zero of wind-up": "zeros of the wind-ups"}
 COLUMNS = (Column("", 27, left=True), Column("found", 9), Column("+- 95 %", 9), Column("", 10, left=True),

@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from twin.experiment.schema import Cosim
-from twin.plant.dynamics import TrueRobot, series_share, spring_stiffness
+from twin.robot.experiment.schema import Cosim
+from twin.robot.plant.dynamics import TrueRobot, series_share, spring_stiffness
 from twin.studies.replay.model import RobotModel
 
 

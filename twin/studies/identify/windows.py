@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.controller.controller import Belief
-from twin.recording.logs.log import LogRefused, in_gap
+from twin.kernel.recording.logs.log import LogRefused, in_gap
+from twin.robot.controller.controller import Belief
 from twin.studies.replay.replay import RobotLog
 
 SHOWN = {"rad": (degrees(1.0), "deg"), "m": (1e3, "mm"), "s": (1e3, "ms"), "1": (1.0, "")}

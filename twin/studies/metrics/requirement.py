@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from twin.errors import InputRefused, nearest
-from twin.experiment.measure import AtMost, Formula, Holds, Joined, Not, Sum, Term, Until, Within, requirement
-from twin.units import known_unit
+from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.units import known_unit
+from twin.robot.experiment.measure import AtMost, Formula, Holds, Joined, Not, Sum, Term, Until, Within, requirement
 
 Curve = NDArray[np.float64]
 
@@ -115,7 +115,7 @@ def _term(term: Term, run: Run) -> Curve:
 
 
 class Signal(Protocol):
-    """What is known of a recorded signal before a run, as `twin.recording.layout.Field` has it."""
+    """What is known of a recorded signal before a run, as `twin.kernel.recording.layout.Field` has it."""
 
     @property
     def size(self) -> int: ...

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 
 Curve = NDArray[np.float64]
 

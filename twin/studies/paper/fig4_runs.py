@@ -9,9 +9,9 @@ from typing import Protocol
 
 import numpy as np
 
-from twin.errors import InputRefused
-from twin.recording.errors import UnknownSeries
-from twin.recording.recording import Recording
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.errors import UnknownSeries
+from twin.kernel.recording.recording import Recording
 from twin.studies.figure import GREY, INK, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLOW, Axes, picture
 from twin.studies.metrics.requirement import FIG4, lacking
 from twin.studies.metrics.response import Curve, first_time, within

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.controller.program import TASKS, PhaseKind, Press, Push, Roll, Tap, Task
-from twin.errors import InputRefused
-from twin.experiment.recorded import recorded_values
-from twin.experiment.task import checked_tasks
-from twin.monitor.checks import MEANINGS, Reason
-from twin.recording.recording import Recording
-from twin.runs.assembly.declared import DECLARED
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.recording import Recording
+from twin.robot.assembly.declared import DECLARED
+from twin.robot.controller.program import TASKS, PhaseKind, Press, Push, Roll, Tap, Task
+from twin.robot.experiment.recorded import recorded_values
+from twin.robot.experiment.task import checked_tasks
+from twin.robot.monitor.checks import MEANINGS, Reason
 from twin.studies.metrics.requirement import FIG5, lacking
 from twin.studies.metrics.response import (
     Curve,

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Circle
 
-from twin.controller.program import PhaseKind, Push, Roll, Tap
-from twin.experiment.source import names_stand_in
-from twin.monitor.checks import Monitor
-from twin.recording.errors import UnknownSeries
+from twin.kernel.recording.errors import UnknownSeries
+from twin.robot.controller.program import PhaseKind, Push, Roll, Tap
+from twin.robot.experiment.source import names_stand_in
+from twin.robot.monitor.checks import Monitor
 from twin.studies.figure import GREEN, ORANGE, Axes, picture
 from twin.studies.metrics.response import along_and_off
 from twin.studies.paper.claim import Claim

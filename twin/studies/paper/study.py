@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from twin.errors import InputRefused
-from twin.recording.folder import recording_in
-from twin.recording.reader import read
-from twin.recording.recording import Recording
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.folder import recording_in
+from twin.kernel.recording.reader import read
+from twin.kernel.recording.recording import Recording
 from twin.studies.answer import judged
 from twin.studies.paper.fig4 import fig4_score
 from twin.studies.paper.fig4_runs import draw_fig4, fig4_runs

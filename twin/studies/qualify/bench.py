@@ -12,23 +12,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.cosim.component import Component
-from twin.cosim.playback import play
-from twin.cosim.port import by_port, width
-from twin.cosim.signals import playback
-from twin.cosim.simulation import Simulation
-from twin.cosim.system import System
-from twin.drive.component import FmuComponent
-from twin.drive.contract import LOAD, OUTPUTS
-from twin.drive.description import FmuDescription
-from twin.drive.mapping import candidates
-from twin.drive.variable import Variable
-from twin.errors import ComponentFailed, visible
-from twin.experiment.experiment import Experiment
-from twin.runs.assembly.assemble import ROBOT
-from twin.runs.assembly.drives import OMEGA_REF, DrivePlan, drive
-from twin.runs.assembly.roles import OtherPart
-from twin.runs.trace import Trace
+from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.playback import play
+from twin.kernel.cosim.port import by_port, width
+from twin.kernel.cosim.signals import playback
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.cosim.system import System
+from twin.kernel.errors import ComponentFailed, visible
+from twin.kernel.fmi.component import FmuComponent
+from twin.kernel.fmi.description import FmuDescription
+from twin.kernel.fmi.variable import Variable
+from twin.robot.assembly.assemble import ROBOT
+from twin.robot.assembly.drives import OMEGA_REF, DrivePlan, drive
+from twin.robot.assembly.roles import OtherPart
+from twin.robot.drive.contract import LOAD, OUTPUTS
+from twin.robot.drive.mapping import candidates
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.trace import Trace
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify.definitions import TICK
 from twin.studies.result import Block, Column, Table, laid_out

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from twin.controller.program import PhaseKind
-from twin.cosim.observers import simulate
-from twin.errors import ComponentFailed
-from twin.experiment.experiment import Experiment
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.load import load_experiment
-from twin.runs.trace import Trace
+from twin.kernel.cosim.observers import simulate
+from twin.kernel.errors import ComponentFailed
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.load import load_experiment
+from twin.robot.controller.program import PhaseKind
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.trace import Trace
 from twin.studies.figure import BLUE, GREEN, GREY, INK, ORANGE, PINK, SKY, VERMILION, picture
 from twin.studies.metrics.requirement import Standing, overall, standing
 from twin.studies.metrics.response import Curve, first_time, overshoot, rms, settling_time

@@ -5,15 +5,15 @@ import textwrap
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from twin.drive.variable import Variable
-    from twin.runs.assembly.drives import DrivePlan
+    from twin.kernel.fmi.variable import Variable
+    from twin.robot.assembly.drives import DrivePlan
 
 WIDTH = 80
 
 
 def facts(plan: "DrivePlan") -> dict[str, object]:
-    from twin.drive.description import abilities
-    from twin.drive.setting import told
+    from twin.kernel.fmi.description import abilities
+    from twin.kernel.fmi.setting import told
 
     return {
         "command": plan.table.command,
@@ -56,9 +56,9 @@ def _parameter(v: "Variable") -> dict[str, object]:
 
 
 def text(plan: "DrivePlan") -> str:
-    from twin.drive.description import KIND_NAMES, abilities
-    from twin.drive.setting import told
-    from twin.runs.assembly.drives import qualified
+    from twin.kernel.fmi.description import KIND_NAMES, abilities
+    from twin.kernel.fmi.setting import told
+    from twin.robot.assembly.drives import qualified
 
     lines: list[str] = []
     for part, fmu in plan.parts.items():

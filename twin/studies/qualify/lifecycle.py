@@ -5,17 +5,17 @@ from dataclasses import asdict
 
 import numpy as np
 
-from twin.drive.component import opened
-from twin.drive.description import FmuDescription
-from twin.drive.instance import Instance
-from twin.drive.setting import Setting, Setup
-from twin.drive.unpacked import unpacked
-from twin.drive.variable import Variable
-from twin.errors import TwinError
-from twin.experiment.schema import Drive
-from twin.runs.assembly.drives import DrivePlan, belongs, planned
-from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
-from twin.runs.guard.reporter import Reporter
+from twin.kernel.errors import TwinError
+from twin.kernel.fmi.component import opened
+from twin.kernel.fmi.description import FmuDescription
+from twin.kernel.fmi.instance import Instance
+from twin.kernel.fmi.setting import Setting, Setup
+from twin.kernel.fmi.unpacked import unpacked
+from twin.kernel.fmi.variable import Variable
+from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
+from twin.kernel.process.reporter import Reporter
+from twin.robot.assembly.drives import DrivePlan, belongs, planned
+from twin.robot.experiment.schema import Drive
 from twin.studies.qualify.definitions import LOAD_IN_USE, SPEED_IN_USE, TICK, Check, Finding, judged
 
 JOB = "twin.studies.qualify.lifecycle:examined"

@@ -18,9 +18,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from twin.errors import ComponentFailed, InputRefused
-from twin.experiment.schema import Drive, Part
-from twin.runs.assembly.drives import DrivePlan, rates
+from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.robot.assembly.drives import DrivePlan, rates
+from twin.robot.experiment.schema import Drive, Part
 from twin.studies.metrics.response import Curve, overshoot, rise_time, settling_time
 from twin.studies.qualify.bench import Response, response
 from twin.studies.qualify.definitions import (

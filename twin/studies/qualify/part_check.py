@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.cosim.component import Component
-from twin.cosim.port import Port, by_port
-from twin.drive.component import FmuComponent
-from twin.errors import ComponentFailed, InputRefused
-from twin.experiment.experiment import Experiment
-from twin.runs.assembly.load import load_experiment
-from twin.runs.assembly.roles import CONTRACTS, OtherPart, other_part
-from twin.runs.trace import Trace, run_in_memory
+from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.port import Port, by_port
+from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.fmi.component import FmuComponent
+from twin.robot.assembly.load import load_experiment
+from twin.robot.assembly.roles import CONTRACTS, OtherPart, other_part
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.metrics.requirement import FIG4, FIG5, MEASURES, OF_A_CONSTANT_FORCE
 from twin.studies.qualify.bench import Inputs, Played, inputs_for, played, replayed_from_state
 from twin.studies.qualify.definitions import Check, judged

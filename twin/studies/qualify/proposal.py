@@ -13,12 +13,18 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from twin.cosim.ssp.package import Package, read_package
-from twin.cosim.ssp.parameters import NONE
-from twin.cosim.ssp.structure import Connection, SspComponent
-from twin.drive.contract import COMMANDS, Command, Role, contract
-from twin.drive.description import FmuDescription, described
-from twin.drive.mapping import (
+from twin.kernel.errors import InputRefused, visible
+from twin.kernel.files import open_regular
+from twin.kernel.fmi.description import FmuDescription, described
+from twin.kernel.fmi.variable import Variable
+from twin.kernel.places import CARRIED
+from twin.kernel.ssp.package import Package, read_package
+from twin.kernel.ssp.parameters import NONE
+from twin.kernel.ssp.structure import Connection, SspComponent
+from twin.kernel.writing import made_folder, write_bytes, write_text
+from twin.robot.assembly.drives import qualified
+from twin.robot.drive.contract import COMMANDS, Command, Role, contract
+from twin.robot.drive.mapping import (
     Choice,
     Wiring,
     bindings,
@@ -29,13 +35,7 @@ from twin.drive.mapping import (
     objection,
     score,
 )
-from twin.drive.variable import Variable
-from twin.errors import InputRefused, visible
-from twin.experiment.drive_files import MAPPING, lone_drive
-from twin.files import open_regular
-from twin.places import CARRIED
-from twin.runs.assembly.drives import qualified
-from twin.writing import made_folder, write_bytes, write_text
+from twin.robot.experiment.drive_files import MAPPING, lone_drive
 
 LOOP = """
 [velocity_loop]           # ours, in front of a drive that takes no speed; tune it, then remove the #

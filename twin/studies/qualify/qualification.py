@@ -7,10 +7,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from twin.drive.component import instances_left
-from twin.errors import ComponentFailed
-from twin.experiment.schema import Drive
-from twin.runs.assembly.drives import DrivePlan, planned
+from twin.kernel.errors import ComponentFailed
+from twin.kernel.fmi.component import instances_left
+from twin.robot.assembly.drives import DrivePlan, planned
+from twin.robot.experiment.schema import Drive
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify.bench import Response, response
 from twin.studies.qualify.definitions import (

@@ -5,11 +5,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from twin.cache_folder import cache_folder
-from twin.drive import COMPILED
-from twin.errors import InputRefused
-from twin.kept import contents, kept
-from twin.places import located
+from twin.kernel.cache_folder import cache_folder
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi import COMPILED
+from twin.kernel.kept import contents, kept
+from twin.kernel.places import located
 from twin.studies.result import Column, Table, laid_out
 
 SHELF = "fmus"
@@ -79,8 +79,8 @@ def _made_of(shelf: Path) -> str | None:
 
 def _is_complete(shelf: Path) -> bool:
     """Whether the drives in `shelf` name no file but those beside them: others may change, or be there one day."""
-    from twin.experiment.drive_files import MAPPING
-    from twin.files import read_toml
+    from twin.kernel.files import read_toml
+    from twin.robot.experiment.drive_files import MAPPING
 
     try:
         return all(
@@ -107,14 +107,14 @@ def _named(said: Any, key: str = "") -> Iterator[str]:
 
 def _looked_at(shelf: Path) -> tuple[ShelvedDrive, ...]:
     """The drives in `shelf`; to look at one takes numpy, FMPy and pydantic."""
-    from twin.experiment.drive_files import drives_in
+    from twin.robot.experiment.drive_files import drives_in
 
     return tuple(_drive(shelf / name) for name in drives_in(shelf))
 
 
 def _drive(folder: Path) -> ShelvedDrive:
-    from twin.experiment.drive_files import lone_drive
-    from twin.runs.assembly.drives import planned
+    from twin.robot.assembly.drives import planned
+    from twin.robot.experiment.drive_files import lone_drive
 
     try:
         plan = planned(lone_drive(str(folder), folder))

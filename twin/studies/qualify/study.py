@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from twin.errors import InputRefused
-from twin.experiment.drive_files import experiment_file, lone_drive
-from twin.runs.guard.limits import JobLimits
+from twin.kernel.errors import InputRefused
+from twin.kernel.process.limits import JobLimits
+from twin.robot.experiment.drive_files import experiment_file, lone_drive
 from twin.studies.answer import Answer
 from twin.studies.command import (
     JOB_ISOLATION,
@@ -32,7 +32,7 @@ from twin.studies.result import Block, Note, Result
 from twin.studies.steps import Say
 
 if TYPE_CHECKING:
-    from twin.experiment.schema import Drive
+    from twin.robot.experiment.schema import Drive
 
 FIG4 = Path("fig4_force_position")
 
@@ -56,8 +56,8 @@ def drive_info(
     Raises:
         InputRefused: it does not.
     """
-    from twin.drive.mapping import RolesUnclear
-    from twin.runs.assembly.drives import fmus, planned
+    from twin.robot.assembly.drives import fmus, planned
+    from twin.robot.drive.mapping import RolesUnclear
     from twin.studies.qualify import info
     from twin.studies.qualify.bench import variables_facts, variables_text
 
@@ -185,12 +185,12 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Result | 
         InputRefused, ComponentFailed: see `qualified`.
         NotWritten: the disk refuses.
     """
+    from twin.kernel.writing import made_folder
     from twin.studies.qualify.bench import told
     from twin.studies.qualify.qualification import qualified
     from twin.studies.qualify.text import draw_drive_check, qualification_result
     from twin.studies.qualify.workload import Workload
     from twin.studies.reference.outcome import came_with, no_drive, references_text
-    from twin.writing import made_folder
 
     say(Path(fmu).stem, 0.0)
     folder = made_folder(out)
@@ -233,9 +233,9 @@ def compare_drives(
         InputRefused: a drive does not fit; none has run.
         NotWritten: the disk refuses.
     """
+    from twin.kernel.writing import made_folder
     from twin.studies.qualify.comparison import COMPARED, comparison_facts, draw_drive_compare, trials, verdict
     from twin.studies.qualify.text import compare_blocks
-    from twin.writing import made_folder
 
     folder, files = made_folder(out), [experiment_file(experiment) for experiment in experiments]
     compared = trials(files, list(fmus), settings, body, say)
@@ -259,7 +259,7 @@ def compare_drives(
 
 def _build(table: "Drive") -> None:
     """Compile what of a drive has no binary, and tell."""
-    from twin.drive.description import build
+    from twin.kernel.fmi.description import build
 
     for fmu in [part.fmu for part in table.parts.values()] or [table.fmu or ""]:
         built = build(Path(fmu))

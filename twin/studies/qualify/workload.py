@@ -2,8 +2,8 @@
 
 import time
 
-from twin.errors import InputRefused
-from twin.runs.guard.limits import LONG, PATIENCE, duration_text
+from twin.kernel.errors import InputRefused
+from twin.kernel.process.limits import LONG, PATIENCE, duration_text
 from twin.studies.steps import Say, silent
 
 ABOUT = 75_000

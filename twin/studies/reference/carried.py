@@ -12,13 +12,13 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from twin.archive import content_of, entries, entry_of
-from twin.cosim.ssp.ssd import parameter_set
-from twin.drive.description import FmuDescription
-from twin.drive.setting import Value, given_values
-from twin.errors import InputRefused
-from twin.files import read_bytes, xml_of
-from twin.recording.logs.csv_file import table_of
+from twin.kernel.archive import content_of, entries, entry_of
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import read_bytes, xml_of
+from twin.kernel.fmi.description import FmuDescription
+from twin.kernel.fmi.setting import Value, given_values
+from twin.kernel.recording.logs.csv_file import table_of
+from twin.kernel.ssp.ssd import parameter_set
 from twin.studies.metrics.response import Curve
 
 HOME = "extra/org.fmi-standard.fmi-ls-ref"

@@ -11,22 +11,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twin.cosim.port import Port
-from twin.cosim.signals import playback
-from twin.cosim.simulation import Simulation
-from twin.cosim.system import System
-from twin.drive.component import FmuComponent
-from twin.drive.description import FmuDescription, described
-from twin.drive.setting import Setup
-from twin.drive.stepping import FmuPort
-from twin.drive.unpacked import unpacked
-from twin.drive.variable import Variable, number
-from twin.errors import ComponentFailed, InputRefused, TwinError
-from twin.experiment.schema import Drive
-from twin.runs.assembly.drives import planned
-from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
-from twin.runs.guard.limits import JobLimits
-from twin.runs.guard.reporter import Reporter
+from twin.kernel.cosim.port import Port
+from twin.kernel.cosim.signals import playback
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.cosim.system import System
+from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
+from twin.kernel.fmi.component import FmuComponent
+from twin.kernel.fmi.description import FmuDescription, described
+from twin.kernel.fmi.setting import Setup
+from twin.kernel.fmi.stepping import FmuPort
+from twin.kernel.fmi.unpacked import unpacked
+from twin.kernel.fmi.variable import Variable, number
+from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
+from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.reporter import Reporter
+from twin.robot.assembly.drives import planned
+from twin.robot.experiment.schema import Drive
 from twin.studies.answer import Answer
 from twin.studies.lines import counted, labelled, wrapped
 from twin.studies.metrics.response import Curve

@@ -25,9 +25,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.controller.controller import Belief
-from twin.recording.logs.log import in_gap
-from twin.robot.statics import load_torque
+from twin.kernel.recording.logs.log import in_gap
+from twin.robot.controller.controller import Belief
+from twin.robot.mechanism.statics import load_torque
 
 SHORTEST_BLOCK = 1.0
 """s. Two taps of a massage: the force of the platform's acceleration and of viscous joints comes to nothing over a

@@ -7,25 +7,25 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from twin.controller.controller import Belief
-from twin.controller.task_controller import Computer
-from twin.errors import InputRefused
-from twin.experiment.drive_files import rest_of, role_named
-from twin.experiment.mistakes import sentences, unknown
-from twin.experiment.recorded import recorded_name, recorded_values
-from twin.experiment.schema import Cosim
-from twin.experiment.source import Source, override
-from twin.plant.contact_law import Contact, Motion
-from twin.plant.dynamics import PlantParameters, TrueRobot
-from twin.plant.encoder import Display
-from twin.recording.logs.reader import is_recording
-from twin.recording.reader import read
-from twin.robot.statics import G_ACCELERATION
-from twin.runs.assembly.build import plant_parameters, surface_motions
-from twin.runs.assembly.computer import believed
-from twin.runs.assembly.declared import DECLARED
-from twin.runs.assembly.load import load_experiment
-from twin.runs.assembly.roles import refuse_other_parts
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.logs.reader import is_recording
+from twin.kernel.recording.reader import read
+from twin.robot.assembly.build import plant_parameters, surface_motions
+from twin.robot.assembly.computer import believed
+from twin.robot.assembly.declared import DECLARED
+from twin.robot.assembly.load import load_experiment
+from twin.robot.assembly.roles import refuse_other_parts
+from twin.robot.controller.controller import Belief
+from twin.robot.controller.task_controller import Computer
+from twin.robot.experiment.drive_files import rest_of, role_named
+from twin.robot.experiment.mistakes import sentences, unknown
+from twin.robot.experiment.recorded import recorded_name, recorded_values
+from twin.robot.experiment.schema import Cosim
+from twin.robot.experiment.source import Source, override
+from twin.robot.mechanism.statics import G_ACCELERATION
+from twin.robot.plant.contact_law import Contact, Motion
+from twin.robot.plant.dynamics import PlantParameters, TrueRobot
+from twin.robot.plant.encoder import Display
 
 TABLES = {name: DECLARED.tables[name] for name in ("plant", "contact", "cosim", "controller", "scale")}
 """What is read of a recorded experiment; it may lack a scale."""

@@ -10,12 +10,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.cosim.playback import columns, play
-from twin.errors import ComponentFailed
-from twin.plant.component import OUTPUTS, Plant
-from twin.plant.contact_law import Body
-from twin.plant.dynamics import STATES
-from twin.recording.logs.log import LogRefused
+from twin.kernel.cosim.playback import columns, play
+from twin.kernel.errors import ComponentFailed
+from twin.kernel.recording.logs.log import LogRefused
+from twin.robot.plant.component import OUTPUTS, Plant
+from twin.robot.plant.contact_law import Body
+from twin.robot.plant.dynamics import STATES
 from twin.studies.replay.model import RobotModel
 
 LONGEST_GAP = 0.1

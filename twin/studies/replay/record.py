@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.controller.controller import ESTIMATOR_OUTPUTS as ESTIMATES
-from twin.cosim.port import Port
-from twin.plant.component import OUTPUTS as MOTION
-from twin.plant.encoder import SCALE_OUTPUTS as SCALE
-from twin.recording.layout import Field, Topic
-from twin.recording.writer import Writer
+from twin.kernel.cosim.port import Port
+from twin.kernel.recording.layout import Field, Topic
+from twin.kernel.recording.writer import Writer
+from twin.robot.controller.controller import ESTIMATOR_OUTPUTS as ESTIMATES
+from twin.robot.plant.component import OUTPUTS as MOTION
+from twin.robot.plant.encoder import SCALE_OUTPUTS as SCALE
 from twin.studies.replay.replay import Outputs, Replay
 
 TICK = 1e-9

@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.controller.controller import Belief, Estimator, angle
-from twin.cosim.playback import columns, play
-from twin.errors import InputRefused
-from twin.recording.logs.log import Log, LogRefused, LogSeries
+from twin.kernel.cosim.playback import columns, play
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
+from twin.kernel.units import known_unit, weight_hint
+from twin.robot.controller.controller import Belief, Estimator, angle
 from twin.studies.replay.drift import (
     Drift,
     Residual,
@@ -29,7 +30,6 @@ from twin.studies.replay.drift import (
 )
 from twin.studies.replay.model import RobotModel
 from twin.studies.replay.plant_model import motions
-from twin.units import known_unit, weight_hint
 
 
 def normal_time(text: str) -> tuple[float, float]:

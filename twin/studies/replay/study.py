@@ -53,14 +53,14 @@ def replay(
     """
     from datetime import datetime
 
-    from twin.recording.folder import RECORDING, claim_run_folder, create_run_folder
-    from twin.recording.logs.column_map import column_map
-    from twin.recording.logs.reader import read_log
+    from twin.kernel.recording.folder import RECORDING, claim_run_folder, create_run_folder
+    from twin.kernel.recording.logs.column_map import column_map
+    from twin.kernel.recording.logs.reader import read_log
+    from twin.kernel.writing import write_json
     from twin.studies.replay.model import model_for
     from twin.studies.replay.record import record
     from twin.studies.replay.replay import normal_time, replayed
     from twin.studies.replay.text import draw_replay, next_command, replay_facts, replay_result
-    from twin.writing import write_json
 
     steps = Steps(say, 3)
     steps.next("reading")

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.kernel.writing import finite
 from twin.studies.figure import INK, JOINTS, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLOW, RED, Axes, picture
 from twin.studies.replay.replay import Indicator, Replay, pressing
 from twin.studies.result import Block, Column, Note, Result, Table, note
-from twin.writing import finite
 
 ROWS = {"estimator": "estimate", "twin": "dead zone off", "plant": "plant model"}
 INDICATORS = (

@@ -12,9 +12,16 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from twin.errors import InputRefused, TwinError, nearest
-from twin.experiment.drive_files import experiment_file
-from twin.experiment.recorded import (
+from twin.kernel.errors import InputRefused, TwinError, nearest
+from twin.kernel.files import read_json
+from twin.kernel.recording.folder import LATEST, NAMED, RECORDING, STAMP
+from twin.kernel.recording.reader import last_time, origin
+from twin.kernel.recording.writer import PARTIAL
+from twin.robot.assembly.declared import DECLARED
+from twin.robot.assembly.drives import fmus
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.drive_files import experiment_file
+from twin.robot.experiment.recorded import (
     differing,
     experiment_facts,
     options,
@@ -22,20 +29,13 @@ from twin.experiment.recorded import (
     recorded_name,
     recorded_values,
 )
-from twin.files import read_json
-from twin.recording.folder import LATEST, NAMED, RECORDING, STAMP
-from twin.recording.reader import last_time, origin
-from twin.recording.writer import PARTIAL
-from twin.runs.assembly.declared import DECLARED
-from twin.runs.assembly.drives import fmus
-from twin.runs.assembly.load import load_experiment
-from twin.runs.provenance import named_files
-from twin.runs.run import SUMMARY
+from twin.robot.run.provenance import named_files
+from twin.robot.run.run import SUMMARY
 
 WRITTEN = re.compile(
     r"run\.(mcap|mcap\.partial|csv|parquet|mat)|summary\.json|report\.html"
     r"|run_ros2/(run_ros2_0\.mcap|metadata\.yaml|map\.toml)"
-    # begun by `twin.writing.written` and never finished
+    # begun by `twin.kernel.writing.written` and never finished
     r"|\.(run|summary|report)\.\w{8}\.\w+"
 )
 """What twin calls the files that it writes into a run's folder: the run, its page, and what it was exported to."""

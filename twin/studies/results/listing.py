@@ -6,8 +6,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from twin.errors import disk_refusals
-from twin.recording.folder import LATEST
+from twin.kernel.errors import disk_refusals
+from twin.kernel.recording.folder import LATEST
 from twin.studies.answer import Answer
 from twin.studies.lines import counted, cut, wrapped
 from twin.studies.results.kept import ExperimentsNow, KeptRun, kept_runs, other_folders, told_differences

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.answer import Answer
 from twin.studies.command import Argument, AsJson, Option, confirmed, study
 from twin.studies.steps import Say

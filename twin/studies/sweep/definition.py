@@ -8,10 +8,10 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from twin.errors import InputRefused
-from twin.experiment.mistakes import sentences
-from twin.files import read_toml
-from twin.places import located
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import read_toml
+from twin.kernel.places import located
+from twin.robot.experiment.mistakes import sentences
 
 Value = bool | int | float | str
 _SHAPES = {"normal": ("mean", "std"), "lognormal": ("median", "sigma")}

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment
+from twin.kernel.errors import InputRefused
+from twin.robot.experiment.experiment import Experiment
 from twin.studies.metrics.response import Curve
 from twin.studies.packing import text_of, values_of
 from twin.studies.paper.claim import as_facts

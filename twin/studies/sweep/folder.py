@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import Field
 
-from twin.errors import InputRefused
-from twin.files import read_bytes
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import read_bytes
+from twin.kernel.writing import made_folder, write_json, written
 from twin.studies.sweep.rows import MOST_RUNS, ROWS, Column, Columns, Row, Shape, Words, parsed, read_columns, read_rows
-from twin.writing import made_folder, write_json, written
 
 if TYPE_CHECKING:
     from twin.studies.sweep.plan import Plan

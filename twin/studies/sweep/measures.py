@@ -5,14 +5,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from twin.errors import InputRefused, nearest
+from twin.kernel.errors import InputRefused, nearest
 
 if TYPE_CHECKING:
-    from twin.experiment.measure import Measure
-    from twin.runs.outcome import RunOutcome
+    from twin.robot.experiment.measure import Measure
+    from twin.robot.run.outcome import RunOutcome
 
 METRICS = ("force_error_N", "peak_N", "peak_time_s", "end_N", "lateral_error_mm", "z_error_mm", "early_trigger_s")
-"""Of the plant, see `twin.runs.outcome.RunOutcome`."""
+"""Of the plant, see `twin.robot.run.outcome.RunOutcome`."""
 BY_KIND: dict[str, tuple[str, ...]] = {
     "step": (
         "delay_time", "rise_time", "settling_time_2", "settling_time_5", "overshoot", "peak", "steady_state_error",

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.errors import InputRefused
-from twin.experiment.source import NAMING
+from twin.kernel.errors import InputRefused
+from twin.robot.experiment.source import NAMING
 from twin.studies.sweep.definition import Definition, Value, Vary, read_definition
 from twin.studies.sweep.measures import checked_metric, metric_names
 
 if TYPE_CHECKING:
-    from twin.experiment.experiment import Experiment
+    from twin.robot.experiment.experiment import Experiment
 
 
 MOST = 10_000_000
@@ -283,9 +283,9 @@ class _Files:
             InputRefused: it is none.
         """
         # the FMU tool chain takes a while to import
-        from twin.runs.assembly.drives import planned as planned_drive
-        from twin.runs.assembly.load import load_experiment
-        from twin.runs.assembly.roles import digest
+        from twin.robot.assembly.drives import planned as planned_drive
+        from twin.robot.assembly.load import load_experiment
+        from twin.robot.assembly.roles import digest
         from twin.studies.sweep.fig4 import refuse_unfit
 
         where = ", ".join(filter(None, [f"drive {drive}" if drive else "", *settings])) or "as it stands"

@@ -16,8 +16,8 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError,
 # pydantic takes no other before Python 3.12
 from typing_extensions import TypedDict
 
-from twin.errors import ComponentFailed, InputRefused, disk_refusals
-from twin.files import open_regular
+from twin.kernel.errors import ComponentFailed, InputRefused, disk_refusals
+from twin.kernel.files import open_regular
 
 Row = dict[str, Any]
 Numbers = NDArray[np.float64]

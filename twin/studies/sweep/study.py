@@ -8,8 +8,8 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from twin.errors import InputRefused
-from twin.runs.guard.limits import LONG, JobLimits, cores
+from twin.kernel.errors import InputRefused
+from twin.kernel.process.limits import LONG, JobLimits, cores
 from twin.studies.answer import Answer
 from twin.studies.command import Argument, AsJson, Interrupted, LimitStep, Option, confirmed, study
 from twin.studies.steps import Say
@@ -80,7 +80,7 @@ def sweep_run(
         Interrupted: Ctrl-C, after there were rows.
         TwinError: see `run_sweep`.
     """
-    from twin.experiment.drive_files import sweep_file
+    from twin.robot.experiment.drive_files import sweep_file
     from twin.studies.sweep.definition import read_definition
     from twin.studies.sweep.folder import HOME
     from twin.studies.sweep.plan import planned
@@ -118,7 +118,7 @@ def short_sweep(
     Raises:
         InputRefused, Interrupted, TwinError: as `sweep_run`.
     """
-    from twin.experiment.drive_files import experiment_file
+    from twin.robot.experiment.drive_files import experiment_file
     from twin.studies.sweep.definition import short_definition
     from twin.studies.sweep.folder import HOME
     from twin.studies.sweep.plan import plan_of
@@ -163,8 +163,8 @@ def _checked(plan: "Plan", by: str | None, sure: bool) -> "Plan":
         checked_rank("--by", by, plan.metrics)
     if sure:
         return plan
-    from twin.runs.assembly.load import load_experiment
-    from twin.runs.watch import estimate
+    from twin.robot.assembly.load import load_experiment
+    from twin.robot.run.watch import estimate
 
     first = plan.tasks[0]
     seconds, _ = estimate(load_experiment(plan.experiment, first.settings, first.drive))

@@ -8,23 +8,23 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from twin.cosim.observers import Simulated, simulate
-from twin.errors import ComponentFailed, InputRefused
-from twin.experiment.experiment import Experiment
-from twin.monitor.component import trip_reason
-from twin.robot.geometry import geometry_of
-from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.load import load_experiment
-from twin.runs.guard.job import function_called
-from twin.runs.guard.reporter import Reporter
-from twin.runs.outcome import Tally
-from twin.runs.run import execute
-from twin.runs.trace import Trace
+from twin.kernel.cosim.observers import Simulated, simulate
+from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.process.job import function_called
+from twin.kernel.process.reporter import Reporter
+from twin.kernel.writing import made_folder
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.mechanism.geometry import geometry_of
+from twin.robot.monitor.component import trip_reason
+from twin.robot.run.outcome import Tally
+from twin.robot.run.run import execute
+from twin.robot.run.trace import Trace
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.paper.fig4_runs import Fig4Run, Fig4Runs
 from twin.studies.sweep.fig4 import COMPANION, findings
 from twin.studies.sweep.measures import RunFinding, metrics_of
-from twin.writing import made_folder
 
 
 def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:

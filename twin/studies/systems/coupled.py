@@ -8,15 +8,15 @@ from typing import TypeVar
 
 import numpy as np
 
-from twin.cosim.component import Component
-from twin.cosim.system import System
-from twin.drive.component import FmuComponent
-from twin.drive.description import refuse_step
-from twin.drive.instance import Instance
-from twin.drive.lifecycle import CosimInstance
-from twin.drive.setting import Setup, stop_time
-from twin.drive.stepping import FmuPort
-from twin.errors import InputRefused
+from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.system import System
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi.component import FmuComponent
+from twin.kernel.fmi.description import refuse_step
+from twin.kernel.fmi.instance import Instance
+from twin.kernel.fmi.lifecycle import CosimInstance
+from twin.kernel.fmi.setting import Setup, stop_time
+from twin.kernel.fmi.stepping import FmuPort
 from twin.studies.systems.plan import Part, Plan
 
 _T = TypeVar("_T")

@@ -16,19 +16,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from twin.cosim.interpolation import Scheme
-from twin.cosim.port import Port
-from twin.cosim.ssp.flat import Assigned, FlatSystem, Hop, Lead
-from twin.cosim.ssp.package import Package
-from twin.cosim.ssp.parameters import UnitDefinition
-from twin.cosim.ssp.structure import FMU, Connector
-from twin.drive.description import FmuDescription, described, stated_step
-from twin.drive.setting import Setting, Value, given_values, set_to, stated_unit
-from twin.drive.stepping import FmuPort
-from twin.drive.variable import Conversion, Variable, conversion, meant, number
-from twin.errors import InputRefused, nearest
-from twin.files import xml_of
-from twin.recording.writer import EVENTS
+from twin.kernel.cosim.interpolation import Scheme
+from twin.kernel.cosim.port import Port
+from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.files import xml_of
+from twin.kernel.fmi.description import FmuDescription, described, stated_step
+from twin.kernel.fmi.setting import Setting, Value, given_values, set_to, stated_unit
+from twin.kernel.fmi.stepping import FmuPort
+from twin.kernel.fmi.variable import Conversion, Variable, conversion, meant, number
+from twin.kernel.recording.writer import EVENTS
+from twin.kernel.ssp.flat import Assigned, FlatSystem, Hop, Lead
+from twin.kernel.ssp.package import Package
+from twin.kernel.ssp.parameters import UnitDefinition
+from twin.kernel.ssp.structure import FMU, Connector
 
 _ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 

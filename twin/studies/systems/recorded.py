@@ -12,27 +12,27 @@ from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 
-from twin.cosim.interpolation import Scheme
-from twin.cosim.observers import Messages, Progress, Simulated, TickEvent, simulate
-from twin.cosim.ssp.flat import flattened
-from twin.cosim.ssp.package import Package, read_package
-from twin.cosim.system import System
-from twin.drive.description import build
-from twin.drive.setting import told
-from twin.drive.stepping import FmuPort
-from twin.drive.unpacked import unpacked
-from twin.errors import ComponentFailed, InputRefused, TwinError
-from twin.recording.folder import RECORDING, claim_run_folder, create_run_folder
-from twin.recording.layout import Field, Topic
-from twin.recording.recorder import BLOCK_TICKS, Recorder, RowStream, versions
-from twin.recording.schema import message_names
-from twin.recording.writer import Writer
-from twin.runs.guard.reporter import Reporter
+from twin.kernel.cosim.interpolation import Scheme
+from twin.kernel.cosim.observers import Messages, Progress, Simulated, TickEvent, simulate
+from twin.kernel.cosim.system import System
+from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
+from twin.kernel.fmi.description import build
+from twin.kernel.fmi.setting import told
+from twin.kernel.fmi.stepping import FmuPort
+from twin.kernel.fmi.unpacked import unpacked
+from twin.kernel.process.reporter import Reporter
+from twin.kernel.recording.folder import RECORDING, claim_run_folder, create_run_folder
+from twin.kernel.recording.layout import Field, Topic
+from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, RowStream, versions
+from twin.kernel.recording.schema import message_names
+from twin.kernel.recording.writer import Writer
+from twin.kernel.ssp.flat import flattened
+from twin.kernel.ssp.package import Package, read_package
+from twin.kernel.writing import made_folder, write_bytes
 from twin.studies.result import Result
 from twin.studies.systems.coupled import Coupled, coupled
 from twin.studies.systems.plan import Part, Plan, distinct, element, field, fmu_sources, planned
 from twin.studies.systems.text import facts, system_result
-from twin.writing import made_folder, write_bytes
 
 
 def streams(plan: Plan, system: System) -> list[RowStream]:

@@ -5,12 +5,12 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.command import Argument, Asked, Compile, Option, study
 from twin.studies.result import Result
 
 if TYPE_CHECKING:
-    from twin.runs.guard.reporter import Reporter
+    from twin.kernel.process.reporter import Reporter
 
 
 class CouplingScheme(StrEnum):

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from twin.cosim.observers import Simulated, TickEvent
-from twin.drive.setting import told
-from twin.drive.variable import Variable
+from twin.kernel.cosim.observers import Simulated, TickEvent
+from twin.kernel.fmi.setting import told
+from twin.kernel.fmi.variable import Variable
 from twin.studies.lines import counted
 from twin.studies.result import Result, note
 from twin.studies.systems.coupled import Coupled

@@ -1,6 +1,6 @@
 """What the linear model says of gains at a corner: stability, sensitivity, and the answer to a step.
 
-The laws are those of `twin/controller/`, put in closed form because thousands of gains are tried:
+The laws are those of `twin/robot/controller/`, put in closed form because thousands of gains are tried:
 
     e_F = F_z_ref - F_z,  I(k) = I(k-1) + ki T e_F,  dp_z = -(kp_F e_F + I(k)),  u = kp (p_ref + dp_z e_z - p).
 
@@ -20,8 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment
+from twin.kernel.errors import InputRefused
+from twin.robot.experiment.experiment import Experiment
 from twin.studies.analyse.drive_response import Linearised
 from twin.studies.analyse.linear.drive_model import Matrix
 from twin.studies.analyse.linear.loops import ESTIMATED, LOOPS, TRUE

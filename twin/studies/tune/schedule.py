@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from twin.controller.adaptive import SchedulePoint, gains_at, table_of
-from twin.controller.pid import ScheduledGains
-from twin.controller.tissue import Tissue
-from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment
-from twin.runs.assembly.checks.agreement import believed_loop, radius
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.checks.agreement import believed_loop, radius
+from twin.robot.controller.adaptive import SchedulePoint, gains_at, table_of
+from twin.robot.controller.pid import ScheduledGains
+from twin.robot.controller.tissue import Tissue
+from twin.robot.experiment.experiment import Experiment
 from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness
 from twin.studies.result import Block, Column, Row, Table
 from twin.studies.tune.prediction import Corner, Goals, LawGains, Prediction, opened, predicted, with_gains

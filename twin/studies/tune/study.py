@@ -47,13 +47,13 @@ def tune(
     Raises:
         InputRefused, ComponentFailed: see `tuned`; or the folder cannot be used.
     """
-    from twin.experiment.drive_files import experiment_file
-    from twin.runs.assembly.load import load_experiment
+    from twin.kernel.writing import made_folder, write_json, write_text
+    from twin.robot.assembly.load import load_experiment
+    from twin.robot.experiment.drive_files import experiment_file
     from twin.studies.tune.prediction import Goals, stiffness_range
     from twin.studies.tune.schedule import RANGE, schedule_lines, schedule_parts, scheduled
     from twin.studies.tune.text import draw_tuning, fragment, tuning_parts
     from twin.studies.tune.tuned import tuned
-    from twin.writing import made_folder, write_json, write_text
 
     goals = Goals(margin, overshoot / 100.0, None if bandwidth is None else 2.0 * math.pi * bandwidth)
     folder = made_folder(out or HOME / experiment.stem)

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import tomlkit
 
+from twin.kernel.writing import inline_table
 from twin.studies.figure import BARE, BLUE, GREY, Axes, picture
 from twin.studies.result import Block, Column, Note, Row, Table
 from twin.studies.tune.prediction import HORIZON, SETTLED, StepAnswer, sensitivities, step_response
 from twin.studies.tune.tuned import Judged, Miss, Tuned, Whole, worst_places
-from twin.writing import inline_table
 
 
 def goals_sentence(done: Tuned) -> str:

@@ -17,17 +17,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import differential_evolution
 
-from twin.cosim.observers import simulate
-from twin.cosim.system import MemoryChange
-from twin.errors import ComponentFailed, InputRefused
-from twin.experiment.experiment import Experiment
-from twin.experiment.task import WayPoints
-from twin.monitor.component import trip_reason
-from twin.runs.assembly.assemble import FORCE_REFERENCE, assemble
-from twin.runs.assembly.declared import PLACES
-from twin.runs.assembly.roles import refuse_other_parts
-from twin.runs.outcome import RunOutcome, Tally
-from twin.runs.trace import Trace
+from twin.kernel.cosim.observers import simulate
+from twin.kernel.cosim.system import MemoryChange
+from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.writing import finite
+from twin.robot.assembly.assemble import FORCE_REFERENCE, assemble
+from twin.robot.assembly.declared import PLACES
+from twin.robot.assembly.roles import refuse_other_parts
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.task import WayPoints
+from twin.robot.monitor.component import trip_reason
+from twin.robot.run.outcome import RunOutcome, Tally
+from twin.robot.run.trace import Trace
 from twin.studies.analyse.drive_response import Linearised
 from twin.studies.analyse.linear.drive_model import Matrix
 from twin.studies.steps import Say, silent
@@ -50,7 +51,6 @@ from twin.studies.tune.prediction import (
     step_response,
     with_gains,
 )
-from twin.writing import finite
 
 SEED = 1
 POPULATION, GENERATIONS = 8, 40

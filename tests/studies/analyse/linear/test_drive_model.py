@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.analyse.linear.drive_model import DriveModel, fitted_drive
 
 TICK = 1e-3

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import PARAMETERS
-from twin.controller.pid import Gains
+from twin.robot.controller.pid import Gains
 from twin.studies.analyse.linear.drive_model import DriveModel
 from twin.studies.analyse.linear.hand import (
     DRIFT,

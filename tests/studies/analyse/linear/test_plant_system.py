@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 
 from tests.laws.runs import PARAMETERS
-from tests.plant.states import moving
-from twin.plant.component import OUTPUTS, Plant, resting
+from tests.robot.plant.states import moving
+from twin.robot.plant.component import OUTPUTS, Plant, resting
 from twin.studies.analyse.linear.plant_system import STATE_LABELS, plant_system, signal_labels
 
 SYSTEM = plant_system(PARAMETERS)

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from twin.recording.logs.log import LogRefused
-from twin.recording.logs.reader import read_log
+from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.reader import read_log
 from twin.studies.paper.digitised.provenance import Provenance, provenance
 
 HEAD = """\

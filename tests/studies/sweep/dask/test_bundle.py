@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from twin.experiment.experiment import Experiment
-from twin.runs.assembly.load import load_experiment
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
 from twin.studies.sweep.dask.bundle import Bundle, laid_out
 from twin.studies.sweep.plan import Task
 

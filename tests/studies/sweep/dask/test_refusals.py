@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from tests.runs.guard.hostile import Command
+from tests.kernel.process.hostile import Command
 from tests.studies.sweep.dask.running import Running, kill
 from tests.studies.sweep.definitions import stiffness_text, stiffnesses, written
 from twin.cli.app import app
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.sweep.dask import cluster as cluster_module
 from twin.studies.sweep.dask import worker as worker_module
 from twin.studies.sweep.dask.cluster import versions

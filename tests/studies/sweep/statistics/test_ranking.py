@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tests.studies.sweep.statistics.rows import kept, row
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.sweep.rows import Columns, Row, columns_of
 from twin.studies.sweep.show.parts import Asked, parts
 from twin.studies.sweep.statistics.ranking import (

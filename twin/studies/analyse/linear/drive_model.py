@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 
 Matrix = NDArray[np.float64]
 

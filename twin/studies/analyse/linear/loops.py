@@ -1,12 +1,12 @@
 """Robot and controller as one sampled system, whose loops can be opened one at a time.
 
 The robot's computer as a linear difference equation: estimator, force-position law, damping. Nothing of the law is
-written here a second time: the equations are those of `twin/controller/`, called as they are. Within its limits the law
+written here a second time: the equations are those of `twin/robot/controller/`, called as they are. Within its limits the law
 is linear, so its matrices are its values at the unit vectors, without any error. The estimator is not, and is
 differentiated at the operating point.
 
 Drives, springs, mechanism and contact from one call of the controller to the next, as the master steps them. The map of
-one tick is put together from the parts' own maps in the master's order (`twin/cosim/master.py`): the drives see
+one tick is put together from the parts' own maps in the master's order (`twin/kernel/cosim/master.py`): the drives see
 omega_ref(k) and tau_load(k), then the plant sees theta_m(k+1), or theta_m(k) with the Jacobi scheme. So poles and gains
 are those of the co-simulation, its coupling error included, not of the differential equations behind it.
 """
@@ -18,10 +18,10 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.compiled.native import entry
-from twin.controller.controller import BELIEF, ESTIMATE, Belief, estimate
-from twin.controller.pid import DAMPER, PID, Damping, Gains, accept, damp, damper, low_pass_share, proposal
-from twin.cosim.port import memory_of, record
+from twin.kernel.compiled.native import entry
+from twin.kernel.cosim.port import memory_of, record
+from twin.robot.controller.controller import BELIEF, ESTIMATE, Belief, estimate
+from twin.robot.controller.pid import DAMPER, PID, Damping, Gains, accept, damp, damper, low_pass_share, proposal
 from twin.studies.analyse.linear.drive_model import DriveModel, Matrix
 
 STEP = 1e-6
@@ -146,7 +146,7 @@ def linear_law(settings: Settings, estimation: Estimation) -> LinearLaw:
 
 
 def _call(settings: Settings, estimation: Estimation, state: Matrix, inputs: Matrix) -> Matrix:
-    """(state, outputs) after one call of the controller, as `twin/controller/task_controller.py` puts it together."""
+    """(state, outputs) after one call of the controller, as `twin/robot/controller/task_controller.py` puts it together."""
     angles, u_in, dp_in, p_ref, F_ref = np.split(inputs, [6, 9, 10, 13])
     h = settings.period
     p, F_ee_B = estimation.p_B @ angles, estimation.F_ee_B @ angles

@@ -9,9 +9,9 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.cosim.port import Port
-from twin.plant.component import INPUTS, OUTPUTS, Equations
-from twin.plant.dynamics import PlantParameters
+from twin.kernel.cosim.port import Port
+from twin.robot.plant.component import INPUTS, OUTPUTS, Equations
+from twin.robot.plant.dynamics import PlantParameters
 
 STATE_LABELS = ["p_B_x", "p_B_y", "p_B_z", "v_B_x", "v_B_y", "v_B_z", "z_b_1", "z_b_2"]
 
@@ -28,9 +28,9 @@ def signal_labels(ports: tuple[Port, ...]) -> list[str]:
 def plant_system(parameters: PlantParameters) -> control.NonlinearIOSystem:
     """Springs, mechanism and contact as a continuous-time `control.NonlinearIOSystem`, SI. The surface stays at rest.
 
-    The equations are those of `twin/plant/dynamics.py` and `twin/plant/contact.py`. Between the component and this
+    The equations are those of `twin/robot/plant/dynamics.py` and `twin/robot/plant/contact.py`. Between the component and this
     system there is one difference: the component scales its bristle back onto the friction cone after each step
-    (`twin.plant.component.settle`), a jump that a differential equation cannot make. While the robot slides the state
+    (`twin.robot.plant.component.settle`), a jump that a differential equation cannot make. While the robot slides the state
     z_b may therefore be longer here; the friction force is inside the cone in both.
 
     Args:
@@ -38,7 +38,7 @@ def plant_system(parameters: PlantParameters) -> control.NonlinearIOSystem:
             can be replaced for one call: `control.linearize(system, x, u, params={"k_s": 2.0})`.
 
     Returns:
-        A system with inputs theta_m_1 .. theta_m_3 (rad), the 8 states of `twin/plant/dynamics.py` (`STATE_LABELS`)
+        A system with inputs theta_m_1 .. theta_m_3 (rad), the 8 states of `twin/robot/plant/dynamics.py` (`STATE_LABELS`)
         and the 24 values of the component's output ports, labelled as in `signal_labels`. Outside the workspace its
         derivative is NaN.
     """

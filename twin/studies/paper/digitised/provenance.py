@@ -7,12 +7,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from twin.errors import InputRefused
-from twin.experiment.mistakes import sentences
-from twin.files import toml_of
-from twin.recording.logs.column_map import TIME_NAMES, split_unit, unit
-from twin.recording.logs.log import Log, LogRefused
-from twin.settings import Settings
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import toml_of
+from twin.kernel.recording.logs.column_map import TIME_NAMES, split_unit, unit
+from twin.kernel.recording.logs.log import Log, LogRefused
+from twin.kernel.settings import Settings
+from twin.robot.experiment.mistakes import sentences
 
 Points = tuple[tuple[float, float], tuple[float, float]]
 

@@ -11,11 +11,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from twin.drive.setting import MOST_BYTES
-from twin.experiment.drive_files import FILE, FOLDERS, MAPPING, completed, shelved
-from twin.experiment.source import KEPT, read_source, source_text
-from twin.files import read_bytes
-from twin.places import located
+from twin.kernel.files import read_bytes
+from twin.kernel.fmi.setting import MOST_BYTES
+from twin.kernel.places import located
+from twin.robot.experiment.drive_files import FILE, FOLDERS, MAPPING, completed, shelved
+from twin.robot.experiment.source import KEPT, read_source, source_text
 from twin.studies.sweep.plan import Task
 
 

@@ -18,9 +18,9 @@ from importlib.metadata import PackageNotFoundError, version
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from twin.errors import ComponentFailed, InputRefused
-from twin.places import PACKAGE, sources
-from twin.runs.guard.process import others_safe
+from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.places import PACKAGE, sources
+from twin.kernel.process.process import others_safe
 from twin.studies.left_behind import dask_folder
 from twin.studies.sweep.pool import HEAR, raise_if_pressed
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from distributed import Scheduler, SchedulerPlugin, Worker, WorkerPlugin, get_worker
 
-from twin.errors import InputRefused, disk_refusals
+from twin.kernel.errors import InputRefused, disk_refusals
 from twin.studies.sweep.dask.bundle import Bundle, laid_out
 from twin.studies.sweep.dask.cluster import difference, refusal, versions
 from twin.studies.sweep.plan import Task

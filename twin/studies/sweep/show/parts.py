@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from twin.errors import InputRefused, nearest, plain
+from twin.kernel.errors import InputRefused, nearest, plain
 from twin.studies.lines import counted
 from twin.studies.result import Block, Column, Note, Table, laid_out
 from twin.studies.sweep.folder import KeptRows

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.metrics.response import Curve
 from twin.studies.paper.claim import Claim
 from twin.studies.sweep.rows import ROWS, Columns, Row, once

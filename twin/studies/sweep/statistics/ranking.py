@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.errors import InputRefused
+from twin.kernel.errors import InputRefused
 from twin.studies.sweep.measures import METRICS, checked_metric
 from twin.studies.sweep.rows import Columns, Numbers, Positions, Words, once
 

@@ -1,0 +1,23 @@
+"""Where values of ports lie for the FMU's calls."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.robot.drive.test_sampled import planned
+from twin.kernel.fmi.stepping import FmuPort, Stepping, placed
+
+
+@pytest.mark.parametrize(("side", "access"), [("input", "Set"), ("output", "Get")])
+def test_there_is_room_for_every_value_and_for_the_one_before(root: Path, side: str, access: str):
+    plan = planned(root / "fmus" / "parts" / "paper_law" / "paper_law.fmu")
+    ports = [FmuPort(b.port, b.variable, b.gain, b.offset) for b in plan.bindings if b.role.causality == side]
+    component = plan.component("controller", 1e-3, 2, 10)
+    try:
+        stepping = Stepping(component.instance)
+        table = stepping._grouped(placed(ports), access)
+    finally:
+        component.close()
+    sizes = [int(row["bytes"]) for row in table for _ in ("buffer", "last")]
+    assert [array.nbytes for array in stepping._moving] == sizes
+    assert {int(row["bytes"]) // int(row["values"]) for row in table} <= {4, 8}

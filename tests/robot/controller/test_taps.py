@@ -1,0 +1,63 @@
+"""Taps that learn from their force, on a soft floor, without robot and drives."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from tests.robot.controller.soft_floor import (
+    APPROACH,
+    FORCE_GAINS,
+    FORWARD,
+    LAW,
+    TAP,
+    UNDAMPED,
+    World,
+    carried_out,
+    phases_of,
+)
+from tests.robot.controller.soft_floor import TOUCH as NOT_LEARNING
+from twin.robot.controller.adaptive import Adapting
+from twin.robot.controller.program import PhaseKind as Kind
+from twin.robot.controller.tissue import Sensing
+
+SENSING = Sensing(5.0, 0.5, 0.0, 0.1, 0.2, 0.3, 0.0, 0.0, 4.0, 1e-4, 1e-4)
+"""Of a platform without mass, as the soft floor's is."""
+
+
+def peaks(rows):
+    """Largest force of each tap (N)."""
+    raw = 1000.0 * np.maximum(0.0, -0.1 - rows["z"])
+    begins = [k for _, kind, k in phases_of(rows) if kind == Kind.TAP] + [len(raw)]
+    return np.array([raw[a:b].max() for a, b in pairwise(begins)])
+
+
+def tapped(learning, late=10, turn=0.0, drag=0.0):
+    tap = TAP.model_copy(update={"times": 8, "force": 4.0})
+    touch = NOT_LEARNING.model_copy(update={"turn": turn})
+    adapting = Adapting(SENSING, tap_learning=learning) if learning else None
+    return peaks(carried_out([tap], 8.0, World("velocity", late, drag=drag), touch=touch, adapting=adapting))
+
+
+def test_taps_of_a_drive_that_is_late_are_too_hard_and_stay_so_without_learning():
+    # 20 ms late at 100 mm/s on 1000 N/m: 2 N
+    assert tapped(0.0) == pytest.approx(6.0, abs=0.3)
+
+
+@pytest.mark.parametrize("late", [3, 10])
+def test_taps_that_learn_come_to_the_force_that_was_asked_for(late):
+    learnt = tapped(0.5, late)
+    # what is left: one call at 100 mm/s is 0.2 N, the low-pass takes some of the peak
+    assert learnt[-3:] == pytest.approx(4.0, abs=0.35)
+    assert abs(learnt[3] - 4.0) < 0.6 * abs(learnt[0] - 4.0) or abs(learnt[3] - 4.0) < 0.35
+
+
+def test_what_the_estimate_makes_of_speed_is_learnt_in_the_air():
+    # 1 N at the speed of the touch, three times what is left as above
+    assert tapped(0.5, 3, drag=10.0)[-3:] == pytest.approx(4.0, abs=0.35)
+
+
+def test_nothing_of_it_is_on_by_default():
+    assert UNDAMPED.gain == 0.0 and FORWARD.lag == 0.0
+    plain = carried_out([TAP], 5.0, law=LAW, force=FORCE_GAINS, approach=APPROACH)
+    assert "k_hat" not in plain

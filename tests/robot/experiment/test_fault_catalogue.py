@@ -1,0 +1,70 @@
+from pathlib import Path
+
+import pytest
+
+from twin.robot.experiment.fault import ALWAYS, CATALOGUE, EVERY, UNSEEN, Kind, Seen
+
+NO_MAGNITUDE = "none"
+
+
+def rows(kinds: dict[str, Kind]) -> list[str]:
+    """The catalogue as the rows of a markdown table."""
+    return [f"| {' | '.join(cells(name, known))} |" for name, known in kinds.items()]
+
+
+def cells(name: str, known: Kind) -> list[str]:
+    targets = ", ".join(f"`{target}`" for target in known.targets)
+    magnitudes = ", ".join(f"{value:g}" for value in known.magnitudes or ())
+    key = f"`{known.magnitude_key}`" if known.magnitude_key else NO_MAGNITUDE
+    beyond = "-" if known.beyond is None else f"{known.beyond:g}"
+    return [f"`{name}`", known.meaning, targets, key, magnitudes or "-", told(known.seen), beyond, known.reason]
+
+
+def told(seen: Seen) -> str:
+    """`yes`, `no`, `from 2`, `free: from -10, in contact: from -30`."""
+    places = {"free": seen.free, "in contact": seen.contact}
+    if seen in (ALWAYS, UNSEEN):
+        return "yes" if seen == ALWAYS else "no"
+    words = {place: "no" if m is None else "yes" if m == EVERY else f"from {m:g}" for place, m in places.items()}
+    if len(set(words.values())) == 1:
+        return words["free"]
+    return ", ".join(f"{place}: {word}" for place, word in words.items())
+
+
+def test_the_table_in_the_documentation_is_the_catalogue(root: Path):
+    lines = (root / "docs" / "faults_reference.md").read_text().splitlines()
+    assert [line for line in lines if line.startswith("| `") and line.count(" | ") == 7] == rows(CATALOGUE)
+
+
+@pytest.mark.parametrize("kind", CATALOGUE)
+def test_a_kind_has_three_different_magnitudes_or_none_and_a_key_for_them(kind):
+    known = CATALOGUE[kind]
+    assert (known.magnitudes is None) == (known.magnitude_key is None)
+    assert len(set(known.magnitudes or (1.0, 2.0, 3.0))) == 3
+
+
+@pytest.mark.parametrize("kind", CATALOGUE)
+def test_a_kind_names_its_targets_and_says_why_it_is_detected_or_not(kind):
+    known = CATALOGUE[kind]
+    assert known.targets and known.meaning and known.reason
+    assert len(set(known.targets)) == len(known.targets)
+
+
+@pytest.mark.parametrize("kind", CATALOGUE)
+def test_what_is_said_of_a_kind_is_said_of_magnitudes_that_the_matrix_has(kind):
+    known = CATALOGUE[kind]
+    said = {known.seen.free, known.seen.contact, known.beyond} - {None, EVERY}
+    assert said <= set(known.magnitudes or ())
+
+
+def test_larger_than_said_is_further_in_the_list_whichever_way_the_numbers_go():
+    slip = CATALOGUE["belt_slip"]
+    assert [slip.is_said_to_be_seen(m, False) for m in (-2.0, -10.0, -30.0)] == [False, True, True]
+    assert [slip.is_said_to_be_seen(m, True) for m in (-2.0, -10.0, -30.0)] == [False, False, True]
+    assert [CATALOGUE["drive_saturation"].is_said_to_be_seen(m, True) for m in (2.0, 0.3, 0.05)] == [False, True, True]
+    assert [CATALOGUE["joint_jam"].is_said_to_be_seen(None, where) for where in (False, True)] == [True, False]
+    assert [CATALOGUE["encoder_drift"].is_said_to_go_beyond(m) for m in (0.1, 0.5, 2.0)] == [False, False, True]
+
+
+def test_a_kind_is_detectable_always_somewhere_or_never():
+    assert [CATALOGUE[kind].detection for kind in ("drive_dead", "joint_jam", "breathing")] == ["yes", "if large", "no"]

@@ -1,0 +1,72 @@
+"""What a recording says of its experiment."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.declared import DECLARED
+from twin.robot.experiment.recorded import recorded_fmus, recorded_values, start_experiment
+
+WHERE = Path("run.mcap")
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ("", "run.mcap: its experiment: not valid JSON"),
+        ("[" * 100_000, "nested too deeply"),
+        ("null", "expected tables of values"),
+        ("[1, 2]", "expected tables of values"),
+        ('{"a":' * 50 + "1" + "}" * 50, "nested too deeply"),
+        ('{"plant": 5}', "[plant]"),
+        ('{"plant": {"N": "two"}}', '[plant] N = "two": expected a number'),
+        ('{"plant": {"N": NaN}}', "[plant] N = nan: expected a finite number"),
+        ('{"contact": {"height_mm": []}}', "[contact] height_mm = []: expected a number"),
+        ('{"contact": {"shape": "torus"}}', "[contact] shape"),
+        ('{"controller": {"mode": {}}}', "[controller] mode = {}: expected"),
+        ('{"task": {"kind": "press"}}', "[task]: expected an array of tables"),
+        ('{"fault": [1]}', "[fault]: expected an array of tables"),
+        ('{"drive": "mine.fmu"}', "[drive]: expected a table"),
+        ('{"drive": {"joint_1": {"fmu": 7}}}', "[drive]: expected a table whose fmu is text"),
+        ('{"title": 3}', "title = 3: expected text"),
+    ],
+)
+def test_values_that_are_no_experiments_are_refused_in_a_sentence(values: str, said: str):
+    with pytest.raises(InputRefused) as refused:
+        recorded_values(DECLARED, {"experiment": {"values": values}}, WHERE)
+    assert said in str(refused.value)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+def test_values_of_another_version_are_read_as_they_are():
+    values = {"plant": {"N": 2.0, "made_up_later": 1}, "made_up": {"x": [1, {"y": None}]}, "seed": -1}
+    assert recorded_values(DECLARED, {"experiment": {"values": json.dumps(values)}}, WHERE) == values
+    assert recorded_values(DECLARED, {}, WHERE) == {}
+
+
+@pytest.mark.parametrize("text", ["", "null", "[]", "{}", '{"file": 1}', '{"sha256": "x"}'])
+def test_an_fmu_that_is_none_is_refused_in_a_sentence(text: str):
+    with pytest.raises(InputRefused, match=r"^run\.mcap: its FMU of drive_1: ") as refused:
+        recorded_fmus({"fmu": {"drive_1": text}}, WHERE)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("file", "start", "said"),
+    [
+        ("a.toml", "taping", "--from taping: no such experiment; did you mean 'tapping'?"),
+        ("a.toml", "xyz", "--from xyz: no such experiment; known are calibration, "),
+        ("a.yaml", "tapping", "a.yaml: expected a name that ends with .toml"),
+        ("/proc/nowhere/a.toml", "tapping", "/proc/nowhere: cannot be created"),
+    ],
+)
+def test_what_cannot_be_started_is_refused_and_nothing_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str, start: str, said: str
+):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputRefused) as refusal:
+        start_experiment(DECLARED, Path(file), start)
+    assert str(refusal.value).startswith(said)
+    assert not list(tmp_path.iterdir())

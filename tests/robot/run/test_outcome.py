@@ -1,0 +1,116 @@
+import json
+
+import numpy as np
+import pytest
+
+from twin.kernel.recording.recording import Recording
+from twin.robot.run.outcome import Tally
+from twin.studies.metrics.response import rms
+
+COLUMNS = {
+    "plant.F_ee_B": slice(0, 3), "plant.p_B": slice(3, 6), "controller.p_ref_B": slice(6, 9),
+    "controller.triggered": slice(9, 10), "controller.F_z_ref": slice(10, 11),
+}  # fmt: skip
+
+
+class System:
+    """As much of one as a tally looks at: 1 ms ticks, eleven columns."""
+
+    tick = 1e-3
+
+    def columns(self, name: str) -> slice:
+        return COLUMNS[name]
+
+    def has(self, name: str) -> bool:
+        return name in COLUMNS
+
+
+def rows_of(recording: Recording) -> np.ndarray:
+    """A run's true signals with the controller's held from its samples to every tick."""
+    t = recording.time("plant")
+    rows = np.zeros((len(t), 11))
+    held = np.searchsorted(recording.time("controller"), t, side="right") - 1
+    for name, columns in COLUMNS.items():
+        series = np.asarray(recording[name], dtype=float)
+        series = series.reshape(len(series), -1)
+        rows[:, columns] = series if name.startswith("plant") else series[held]
+    return rows
+
+
+@pytest.mark.parametrize("size", [7, 100, 50_000])
+def test_the_outcome_is_that_of_the_recording_however_the_run_is_sliced(force_position: Recording, size: int):
+    rows = rows_of(force_position)
+    tally = Tally(System())  # type: ignore[arg-type]
+    for start in range(0, len(rows), size):
+        tally.take(start, rows[start : start + size], [])
+    found, F_z, on = tally.outcome, -rows[:, 2], rows[:, 9] > 0
+    whole = Tally(System())  # type: ignore[arg-type]
+    whole.take(0, rows, [])
+    assert found == whole.outcome
+    # sums in another order round differently
+    assert found.peak == F_z.max() and found.peak_time == pytest.approx(F_z.argmax() * 1e-3, rel=1e-12)
+    assert found.end == pytest.approx(F_z[-1000:].mean(), rel=1e-12)
+    assert (found.end_x, found.end_y) == pytest.approx(rows[-1000:, 0:2].mean(axis=0), rel=1e-12)
+    assert found.force_error == pytest.approx(rms(5.0 - F_z[on]), rel=1e-9)
+    error = rows[:, 3:6] - rows[:, 6:9]
+    assert found.lateral_error == pytest.approx(rms(np.hypot(error[:, 0], error[:, 1])), rel=1e-9)
+    assert found.z_error == pytest.approx(rms(error[:, 2]), rel=1e-9)
+
+
+def test_a_run_tells_its_outcome_in_its_summary(force_position: Recording):
+    outcome = json.loads((force_position.path.parent / "summary.json").read_text())["outcome"]
+    # the final true force of the paper's run, 4.88 N
+    assert outcome["end"] == pytest.approx(4.88, abs=0.1)
+
+
+def test_a_tilted_scale_is_seen_in_the_force_along_x(force_position: Recording, imperfect: tuple[Recording, Recording]):
+    level, tilted = (
+        json.loads((run.path.parent / "summary.json").read_text())["outcome"] for run in (force_position, imperfect[0])
+    )
+    # 5 N on a slope of 1 degree are 0.087 N across it
+    assert level["end_x"] == pytest.approx(0.0, abs=1e-6)
+    assert tilted["end_x"] == pytest.approx(-5.0 * np.sin(np.radians(1.0)), abs=0.01)
+
+
+def test_without_a_force_loop_there_is_no_force_error(position: Recording):
+    tally = Tally(System())  # type: ignore[arg-type]
+    tally.take(0, rows_of(position), [])
+    assert tally.outcome.force_error is None
+
+
+def tallied(F_z: np.ndarray, on: np.ndarray, size: int = 3):
+    """The outcome of a run with this true pressing force (N) and these ticks with the force loop on, 5 N asked for."""
+    rows = np.zeros((len(F_z), 11))
+    rows[:, 2], rows[:, 9], rows[:, 10] = -F_z, on, 5.0
+    tally = Tally(System())  # type: ignore[arg-type]
+    for start in range(0, len(rows), size):
+        tally.take(start, rows[start : start + size], [])
+    return tally.outcome
+
+
+TOUCH = 1500
+TICKS = np.arange(3000)
+PRESSED = np.where(TICKS >= TOUCH, 4.0, 0.0)
+
+
+@pytest.mark.parametrize("size", [3, 5000])
+def test_a_force_error_is_counted_from_the_first_touch_on(size: int):
+    # 1.4 s of air would make it 3.2 N
+    assert tallied(PRESSED, TICKS >= 100, size).force_error == pytest.approx(1.0, rel=1e-12)
+    # a contact that is lost again is an error of the force
+    lost = np.where(TICKS >= 2000, 0.0, PRESSED)
+    expected = np.sqrt((500 * 1.0 + 1000 * 25.0) / 1500)
+    assert tallied(lost, TICKS >= 100, size).force_error == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("trigger", "early"), [(100, 1.4), (TOUCH - 1, 0.001), (TOUCH, 0.0), (2000, 0.0), (len(TICKS), None)]
+)
+def test_how_long_the_force_loop_was_on_before_the_first_touch(trigger: int, early: float | None):
+    found = tallied(PRESSED, TICKS >= trigger).early_trigger
+    assert found == (None if early is None else pytest.approx(early, abs=1e-12))
+
+
+def test_a_force_loop_that_is_on_and_never_touches_was_early_all_the_time_and_has_no_force_error():
+    found = tallied(np.zeros(3000), TICKS >= 1000)
+    assert found.early_trigger == pytest.approx(2.0, abs=1e-12) and found.force_error is None

@@ -1,0 +1,249 @@
+"""What a run tells of itself: each event at its tick, in order of time, in the recording and to the caller."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.command_line import twin
+from tests.kernel.fmi.warning import warning_drive
+from tests.laws.runs import shipped
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.reader import read
+from twin.kernel.recording.recording import Recording
+from twin.robot.assembly.load import load_experiment
+from twin.robot.controller.program import PhaseKind
+from twin.robot.run.run import Run, execute
+from twin.robot.run.watch import LARGE, estimate, refuse_endless
+
+
+@pytest.fixture
+def fig4(root: Path) -> Path:
+    return root / "experiments/fig4_force_position.toml"
+
+
+def test_the_size_is_that_of_a_recording_to_a_third(fig4: Path, force_position: Recording):
+    _, size = estimate(load_experiment(fig4))
+    # the content of signals decides how far they compress
+    assert size == pytest.approx(force_position.path.stat().st_size, rel=1 / 3)
+
+
+def test_at_the_controllers_rate_half_is_estimated(fig4: Path):
+    seconds, size = estimate(load_experiment(fig4))
+    assert estimate(load_experiment(fig4, ["recording.rate=controller"])) == (seconds, size / 2)
+
+
+def test_a_run_that_fills_the_disk_is_asked_about_before_it_begins(fig4: Path, tmp_path: Path):
+    done = twin("run", fig4, "--set", "duration_s=1e7", "--isolate", "none", cwd=tmp_path)
+    assert done.returncode == 2 and not any(tmp_path.iterdir())
+    assert done.stderr == (
+        "fig4_force_position: 1e+10 ticks take about 2.3 days and 3,500 GB; "
+        "shorten duration_s, or say --yes if that is meant\n"
+    )
+
+
+def test_several_runs_count_together_and_pacing_counts_too(fig4: Path):
+    hour = load_experiment(fig4, ["duration_s=1800", "reference.t_s=[0]", "reference.p_mm=[[0, 0, -90]]"])
+    refuse_endless([hour])
+    refuse_endless([hour], factor=1.0)
+    with pytest.raises(InputRefused, match="60 minutes and 1 GB"):
+        refuse_endless([hour], factor=0.499)
+    count = int(LARGE / estimate(hour)[1]) + 1
+    with pytest.raises(InputRefused, match="5 GB"):
+        refuse_endless([hour] * count)
+
+
+def test_a_sweep_of_endless_runs_is_asked_about_even_before_it_is_estimated(fig4: Path, tmp_path: Path):
+    (tmp_path / "long.toml").write_text(f'extends = "{fig4}"\nduration_s = 1e7\n')
+    (tmp_path / "sweep.toml").write_text(
+        'experiment = "long.toml"\n[[vary]]\nkey = "contact.stiffness_N_per_m"\nvalues = [1000.0, 2000.0]\n'
+    )
+    for options in ([], ["--dry-run"]):
+        done = twin("sweep", "run", "sweep.toml", *options, cwd=tmp_path)
+        assert done.returncode == 2 and done.stderr.startswith(
+            "sweep: each run takes about 56 hours; shorten duration_s"
+        )
+
+
+JUMP_UP = ("contact.shift.by_mm=[0, 0, 8]", "contact.shift.start_s=3", "contact.shift.rise_s=0.05")
+"""A person who rises by 8 mm within 50 ms."""
+
+
+def fault(kind: str, onset: float, **values: float) -> str:
+    keys = "".join(f", {key}={value}" for key, value in values.items())
+    return f"fault=[{{kind='{kind}', onset_s={onset}{keys}}}]"
+
+
+def ran(folder: Path, name: str, *overrides: str) -> tuple[Run, Recording]:
+    run = execute(shipped(name, *overrides), folder)
+    return run, read(run.recording)
+
+
+def told(recording: Recording, *levels: str) -> list[tuple[float, str]]:
+    return [(event.time, event.text) for event in recording.events if event.level in levels]
+
+
+@pytest.fixture(scope="module")
+def massage(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Recording]:
+    return ran(tmp_path_factory.mktemp("massage"), "massage")
+
+
+def test_every_task_is_announced_when_it_begins(massage: tuple[Run, Recording]):
+    _, recording = massage
+    time, task = recording.time("controller"), recording["controller.task"]
+    begins = [float(time[np.argmax(task == number)]) for number in (1, 2, 3, 4)]
+    names = ("press", "tap", "roll", "push")
+    expected = [f"task {n} ({name}) of 4 begins" for n, name in enumerate(names, start=1)]
+    assert told(recording, "info") == list(zip(begins, expected, strict=True))
+
+
+def test_every_phase_is_told_for_debugging_at_the_tick_in_which_it_begins(massage: tuple[Run, Recording]):
+    _, recording = massage
+    time, both = recording.time("controller"), np.stack([recording["controller.task"], recording["controller.phase"]])
+    changes = np.flatnonzero(np.any(np.diff(both, axis=1, prepend=0) != 0, axis=0))
+    names = dict(enumerate(("press", "tap", "roll", "push"), start=1))
+    expected = [
+        (float(time[k]), f"task {both[0, k]} ({names[both[0, k]]}): {PhaseKind(both[1, k]).phrase}") for k in changes
+    ]
+    assert told(recording, "debug") == expected
+    assert len(expected) > 40
+
+
+def test_a_massage_in_which_all_goes_well_has_nothing_to_warn_of(massage: tuple[Run, Recording]):
+    run, recording = massage
+    assert told(recording, "warning", "error", "fatal") == []
+    assert run.trip == ""
+
+
+def test_events_are_in_order_of_time_and_the_same_in_recording_and_summary(massage: tuple[Run, Recording]):
+    run, recording = massage
+    times = [event.time for event in recording.events]
+    assert times == sorted(times)
+    found = [(event.time, event.level.upper(), event.text) for event in recording.events]
+    # times are ticks in both, once in ns and once as a product of floats
+    assert [event[1:] for event in run.events] == [event[1:] for event in found]
+    np.testing.assert_allclose([event[0] for event in run.events], times, rtol=0, atol=1e-9)
+
+
+def test_the_recording_says_what_the_numbers_of_the_phases_mean(massage: tuple[Run, Recording]):
+    _, recording = massage
+    assert recording.metadata["phases"] == {str(kind.value): kind.phrase for kind in PhaseKind}
+    assert recording.metadata["phases"]["3"] == "build-up"
+
+
+def test_a_trip_is_an_error_at_its_tick_with_its_sentence(tmp_path: Path):
+    run, recording = ran(tmp_path, "pressing", *JUMP_UP, "duration_s=12")
+    tripped = recording.time("monitor")[np.argmax(recording["monitor.tripped"])]
+    (event,) = told(recording, "error")
+    assert event == (tripped, run.trip)
+    assert 3.0 < tripped < 3.1
+    assert run.trip.startswith("safety monitor: ")
+    assert recording.complete
+
+
+def test_power_taken_away_is_an_error_after_the_trip(tmp_path: Path):
+    run, recording = ran(tmp_path, "pressing", fault("drive_runaway", 4.0, magnitude_rad_per_s=2.0))
+    trip, power = told(recording, "error")
+    assert trip[1] == run.trip
+    off = recording.time("monitor")[np.argmin(recording["monitor.power"])]
+    assert power == (off, "safety monitor: the motors do not retract; power taken away")
+    assert 4.0 < trip[0] < off
+
+
+def test_a_fault_is_a_warning_when_it_begins_and_when_it_ends(tmp_path: Path):
+    _, recording = ran(tmp_path, "pressing", fault("breathing", 3.25, duration_s=1.5, magnitude_mm=0.5))
+    assert told(recording, "warning") == [
+        (3.25, "fault 1 (breathing of contact) begins"),
+        (4.75, "fault 1 (breathing of contact) ends"),
+    ]
+
+
+def test_a_fault_that_stays_does_not_end(tmp_path: Path):
+    _, recording = ran(tmp_path, "pressing", fault("breathing", 3.25, magnitude_mm=0.5))
+    assert told(recording, "warning") == [(3.25, "fault 1 (breathing of contact) begins")]
+
+
+@pytest.mark.parametrize(
+    ("name", "loss", "said"),
+    [
+        ("pressing", fault("contact_loss", 6.0, magnitude_mm=40), "task 1 (press) lost contact"),
+        (
+            "pressing",
+            fault("contact_loss", 0.0, magnitude_mm=40),
+            "task 1 (press) felt nothing down to the floor of the approach",
+        ),
+        (
+            "tapping",
+            # 1.5 mm over the floor there is a surface that gives 1.9 N there
+            fault("contact_loss", 0.0, magnitude_mm=27.5),
+            "task 1 (tap) did not reach the force down to the floor of the approach",
+        ),
+    ],
+    ids=["lost", "nothing felt", "probe"],
+)
+def test_a_task_that_is_cut_short_is_warned_of(tmp_path: Path, name: str, loss: str, said: str):
+    _, recording = ran(tmp_path, name, loss, "monitor.enabled=false")
+    (_, begun), (at, warned), *_ = told(recording, "warning")
+    assert begun == "fault 1 (contact_loss of contact) begins"
+    assert warned == said
+    # it is the very moment at which the robot begins to retract
+    retracts = [time for time, text in told(recording, "debug") if text.endswith(": retract")]
+    assert at in retracts
+
+
+def test_a_probe_that_reached_its_force_is_not_warned_of(massage: tuple[Run, Recording]):
+    _, recording = massage
+    assert any(text == "task 2 (tap): probe" for _, text in told(recording, "debug"))
+    assert not any("did not reach" in event.text for event in recording.events)
+
+
+def test_what_a_drive_logs_is_a_warning_at_the_tick_of_its_step(root: Path, tmp_path: Path):
+    fmu = warning_drive(root, tmp_path, 0.25)
+    folder = tmp_path / "run"
+    folder.mkdir()
+    _, recording = ran(folder, "fig4_position", "duration_s=1", f"drive.joint_2.fmu='{fmu}'")
+    assert told(recording, "warning") == [(0.25, "the winding is hot")]
+
+
+def test_broken_and_healthy_counts_are_recorded_beside_each_other(tmp_path: Path):
+    bias = fault("encoder_bias", 3.0, duration_s=0.1, magnitude_deg=0.5)
+    _, recording = ran(tmp_path, "pressing", bias, "monitor.enabled=false")
+    off = recording["fault/1.count_l"] - recording["encoder.count_l"]
+    active = recording["fault/1.active"] == 1.0
+    t = recording.time("fault/1")
+    np.testing.assert_array_equal(active, (t >= 3.0) & (t < 3.1))
+    # 0.5 deg of 16384 counts per turn, to the nearest count
+    np.testing.assert_array_equal(off[active], np.tile([23.0, 0.0, 0.0], (active.sum(), 1)))
+    assert not off[~active].any()
+
+
+STIFF = "plant.k_s_Nm_per_rad=3"
+"""A spring three times as stiff as believed: the weight it carries reads as a press of 1.4 N in the air."""
+
+
+def test_a_force_loop_that_is_on_before_the_first_touch_is_warned_of_then_and_at_the_touch(tmp_path: Path):
+    _, recording = ran(tmp_path, "fig4_force_position", STIFF, "duration_s=4")
+    t, F_z = recording.time("plant"), -recording["plant.F_ee_B"][:, 2]
+    touch = float(t[np.argmax(F_z > 0.0)])
+    trigger = float(recording.time("controller")[np.argmax(recording["controller.triggered"])])
+    assert trigger < touch - 2.0
+    lead = f"first touch: the force loop was triggered {touch - trigger:.3f} s before it"
+    early = (trigger, "the force loop is on before the first touch")
+    assert told(recording, "warning") == [early, (pytest.approx(touch, abs=1e-9), lead)]
+
+
+def test_a_force_loop_that_never_touches_is_warned_of_once_and_one_triggered_in_contact_never(tmp_path: Path):
+    for name, overrides, expected in (("never", (STIFF, "duration_s=1"), 1), ("contact", ("duration_s=6",), 0)):
+        (tmp_path / name).mkdir()
+        _, recording = ran(tmp_path / name, "fig4_force_position", *overrides)
+        assert recording["controller.triggered"][-1]
+        assert len(told(recording, "warning")) == expected
+
+
+def test_where_belief_and_plant_share_a_stiff_spring_a_pull_in_the_air_triggers_nothing(tmp_path: Path):
+    # its estimate is three times as coarse: -0.6 N in the air, which a trigger by size took for a press at 0.5 s
+    _, recording = ran(tmp_path, "fig4_force_position", STIFF, "controller.model.k_s_Nm_per_rad=3", "duration_s=7")
+    F_z = recording["controller.F_z"]
+    trigger = int(np.argmax(recording["controller.triggered"]))
+    assert F_z[:trigger].min() < -0.6 and F_z[trigger] > 0.6
+    assert told(recording, "warning") == []

@@ -1,0 +1,263 @@
+"""The user's own cache folder: where it is, that nobody else can write to it, that it does not grow for ever.
+
+What lies in it is run: libraries of FMUs, machine code, pickles. Whoever can write to it runs code as its user.
+"""
+
+import contextlib
+import os
+import re
+import stat
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from twin.kernel.errors import InputRefused, disk_refusals
+
+try:
+    import fcntl
+except ImportError:
+    # Windows, which does not let go of a file in use anyway
+    fcntl = None  # type: ignore[assignment]
+
+VARIABLE = "TWIN_CACHE"
+REMEDY = f"set {VARIABLE} to a folder of yours"
+PRIVATE = 0o700
+_NAME = re.compile(r"[0-9a-f]{16,64}")
+"""Of a folder that is known by the hash of what it was made of."""
+_FORGOTTEN = 24 * 3600.0
+"""Age (s) from which on an unfinished folder belongs to nobody: a process that was killed left it."""
+
+_held: dict[Path, tuple[int, int]] = {}
+"""Folder -> (inode, descriptor whose lock says that this process uses it)."""
+
+
+def cache_folder(name: str) -> Path:
+    """The folder `name` in the user's cache, which is there from now on.
+
+    Raises:
+        InputRefused: it is not the user's own, cannot be written, or what TWIN_CACHE says is no place.
+    """
+    return private_folder(private_folder(cache_base()) / name)
+
+
+def cache_base() -> Path:
+    """Where the cache is: TWIN_CACHE, or the platform's place for what can be made again.
+
+    Raises:
+        InputRefused: TWIN_CACHE is not an absolute path, or there is no home folder.
+    """
+    given = os.environ.get(VARIABLE, "")
+    try:
+        base = Path(given).expanduser() if given else _usual_base()
+    except RuntimeError:
+        unknown = f"{VARIABLE}={given}: no such user" if given else "no home folder is known to keep anything in"
+        raise InputRefused(f"{unknown}; {REMEDY}") from None
+    if not base.is_absolute():
+        # the processes of a run are in different folders
+        place = f"{VARIABLE}={given}" if given else f"cache folder {base}"
+        raise InputRefused(f"{place}: relative to whatever folder a process is in; expected an absolute path, or ~/...")
+    return base
+
+
+def private_folder(folder: Path) -> Path:
+    """`folder`, made if need be, which nobody but its user can write to.
+
+    Raises:
+        InputRefused: it belongs to somebody else, others can write to it, or the user cannot.
+    """
+    with disk_refusals(folder, "cannot be made a cache folder", InputRefused, REMEDY):
+        try:
+            found = folder.stat()
+        except FileNotFoundError:
+            folder.mkdir(PRIVATE, parents=True, exist_ok=True)
+            found = folder.stat()
+        link = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode):
+        raise InputRefused(f"{folder}: not a folder; remove it, or {REMEDY}")
+    kept = "and what is kept there is run"
+    if owner := _other_owner(link, found):
+        raise InputRefused(f"{folder}: {owner}, {kept}; {REMEDY}")
+    if open_ := _open_to_others(found):
+        raise InputRefused(f"{folder}: {open_}, {kept}; {REMEDY}, or take that right away if nobody has used it")
+    if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
+        raise InputRefused(f"{folder}: cannot be written; {REMEDY}")
+    return folder
+
+
+def discard_foreign(path: Path) -> None:
+    """Take `path`, a folder or file within a `private_folder`, away if it or anything in it is not the user's alone.
+
+    Another user may have put it there when the folder above was open to others. It is said on standard error.
+
+    Raises:
+        OSError: it cannot be renamed.
+    """
+    why = foreign(path)
+    if why:
+        # another process may be first
+        with contextlib.suppress(FileNotFoundError):
+            remove(path)
+        print(f"twin: {why}: removed, because what is kept there is run", file=sys.stderr)
+
+
+def foreign(path: Path) -> str:
+    """What at or below `path` is not the user's alone, and why; "" if all of it is, or nothing is there."""
+    if not hasattr(os, "geteuid"):
+        return ""
+    try:
+        # first the link: what it leads to may be out of reach
+        why = _other_owner(path.lstat())
+        if not why:
+            found = path.stat()
+            why = _other_owner(found) or _open_to_others(found)
+    # nothing, or a link that leads nowhere; another process may take it away meanwhile
+    except FileNotFoundError:
+        return ""
+    if why:
+        return f"{path}: {why}"
+    # what lies in a folder that others cannot enter may have any mode: some have what the umask leaves
+    entered = found.st_mode & (stat.S_IXGRP | stat.S_IXOTH)
+    for entry in _entries_below(path) if stat.S_ISDIR(found.st_mode) else ():
+        with contextlib.suppress(FileNotFoundError):
+            inner = entry.stat(follow_symlinks=False)
+            if why := _other_owner(inner) or (_open_to_others(inner) if entered else ""):
+                return f"{entry.path}: {why}"
+    return ""
+
+
+def _other_owner(*found: os.stat_result) -> str:
+    """Why what was `found` is not the user's own; "" if it is."""
+    if not hasattr(os, "geteuid"):
+        return ""
+    others = {_owner(one) for one in found} - {os.geteuid()}
+    return f"belongs to user {others.pop()}, not to you (user {os.geteuid()})" if others else ""
+
+
+def _owner(found: os.stat_result) -> int:
+    return found.st_uid
+
+
+def _open_to_others(found: os.stat_result) -> str:
+    """Why what was `found` may be written to by somebody else; "" if it may not. The mode of a link says nothing."""
+    if not hasattr(os, "geteuid") or stat.S_ISLNK(found.st_mode) or not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        return ""
+    return f"others can write to it (mode {stat.S_IMODE(found.st_mode):o})"
+
+
+def hold(folder: Path) -> bool:
+    """Whether `folder` is there; nobody evicts it as long as this process lives, and it counts as used now.
+
+    Raises:
+        OSError: it is there and cannot be used.
+    """
+    try:
+        os.utime(folder)
+        inode = folder.stat().st_ino
+        if folder in _held:
+            if _held[folder][0] == inode:
+                return True
+            os.close(_held.pop(folder)[1])
+        if fcntl is None:
+            return folder.is_dir()
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    # a file system without locks; who evicts cannot lock either
+    with contextlib.suppress(OSError):
+        fcntl.flock(descriptor, fcntl.LOCK_SH)
+    # it may have been evicted while the lock was waited for
+    with contextlib.suppress(FileNotFoundError):
+        if folder.stat().st_ino == inode == os.fstat(descriptor).st_ino:
+            _held[folder] = inode, descriptor
+            return True
+    os.close(descriptor)
+    return False
+
+
+def _entries_below(folder: str | os.PathLike[str]) -> Iterator["os.DirEntry[str]"]:
+    """What lies in `folder` and in folders within it; a folder before what it holds.
+
+    Pathlib would take ten times as long.
+    """
+    folders: list[str | os.PathLike[str]] = [folder]
+    while folders:
+        # another process may take it away meanwhile
+        with contextlib.suppress(OSError), os.scandir(folders.pop()) as entries:
+            for entry in entries:
+                yield entry
+                if entry.is_dir(follow_symlinks=False):
+                    folders.append(entry.path)
+
+
+def evict(home: Path, kept: int, names: re.Pattern[str] = _NAME) -> None:
+    """Leave in `home` the `kept` folders or files that were used last, and those that a process holds.
+
+    Args:
+        home: a `private_folder`.
+        kept: how many.
+        names: of those that count; others stay.
+    """
+    used: list[tuple[float, Path]] = []
+    for entry in home.iterdir():
+        # another process may be evicting
+        with contextlib.suppress(OSError):
+            used.append((entry.stat().st_mtime, entry))
+    counted = [entry for _, entry in sorted(used, reverse=True) if names.fullmatch(entry.name)]
+    for old in counted[kept:]:
+        with contextlib.suppress(OSError), _alone(old):
+            remove(old)
+    for last, entry in used:
+        if entry.name.startswith(".") and time.time() - last > _FORGOTTEN:
+            with contextlib.suppress(OSError):
+                _delete(entry)
+
+
+def remove(path: Path) -> None:
+    """Take the folder or file `path` away, at once for everybody who looks.
+
+    Raises:
+        OSError: it cannot be renamed.
+    """
+    aside = path.with_name(f".{path.name[:12]}-{os.getpid()}-{time.monotonic_ns()}")
+    path.rename(aside)
+    _delete(aside)
+
+
+def _delete(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        # most commands delete nothing, and this imports all kinds of compression
+        import shutil
+
+        # somebody else's may stay: it is out of the way
+        with contextlib.suppress(PermissionError):
+            path.chmod(PRIVATE)
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink()
+
+
+@contextlib.contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Nobody begins to hold `folder` meanwhile; raises `OSError` if somebody does already."""
+    if fcntl is None:
+        yield
+        return
+    # a pipe in its place would be waited for
+    descriptor = os.open(folder, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _usual_base() -> Path:
+    """The platform's convention; XDG's base directories count only if they are absolute."""
+    if sys.platform == "win32":
+        local = os.environ.get("LOCALAPPDATA", "")
+        return (Path(local) if local else Path.home() / "AppData" / "Local") / "twin"
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "twin"
+    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    return (given if given.is_absolute() else Path.home() / ".cache") / "twin"

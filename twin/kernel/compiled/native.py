@@ -1,0 +1,196 @@
+"""Functions that C can call, as machine code: taken from the store, or compiled and kept there."""
+
+import contextlib
+import ctypes
+from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from twin.kernel.compiled import machine, store
+from twin.kernel.compiled.function import Function, types
+
+if TYPE_CHECKING:
+    from twin.kernel.compiled.emission import Module
+
+Kind = str | np.dtype
+"""Of what a function takes or returns: a key of `_KINDS`, or a record's dtype, which it takes by its address."""
+
+_KINDS: dict[str, tuple[str, str, Any]] = {
+    "int": ("int64", "i64", ctypes.c_int64),
+    "int32": ("int32", "i32", ctypes.c_int32),
+    "byte": ("uint8", "i8", ctypes.c_uint8),
+    "double": ("float64", "double", ctypes.c_double),
+    "pointer": ("voidptr", "ptr", ctypes.c_void_p),
+    "doubles": ("CPointer(float64)", "ptr", ctypes.c_void_p),
+    "integers": ("CPointer(int64)", "ptr", ctypes.c_void_p),
+    "bytes": ("CPointer(uint8)", "ptr", ctypes.c_void_p),
+    "nothing": ("void", "void", None),
+}
+"""What numba, LLVM and ctypes call it."""
+
+
+_helpers: list[Callable[[], None]] = []
+_witnesses: list[Callable[[bool], None]] = []
+_under_way: list[None] = []
+"""One for each of what is being compiled, as threads may compile side by side."""
+
+
+def help_with(helper: Callable[[], None]) -> None:
+    """Call `helper` before this process compiles for the first time."""
+    _helpers.append(helper)
+
+
+def watch_compiling(witness: Callable[[bool], None]) -> None:
+    """From now on tell `witness` True when this process begins to compile, and False when it has done so.
+
+    For those who measure time: no component is to be charged with that.
+    """
+    _witnesses.append(witness)
+
+
+@contextlib.contextmanager
+def compiling() -> Iterator[None]:
+    """Around what compiles, or waits for another process that compiles the same."""
+    _under_way.append(None)
+    if len(_under_way) == 1:
+        for witness in _witnesses:
+            witness(True)
+    try:
+        yield
+    finally:
+        _under_way.pop()
+        if not _under_way:
+            for witness in _witnesses:
+                witness(False)
+
+
+class Native:
+    """A function at an address, compiled or taken from the store when that is asked for.
+
+    Most runs need few of those there are, and compiling takes seconds.
+
+    Args:
+        returns, takes: kinds; no record is returned.
+        function: its source. Dividing by zero gives NaN or infinity there, and an exception is lost.
+    """
+
+    def __init__(self, returns: str, takes: Sequence[Kind], function: Callable):
+        self.returns, self.takes, self.function = returns, tuple(takes), function
+
+    @cached_property
+    def address(self) -> int:
+        """Where the machine code is."""
+        if not self.name:
+            return self._of_numba()
+        if not self.is_there:
+            while _helpers:
+                _helpers.pop()()
+            with compiling(), store.alone(self.name):
+                code = b"" if self.is_there else self.emitted(machine.chosen_form())
+                if code:
+                    machine.take(self.name, code)
+        return machine.address(self.name) if self.is_there else self._of_numba()
+
+    @property
+    def is_there(self) -> bool:
+        """Whether it need not be compiled any more."""
+        return bool(self.name) and machine.has(self.name)
+
+    @property
+    def signature(self) -> Any:
+        """Its types as numba has them."""
+        return _of_numba(self.returns)(*map(_of_numba, self.takes))
+
+    @cached_property
+    def called(self) -> Callable:
+        """It, for Python, where addresses are numbers."""
+        if not (self.address and self.is_there):
+            raise RuntimeError(f"{self.function.__name__} needs more than mathematics: Python cannot enter it")
+        kinds = ["pointer" if isinstance(kind, np.dtype) else kind for kind in (self.returns, *self.takes)]
+        # the interpreter's lock is free meanwhile
+        return ctypes.CFUNCTYPE(*(_KINDS[kind][2] for kind in kinds))(self.address)
+
+    @cached_property
+    def name(self) -> str:
+        """Of what is kept of it; "" if nothing can be."""
+        kinds = [f"{kind.descr} {kind.itemsize}" if isinstance(kind, np.dtype) else kind for kind in self.takes]
+        with contextlib.suppress(store.Unnamed):
+            return store.name_of(self.function, f"{self.returns} {kinds} {machine.compilers()}")
+        return ""
+
+    def emitted(self, form: machine.Form) -> bytes:
+        """Object code of a form; none if it needs more than mathematics."""
+        from twin.kernel.compiled import emission
+
+        returns = _KINDS[self.returns][1]
+        module = emission.callable_by_c(self.module(self.name), returns)
+        made, foreign = emission.bare(module, machine.machine(form))
+        return b"" if foreign else bytes(machine.machine(form).emit_object(made))
+
+    def module(self, symbol: str) -> "Module":
+        """As numba leaves it, with a function that shall be called `symbol`.
+
+        It is kept for what it may be built into, and for other forms: numba takes longer than all that comes after it.
+        """
+        import zstandard
+
+        from twin.kernel.compiled import emission
+
+        file = f"{self.name}.ll" if self.name else ""
+        known = store.kept(file) if file else b""
+        if known:
+            inner, _, text = zstandard.decompress(known).decode().partition("\n")
+            return emission.Module(symbol, inner, text)
+        made = emission.module_of(self.signature, self.function, symbol)
+        if file:
+            store.keep(file, zstandard.compress(f"{made.inner}\n{made.text}".encode(), level=1))
+        return made
+
+    def _of_numba(self) -> int:
+        from numba import cfunc
+
+        with compiling():
+            self._kept = cfunc(self.signature, error_model="numpy")(self.function)
+        return int(self._kept.address)
+
+
+def address_of(array: np.ndarray) -> int:
+    """Of the first number of an array. To ask numpy, `array.ctypes.data`, takes four times as long."""
+    try:
+        return ctypes.addressof(ctypes.c_byte.from_buffer(array))  # type: ignore[arg-type]
+    except (TypeError, ValueError, BufferError):
+        # it is read only, empty, or has gaps
+        return array.ctypes.data
+
+
+class Entry(Function):
+    """A compiled function that Python enters without numba, and that compiled functions call like others.
+
+    Args:
+        returns, takes, function: as of `Native`.
+    """
+
+    def __init__(self, returns: str, takes: Sequence[Kind], function: Callable):
+        super().__init__(function, cache=True, error_model="numpy")
+        self.native = Native(returns, takes, function)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """For a pointer an array may be given, contiguous and of the right kind."""
+        return self.native.called(*[address_of(a) if isinstance(a, np.ndarray) else a for a in arguments])
+
+
+def entry(returns: str, *takes: Kind) -> Callable[[Callable], Any]:
+    """Decorator: `Entry`, of kinds "int", "double" and pointers. The interpreter's lock is free while it runs."""
+    return lambda function: Entry(returns, takes, function)
+
+
+def _of_numba(kind: Kind) -> Any:
+    from numba import from_dtype
+
+    if isinstance(kind, np.dtype):
+        return from_dtype(kind)
+    name, _, item = _KINDS[kind][0].rstrip(")").partition("(")
+    found = getattr(types, name)
+    return found(getattr(types, item)) if item else found

@@ -1,0 +1,264 @@
+"""Machine code kept between processes: an object file for each root, which is loaded without numba.
+
+A root is a function that C or Python calls; its file holds all that it calls, and asks for nothing but mathematics. The
+file is named after the source that the root reaches, what it was closed over, its types, numba and the form of the
+processor, so that code of an older source is never found. A hash at its end finds accidents: what was damaged is thrown
+away and compiled again. Against malice stands that the folder and each file are the user's alone, see
+`twin.kernel.cache_folder`; or that they came with the package, where a wheel has brought them.
+"""
+
+import contextlib
+import hashlib
+import os
+import re
+import sys
+import sysconfig
+from collections.abc import Iterable, Iterator
+from functools import cache
+from importlib.util import resolve_name
+from pathlib import Path
+from typing import Any
+
+from twin.kernel.cache_folder import cache_folder, discard_foreign, evict, private_folder, remove
+from twin.kernel.errors import InputRefused
+
+try:
+    import fcntl
+except ImportError:
+    # Windows, where two processes may make the same file
+    fcntl = None  # type: ignore[assignment]
+
+VARIABLE = "NUMBA_CACHE_DIR"
+"""Names a folder of the user's own choice."""
+MOST = 1000
+"""Files that are kept: seven sources of all there is, two files each."""
+OBJECT = ".o"
+SEAL = 16
+"""Bytes of the hash at the end of a file."""
+_PACKAGE = Path(__file__).parents[2]
+CARRIED = Path(__file__).with_name("objects")
+"""Where a wheel has object files; they are looked at first and never written."""
+_OWN = _PACKAGE.name
+_INSTALLED = re.compile(re.escape(sysconfig.get_path("stdlib") + os.sep) + r"|.*[/\\](site|dist)-packages[/\\]")
+"""What lies there is known by the version of Python and numba, but for this package."""
+_IMPORT = re.compile(rb"^[ \t]*(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|.*)|import[ \t]+(.*))", re.MULTILINE)
+_KEPT = re.compile(r".+\.(o|ll)")
+_refusal: list[str] = []
+_reported: set[Path] = set()
+
+
+class Unnamed(Exception):
+    """A function whose code cannot be told from that of another one by its name."""
+
+
+def name_of(function: Any, made_for: str) -> str:
+    """Of the object file of a function.
+
+    Args:
+        function: its source.
+        made_for: what tells its types, the compiler and the processor.
+
+    Raises:
+        Unnamed: its source is in no file, or it is closed over something whose value cannot be told.
+    """
+    modules: set[str] = set()
+    variant = _hash(f"{_identity(function, modules)}\0{made_for}".encode())
+    return f"{function.__module__}.{function.__name__}-{variant}-{source_digest(*modules)}"
+
+
+def keep(file: str, content: bytes) -> None:
+    """Put a file beside the object files, if that is possible."""
+    aside = folder() / f".{file}-{os.getpid()}"
+    # a full disk, a folder that is gone: the code runs all the same
+    with contextlib.suppress(OSError):
+        # whatever the umask leaves to others
+        with open(aside, "wb", opener=lambda path, flags: os.open(path, flags, 0o600)) as written:
+            written.write(sealed(file, content))
+        aside.replace(folder() / file)
+        evict(folder(), MOST, _KEPT)
+
+
+def sealed(file: str, content: bytes) -> bytes:
+    """The bytes of a file of that name; one that was renamed is none of ours."""
+    return content + hashlib.blake2b(file.encode() + b"\0" + content, digest_size=SEAL).digest()
+
+
+def kept(file: str) -> bytes:
+    """What came with the package or was kept under that name; nothing if it is not there, or not as it was written."""
+    with contextlib.suppress(OSError):
+        if content := _whole(CARRIED / file):
+            return content
+    path = folder() / file
+    try:
+        discard_foreign(path)
+        content = _whole(path)
+        os.utime(path)
+    except FileNotFoundError:
+        return b""
+    except OSError:
+        content = b""
+    if not content:
+        with contextlib.suppress(OSError):
+            remove(path)
+        if folder() not in _reported:
+            _reported.add(folder())
+            print(f"twin: compiled code in {folder()}/ was damaged: compiled again", file=sys.stderr)
+    return content
+
+
+@contextlib.contextmanager
+def alone(name: str) -> Iterator[None]:
+    """Nobody else makes the object file of that name meanwhile."""
+    try:
+        lock = open(folder() / f".{name}.lock", "w")  # noqa: SIM115, its end is below
+    except OSError:
+        # nothing can be kept, so nobody can wait for it
+        yield
+        return
+    with lock:
+        if fcntl is not None:
+            with contextlib.suppress(OSError):
+                fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+@cache
+def folder() -> Path:
+    """Where object files are: beside the package, or in the user's cache folder where that is not the user's alone.
+
+    Where neither is, nothing is kept beyond this process and those that it starts.
+    """
+    given = os.environ.get(VARIABLE)
+    try:
+        if given:
+            return private_folder(Path(given, "objects").absolute())
+        try:
+            return private_folder(_PACKAGE / "__pycache__" / "native")
+        except InputRefused:
+            return cache_folder("native")
+    except InputRefused as refused:
+        _refusal.append(str(refused))
+        os.environ[VARIABLE] = _passing()
+        return private_folder(Path(os.environ[VARIABLE], "objects"))
+
+
+def refusal() -> str:
+    """Why nothing that is compiled is kept, as a sentence; "" if it is."""
+    folder()
+    return "".join(_refusal)
+
+
+def object_files(place: Path | None = None) -> list[Path]:
+    """Those that are kept, of all sources; or those of another place, `CARRIED` say."""
+    return sorted((place or folder()).glob(f"[!.]*{OBJECT}"))
+
+
+def compiled_pieces() -> int:
+    """How many object files are kept; what a run needs beyond them is compiled when it is needed."""
+    return len(object_files())
+
+
+def damaged_files(files: Iterable[Path]) -> list[Path]:
+    """Those of `files` that are not as they were written."""
+
+    def is_damaged(path: Path) -> bool:
+        try:
+            return not _whole(path)
+        except OSError as problem:
+            # another process may have cleared it
+            return not isinstance(problem, FileNotFoundError)
+
+    return [path for path in files if is_damaged(path)]
+
+
+def source_digest(*modules: str) -> str:
+    """Hash over the files of `modules` and all that they import, but for installed packages."""
+    reached: dict[str, bytes] = {}
+    ahead = list(modules)
+    while ahead:
+        module = ahead.pop()
+        if module not in reached:
+            reached[module], imported = _source(module)
+            ahead += imported
+    return _hash(b"".join(name.encode() + content for name, content in sorted(reached.items()) if content))
+
+
+@cache
+def _source(module: str) -> tuple[bytes, tuple[str, ...]]:
+    """Hash of a module's file, and what it may import; nothing of what has no file, or an installed one."""
+    file = _file(module)
+    if not file:
+        return b"", ()
+    text = Path(file).read_bytes()
+    package = module if file.endswith("__init__.py") else module.rpartition(".")[0]
+    imported: set[str] = set()
+    for origin, names, whole in _IMPORT.findall(text):
+        for each in whole.decode().split(","):
+            imported.add(each.split(" as ")[0].partition("#")[0].strip())
+        # text may look like an import, and lead out of the package
+        with contextlib.suppress(ImportError):
+            full = resolve_name(origin.decode(), package)
+            imported.add(full)
+            if (_file(full) or "").endswith("__init__.py"):
+                imported |= {f"{full}.{name}" for name in re.findall(r"\w+", names.decode())}
+    return _hash(text).encode(), tuple(imported)
+
+
+@cache
+def _file(module: str) -> str | None:
+    """Of a module of this package, or of one that is loaded and not installed."""
+    top, _, below = module.partition(".")
+    if top == _OWN:
+        stem = os.path.join(_PACKAGE, *below.split("."))
+        return next((file for file in (stem + ".py", os.path.join(stem, "__init__.py")) if os.path.isfile(file)), None)
+    found: str | None = getattr(sys.modules.get(module), "__file__", None)
+    return found if found and os.path.isfile(found) and not _INSTALLED.match(found) else None
+
+
+def _identity(value: Any, modules: set[str]) -> str:
+    """What tells `value`, a function or what it is closed over, from others within their source.
+
+    Args:
+        value: it.
+        modules: those of functions in it are added.
+
+    Raises:
+        Unnamed: nothing does.
+    """
+    import numpy as np
+
+    # ours is a name for a function, and so is numba's
+    value = getattr(value, "__wrapped__", getattr(value, "py_func", value))
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return repr(value)
+    if isinstance(value, np.dtype):
+        return f"{value.descr} {value.itemsize}"
+    if isinstance(value, (tuple, list)):
+        return f"({', '.join(_identity(each, modules) for each in value)})"
+    if callable(value) and hasattr(value, "__code__") and _file(value.__module__):
+        modules.add(value.__module__)
+        closed = [cell.cell_contents for cell in value.__closure__ or ()]
+        line = value.__code__.co_firstlineno
+        return f"{value.__module__}.{value.__qualname__}:{line}{_identity(closed, modules)}"
+    raise Unnamed
+
+
+def _whole(path: Path) -> bytes:
+    """What was sealed in a file; nothing if it is not as it was written."""
+    content = path.read_bytes()
+    return content[:-SEAL] if content == sealed(path.name, content[:-SEAL]) else b""
+
+
+def _hash(content: bytes) -> str:
+    return hashlib.blake2b(content, digest_size=8).hexdigest()
+
+
+def _passing() -> str:
+    """A folder that goes with this process."""
+    import atexit
+    import shutil
+    import tempfile
+
+    passing = tempfile.mkdtemp(prefix="twin-native-")
+    atexit.register(shutil.rmtree, passing, ignore_errors=True)
+    return passing

@@ -1,0 +1,160 @@
+"""A simulation before its observers: stepped slice by slice, and the events that are found in it."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, Protocol, Self
+
+import numpy as np
+
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.cosim.system import System
+from twin.kernel.errors import ComponentFailed
+
+Level = Literal["DEBUG", "INFO", "WARNING", "ERROR"]
+
+
+class TickEvent(NamedTuple):
+    """Something that happened at a tick: how much it matters, what, and in which component."""
+
+    tick: int
+    level: Level
+    text: str
+    source: str
+
+
+class Observer:
+    """Sees a simulation slice by slice. By itself it does nothing: a kind of observer overrides what it needs.
+
+    The thread that steps calls all observers of a simulation in their order, between slices: what they take their time
+    over delays the run. None may write into rows.
+
+    Attributes:
+        enough: asked after every slice: whether the simulation may end before its time.
+    """
+
+    enough = False
+
+    def begin(self, simulation: Simulation) -> None:
+        """`simulation` runs as soon as all observers have returned from this."""
+
+    def ready(self, tick: int) -> None:
+        """The slice from `tick` on is next: what is now written into a component's memory acts from that tick on."""
+
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        """A slice is over.
+
+        Args:
+            first: tick of the first row.
+            rows: (n, width of the system's outputs), overwritten by the next slice; fewer than in other slices at the
+                end, none if a component failed in its first tick.
+            events: what happened in it as far as the observers before this one found out, by ascending ticks; one that
+                finds more puts it in.
+        """
+
+
+LONG_SLICE = 1000
+"""Ticks. Where nobody waits for a slice it may be long; but its rows are to stay in the processor's cache."""
+
+
+class Progress(Observer):
+    """Reports how far a run of `ticks` has come: `report(ticks done, ticks)`."""
+
+    def __init__(self, report: Callable[[int, int], None], ticks: int):
+        self._report, self._ticks = report, ticks
+
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        self._report(first + len(rows), self._ticks)
+
+
+class Messages(Observer):
+    """Reports the messages of a system's components as events."""
+
+    def __init__(self, system: System):
+        self._system = system
+
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        if len(rows):
+            events += sorted(messages(self._system), key=lambda event: event.tick)
+
+
+def messages(system: System) -> Iterator[TickEvent]:
+    """The messages of the components of `system` since they were last asked for."""
+    for component in system.components:
+        for tick, text in component.said():
+            yield TickEvent(tick, "WARNING", text, component.name)
+
+
+class Assembled(Protocol):
+    """What has a system."""
+
+    @property
+    def system(self) -> System:
+        """To be stepped."""
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A simulation that is over.
+
+    Attributes:
+        simulation: how far it came, and what ended it too early, if anything did.
+        stepping: wall time in the master (s).
+    """
+
+    simulation: Simulation
+    stepping: float
+
+    @property
+    def failure(self) -> ComponentFailed | None:
+        return self.simulation.failure
+
+    def completed(self) -> Self:
+        """The same, of a simulation in which no component failed.
+
+        Raises:
+            ComponentFailed: one did.
+        """
+        if self.failure:
+            raise self.failure
+        return self
+
+    @property
+    def costs(self) -> dict[str, float]:
+        """Wall time per tick of each component (s), by its name; {} if they were not timed."""
+        cycles, ticks = self.simulation.cycles, max(1, self.simulation.next_tick)
+        share = self.stepping / max(1, cycles.sum()) / ticks
+        return {c.name: float(n * share) for c, n in zip(self.simulation.system.components, cycles, strict=False)}
+
+
+def simulate(
+    assembly: Assembled,
+    last_tick: int,
+    observers: Sequence[Observer] = (),
+    slice_ticks: int = LONG_SLICE,
+    timed: bool = False,
+) -> Simulated:
+    """Step a system from tick 0 until `last_tick`, a component fails, or one of the `observers` has seen enough.
+
+    Args:
+        assembly: freshly made.
+        last_tick: the tick that gets the last row and no step.
+        observers: called in this order.
+        slice_ticks: most ticks of a slice.
+        timed: measure each component.
+    """
+    simulation = Simulation(assembly.system, last_tick, slice_ticks, timed)
+    for observer in observers:
+        observer.begin(simulation)
+    stepping = 0.0
+    while not simulation.finished and not any(observer.enough for observer in observers):
+        first = simulation.next_tick
+        for observer in observers:
+            observer.ready(first)
+        began = time.perf_counter()
+        rows = simulation.advance()
+        stepping += time.perf_counter() - began
+        events: list[TickEvent] = []
+        for observer in observers:
+            observer.take(first, rows, events)
+    return Simulated(simulation, stepping)

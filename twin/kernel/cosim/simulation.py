@@ -1,0 +1,184 @@
+"""A system in motion: slices of compiled ticks, and failures turned into sentences.
+
+Failures of components as sentences.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.kernel.cosim.component import NOT_FINITE, Component
+from twin.kernel.cosim.master import NOBODY, advance
+from twin.kernel.cosim.port import by_port, named_values, width
+from twin.kernel.cosim.system import System
+from twin.kernel.errors import ComponentFailed
+
+
+def failed_phrase(system: System, u: np.ndarray, y: np.ndarray, culprit: int, status: int, tick: int) -> str:
+    """What went wrong: component, function, simulated time and last inputs, without a full stop.
+
+    Args:
+        u, y: memory of all inputs, and of all outputs, as the master left them.
+        culprit, status: as the master returned them.
+        tick: the one at which it happened.
+    """
+    component = system.components[culprit]
+    what = _not_finite(system, y, culprit) if status == NOT_FINITE else component.explain(status)
+    label = f"{component.label} ({component.name})" if component.label else component.name
+    inputs = named_values(component.inputs, u[system.u_start[culprit] : system.u_start[culprit + 1]]) or "none"
+    when = f"t = {tick * system.tick:.6g} s, tick {tick}"
+    where = f"at {when}" if component.sampled else f"in the step from {when}"
+    return f"{label} {what} {where}. Last inputs: {inputs}"
+
+
+def _not_finite(system: System, y: np.ndarray, culprit: int) -> str:
+    component = system.components[culprit]
+    start = int(system.y_start[culprit])
+    if system.apart and not component.sampled:
+        start += system.outputs_width
+    outputs = y[start : start + width(component.outputs)]
+    for name, values in by_port(component.outputs, outputs).items():
+        if not np.all(np.isfinite(values)):
+            bad = values[~np.isfinite(values)][0]
+            return f"returned {'NaN' if np.isnan(bad) else 'infinity'} for {name}"
+    raise AssertionError("the master reported a value that is not finite, and all are")
+
+
+@dataclass(frozen=True)
+class SimulationMemory:
+    """What can be seen from outside while a step runs.
+
+    Attributes:
+        mark: (2,) int64: tick and component being stepped, NOBODY between slices.
+        u: (inputs_width,) float64: the inputs that each component was last stepped with.
+    """
+
+    mark: np.ndarray
+    u: np.ndarray
+
+
+Witness = Callable[[System, int], SimulationMemory]
+_witness: list[Witness] = []
+
+
+def let_watch(witness: Witness) -> None:
+    """From now on ask `witness` (system, last tick) for the memory of every simulation of this process.
+
+    A step may crash or never return; then only somebody outside this process can say which one it was.
+    """
+    _witness[:] = [witness]
+
+
+class Simulation:
+    """Runs a `System` tick by tick from 0 to `last_tick`; `failure` and `culprit` say what ended it too early, if so.
+
+    Args:
+        system: what to run.
+        last_tick: the tick that gets the last row and no step.
+        slice_ticks: most ticks one call of `advance` runs.
+        timed: count the processor cycles of each component.
+        memory: where the mark and the inputs live; by default this process alone sees them, or the one that
+            `let_watch` was told of.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        last_tick: int,
+        slice_ticks: int = 100,
+        timed: bool = False,
+        memory: SimulationMemory | None = None,
+    ):
+        self.system = system
+        self.last_tick = last_tick
+        self.next_tick = 0
+        if memory is None and _witness:
+            memory = _witness[0](system, last_tick)
+        memory = memory or SimulationMemory(np.array([0, NOBODY]), np.zeros(system.inputs_width))
+        self._mark, self._u = memory.mark, memory.u
+        for component in system.components:
+            component.keep_time(self._mark)
+        self._y = system.outputs()
+        self._rows = np.empty((slice_ticks, system.outputs_width))
+        self._table = system.table(self._u, self._y)
+        self._timed = timed
+        self._loop = system.loop(self._table, self._y, self._mark, last_tick)
+        self._loop["timed"], self._loop["rows"] = timed, self._rows.ctypes.data
+        self._loop["row_width"] = system.outputs_width
+        self.failure: ComponentFailed | None = None
+        self.culprit = ""
+        # no ticks: compiles, or loads from the cache, before anyone's clock runs
+        self._address = self._loop.ctypes.data
+        self._advance = advance.native.called
+        self._advance(self._address, 0, 0, 0)
+
+    @property
+    def finished(self) -> bool:
+        return self.next_tick > self.last_tick or self.failure is not None
+
+    @property
+    def cycles(self) -> np.ndarray:
+        """Processor cycles spent in each component, (number of components,); empty if not timed."""
+        return self._table["cycles"] if self._timed else np.zeros(0, dtype=np.int64)
+
+    def advance(self) -> np.ndarray:
+        """Run one slice.
+
+        Returns:
+            (ticks, outputs): one row per tick from the old `next_tick` on, a view that the next call overwrites. If a
+            component failed, the rows before it, and `failure` says what happened.
+        """
+        done, most = 0, len(self._rows)
+        # what `finished` says, which would cost a tenth of a slice of small drives to ask
+        while done < most and self.next_tick <= self.last_tick and self.failure is None:
+            count = min(most - done, self._change_memory()) if self.system.changes else most - done
+            made = self._advance(self._address, self.next_tick, count, done)
+            failed = made < 0
+            if failed:
+                made = -1 - made
+            done += made
+            self.next_tick += made
+            if failed:
+                self.failure = self._failed()
+        return self._rows if done == most else self._rows[:done]
+
+    def run(self) -> np.ndarray:
+        """Run to the end and return every row: (last_tick + 1, outputs).
+
+        Raises:
+            ComponentFailed: with the sentence that names component, function, simulated time and last inputs.
+        """
+        slices = []
+        while not self.finished:
+            slices.append(self.advance().copy())
+        if self.failure:
+            raise self.failure
+        return np.concatenate(slices)
+
+    def inputs(self, component: Component) -> np.ndarray:
+        """The inputs that `component` was last stepped with."""
+        c = self.system.components.index(component)
+        return self._u[self.system.u_start[c] : self.system.u_start[c + 1]]
+
+    def outputs(self, component: Component) -> np.ndarray:
+        """What is valid of the outputs of `component`."""
+        c = self.system.components.index(component)
+        return self._y[self.system.y_start[c] : self.system.y_start[c + 1]]
+
+    def _change_memory(self) -> int:
+        """Make the changes of the next tick; how many ticks may follow before there are others to make."""
+        for change in self.system.changes:
+            if change.tick == self.next_tick:
+                change.memory[...] = change.value
+        return min(
+            (change.tick - self.next_tick for change in self.system.changes if change.tick > self.next_tick),
+            default=len(self._rows),
+        )
+
+    def _failed(self) -> ComponentFailed:
+        culprit, status = self._loop[["culprit", "status"]][0].tolist()
+        # a continuous component fails in a tick whose row is already written
+        tick = self.next_tick - (culprit >= self.system.sampled)
+        self.culprit = self.system.components[culprit].name
+        return ComponentFailed(failed_phrase(self.system, self._u, self._y, culprit, status, tick) + ".")

@@ -1,0 +1,137 @@
+"""A system inside a component: finer steps, components of its own, one place in the outer system.
+
+A drive made of several FMUs, or one with a fast loop in front of it, is a system with its own tick that runs a whole
+number of times per outer step. The inner loop is the same compiled master.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twin.kernel.compiled.function import carray, pointer_to
+from twin.kernel.compiled.memory import copy
+from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.interpolation import Scheme
+from twin.kernel.cosim.master import LOOP, ticks
+from twin.kernel.cosim.native import address_of, doubles_at, integers_at, step_function
+from twin.kernel.cosim.port import Port, record, width
+from twin.kernel.cosim.simulation import failed_phrase
+from twin.kernel.cosim.system import System
+from twin.kernel.errors import InputRefused
+
+INLET = "inlet"
+"""The inner component whose outputs are the subsystem's inputs."""
+
+NEVER = 1 << 62
+
+_INLET_MEMORY = record(u="i8", size="i8")
+_MEMORY = record(loop="i8", y="i8", substeps="i8", next="i8", outlet="i8", outlet_size="i8", inlet="i8")
+INNER_FAILED = 2
+_loop_at = pointer_to(LOOP)
+
+
+@step_function(_INLET_MEMORY)
+def _inlet_step(m, t, h, u, y):
+    copy(address_of(y), m.u, 8 * m.size)
+    return 0
+
+
+@step_function(_MEMORY)
+def _step(m, t, h, u, y):
+    # the inlet's memory starts with the address it reads from
+    carray(integers_at(m.inlet), 1)[0] = address_of(u)
+    loop = carray(_loop_at(m.loop), 1)[0]
+    done = ticks(loop, m.next, m.substeps, 0)
+    if loop.culprit >= 0:
+        # a continuous component fails in the tick that was already counted
+        m.next += done - (1 if loop.culprit >= loop.sampled else 0)
+        return INNER_FAILED
+    m.next += m.substeps
+    inner, outer = carray(doubles_at(m.y), loop.width), carray(y, m.outlet_size)
+    outlet = carray(integers_at(m.outlet), m.outlet_size)
+    for j in range(m.outlet_size):
+        outer[j] = inner[outlet[j]]
+    return 0
+
+
+class Subsystem(Component):
+    """A continuous component whose step is `substeps` ticks of an inner system.
+
+    Args:
+        name: of the component.
+        inputs: its ports; inner wires take them from the component "inlet".
+        outputs: (port, "component.port" of the inner system) pairs.
+        components, wires, scheme: the inner system; `wires` name inlets as "inlet.<port>".
+        tick: of the inner system (s).
+        substeps: inner ticks per outer step.
+        label: what an error sentence calls it.
+
+    Attributes:
+        system, wires: the inner system.
+        outlets: by the name of an output, "component.port" of the inner system.
+
+    Raises:
+        InputRefused: as `System`.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        inputs: tuple[Port, ...],
+        outputs: Sequence[tuple[Port, str]],
+        components: Sequence[Component],
+        wires: Sequence[tuple[str, str]],
+        tick: float,
+        substeps: int,
+        scheme: Scheme = "gauss_seidel",
+        label: str = "",
+    ):
+        if substeps < 1:
+            raise InputRefused(f"{name}: {substeps} substeps; expected at least 1")
+        inlet_memory = np.array([(0, width(inputs))], dtype=_INLET_MEMORY)
+        inlet = Component(
+            INLET, (), inputs, True, _inlet_step.address, inlet_memory.ctypes.data, np.zeros(width(inputs)),
+            keep=inlet_memory,
+        )  # fmt: skip
+        self.system = System([inlet, *components], wires, tick, scheme)
+        self.wires, self.outlets = tuple(wires), {port.name: source for port, source in outputs}
+        self._u = np.zeros(self.system.inputs_width)
+        self._y = self.system.outputs()
+        self._table = self.system.table(self._u, self._y)
+        columns = [self.system.columns(source) for _, source in outputs]
+        self._outlet = np.concatenate([np.arange(c.start, c.stop) for c in columns]).astype(np.uint64)
+        # nobody watches inside: whoever watches the outer system is told of this component
+        self._mark = np.zeros(2, dtype=np.int64)
+        self._loop = self.system.loop(self._table, self._y, self._mark, NEVER)
+        self._memory = np.zeros(1, dtype=_MEMORY)
+        m = self._memory[0]
+        m["loop"], m["y"], m["substeps"] = self._loop.ctypes.data, self._y.ctypes.data, substeps
+        m["outlet"], m["outlet_size"] = self._outlet.ctypes.data, len(self._outlet)
+        m["inlet"] = inlet_memory.ctypes.data
+        super().__init__(
+            name=name,
+            inputs=inputs,
+            outputs=tuple(port for port, _ in outputs),
+            sampled=False,
+            step_address=_step.address,
+            self_address=self._memory.ctypes.data,
+            initial_outputs=self._y[self._outlet.astype(int)],
+            label=label,
+            keep=inlet_memory,
+        )
+
+    def explain(self, status: int) -> str:
+        culprit, status, tick = (int(n) for n in (*self._loop[["culprit", "status"]][0], self._memory["next"][0]))
+        inside = failed_phrase(self.system, self._u, self._y, culprit, status, tick)
+        return f"failed inside: {inside};"
+
+    def keep_time(self, clock: np.ndarray) -> None:
+        for component in self.system.components:
+            component.keep_time(clock)
+
+    def said(self) -> list[tuple[int, str]]:
+        return [told for component in self.system.components for told in component.said()]
+
+    def close(self) -> None:
+        for component in self.system.components:
+            component.close()

@@ -1,0 +1,216 @@
+"""Files as every command reads them: regular ones of bounded size, of the kind that is expected."""
+
+import json
+import os
+import re
+import stat
+import tomllib
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from twin.kernel.errors import BAD_NAME, InputRefused, closest, disk_refusals
+
+LIMIT = 10 * 2**20
+"""Bytes of the largest text file that is read: an experiment has some kilobytes."""
+
+TOML_LIMIT = 2 * 2**20
+"""Bytes of the largest TOML file: its parser takes about 2 s for so many, and 50,000 way points need no more."""
+
+KINDS = (
+    (b"\x89PNG", "a PNG picture"),
+    (b"\x89MCAP0", "an MCAP recording"),
+    (b"PK\x03\x04", "a ZIP archive, as FMUs are"),
+    (b"\x1f\x8b", "a gzip archive"),
+    (b"\xff\xfe", "text in UTF-16"),
+    (b"\xfe\xff", "text in UTF-16"),
+    (b"%PDF", "a PDF document"),
+)
+"""What a file begins with, and what it is then."""
+
+BOM = b"\xef\xbb\xbf"
+
+DEEPEST = 32
+"""Tables, arrays or elements within each other, and parts of a dotted key, in a file that is read; ours have five."""
+
+
+def read_bytes(path: Path, limit: int = LIMIT, kind: str = "file") -> bytes:
+    """The content of the regular file at `path`.
+
+    Args:
+        path: of the file.
+        limit: bytes it may have.
+        kind: of file that is expected, for sentences: "experiment file".
+
+    Raises:
+        InputRefused: no such file, a folder, a pipe or a device, too large, not readable.
+    """
+    with open_regular(path, limit, kind) as file, disk_refusals(path, "cannot be read", InputRefused):
+        return file.read(limit)
+
+
+def open_regular(path: Path, limit: int, kind: str = "file") -> BinaryIO:
+    """The regular file at `path`, open for reading; arguments and errors as of `read_bytes`."""
+    with disk_refusals(path, "cannot be read", InputRefused, caught=BAD_NAME):
+        try:
+            # a pipe that nobody writes to would otherwise be waited for here
+            handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        except FileNotFoundError:
+            raise InputRefused(f"{path}: no such {kind}{meant(path)}") from None
+    found = os.fstat(handle)
+    what = ""
+    if stat.S_ISDIR(found.st_mode):
+        what = f"a folder; expected {'an' if kind[0] in 'aeiou' else 'a'} {kind}"
+    elif not stat.S_ISREG(found.st_mode):
+        what = "not a regular file but a pipe, socket or device; expected a file"
+    elif found.st_size > limit:
+        what = f"more than {limit / 2**20:g} MB; expected a smaller file"
+    if what:
+        os.close(handle)
+        raise InputRefused(f"{path}: {what}")
+    return open(handle, "rb")
+
+
+def meant(path: Path) -> str:
+    """`; did you mean 'experiments/pressing.toml'?`, where nothing is at `path`: what stands beside it and is spelt
+    alike; "" if nothing is, or nobody may look."""
+    try:
+        beside = {there.stem: there for there in path.parent.iterdir() if there.suffix == path.suffix}
+    except BAD_NAME:
+        return ""
+    return "".join(f"; did you mean '{beside[name]}'?" for name in closest(path.stem, list(beside)))
+
+
+def foreign_kind(content: bytes) -> str:
+    """What a file with this beginning is, if it is one of `KINDS`; "" if not."""
+    return next((kind for beginning, kind in KINDS if content.startswith(beginning)), "")
+
+
+def read_text(path: Path, limit: int = LIMIT, kind: str = "file") -> str:
+    """The UTF-8 text in the regular file at `path`; arguments as of `read_bytes`.
+
+    Raises:
+        InputRefused: as `read_bytes`; or no text in UTF-8: the sentence says what it is.
+    """
+    content = read_bytes(path, limit, kind)
+    if what := foreign_kind(content):
+        raise InputRefused(f"{path}: {what}; expected text in UTF-8")
+    if content.startswith(BOM):
+        raise InputRefused(f"{path}: begins with a byte order mark; save it as UTF-8 without one ('without BOM')")
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as problem:
+        raise InputRefused(
+            f"{path}: not text in UTF-8: byte {problem.start} is {content[problem.start]:#04x}"
+        ) from None
+
+
+def read_toml(path: Path, kind: str = "file") -> dict[str, Any]:
+    """The tables in the TOML file at `path`; `kind` as of `read_bytes`.
+
+    Raises:
+        InputRefused: as `read_text`, or not TOML.
+    """
+    return toml_of(read_text(path, TOML_LIMIT, kind), str(path))
+
+
+def toml_of(text: str, where: str) -> dict[str, Any]:
+    """The tables that `text` writes.
+
+    Raises:
+        InputRefused: not TOML; the sentence begins with `where`.
+    """
+    # the parser takes time with the square of a key's parts
+    if any(part.count(".") > DEEPEST for part in re.split(r"[=,\[\]{}\s]", text)):
+        raise InputRefused(f"{where}: not valid TOML: a key of more than {DEEPEST} parts")
+    return _parsed("TOML", tomllib.loads, text, where)
+
+
+def read_json(path: Path, limit: int = LIMIT) -> Any:
+    """What the JSON file at `path` says.
+
+    Raises:
+        InputRefused: as `read_text`, or not JSON.
+    """
+    return json_of(read_text(path, limit), str(path))
+
+
+def json_of(text: str | bytes, where: str) -> Any:
+    """What the JSON in `text` says.
+
+    Raises:
+        InputRefused: not JSON; the sentence begins with `where`.
+    """
+    return _parsed("JSON", json.loads, text, where)
+
+
+def xml_of(content: bytes, where: str) -> ET.Element:
+    """The root of the XML in `content`.
+
+    Raises:
+        InputRefused: not XML, deeper than `DEEPEST`, or with a document type, which may define entities that grow or
+            that name files; the sentence begins with `where`.
+    """
+    parser = ET.XMLParser(target=_Plain())
+    try:
+        parser.feed(content)
+        root: ET.Element = parser.close()
+    except RecursionError:
+        raise InputRefused(f"{where}: not valid XML: nested too deeply") from None
+    # also what is unknown of an encoding
+    except (ET.ParseError, ValueError, LookupError) as problem:
+        raise InputRefused(f"{where}: not valid XML: {problem}") from None
+    return root
+
+
+class _Plain(ET.TreeBuilder):
+    """Builds elements, and stops at what may make more of them than the text has."""
+
+    _depth = 0
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        """Told of a document type before any entity of it is used."""
+        raise ValueError("it has a document type (DOCTYPE); do not trust this file")
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise RecursionError
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> ET.Element:
+        self._depth -= 1
+        return super().end(tag)
+
+
+def _parsed(language: str, parse: Callable[[Any], Any], text: str | bytes, where: str) -> Any:
+    try:
+        return _sound(parse(text))
+    except RecursionError:
+        raise InputRefused(f"{where}: not valid {language}: nested too deeply") from None
+    # not only the parser's own error: a number of 5,000 digits is a plain ValueError
+    except ValueError as problem:
+        raise InputRefused(f"{where}: not valid {language}: {problem}") from None
+
+
+def _sound(found: Any) -> Any:
+    """`found`, which has no depth and no number that whoever goes on with it would stumble over.
+
+    Raises:
+        RecursionError: it is deeper than `DEEPEST`.
+        ValueError: a whole number has more than 64 bits.
+    """
+    level = [found]
+    for _ in range(DEEPEST):
+        if any(isinstance(value, int) and value.bit_length() > 64 for value in level):
+            raise ValueError("a whole number of more than 64 bits")
+        level = [
+            inner
+            for outer in level
+            if isinstance(outer, dict | list)
+            for inner in (outer.values() if isinstance(outer, dict) else outer)
+        ]
+        if not level:
+            return found
+    raise RecursionError

@@ -1,0 +1,242 @@
+"""An FMU as a component: brought to where it can be stepped, whatever kind it is of, and stepped by address.
+
+In a process that has been told so instances are kept for the next run and reset; else each is made anew. Only for
+drives of which it is known that a run after a reset is that of a new instance, bit for bit.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.port import by_port
+from twin.kernel.cosim.rewind import Rewind
+from twin.kernel.errors import InputRefused, TwinError
+from twin.kernel.fmi.cosim_step import SHORTER
+from twin.kernel.fmi.description import FmuDescription
+from twin.kernel.fmi.exchange import Integrator, Model, step
+from twin.kernel.fmi.instance import Instance
+from twin.kernel.fmi.lifecycle import CosimInstance
+from twin.kernel.fmi.setting import Setting, Setup
+from twin.kernel.fmi.solvers import Solver
+from twin.kernel.fmi.stepping import FmuPort, Placed, Stepping, placed
+
+
+def opened(
+    name: str,
+    description: FmuDescription,
+    folder: Path,
+    settings: Sequence[Setting] = (),
+    inputs: Sequence[Setting] = (),
+    setup: Setup = Setup(),  # noqa: B008, it is frozen
+) -> Instance:
+    """A new instance; arguments as those of `Instance`.
+
+    Raises:
+        InputRefused: it cannot be loaded, instantiated or initialised.
+    """
+    kind = Model if description.kind == "model_exchange" else CosimInstance
+    return kind(name, description, folder, settings, inputs, setup)
+
+
+class _Left:
+    """Whether instances are left as they are now, and those that were."""
+
+    def __init__(self) -> None:
+        self.now = False
+        self.instances: list[Instance] = []
+
+
+_left = _Left()
+
+
+@contextmanager
+def instances_left() -> Iterator[None]:
+    """Within the block none is freed, unless its FMU can live only once in a process: some crash then."""
+    _left.now = True
+    try:
+        yield
+    finally:
+        _left.now = False
+
+
+def release(instance: Instance) -> None:
+    """Its run is over: free it, but not within `instances_left`."""
+    if _left.now and not instance.description.lives_once:
+        _left.instances.append(instance)
+    else:
+        instance.close()
+
+
+class FmuComponent(Component):
+    """One FMU instance as a component, a continuous one if nothing else is said; for model exchange with its solver.
+
+    Args:
+        name: of the component and the FMU instance.
+        description: the checked FMU.
+        folder: where it is unpacked.
+        inputs, outputs: its ports.
+        settings: values set before initialisation, in the FMU's own units.
+        inputs_at_start: port -> value (SI) in initialisation mode; 0 where nothing is said.
+        outputs_at_start: port -> value (SI) that the output is taken to have at t = 0: an angle's zero is arbitrary,
+            and the shaft is coupled where it stands.
+        setup: of the run.
+        sampled: whether it is evaluated at t_k; what its outputs are before the first time is nobody's business then.
+        instance: of the FMU, in step mode; None: one is made, and initialised with what is said here.
+        solver: of the equations of one for model exchange; None: CVODE.
+
+    Raises:
+        InputRefused: the FMU cannot be brought into step mode, or an output is not finite then; there is no CVODE for
+            this platform.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        description: FmuDescription,
+        folder: Path,
+        inputs: Sequence[FmuPort],
+        outputs: Sequence[FmuPort],
+        settings: Sequence[Setting] = (),
+        inputs_at_start: Mapping[str, float | np.ndarray] | None = None,
+        outputs_at_start: Mapping[str, float | np.ndarray] | None = None,
+        setup: Setup = Setup(),  # noqa: B008, it is frozen
+        sampled: bool = False,
+        instance: Instance | None = None,
+        solver: Solver | None = None,
+    ):
+        wanted = inputs_at_start or {}
+        started = [(p.variable, p.in_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
+        make = CosimInstance if sampled else opened
+        self.instance = instance or make(name, description, folder, settings, started, setup)
+        initial = np.concatenate([p.gain * self._raw(p) + p.offset for p in outputs]) if outputs else np.zeros(0)
+        if sampled:
+            initial[:] = 0.0
+        # what -0.0 is added to stays what it is
+        shift = np.full(len(initial), -0.0)
+        for p in placed(outputs):
+            if p.port.port.name in (outputs_at_start or {}):
+                shift[p.slots] = (outputs_at_start or {})[p.port.port.name] - initial[p.slots]
+        if not np.all(np.isfinite(initial)):
+            self.instance.close()
+            raise InputRefused(f"{description.path}: an output is not finite after initialisation: {initial}")
+        self._shift = shift
+        try:
+            self._stepping = (
+                ExchangeStepping(self.instance, solver or Solver(), inputs, outputs, shift)
+                if isinstance(self.instance, Model)
+                else Stepping(self.instance, inputs, outputs, shift)
+            )
+        except TwinError:
+            self.instance.close()
+            raise
+        self._state: np.ndarray | None = None
+        self._told_of_discard = False
+        super().__init__(
+            name=name,
+            inputs=tuple(p.port for p in self._stepping.inputs),
+            outputs=tuple(p.port for p in outputs),
+            sampled=sampled,
+            step_address=self._stepping.address,
+            self_address=self._stepping.memory.ctypes.data,
+            initial_outputs=initial + shift,
+            label=description.path.name,
+            keep=self._stepping.memory,
+        )
+
+    def zero(self, name: str) -> float:
+        """Value of the output port `name` where the FMU's own is 0."""
+        return float(by_port(self.outputs, self._shift)[name][0])
+
+    @property
+    def ports(self) -> tuple[Sequence[FmuPort], Sequence[Placed]]:
+        """What of the FMU is behind its inputs and its outputs."""
+        return self._stepping.inputs, self._stepping.outputs
+
+    @property
+    def called(self) -> str:
+        """What of the FMU its step calls, for people."""
+        if isinstance(self.instance, Model):
+            return "its equations of model exchange"
+        return f"{self.instance.description.prefix}DoStep"
+
+    def _raw(self, port: FmuPort) -> np.ndarray:
+        """Values of an output before the first step; what a clock updates cannot be read before that ticks."""
+        if port.variable.clocks:
+            return np.full(port.port.size, np.nan_to_num(port.variable.start))
+        return self.instance.read([port.variable])
+
+    def explain(self, status: int) -> str:
+        return self._stepping.explain(status)
+
+    def rewind(self) -> Rewind | None:
+        if not self.instance.description.interface.canGetAndSetFMUstate:
+            return None
+        save, restore, self._state = self._stepping.repeatable()
+        return Rewind(save, restore, self._state.ctypes.data, self._state)
+
+    def keep_time(self, clock: np.ndarray) -> None:
+        self.instance.clock = clock
+
+    def said(self) -> list[tuple[int, str]]:
+        told = self.instance.unheard()
+        since = self._stepping.discarded_since
+        if since is not None and not self._told_of_discard:
+            self._told_of_discard = True
+            said = f"it discards steps, which are then made in parts, since t = {since:g} s"
+            told.append((int(self.instance.clock[0]), said))
+        return told
+
+    def close(self) -> None:
+        if isinstance(self._stepping, ExchangeStepping):
+            self._stepping.integrator.close()
+        state, self._state = self._state, None
+        try:
+            if state is not None and state[0]["state"]:
+                self.instance.forget(int(state[0]["state"]))
+        finally:
+            if self.sampled:
+                self.instance.close()
+            else:
+                release(self.instance)
+
+
+class ExchangeStepping(Stepping):
+    """How a model-exchange FMU is stepped.
+
+    Args:
+        instance: in continuous-time mode.
+        solver: of its equations.
+        inputs, outputs, shift: as those of `Stepping`.
+
+    Attributes:
+        integrator: what the step works on.
+
+    Raises:
+        InputRefused: there is no CVODE for this platform.
+    """
+
+    def __init__(
+        self,
+        instance: Model,
+        solver: Solver,
+        inputs: Sequence[FmuPort],
+        outputs: Sequence[FmuPort],
+        shift: np.ndarray,
+    ):
+        self.instance, self.inputs = instance, list(inputs)
+        self._keep: list[Any] = []
+        self._moving: list[np.ndarray] = []
+        self._shorter = np.zeros(1, dtype=SHORTER)
+        tables = self._grouped(placed(inputs), "Set"), self._grouped(placed(outputs, shift), "Get")
+        self.integrator = Integrator(instance, solver, tables, sum(p.port.size for p in inputs))
+        self._moving.append(self.integrator.block)
+        self.address, self.memory = step.address, self.integrator.memory
+
+    def explain(self, status: int) -> str:
+        told = self.integrator.explain(status)
+        said = f" ('{self.instance.messages[-1]}')" if self.instance.messages else ""
+        return f"{told}{said}" if told else super().explain(status)

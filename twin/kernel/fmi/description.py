@@ -1,0 +1,426 @@
+"""Reads an FMU without loading it, and refuses what cannot work before a binary is touched.
+
+FMPy reads modelDescription.xml; what it leaves out is filled in here. What an FMU says of its steps, events and clocks
+(FMI 3.0, 2.2.8) is told, and held to the steps that it is to take.
+"""
+
+import math
+import platform as machine
+import sys
+import time
+import zipfile
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+from typing import Any, Literal
+
+from fmpy import platform, read_model_description, sharedLibraryExtension
+
+from twin.kernel.archive import entries, sha256
+from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.files import xml_of
+from twin.kernel.fmi.compiling import Compiled, brings, compile_sources, compiled, source_sets
+from twin.kernel.fmi.setting import Setting, Value, set_to
+from twin.kernel.fmi.variable import Variable, number, variable_of
+
+DESCRIPTION = "modelDescription.xml"
+NUMBERS = ("intervalDecimal", "shiftDecimal", "intervalCounter", "shiftCounter", "resolution")
+"""Of a Clock (FMI 3.0.2, 2.2.9)."""
+CAPABILITIES = (
+    "canHandleVariableCommunicationStepSize", "canInterpolateInputs", "canBeInstantiatedOnlyOncePerProcess",
+)  # fmt: skip
+"""Of an FMI 1.0 slave."""
+
+
+def complete(model: Any, file: Path) -> None:
+    """Fill in what FMPy has fields for and does not read of the `file` that it made `model` of."""
+    if model.fmiVersion != "1.0" and not model.fmiVersion.startswith("3."):
+        return
+    with zipfile.ZipFile(file) as archive:
+        root = xml_of(archive.read(DESCRIPTION), f"{file}: {DESCRIPTION}")
+    if model.fmiVersion == "1.0":
+        # FMI 1.0 for Co-Simulation, 4.3.1
+        if model.coSimulation is not None:
+            model.coSimulation.needsExecutionTool = root.find("Implementation/CoSimulation_Tool") is not None
+            for stated in root.iterfind("Implementation/*/Capabilities"):
+                for name in CAPABILITIES:
+                    setattr(model.coSimulation, name, _true(stated.get(name)))
+    else:
+        by_name = {element.get("name"): element for element in root.iterfind("ModelVariables/*")}
+        for variable in model.modelVariables:
+            # FMPy makes a variable of each alias
+            element = by_name[variable.alias.name if variable.alias else variable.name]
+            variable.intermediateUpdate = _true(element.get("intermediateUpdate"))
+            variable.min, variable.max = variable.min or element.get("min"), variable.max or element.get("max")
+            for name in NUMBERS if variable.type == "Clock" else ():
+                setattr(variable, name, element.get(name))
+
+
+def _true(text: str | None) -> bool:
+    return text in ("true", "1")
+
+
+MOST_DESCRIPTION = 64 << 20
+"""Bytes. The largest honest ones have tens of thousands of variables and some 10 MB."""
+
+Kind = Literal["co_simulation", "model_exchange"]
+KIND_NAMES: dict[Kind, str] = {"co_simulation": "co-simulation", "model_exchange": "model exchange"}
+"""What an FMU is used as, and how people call that; the first is taken where nothing is said and both are offered."""
+
+STRUCTURAL = "structuralParameter"
+
+SETTLED = 2_000_000_000
+"""Age (ns) from which a file's times tell it from every later state of it: the coarsest file system clock, FAT's."""
+
+
+@dataclass(frozen=True)
+class FmuDescription:
+    """An FMU that has passed every check that needs no binary.
+
+    Attributes:
+        path: the .fmu file.
+        sha256: of its bytes.
+        compiler: what made its library on this machine; empty: it came with one.
+        version: 1, 2 or 3, FMI's.
+        kind: as which it is used.
+        identifier: of the binary.
+        platforms: folders of binaries inside.
+        variables: by name.
+        model: what FMPy read.
+    """
+
+    path: Path
+    sha256: str
+    compiler: str
+    version: int
+    kind: Kind
+    identifier: str
+    platforms: tuple[str, ...]
+    variables: dict[str, Variable]
+    model: Any
+
+    @property
+    def interface(self) -> Any:
+        """What it says of itself as an FMU of its `kind`."""
+        return _interface(self.model, self.kind)
+
+    @property
+    def standard(self) -> str:
+        """What it is made to, for people; of kinds only the one that is not the usual is told."""
+        usual = self.kind == "co_simulation"
+        return f"FMI {self.model.fmiVersion}" + ("" if usual else f" {KIND_NAMES[self.kind]}")
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """All that it can be used as."""
+        return _kinds(self.model)
+
+    def offered(self, causality: str) -> list[Variable]:
+        """Numeric variables of a causality, in the FMU's order."""
+        return [v for v in self.variables.values() if v.causality == causality and v.kind >= 0]
+
+    @property
+    def parameters(self) -> list[Variable]:
+        """What an experiment may set beside inputs, in the FMU's order."""
+        causes = ("parameter", STRUCTURAL)
+        return [v for v in self.variables.values() if v.causality in causes and (v.kind >= 0 or v.is_text)]
+
+    def settings(self, values: Mapping[str, Value]) -> Sequence[Setting]:
+        """Values for parameters and inputs, before initialisation.
+
+        Raises:
+            InputRefused: an unknown name, a variable that cannot be set, a value outside min and max or not finite,
+                too many or too few for an array, a file that is not there.
+        """
+        settable = {v.name: v for v in (*self.parameters, *self.offered("input"))}
+        checked = []
+        for name, given in values.items():
+            if name not in settable:
+                known = ", ".join(v.name for v in self.parameters) or "none"
+                hint = nearest(name, settable, f"its parameters are {known}")
+                raise InputRefused(f"{self.path}: no parameter '{name}'; {hint}")
+            checked.append((settable[name], set_to(self.path, settable[name], given)))
+        return checked
+
+    @property
+    def prefix(self) -> str:
+        """What the names of the standard's functions and statuses begin with."""
+        return "fmi" if self.version == 1 else f"fmi{self.version}"
+
+    def exported(self, function: str) -> str:
+        """What its binary calls a function of the standard, `DoStep`: in FMI 1.0 with its own name before it."""
+        return f"{self.identifier}_{self.prefix}{function}" if self.version == 1 else f"{self.prefix}{function}"
+
+    @property
+    def returns_early(self) -> bool:
+        """Whether it may end a step before its time, if that is allowed."""
+        if self.kind == "model_exchange":
+            return False
+        abilities = self.model.coSimulation
+        return abilities.mightReturnEarlyFromDoStep or abilities.canReturnEarlyAfterIntermediateUpdate
+
+    def resized(self, values: Mapping[str, Value]) -> "FmuDescription":
+        """The same FMU with its arrays as large as `values` of structural parameters among `values` make them.
+
+        Raises:
+            InputRefused: a structural parameter is no whole number, an array would have no values, or too many.
+        """
+        structure = {name: v.start for name, v in self.variables.items()}
+        for name, value in values.items():
+            if name in structure and self.variables[name].causality == STRUCTURAL:
+                if not isinstance(value, float) or not value.is_integer():
+                    raise InputRefused(f"{self.path}: parameter {name} = {value}: expected a whole number")
+                structure[name] = value
+        variables = {name: v.resized(self.path, structure) for name, v in self.variables.items()}
+        return replace(self, variables=variables)
+
+    @property
+    def tolerance(self) -> float | None:
+        """The relative tolerance that it states for its solver (DefaultExperiment); None: none that is a number > 0."""
+        stated = number(getattr(self.model.defaultExperiment, "tolerance", None))
+        return stated if 0.0 < stated < math.inf else None
+
+    @property
+    def lives_once(self) -> bool:
+        """Whether a process can hold only one instance of it."""
+        return bool(getattr(self.interface, "canBeInstantiatedOnlyOncePerProcess", False))
+
+    def warnings(self) -> list[str]:
+        """What FMPy's validation finds; validators disagree with each other, so nothing here refuses the FMU."""
+        from fmpy.validation import validate_fmu
+
+        return [" ".join(problem.split()) for problem in validate_fmu(str(self.path))]
+
+
+_known: dict[tuple[Path, Kind | None], tuple[tuple[int, ...], FmuDescription]] = {}
+"""What `described` has found, and the state of the file in which it did."""
+
+
+def described(file: Path, kind: Kind | None = None) -> FmuDescription:
+    """Read and check the FMU `file`; once in a process, for as long as the file stays what it is.
+
+    Args:
+        file: the FMU.
+        kind: as which it is to be used; None: co-simulation, or else what it offers.
+
+    Raises:
+        InputRefused: not a whole zip, no readable model description, no co-simulation of FMI 1.0, 2.0 or 3.0 and no
+            model exchange of 2.0 or 3.0, not of that kind, needs a tool, or no binary for this platform.
+    """
+    if not file.is_file():
+        raise InputRefused(f"{file}: no such FMU")
+    facts = file.stat()
+    stamp = (facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns, facts.st_ctime_ns)
+    known, description = _known.get((file, kind), (None, None))
+    if description is None or known != stamp:
+        description = _read(file, kind)
+        # the next change of a file that has just been written might get the same time
+        if time.time_ns() - max(facts.st_mtime_ns, facts.st_ctime_ns) > SETTLED:
+            _known[file, kind] = stamp, description
+    return description
+
+
+def _read(file: Path, kind: Kind | None) -> FmuDescription:
+    names = entries(file)
+    if names.get(DESCRIPTION, 0) > MOST_DESCRIPTION:
+        raise InputRefused(f"{file}: {DESCRIPTION} has {names[DESCRIPTION] / 1e6:.0f} MB; do not trust this file")
+    model = _model(file)
+    version = model.fmiVersion
+    if version not in ("1.0", "2.0") and not version.startswith("3."):
+        raise InputRefused(f"{file}: FMI {version}; export it as FMI 2.0 or 3.0 for co-simulation")
+    kind = _chosen(file, model, kind)
+    interface = _interface(model, kind)
+    if interface.needsExecutionTool:
+        raise InputRefused(f"{file}: needs its authoring tool while running; export it self-contained")
+    major = int(version[0])
+    identifier = interface.modelIdentifier
+    binary = _binary(major, identifier)
+    # an empty folder has an entry, too
+    inside = [n for n in names if n.startswith("binaries/") and n.count("/") > 1 and not n.endswith("/")]
+    platforms = sorted({PurePosixPath(n).parts[1] for n in inside})
+    digest = sha256(file)
+    made = None if binary in names else compiled(digest, binary)
+    if binary not in names and made is None:
+        raise InputRefused(f"{file}: {_without_binary(file, names, model, binary, platforms)}")
+    return FmuDescription(
+        path=file,
+        sha256=digest,
+        compiler=made.compiler if made else "",
+        version=major,
+        kind=kind,
+        identifier=identifier,
+        platforms=tuple(platforms),
+        variables={v.name: variable_of(v, model) for v in model.modelVariables},
+        model=model,
+    ).resized({})
+
+
+def build(file: Path) -> Compiled | None:
+    """Compile the sources of an FMU without a binary for this platform; None: it has one.
+
+    Raises:
+        InputRefused: not an FMU, or as `compile_sources`.
+    """
+    names, model = entries(file), _model(file)
+    binary = _binary(int(model.fmiVersion[0]), _interface(model, _chosen(file, model, None)).modelIdentifier)
+    return None if binary in names else compile_sources(file, sha256(file), model, binary)
+
+
+def _interface(model: Any, kind: Kind) -> Any:
+    return model.coSimulation if kind == "co_simulation" else model.modelExchange
+
+
+def _kinds(model: Any) -> tuple[Kind, ...]:
+    # nobody asked for the model exchange of FMI 1.0, whose functions are others
+    known: Mapping[Kind, str] = KIND_NAMES if model.fmiVersion != "1.0" else {"co_simulation": ""}
+    return tuple(kind for kind in known if _interface(model, kind) is not None)
+
+
+def _chosen(file: Path, model: Any, kind: Kind | None) -> Kind:
+    """`kind`, or the first that the FMU offers."""
+    kinds = _kinds(model)
+    if not kinds:
+        other = "" if model.fmiVersion == "1.0" else " and model exchange"
+        raise InputRefused(f"{file}: FMI {model.fmiVersion} without co-simulation{other}; export it for co-simulation")
+    if kind is not None and kind not in kinds:
+        raise InputRefused(
+            f'{file}: offers {KIND_NAMES[kinds[0]]} alone; remove kind = "{kind}", or export it for {KIND_NAMES[kind]}'
+        )
+    return kind or kinds[0]
+
+
+def _binary(major: int, identifier: str) -> str:
+    """Where the library for this platform is in the archive."""
+    return f"binaries/{_platform(major)}/{identifier}{sharedLibraryExtension}"
+
+
+def _without_binary(file: Path, names: Collection[str], model: Any, binary: str, platforms: Sequence[str]) -> str:
+    """What there is to say of an FMU whose archive holds no `binary`."""
+    place = PurePosixPath(binary)
+    others = [PurePosixPath(n).name for n in names if n.startswith(f"{place.parent}/") and not n.endswith("/")]
+    if others:
+        return (
+            f"its binary for this platform is {', '.join(others)}; by its modelIdentifier it has to be called "
+            f"{place.name}. Export it again"
+        )
+    cure = f"Export it for {place.parent.name}"
+    if brings(names, source_sets(model, place.stem)):
+        cure = f"It brings its sources: twin drive info {file} --compile builds them, once"
+    return f"no binary for this platform ({binary}); it has {', '.join(platforms) or 'none'}. {cure}"
+
+
+def _platform(major: int) -> str:
+    """FMI's name of this platform's folder of binaries."""
+    if major < 3:
+        return platform
+    system = {"linux": "linux", "darwin": "darwin", "win32": "windows"}.get(sys.platform, sys.platform)
+    processor = {"AMD64": "x86_64", "arm64": "aarch64"}.get(machine.machine(), machine.machine())
+    return f"{processor}-{system}"
+
+
+def _model(file: Path) -> Any:
+    try:
+        model = read_model_description(str(file), validate=False)
+        complete(model, file)
+        return model
+    except KeyError:
+        raise InputRefused(f"{file}: no modelDescription.xml inside; this is not an FMU") from None
+    # FMPy raises bare Exception and lxml its own family: whatever it says of this file is the reason
+    except Exception as problem:
+        raise InputRefused(f"{file}: modelDescription.xml cannot be read: {problem}") from None
+
+
+MOST_CLOCKS = 62
+"""A bit of a number tells of each whether it is active."""
+
+
+def clocks(description: FmuDescription) -> list[Any]:
+    """FMPy's variables of its clocks, those that we tick and those that it ticks.
+
+    Raises:
+        InputRefused: there are too many.
+    """
+    found = [v for v in description.model.modelVariables if v.type == "Clock" and v.causality in ("input", "output")]
+    if len(found) > MOST_CLOCKS:
+        raise InputRefused(f"{description.path}: {len(found)} clocks; expected at most {MOST_CLOCKS}")
+    return found
+
+
+def rhythm(clock: Any) -> str:
+    """When a clock ticks, as its description says it."""
+    if clock.causality == "output":
+        return "ticked by the FMU"
+    if clock.intervalVariability == "triggered":
+        return "in every step"
+    interval, shift = stated_interval(clock)
+    if math.isnan(interval):
+        return f"{clock.intervalVariability}, as the FMU says while it runs"
+    return f"every {1e3 * interval:g} ms" + (f" from {1e3 * shift:g} ms on" if shift else "")
+
+
+def stated_interval(clock: Any) -> tuple[float, float]:
+    """(interval, shift) in seconds, as the description states them; NaN: it states no interval."""
+    resolution = number(clock.resolution)
+    if clock.intervalDecimal is not None or math.isnan(resolution):
+        return number(clock.intervalDecimal), number(clock.shiftDecimal or "0")
+    scale = 1.0 / resolution if resolution > 0.0 else math.nan
+    return number(clock.intervalCounter) * scale, number(clock.shiftCounter or "0") * scale
+
+
+CLOSE = 1e-6
+"""Of a step, by which a multiple of another one may miss it."""
+
+
+def abilities(description: FmuDescription) -> list[tuple[str, str]]:
+    """(what, how) of its stepping, for people; nothing of what every FMU does."""
+    if description.kind == "model_exchange":
+        return []
+    said, its = [], description.model.coSimulation
+    if not its.canHandleVariableCommunicationStepSize:
+        stated = stated_step(description)
+        wish = f"; it prefers {1e3 * stated:g} ms" if stated > 0.0 else ""
+        said.append(("steps", f"steps of one size only{wish}"))
+    if its.hasEventMode or description.returns_early:
+        modes = ["event mode"] * its.hasEventMode + ["may return early"] * description.returns_early
+        said.append(("events", ", ".join(modes)))
+    said += [("clock", f"{clock.name}, {rhythm(clock)}") for clock in clocks(description)]
+    within = its.providesIntermediateUpdate and any(v.intermediate for v in description.offered("input"))
+    if its.canInterpolateInputs or within:
+        said.append(("inputs", 'taken as lines over a step with [cosim] inputs = "linear"'))
+    return said
+
+
+def refuse_step(description: FmuDescription, tick: float, substeps: int) -> None:
+    """See whether an FMU takes `substeps` equal steps per `tick` (s).
+
+    FMI 3.0 says that steps should be multiples of fixedInternalStepSize; one that takes no other steps either is not
+    asked for any. The step size that FMI 1.0 and 2.0 state is only the one that they would prefer.
+
+    Raises:
+        InputRefused: it has a fixed step of its own, takes no varying ones, and these are no multiples of it.
+    """
+    # the steps of its equations are ours
+    if description.kind == "model_exchange":
+        return
+    abilities, step = description.model.coSimulation, tick / substeps
+    fixed = number(abilities.fixedInternalStepSize)
+    if description.version < 3 or abilities.canHandleVariableCommunicationStepSize or not 0.0 < fixed < math.inf:
+        return
+    count = step / fixed
+    if round(count) >= 1 and abs(count - round(count)) < CLOSE:
+        return
+    whole = tick / fixed
+    fitting = [n for n in range(1, 1001) if round(whole / n) >= 1 and abs(whole / n - round(whole / n)) < CLOSE]
+    cure = f"substeps = {max(fitting)}" if fitting else f"tick_ms = {1e3 * fixed * max(1, math.ceil(whole)):g}"
+    raise InputRefused(
+        f"{description.path}: has a fixed step of {1e3 * fixed:g} ms inside and takes multiples of it only "
+        f"(fixedInternalStepSize, canHandleVariableCommunicationStepSize); its step here is {1e3 * step:g} ms: "
+        f"choose {cure}"
+    )
+
+
+def stated_step(description: FmuDescription) -> float:
+    """The step that it has inside or prefers (s); NaN: it does not say."""
+    fixed = number(description.model.coSimulation.fixedInternalStepSize)
+    preferred = number(getattr(description.model.defaultExperiment, "stepSize", None))
+    return preferred if math.isnan(fixed) else fixed

@@ -1,0 +1,238 @@
+"""Variables of an FMU set and got by address: in groups of one type, or as lines over a step.
+
+A group holds where its values stand among the component's inputs or outputs, how they are scaled
+(contract value = gain * FMU value + offset), and a buffer of the FMI type.
+
+Inputs may rise within a step. The component sees such an input at both ends of it. FMI 1.0 and 2.0 take the value at
+its start and the slope (fmi2SetRealInputDerivatives); FMI 3.0 asks for the value whenever its solver is at another time
+(fmi3IntermediateUpdateCallback).
+"""
+
+import numpy as np
+
+from twin.kernel.compiled.function import carray, njit, pointer_to
+from twin.kernel.compiled.native import Native
+from twin.kernel.cosim.native import address_of, doubles_at, integers_at
+from twin.kernel.cosim.port import record
+from twin.kernel.fmi.calls import DERIVATIVES, GET, SET, access_2, access_3, access_pairs
+
+_f64, _f32 = pointer_to(np.float64), pointer_to(np.float32)
+_i8, _u8, _i16, _u16 = (pointer_to(t) for t in (np.int8, np.uint8, np.int16, np.uint16))
+_i32, _u32, _i64, _u64 = (pointer_to(t) for t in (np.int32, np.uint32, np.int64, np.uint64))
+
+GROUP = record(
+    kind="i8",  # index into `KINDS`
+    access="i8",  # fmiNSetType or fmiNGetType
+    references="i8",  # value references (uint32)
+    variables="i8",  # how many of these
+    values="i8",  # how many numbers: more than variables where these are arrays
+    slots="i8",  # where each is in u or y (uint64)
+    gain="i8",  # of each (float64)
+    offset="i8",  # of each (float64)
+    buffer="i8",  # of the FMI type
+    bytes="i8",  # of the buffer
+    last="i8",  # with events: what inputs were last set to
+    clocks="i8",  # with events: those with which alone the group changes, a bit for each
+)
+"""Variables of one FMI type: counts, and addresses of functions and arrays."""
+
+groups_at = pointer_to(GROUP)
+
+
+@njit(cache=True)
+def _store(kind, buffer, j, value):
+    """Put `value` at place `j` of a buffer of FMI type `kind`; whole numbers are rounded to the nearest."""
+    if kind == 0:
+        carray(_f64(buffer), j + 1)[j] = value
+    elif kind == 1:
+        carray(_f32(buffer), j + 1)[j] = value
+    elif kind == 10:
+        carray(_u8(buffer), j + 1)[j] = 1 if value > 0.5 else 0
+    else:
+        whole = np.int64(np.floor(value + 0.5))
+        if kind == 2:
+            carray(_i8(buffer), j + 1)[j] = whole
+        elif kind == 3:
+            carray(_u8(buffer), j + 1)[j] = whole
+        elif kind == 4:
+            carray(_i16(buffer), j + 1)[j] = whole
+        elif kind == 5:
+            carray(_u16(buffer), j + 1)[j] = whole
+        elif kind == 6:
+            carray(_i32(buffer), j + 1)[j] = whole
+        elif kind == 7:
+            carray(_u32(buffer), j + 1)[j] = whole
+        elif kind == 8:
+            carray(_i64(buffer), j + 1)[j] = whole
+        else:
+            carray(_u64(buffer), j + 1)[j] = whole
+
+
+@njit(cache=True)
+def _load(kind, buffer, j):
+    """The value at place `j` of a buffer of FMI type `kind`."""
+    if kind == 0:
+        return carray(_f64(buffer), j + 1)[j]
+    if kind == 1:
+        return np.float64(carray(_f32(buffer), j + 1)[j])
+    if kind == 2:
+        return np.float64(carray(_i8(buffer), j + 1)[j])
+    if kind == 3 or kind == 10:
+        return np.float64(carray(_u8(buffer), j + 1)[j])
+    if kind == 4:
+        return np.float64(carray(_i16(buffer), j + 1)[j])
+    if kind == 5:
+        return np.float64(carray(_u16(buffer), j + 1)[j])
+    if kind == 6:
+        return np.float64(carray(_i32(buffer), j + 1)[j])
+    if kind == 7:
+        return np.float64(carray(_u32(buffer), j + 1)[j])
+    if kind == 8:
+        return np.float64(carray(_i64(buffer), j + 1)[j])
+    return np.float64(carray(_u64(buffer), j + 1)[j])
+
+
+@njit(cache=True, inline="always")
+def access(version, instance, g):
+    """Set or get the variables of a group."""
+    if version < 3:
+        return access_2(g.access, (instance, g.references, g.variables, g.buffer))
+    return access_3(g.access, (instance, g.references, g.variables, g.buffer, g.values))
+
+
+@njit(cache=True, inline="always")
+def fill(g, u):
+    """Put the inputs at address `u` into the buffer of a group."""
+    slots, gain, offset = (
+        carray(_u64(g.slots), g.values),
+        carray(_f64(g.gain), g.values),
+        carray(_f64(g.offset), g.values),
+    )
+    for j in range(g.values):
+        _store(g.kind, g.buffer, j, (carray(_f64(u), slots[j] + 1)[slots[j]] - offset[j]) / gain[j])
+
+
+@njit(cache=True, inline="always")
+def drain(g, y):
+    """Take what is in the buffer of a group to the outputs at address `y`."""
+    slots, gain, offset = (
+        carray(_u64(g.slots), g.values),
+        carray(_f64(g.gain), g.values),
+        carray(_f64(g.offset), g.values),
+    )
+    for j in range(g.values):
+        carray(_f64(y), slots[j] + 1)[slots[j]] = gain[j] * _load(g.kind, g.buffer, j) + offset[j]
+
+
+@njit(cache=True, inline="always")
+def set_all(version, instance, groups, count, u):
+    """Set the inputs of `count` groups; the first bad status."""
+    table = carray(groups_at(groups), count)
+    for i in range(count):
+        fill(table[i], u)
+        status = access(version, instance, table[i])
+        if status > 1:
+            return SET + status
+    return 0
+
+
+@njit(cache=True, inline="always")
+def get_all(version, instance, groups, count, y):
+    """Get the outputs of `count` groups; the first bad status."""
+    table = carray(groups_at(groups), count)
+    for i in range(count):
+        status = access(version, instance, table[i])
+        if status > 1:
+            return GET + status
+        drain(table[i], y)
+    return 0
+
+
+AT_END = ":end"
+"""What the port for the value at the end of a step is called after its input's name."""
+
+RAMP = record(
+    instance="i8",
+    set="i8",  # fmiNSetReal or fmi3SetFloat64
+    derivatives="i8",  # fmiNSetRealInputDerivatives; 0 in FMI 3.0
+    values="i8",  # how many
+    references="i8",
+    orders="i8",  # all 1
+    starts="i8",  # slots in u of the values at the start of a step
+    ends="i8",  # and at its end
+    gain="i8",
+    offset="i8",
+    begin="i8",  # value at the start, in the FMU's own unit
+    slope="i8",
+    buffer="i8",
+    t="f8",  # of the start (s)
+    bad="i8",  # what was bad within a step
+)
+"""Inputs that are lines over a step: counts, and addresses of functions and of arrays with a number for each value."""
+
+_ramp_at = pointer_to(RAMP)
+
+
+@njit(cache=True, error_model="numpy")
+def begin_ramp(address, u, t, h):
+    """Take over what the inputs at address `u` are at both ends of the step from `t` to `t` + `h`."""
+    r = carray(_ramp_at(address), 1)[0]
+    n = r.values
+    starts, ends = carray(integers_at(r.starts), n), carray(integers_at(r.ends), n)
+    gain, offset = carray(doubles_at(r.gain), n), carray(doubles_at(r.offset), n)
+    begin, slope = carray(doubles_at(r.begin), n), carray(doubles_at(r.slope), n)
+    for j in range(n):
+        first, last = carray(doubles_at(u), starts[j] + 1)[starts[j]], carray(doubles_at(u), ends[j] + 1)[ends[j]]
+        begin[j] = (first - offset[j]) / gain[j]
+        slope[j] = (last - first) / gain[j] / h
+    r.t, r.bad = t, 0
+
+
+@njit(cache=True)
+def set_ramp(address, t):
+    """Set the inputs as they are at `t`, and how they go on from there; the first bad status."""
+    r = carray(_ramp_at(address), 1)[0]
+    n = r.values
+    if n == 0:
+        return 0
+    begin, slope = carray(doubles_at(r.begin), n), carray(doubles_at(r.slope), n)
+    buffer = carray(doubles_at(r.buffer), n)
+    for j in range(n):
+        buffer[j] = begin[j] + slope[j] * (t - r.t)
+    if r.derivatives == 0:
+        status = access_3(r.set, (r.instance, r.references, n, r.buffer, n))
+        return SET + status if status > 1 else 0
+    status = access_2(r.set, (r.instance, r.references, n, r.buffer))
+    if status > 1:
+        return SET + status
+    status = access_pairs(r.derivatives, (r.instance, r.references, n, r.orders, r.slope))
+    return DERIVATIVES + status if status > 1 else 0
+
+
+@njit(cache=True)
+def ramp_status(address):
+    """What was bad when the FMU asked for its inputs within a step; 0: nothing."""
+    return carray(_ramp_at(address), 1)[0].bad
+
+
+def _intermediate_update(
+    environment, t, set_requested, get_allowed, finished, can_return_early, return_early, return_time
+):
+    address = address_of(environment)
+    r = carray(_ramp_at(address), 1)[0]
+    status = 0
+    # before the first step there is nothing to be set
+    if set_requested and r.values > 0:
+        status = set_ramp(address, t)
+    if status != 0:
+        r.bad = status
+    if address_of(return_early) != 0:
+        return_early[0] = 0
+
+
+intermediate_update = Native(
+    "nothing",
+    ("pointer", "double", "byte", "byte", "byte", "byte", "bytes", "doubles"),
+    _intermediate_update,
+)
+"""A fmi3IntermediateUpdateCallback whose environment is the address of a `RAMP`."""

@@ -1,0 +1,273 @@
+"""The ports of an FMU, and the compiled step that fits them: which of three, and the memory that it works on."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from twin.kernel.cosim.port import Port
+from twin.kernel.fmi import cosim_step, event_step
+from twin.kernel.fmi.calls import DO_STEP, ENDLESS, INTERVAL, PAST, PERIOD, RESTORE, SAVE, explain_status
+from twin.kernel.fmi.cosim_step import SHORTER
+from twin.kernel.fmi.groups import AT_END, GROUP
+from twin.kernel.fmi.instance import Instance
+from twin.kernel.fmi.variable import ITEM_SIZES, Variable
+
+
+@dataclass(frozen=True)
+class FmuPort:
+    """A port and the FMU variable behind it: port value (SI) = gain * FMU value + offset."""
+
+    port: Port
+    variable: Variable
+    gain: float = 1.0
+    offset: float = 0.0
+
+    def in_fmu(self, value: float | np.ndarray) -> float | np.ndarray:
+        """`value` of the port as the FMU wants it."""
+        return (value - self.offset) / self.gain
+
+    def at(self, instant: Literal["start", "end"]) -> "FmuPort":
+        """The port for its value at the start of a step, or for that at its end."""
+        name = self.port.name + AT_END * (instant == "end")
+        return replace(self, port=replace(self.port, name=name, instant=instant))
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A port and where its values stand among those of its component.
+
+    Attributes:
+        port: and its variable.
+        slots: of its values.
+        shift: added to its values, (number of values,).
+    """
+
+    port: FmuPort
+    slots: np.ndarray
+    shift: np.ndarray
+
+
+def placed(ports: Sequence[FmuPort], shift: np.ndarray | None = None) -> list[Placed]:
+    """`ports` one after the other; `shift` by value, nothing if it is not given."""
+    ends = np.cumsum([0, *(p.port.size for p in ports)])
+    shifts = np.zeros(ends[-1]) if shift is None else shift
+    return [Placed(p, np.arange(a, b), shifts[a:b]) for p, a, b in zip(ports, ends, ends[1:], strict=False)]
+
+
+class Stepping:
+    """How an instance is stepped.
+
+    Args:
+        instance: in step mode.
+        inputs, outputs: its ports.
+        shift: what is added to the outputs' values, in SI units.
+
+    Attributes:
+        address: of the step.
+        memory: that it works on, (1,).
+        inputs: those of `inputs` that are taken at both ends of a step come last, once more.
+        outputs: and what is added to each.
+    """
+
+    def __init__(
+        self,
+        instance: Instance,
+        inputs: Sequence[FmuPort] = (),
+        outputs: Sequence[FmuPort] = (),
+        shift: np.ndarray | None = None,
+    ):
+        self.instance = instance
+        ramped = [i for i, p in enumerate(inputs) if instance.ramps(p.variable)]
+        self.inputs = [p.at("start") if i in ramped else p for i, p in enumerate(inputs)]
+        self.inputs += [inputs[i].at("end") for i in ramped]
+        self._into, self.outputs = placed(self.inputs), placed(outputs, shift)
+        self._keep: list[Any] = []
+        self._moving: list[np.ndarray] = []
+        self._shorter = np.zeros(1, dtype=SHORTER)
+        description, s = instance.description, self._shorter[0]
+        if description.version < 3:
+            s["real_status"] = instance.address("GetRealStatus")
+            # FMI 1.0 does not know what one would ask it
+            s["boolean_status"] = instance.address("GetBooleanStatus") if description.version == 2 else 0
+        s["value_at"], s["flag_at"] = (self._shorter[name].ctypes.data for name in ("value", "flag"))
+        s["varies"] = description.model.coSimulation.canHandleVariableCommunicationStepSize
+        into = [p for i, p in enumerate(self._into[: len(inputs)]) if i not in ramped]
+        if ramped:
+            self._fill_ramp([self._into[i] for i in ramped], self._into[len(inputs) :])
+        eventful = description.model.coSimulation.hasEventMode or description.returns_early or ramped
+        if description.version == 3 and eventful:
+            self.address, self.memory = self._eventful(into)
+        elif not ramped and self._is_plain(inputs, outputs, shift):
+            self.address, self.memory = self._plain()
+        else:
+            self.address, self.memory = cosim_step.step.address, np.zeros(1, dtype=cosim_step.MEMORY)
+            m = self.memory[0]
+            m["version"], m["instance"], m["shorter"] = description.version, instance.handle, self._shorter.ctypes.data
+            self._fill(m, self._grouped(into, "Set"), self._grouped(self.outputs, "Get"))
+        self.memory["final"] = 1
+
+    @property
+    def state_name(self) -> str:
+        """What the state is called in names of functions, which changed from FMI 2.0 to 3.0."""
+        return "FMUstate" if self.instance.description.version == 2 else "FMUState"
+
+    def explain(self, status: int) -> str:
+        """What a bad `status` of a step means, as the verb phrase of a sentence."""
+        instance = self.instance
+        said = f" ('{instance.messages[-1]}')" if instance.messages else ""
+        states = {SAVE: f"Get{self.state_name}", RESTORE: f"Set{self.state_name}"}
+        value, clock = float(self._shorter[0]["value"]), 0
+        if "value" in (self.memory.dtype.names or ()):
+            value = float(self.memory[0]["value"])
+        if instance.events is not None and status in (ENDLESS, PAST, PERIOD, *range(INTERVAL, INTERVAL + 16)):
+            value, clock = float(instance.events[0]["value"]), int(instance.events[0]["culprit"])
+        sentence = explain_status(status, instance.description.prefix, states, value, instance.clock_name(clock), said)
+        if status == DO_STEP + 2:
+            varies = instance.description.model.coSimulation.canHandleVariableCommunicationStepSize
+            sentence += "; it may do with shorter steps: raise [drive] substeps"
+            sentence += "" if varies else ", as it takes none of another size by itself"
+        return sentence
+
+    @property
+    def discarded_since(self) -> float | None:
+        """When the FMU discarded a step for the first time (s), which was then made in parts."""
+        s = self._shorter[0]
+        return float(s["since"]) if s["discarded"] else None
+
+    def repeatable(self) -> tuple[int, int, np.ndarray]:
+        """From now on a step may be repeated; (addresses of the functions that save and restore, their memory)."""
+        self.repeat_steps()
+        memory = np.zeros(1, dtype=cosim_step.STATE_MEMORY)
+        m = memory[0]
+        m["instance"] = self.instance.handle
+        m["get"], m["set"] = (self.instance.address(f"{verb}{self.state_name}") for verb in ("Get", "Set"))
+        m["cell"] = memory["state"].ctypes.data
+        moving = self.moving
+        copies = [array.copy() for array in moving]
+        pieces = [
+            (array.ctypes.data, copy.ctypes.data, array.nbytes) for array, copy in zip(moving, copies, strict=True)
+        ]
+        table = np.array(pieces, dtype=cosim_step.PIECE)
+        m["pieces"], m["piece_table"] = len(pieces), table.ctypes.data
+        self._keep += [table, copies]
+        return cosim_step.save.address, cosim_step.restore.address, memory
+
+    def repeat_steps(self) -> None:
+        """From now on its state may be set back to the start of a step; FMI 1.0 has another use for what says so."""
+        if self.instance.description.version > 1:
+            self.memory["final"] = 0
+
+    @property
+    def moving(self) -> list[np.ndarray]:
+        """What steps change beside the FMU's own state."""
+        return [*self._moving, *self.instance.schedule]
+
+    def _grouped(self, ports: Iterable[Placed], access: str) -> np.ndarray:
+        """A table of `groups.GROUP`: `ports` of one FMI type and set of clocks are set or got by one call.
+
+        Args:
+            access: "Set" or "Get".
+        """
+        instance = self.instance
+        members: dict[tuple[str, int], list[Placed]] = {}
+        for p in ports:
+            key = instance.standard.type_name(p.port.variable), instance.clock_bits(p.port.variable)
+            members.setdefault(key, []).append(p)
+        table = np.zeros(len(members), dtype=GROUP)
+        self._keep.append(table)
+        for row, (type_name, clocks), group in zip(table, members, members.values(), strict=True):
+            kind = group[0].port.variable.kind
+            slots = np.concatenate([p.slots for p in group])
+            arrays: dict[str, np.ndarray] = {
+                "references": np.array([p.port.variable.reference for p in group], dtype=np.uint32),
+                "slots": slots.astype(np.uint64),
+                "gain": np.concatenate([np.full(len(p.slots), p.port.gain) for p in group]),
+                "offset": np.concatenate([p.port.offset + p.shift for p in group]),
+                "buffer": np.zeros(len(slots) * ITEM_SIZES[kind], dtype=np.uint8),
+                # no value that an input has: the first one counts as new
+                "last": np.full(len(slots) * ITEM_SIZES[kind], 0xFF, dtype=np.uint8),
+            }
+            row["kind"], row["clocks"], row["bytes"] = kind, clocks, len(arrays["buffer"])
+            row["access"] = instance.address(access + type_name)
+            row["variables"], row["values"] = len(group), len(slots)
+            for field, array in arrays.items():
+                row[field] = array.ctypes.data
+                (self._moving if field in ("buffer", "last") else self._keep).append(array)
+        return table
+
+    def _fill_ramp(self, starts: Sequence[Placed], ends: Sequence[Placed]) -> None:
+        instance, r = self.instance, self.instance.ramp[0]
+        kind = "Float64" if instance.description.version == 3 else "Real"
+        slots = np.concatenate([p.slots for p in starts]).astype(np.uint64)
+        arrays: dict[str, np.ndarray] = {
+            "references": np.array([p.port.variable.reference for p in starts], dtype=np.uint32),
+            "orders": np.ones(len(slots), dtype=np.int32),
+            "starts": slots,
+            "ends": np.concatenate([p.slots for p in ends]).astype(np.uint64),
+            "gain": np.concatenate([np.full(len(p.slots), p.port.gain) for p in starts]),
+            "offset": np.concatenate([np.full(len(p.slots), p.port.offset) for p in starts]),
+            **{name: np.zeros(len(slots)) for name in ("begin", "slope", "buffer")},
+        }
+        for field, array in arrays.items():
+            r[field] = array.ctypes.data
+            self._keep.append(array)
+        r["instance"], r["set"] = instance.handle, instance.address(f"Set{kind}")
+        r["derivatives"] = instance.address("SetRealInputDerivatives") if instance.description.version < 3 else 0
+        # the last, because the callback of FMI 3.0 looks whether there are any
+        r["values"] = len(slots)
+
+    def _is_plain(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort], shift: np.ndarray | None) -> bool:
+        """Whether values can go as they are: Real, unscaled, no more than one output shifted."""
+        ports = (*inputs, *outputs)
+        alike = all(p.variable.type == "Real" and p.gain == 1.0 and p.offset == 0.0 for p in ports)
+        return alike and bool(inputs) and bool(outputs) and (shift is None or int(np.count_nonzero(shift)) <= 1)
+
+    def _plain(self) -> tuple[int, np.ndarray]:
+        (set_,), (get,) = self._grouped(self._into, "Set"), self._grouped(self.outputs, "Get")
+        memory = np.zeros(1, dtype=cosim_step.PLAIN_MEMORY)
+        m = memory[0]
+        m["instance"], m["do_step"] = self.instance.handle, self.instance.address("DoStep")
+        m["set_real"], m["inputs"], m["input_references"] = set_["access"], set_["variables"], set_["references"]
+        m["get_real"], m["outputs"], m["output_references"] = get["access"], get["variables"], get["references"]
+        shift = np.concatenate([p.shift for p in self.outputs])
+        m["shifted"] = np.argmax(np.abs(shift))
+        m["shift"] = shift[m["shifted"]]
+        m["shorter"] = self._shorter.ctypes.data
+        return cosim_step.plain_step.address, memory
+
+    def _eventful(self, into: Sequence[Placed]) -> tuple[int, np.ndarray]:
+        instance, abilities = self.instance, self.instance.description.model.coSimulation
+        discrete = (
+            [p for p in into if p.port.variable.variability != "continuous"] if instance.events is not None else []
+        )
+        held = [p for p in self.outputs if instance.clock_bits(p.port.variable)]
+        memory = np.zeros(1, dtype=event_step.MEMORY)
+        m = memory[0]
+        m["instance"] = instance.handle
+        self._fill(
+            m,
+            self._grouped([p for p in into if p not in discrete], "Set"),
+            self._grouped([p for p in self.outputs if p not in held], "Get"),
+        )
+        tables = self._grouped(discrete, "Set"), self._grouped(held, "Get")
+        m["held"], m["held_groups"] = len(tables[1]), tables[1].ctypes.data
+        m["early"], m["varies"] = instance.description.returns_early, abilities.canHandleVariableCommunicationStepSize
+        m["discrete"], m["clocks"] = len(tables[0]), len(instance.clocks)
+        m["next"] = instance.planned.ctypes.data
+        if instance.events is not None:
+            m["events"] = instance.events.ctypes.data
+            for name, table in zip(("discrete", "held"), tables, strict=True):
+                instance.events[name], instance.events[f"{name}_groups"] = len(table), table.ctypes.data
+        return event_step.step.address, memory
+
+    def _fill(self, m: Any, inputs: np.ndarray, outputs: np.ndarray) -> None:
+        """What the general step and the one with events have in common."""
+        returned = np.zeros(16, dtype=np.uint8)
+        self._keep.append(returned)
+        ramp = self.instance.ramp[0]
+        m["do_step"], m["returned"] = self.instance.address("DoStep"), returned.ctypes.data
+        m["ramp"] = self.instance.ramp.ctypes.data if ramp["values"] else 0
+        m["inputs"], m["input_groups"] = len(inputs), inputs.ctypes.data
+        m["outputs"], m["output_groups"] = len(outputs), outputs.ctypes.data

@@ -1,0 +1,204 @@
+"""Runs a job in a guarded process and answers for how it ends."""
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from itertools import groupby
+from typing import Any
+
+from twin.kernel.errors import ComponentFailed, InputRefused, TwinError, visible
+from twin.kernel.process.ahead import process_for
+from twin.kernel.process.black_box import Account, failure_sentence, manner
+from twin.kernel.process.child import STOP
+from twin.kernel.process.failure import error_of
+from twin.kernel.process.limits import PATIENCE, WAITING, JobLimits, duration_text
+from twin.kernel.process.process import GuardedProcess, resident_memory
+
+POLL = 0.05
+"""How often (s) limits are looked at and progress is shown."""
+GRACE = 5.0
+"""How long (s) a job that steps a system may take to stop by itself when asked to: it ends its recording."""
+UNSTEPPED_GRACE = 0.5
+"""The same (s) before its first step. What is compiled cannot be interrupted, and there is nothing to lose."""
+
+
+class JobEnded(ComponentFailed):
+    """The job's process crashed, ended itself or was ended for a limit, after stepping had begun."""
+
+
+class JobEndedLoading(InputRefused):
+    """The same before the first step: a component could not even be made."""
+
+
+def guarded(
+    job: str,
+    arguments: dict[str, Any],
+    limits: JobLimits = JobLimits(),  # noqa: B008, it is frozen
+    listen: Callable[[dict[str, Any]], None] = lambda note: None,
+    show: Callable[[int, int], None] = lambda done, total: None,
+) -> Any:
+    """The result of `job`, run in a process of its own.
+
+    Args:
+        job: see `function_called`; it is called as `job(reporter, **arguments)`, see `Reporter`.
+        arguments: what can be pickled.
+        limits: the job is ended if it exceeds one.
+        listen: told of every note of the job.
+        show: told (ticks done, ticks in all) while a system is being stepped.
+
+    Returns:
+        What the function returned, through JSON. An end without this is a failure, whatever the exit status.
+
+    Raises:
+        JobEnded, JobEndedLoading: in one sentence who, how, where, when, with which inputs, and what to do.
+        TwinError: the job raised one: class, text and exit code are those.
+        KeyboardInterrupt: Ctrl-C; the job has been asked to stop, and ended if it did not.
+    """
+    with process_for(job) as process:
+        process.start(arguments)
+        watch = Watchdog(process, limits)
+        try:
+            return _followed(process, watch, listen, show)
+        except KeyboardInterrupt:
+            process.order(STOP)
+            deadline = time.monotonic() + (GRACE if watch.account.stepped else UNSTEPPED_GRACE)
+            while not process.gone and time.monotonic() < deadline:
+                process.reports(POLL)
+            raise
+
+
+def _followed(
+    process: GuardedProcess,
+    watch: "Watchdog",
+    listen: Callable[[dict[str, Any]], None],
+    show: Callable[[int, int], None],
+) -> Any:
+    while True:
+        for report in process.reports(POLL):
+            watch.account.take(report)
+            raise_failure(report)
+            if "note" in report:
+                listen(report["note"])
+            elif "finished" in report:
+                process.end()
+                # whatever an FMU has printed is shown, and never obeyed
+                sys.stderr.write("".join(f"{line}\n" for line in _shown(process.printed)))
+                return report["finished"]
+        stepped = watch.account.stepped
+        if stepped:
+            show(process.box.mark()[0], stepped.last_tick)
+        watch.raise_if_over()
+
+
+def _shown(printed: str) -> Iterator[str]:
+    """The lines of it; one that comes several times in a row, as from each instance of an FMU, once."""
+    for line, same in groupby(printed.splitlines()):
+        count = len(list(same))
+        yield visible(line) + (f"  ({count} times)" if count > 1 and line.strip() else "")
+
+
+def raise_failure(report: dict[str, Any]) -> None:
+    """Raise what ended a job, if `report` says so.
+
+    Raises:
+        TwinError: of the class, text and exit code of the one that the job raised.
+        KeyboardInterrupt: the job was interrupted.
+    """
+    if "failed" in report:
+        raise error_of(report["failed"])
+    if "interrupted" in report:
+        raise KeyboardInterrupt
+
+
+class Watchdog:
+    """Knows what a process is doing and for how long, and ends it at its limits.
+
+    Attributes:
+        account: what the job has said; whoever reads the reports lets it take them.
+        process, limits: what is watched.
+    """
+
+    def __init__(self, process: GuardedProcess, limits: JobLimits):
+        self.account = Account()
+        self.process, self.limits = process, limits
+        self._doing: object = None
+        self._begin()
+        self._stepped: object = None
+
+    def raise_if_over(self) -> None:
+        """Look once.
+
+        Raises:
+            JobEnded, JobEndedLoading: the process has ended without a word, or exceeded a limit and has been ended.
+        """
+        limits, process = self.limits, self.process
+        if process.gone:
+            raise self._failure(manner(process.end()))
+        # what is compiled meanwhile gives a call its whole time again
+        compiled = process.box.compiled()
+        doing = (process.box.mark(), process.box.call(), compiled)
+        if doing != self._doing or not self.account.busy(process.box):
+            self._doing = doing
+            self._begin()
+        elif self._is_over():
+            raise self._failure(
+                f"did not return within {limits.step:g} s",
+                "If it is slow rather than stuck, raise --limit-step; else choose another one.",
+            )
+        if (seconds := self._expected()) > limits.expected:
+            raise self._failure(
+                f"was at work when the whole run was seen to take about {duration_text(seconds)}",
+                "Say --yes if that is meant, else simulate less; `twin drive check` says what a step of a drive costs.",
+            )
+        for name, pid in self.account.helpers.items():
+            if resident_memory(pid) > limits.memory:
+                raise self._failure(
+                    f"grew to the limit of {limits.memory / 1e6:g} MB of memory",
+                    "It leaks: tell its maker; --limit-memory sets the limit.",
+                    name,
+                )
+        if process.memory > limits.memory:
+            raise self._failure(
+                f"was at work when the process reached the limit of {limits.memory / 1e6:g} MB of memory",
+                "`--isolate drive` shows which drive grows; --limit-memory sets the limit.",
+            )
+        if process.age - compiled > limits.wall:
+            raise self._failure(
+                f"was at work when the time limit of {limits.wall:g} s was over",
+                "Simulate less, or raise --limit-wall.",
+            )
+
+    def _begin(self) -> None:
+        """What is going on now has just begun."""
+        self._since = self._looked = time.monotonic()
+        self._used, self._waited = self.process.processor_time, 0.0
+
+    def _is_over(self) -> bool:
+        """Whether what is going on takes longer than a call may."""
+        now, limit = time.monotonic(), self.limits.step
+        if self.process.waits:
+            self._waited += now - self._looked
+        self._looked = now
+        if now - self._since <= limit:
+            return False
+        used = self.process.processor_time - self._used
+        # nothing is known of the processor: the difference is no number
+        return not used <= limit or self._waited > WAITING * limit
+
+    def _expected(self) -> float:
+        """How long the simulation takes as a whole (s), from what its ticks have taken; 0 if nothing can be said."""
+        stepped, now = self.account.stepped, time.monotonic()
+        if stepped is None:
+            return 0.0
+        tick = self.process.box.mark()[0]
+        # what is compiled or loaded before the first step is no part of it
+        if stepped is not self._stepped or tick == 0:
+            self._stepped, self._first = stepped, now
+        taken = now - self._first
+        return taken * stepped.last_tick / tick if tick and taken > PATIENCE else 0.0
+
+    def _failure(self, manner: str, remedy: str | None = None, culprit: str | None = None) -> TwinError:
+        """The error that tells of the end of the process; ends it first, so that nothing changes any more."""
+        self.process.end()
+        text = failure_sentence(self.account, self.process.box, manner, remedy, self.process.printed, culprit)
+        return JobEnded(text) if self.account.stepped else JobEndedLoading(text)

@@ -1,0 +1,167 @@
+"""From a recording or a log to one file of another format, or a bag of ROS 2: which signals, and where to."""
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.recording.export.ros_bag import write_ros_bag
+from twin.kernel.recording.export.table import table, write_csv, write_matlab, write_parquet
+from twin.kernel.recording.folder import recording_in
+from twin.kernel.recording.layout import FIELD_NAME, TOPIC_NAME, Field
+from twin.kernel.recording.logs.bag import is_bag
+from twin.kernel.recording.logs.column_map import column_map
+from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
+from twin.kernel.recording.logs.reader import is_recording, read_log
+from twin.kernel.recording.messages import message_layout, message_records
+from twin.kernel.recording.reader import read
+from twin.kernel.recording.recording import Recording, Stream
+from twin.kernel.recording.series import NANOSECONDS
+
+Format = Literal["csv", "parquet", "mat", "ros2"]
+MANY = 8
+"""So many names are not listed in a sentence."""
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was written.
+
+    Attributes:
+        path: the file, of a bag the folder.
+        signals: how many.
+        rows: of the longest of them; of a bag, its messages.
+        note: what is wrong with the recording; empty if nothing.
+    """
+
+    path: Path
+    signals: int
+    rows: int
+    note: str
+
+
+def export_recording(
+    run: Path,
+    form: Format,
+    patterns: Sequence[str] = (),
+    rate: float | None = None,
+    out: Path | None = None,
+    force: bool = False,
+    maps: Sequence[str] = (),
+) -> Exported:
+    """Write the recording meant by `run`, or another tool's log, in another format.
+
+    Args:
+        run: see `recording_in`; with `maps`, or if it is a bag of ROS 2, see `read_log`.
+        form: of the file.
+        patterns: see `selected_signals`.
+        rate: see `table` (Hz).
+        out: the file; without it, the recording's own path with the format's suffix.
+        force: replace what is there.
+        maps: see `column_map`; which columns of a log that twin did not record are which signals.
+
+    Raises:
+        InputRefused: no recording, no such signal, no such rate, no pyarrow, a file in the way.
+        NotWritten: the disk refuses; a file that was there stays.
+    """
+    recording = _recording(run, maps)
+    signals = selected_signals(recording, patterns)
+    stem = recording.path.name.split(".")[0]
+    path = out or recording.path.with_name(f"{stem}_ros2" if form == "ros2" else f"{stem}.{form}")
+    if os.path.lexists(path) and not force:
+        raise InputRefused(f"{path}: already there; replace it with --force or name another with --out")
+    if form == "ros2":
+        return Exported(path, len(signals), write_ros_bag(path, recording, signals, rate), recording.note)
+    if form == "mat":
+        return Exported(path, len(signals), write_matlab(path, recording, signals, rate), recording.note)
+    rows = table(recording, signals, rate)
+    if form == "csv":
+        write_csv(path, rows)
+    else:
+        write_parquet(path, rows, recording.metadata)
+    return Exported(path, len(signals), len(rows.t), recording.note)
+
+
+def _recording(run: Path, maps: Sequence[str]) -> Recording:
+    if not maps and not is_bag(run):
+        return read(recording_in(run))
+    if is_recording(run):
+        raise InputRefused(f"--map: {run} is a recording of twin, with names and units of its own")
+    return recording_of(read_log(run, column_map(maps)))
+
+
+def selected_signals(recording: Recording, patterns: Sequence[str] = ()) -> tuple[str, ...]:
+    """Names `topic.field` that match any of `patterns`, in the order of the file; all of them without a pattern.
+
+    Args:
+        patterns: `plant.p_B`, or with wildcards `plant.*`, `*.F_z`; a topic's name alone, `plant`, is all of it.
+
+    Raises:
+        InputRefused: a pattern matches nothing, or what is selected has no messages.
+    """
+    fields = recording.fields()
+    for pattern in patterns:
+        if not any(_matches(name, pattern) for name in fields):
+            raise InputRefused(f"{recording.path}: --signals {pattern}: no such signal; {_nearest(pattern, fields)}")
+    chosen = tuple(name for name in fields if not patterns or any(_matches(name, pattern) for pattern in patterns))
+    empty = {topic for topic, stream in recording.streams.items() if not len(stream.records)}
+    without = [name for name in chosen if name.rpartition(".")[0] in empty]
+    if without or not chosen:
+        raise InputRefused(f"{recording.path}: {without[0] if without else 'the recording'} has no messages to export")
+    return chosen
+
+
+def _matches(name: str, pattern: str) -> bool:
+    return fnmatchcase(name, pattern) or name.rpartition(".")[0] == pattern
+
+
+def _nearest(pattern: str, fields: dict) -> str:
+    names = [*fields, *dict.fromkeys(name.rpartition(".")[0] for name in fields)]
+    # the wildcards of a misspelt pattern are no letters to compare
+    wanted, topics = pattern.replace("*", ""), names[len(fields) :]
+    more = " ..." if len(topics) > MANY else ""
+    return nearest(wanted, names, f"there are {', '.join(f'{topic}.*' for topic in topics[:MANY])}{more}", 3)
+
+
+def recording_of(log: Log) -> Recording:
+    """`log` as a recording: `plant.p_B[0]`, `[1]`, ... are the field `p_B` of the topic `plant`.
+
+    Raises:
+        LogRefused: a signal whose name is no `TOPIC.FIELD`, signals of one topic with other times, times before 0.
+    """
+    topics: dict[str, list[tuple[str, LogSeries]]] = {}
+    for name in dict.fromkeys(re.sub(r"\[\d+\]$", "", name) for name in log.series):
+        topic, _, own = name.rpartition(".")
+        if not TOPIC_NAME.fullmatch(topic) or not FIELD_NAME.fullmatch(own):
+            raise LogRefused(f"{log.path}: signal '{name}' is no TOPIC.FIELD; name it like lab.{own or 'F'} with --map")
+        one = log.vector(name) if name not in log.series else log[name]
+        topics.setdefault(topic, []).append((own, one))
+    return Recording(
+        log.path, {topic: _stream(log, topic, own) for topic, own in topics.items()}, [], {}, True, "; ".join(log.notes)
+    )
+
+
+def _stream(log: Log, topic: str, series: list[tuple[str, LogSeries]]) -> Stream:
+    t = series[0][1].t
+    for name, one in series:
+        if not np.array_equal(one.t, t):
+            raise LogRefused(
+                f"{log.path}: {topic}.{series[0][0]} and {topic}.{name} have other times; name one of them for another "
+                f"topic, such as {topic}2.{name}"
+            )
+    if t[0] < 0.0:
+        raise LogRefused(f"{log.path}: {topic} begins at {t[0]:g} s; expected times from 0 on")
+    columns = [one.values.reshape(len(t), -1) for _, one in series]
+    fields = tuple(
+        Field(name, values.shape[1], "double", one.unit, f"as {log.path.name} has it")
+        for (name, one), values in zip(series, columns, strict=True)
+    )
+    layout = message_layout(1, fields)
+    times = np.rint(t * NANOSECONDS).astype(np.int64)
+    return Stream(fields, layout, message_records(layout, fields, times, 0, np.concatenate(columns, axis=1)))

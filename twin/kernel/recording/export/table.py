@@ -1,0 +1,241 @@
+"""Signals of several rates on one time base, and tables of them as files of other tools.
+
+CSV (RFC 4180, but lines end with a line feed), Apache Parquet, MATLAB (level 5).
+"""
+
+import csv
+import io
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from twin.kernel.errors import InputRefused, visible
+from twin.kernel.recording.recording import Recording
+from twin.kernel.writing import write_bytes, written
+
+NANOSECONDS = 10**9
+LARGEST_RATE = 1e6
+"""Hz; times are whole nanoseconds, and a faster sampling than a microsecond's is a slip of the pen."""
+MOST_ROWS = 50_000_000
+"""Nothing has been recorded for so long that more were needed; a wrong time in a file may ask for any number."""
+MOST_NUMBERS = 200_000_000
+"""In a table at a rate, unless as many have been recorded: 1.6 GB in memory."""
+FEW_ROWS, MOST_REPEATED = 100_000, 1000
+"""More rows than `FEW_ROWS` have to come from samples: with each of them repeated more than `MOST_REPEATED` times, a
+time in the file is wrong or the rate is. Nobody reads such a table, and it fills the memory."""
+FORMULA = ("=", "+", "-", "@", "\t", "\r")
+"""What a cell begins with that spreadsheets take for a formula."""
+ROWS_AT_ONCE = 10_000
+HEADER_BYTES = 116
+"""Of descriptive text at the front of the file; scipy would write the date into it."""
+LONGEST_NAME = 63
+"""Letters that MATLAB reads of a name."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One number per row.
+
+    Attributes:
+        name: `topic.field`, with `[i]` (from 0) for an element of a field of several.
+        unit: SI, "1" for pure numbers.
+        meaning: frame and sign.
+        values: (n,) float64, int64 or bool.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns that share their rows' times.
+
+    Attributes:
+        t: simulation time of the rows (n,), s.
+        columns: in the order of the recording.
+    """
+
+    t: np.ndarray
+    columns: tuple[Column, ...]
+
+
+def table(recording: Recording, signals: Sequence[str], rate: float | None = None) -> Table:
+    """`signals` on one time base, each value the newest one at or before the row's time.
+
+    Nothing is interpolated and nothing filtered: every number is one that was recorded, which is also what a sampled
+    component holds between its samples. Rows begin when every signal has a value.
+
+    Args:
+        signals: names `topic.field`, each with at least one message.
+        rate: rows per second of simulated time (Hz); without it, the times of the selected topic with most messages.
+
+    Raises:
+        InputRefused: no positive rate, or one too fast for times of whole nanoseconds or for the samples there are.
+        UnknownSeries: no such signal.
+    """
+    fields = recording.fields()
+    times, rows = time_base(recording, signals, rate)
+    columns: list[Column] = []
+    for name in signals:
+        topic = name.rpartition(".")[0]
+        values = recording[name][np.searchsorted(times[topic], rows, side="right") - 1]
+        parts = [(name, values)] if values.ndim == 1 else [(f"{name}[{i}]", v) for i, v in enumerate(values.T)]
+        field = fields[name]
+        columns += [Column(label, field.unit, field.meaning, np.ascontiguousarray(part)) for label, part in parts]
+    return Table(rows / NANOSECONDS, tuple(columns))
+
+
+def time_base(
+    recording: Recording, signals: Sequence[str], rate: float | None
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Times of the messages of each topic of `signals`, and of the rows, ns; arguments and errors as of `table`."""
+    topics = dict.fromkeys(name.rpartition(".")[0] for name in signals)
+    times = {topic: recording.streams[topic].head["log_time"].astype(np.int64) for topic in topics}
+    fields = recording.fields()
+    return times, row_times(list(times.values()), rate, sum(fields[name].size for name in signals))
+
+
+def row_times(times: Sequence[np.ndarray], rate: float | None, numbers: int = 1) -> np.ndarray:
+    """Times of the rows, ns, (n,) int64.
+
+    Args:
+        times: of the messages of each topic, ns, ascending, not empty.
+        rate: see `table`.
+        numbers: in a row.
+
+    Raises:
+        InputRefused: see `table`.
+    """
+    first = max(t[0] for t in times)
+    if rate is None:
+        densest = max(times, key=len)
+        return densest[densest >= first]
+    if not (math.isfinite(rate) and 0.0 < rate <= LARGEST_RATE):
+        raise InputRefused(f"--rate {rate:g}: expected rows per second, more than 0 and at most {LARGEST_RATE:g} Hz")
+    last = max(t[-1] for t in times)
+    # each from its own number, so that nothing accumulates
+    count = int((last - first) * rate / NANOSECONDS + 1e-9) + 1
+    if count > MOST_ROWS:
+        raise InputRefused(f"--rate {rate:g}: makes {count} rows, more than {MOST_ROWS}; choose a lower one")
+    samples = max(map(len, times))
+    if count > max(FEW_ROWS, MOST_REPEATED * samples):
+        raise InputRefused(
+            f"--rate {rate:g}: makes {count} rows out of {samples} samples, over {(last - first) / NANOSECONDS:g} s; "
+            "choose a lower one"
+        )
+    if count * numbers > max(MOST_NUMBERS, samples * numbers):
+        raise InputRefused(
+            f"--rate {rate:g}: makes {count} rows of {numbers} numbers, {8e-9 * count * numbers:.3g} GB; choose a "
+            "lower one, or fewer signals with --signals"
+        )
+    return first + np.rint(np.arange(count) * (NANOSECONDS / rate)).astype(np.int64)
+
+
+def write_csv(path: Path, table: Table) -> None:
+    """Write `table` to `path`; names carry the unit, numbers are the shortest that read back to the same float64.
+
+    A name with a comma or a quote is quoted, one that spreadsheets would take for a formula begins with an apostrophe.
+    Truth values are 0 and 1. Not a number is `nan`.
+
+    Raises:
+        NotWritten: it cannot be written.
+    """
+    columns = [table.t, *(column.values for column in table.columns)]
+    with written(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
+        csv.writer(file, lineterminator="\n").writerow(["t_s", *(_harmless(heading(c)) for c in table.columns)])
+        # a number takes eight times the memory as a text
+        for start in range(0, len(table.t), ROWS_AT_ONCE):
+            texts = [_texts(values[start : start + ROWS_AT_ONCE]) for values in columns]
+            file.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
+
+
+def heading(column: Column) -> str:
+    """`plant.p_B[0]_m`, `plant.tau_l[0]_Nm`, `drive/1.omega_m_rad_per_s`: name and unit, like keys of TOML."""
+    if column.unit == "1":
+        return column.name
+    return f"{column.name}_{column.unit.replace('N m', 'Nm').replace('/', '_per_').replace(' ', '_')}"
+
+
+def write_parquet(path: Path, table: Table, metadata: Mapping[str, Mapping[str, str]]) -> None:
+    """Write `table` to `path`: column `t` in s, then one column per number, each with `unit` and `meaning`.
+
+    Args:
+        metadata: of the recording, name -> key -> text; each name becomes one JSON text of the file's own metadata.
+
+    Raises:
+        InputRefused: pyarrow is not installed.
+        NotWritten: it cannot be written.
+    """
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise InputRefused("--parquet: needs pyarrow; install it with: pip install 'pyarrow>=17'") from None
+    fields = [pa.field("t", pa.float64(), False, {"unit": "s", "meaning": "simulation time"})]
+    arrays = [pa.array(table.t)]
+    for column in table.columns:
+        array = pa.array(column.values)
+        fields.append(pa.field(column.name, array.type, False, {"unit": column.unit, "meaning": column.meaning}))
+        arrays.append(array)
+    origin = {name: json.dumps(dict(entries)) for name, entries in metadata.items()}
+    with written(path) as beside:
+        pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields, origin)), beside, compression="zstd")
+
+
+def write_matlab(path: Path, recording: Recording, signals: Sequence[str], rate: float | None = None) -> int:
+    """Write `signals` to `path`: `plant.t` (n, 1) in s, `plant.p_B` (n, 3); `units.plant.p_B` is 'm'.
+
+    Topic drive/1 becomes drive_1. Without a rate every topic keeps its own times; with one all have the rows of
+    `table.table`.
+
+    Args:
+        signals: names `topic.field`, each with at least one message.
+        rate: rows per second of simulated time (Hz).
+
+    Raises:
+        InputRefused: a rate that `table` refuses, or a name that MATLAB would cut.
+        NotWritten: it cannot be written.
+    """
+    from scipy.io import savemat
+
+    times, common = time_base(recording, signals, rate)
+    structs: dict[str, dict[str, object]] = {}
+    units: dict[str, dict[str, str]] = {}
+    fields = recording.fields()
+    for topic, own in times.items():
+        rows = own if rate is None else common
+        structs[_variable(topic)] = {"t": rows / NANOSECONDS}
+        units[_variable(topic)] = {"t": "s"}
+        picked = np.searchsorted(own, rows, side="right") - 1
+        for name in (name for name in signals if name.rpartition(".")[0] == topic):
+            field = fields[name]
+            structs[_variable(topic)][_variable(field.name)] = recording[name][picked]
+            units[_variable(topic)][field.name] = field.unit
+    file = io.BytesIO()
+    savemat(file, {**structs, "units": units}, long_field_names=True, do_compression=True, oned_as="column")
+    text = f"MATLAB 5.0 MAT-file, written by twin from {recording.path.name}".encode("ascii", "replace")
+    write_bytes(path, text[:HEADER_BYTES].ljust(HEADER_BYTES) + file.getvalue()[HEADER_BYTES:])
+    return len(common)
+
+
+def _harmless(name: str) -> str:
+    """`name` as a cell that no spreadsheet calculates and no terminal obeys: names may be another tool's."""
+    return f"'{visible(name)}" if name.startswith(FORMULA) else visible(name)
+
+
+def _texts(values: np.ndarray) -> list[str]:
+    return [repr(value) for value in (values.astype(int) if values.dtype == bool else values).tolist()]
+
+
+def _variable(name: str) -> str:
+    variable = name.replace("/", "_")
+    if len(variable) > LONGEST_NAME:
+        raise InputRefused(f"--mat: {name} is longer than the {LONGEST_NAME} letters MATLAB reads; leave it out")
+    return variable

@@ -1,0 +1,84 @@
+"""Where runs live: results/<experiment>/<run>/run.mcap, and how to find one again."""
+
+import contextlib
+import os
+import re
+from datetime import datetime
+from pathlib import Path
+
+from twin.kernel.errors import disk_refusals
+from twin.kernel.files import meant
+from twin.kernel.recording.errors import RecordingRefused
+from twin.kernel.writing import made_folder, write_text
+
+RESULTS = Path("results")
+RECORDING = "run.mcap"
+LATEST = "latest"
+STAMP = re.compile(r"\d{4}-\d{2}-\d{2}_\d{6}(_\d+)?")
+"""What `create_run_folder` calls the folder of a run."""
+NAMED = "named.txt"
+"""In a folder that its user has called as `create_run_folder` might have done."""
+
+
+def create_run_folder(results: Path, experiment: str, now: datetime) -> Path:
+    """A new folder results/<experiment>/<time>/, and results/<experiment>/latest pointing to it.
+
+    Raises:
+        InputRefused: it cannot be created.
+    """
+    home = made_folder(results / experiment)
+    stamp = now.strftime("%Y-%m-%d_%H%M%S")
+    for attempt in range(1, 1000):
+        folder = home / (stamp if attempt == 1 else f"{stamp}_{attempt}")
+        refusals = disk_refusals(folder, "cannot be created", RecordingRefused, "choose with --out")
+        with refusals, contextlib.suppress(FileExistsError):
+            folder.mkdir()
+            break
+    latest = home / LATEST
+    # Windows grants links to administrators only; `recording_in` then takes the newest folder
+    with contextlib.suppress(OSError):
+        latest.unlink(missing_ok=True)
+        latest.symlink_to(folder.name, target_is_directory=True)
+    return folder
+
+
+def claim_run_folder(folder: Path) -> Path:
+    """`folder` itself, created, as the folder of one run.
+
+    One that is called like those of `create_run_folder` gets a note: it is the user's, and no command removes it.
+
+    Raises:
+        InputRefused: it exists and is not empty, or cannot be created.
+    """
+    with disk_refusals(folder, "cannot be read", RecordingRefused):
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise RecordingRefused(
+                f"{folder}: already there and not empty; name a new folder, a run is never overwritten"
+            )
+    made_folder(folder)
+    if STAMP.fullmatch(folder.name):
+        write_text(folder / NAMED, "twin runs --prune leaves this run: its folder was named with --out\n")
+    return folder
+
+
+def recording_in(path: Path) -> Path:
+    """The recording meant by `path`: an .mcap file, a run's folder, or an experiment's folder (its latest run).
+
+    Raises:
+        RecordingRefused: there is none.
+    """
+    # not Path.is_file, which raises for a name that is too long
+    if os.path.isfile(path):
+        return path
+    latest = path / LATEST
+    # a path that is told means another run after the next one, unless it names the run
+    runs = [path, path / os.readlink(latest) if os.path.islink(latest) else latest]
+    if os.path.isdir(path):
+        runs += sorted((f for f in path.iterdir() if f.is_dir()), reverse=True)
+    for folder in runs:
+        for name in (RECORDING, f"{RECORDING}.partial"):
+            if os.path.isfile(folder / name):
+                return folder / name
+    hint = "" if os.path.exists(path) else meant(RESULTS / path) or meant(path)
+    hint = hint or "; expected an .mcap file, a run's folder or results/<experiment>"
+    raise RecordingRefused(f"{path}: no recording{hint}")

@@ -1,0 +1,400 @@
+"""Files of logged messages: MCAP of any writer, and bags of ROS 2 in MCAP or SQLite, packed or not.
+
+Layouts: https://mcap.dev/spec, https://github.com/ros2/rosbag2. They are opened here and not by rosbags, which reads as
+much as a file says: what a file may ask for is bounded by its size. What a bag's metadata.yaml says is needed for
+nothing but the names of files that should be there: a recorder that was killed writes none.
+"""
+
+import os
+import re
+import sqlite3
+import struct
+import tempfile
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile, McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Header, McapRecord, Message, Schema, Statistics
+from mcap.stream_reader import StreamReader
+from mcap.writer import MCAP0_MAGIC
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import open_regular, read_text
+from twin.kernel.recording.folder import LATEST, RECORDING
+from twin.kernel.recording.logs import decoding
+from twin.kernel.recording.logs.column_map import MappedColumn
+from twin.kernel.recording.logs.log import Log, LogRefused
+from twin.kernel.recording.logs.topics import NANOSECONDS, LoggedTopic, log_of, merged, wanted
+from twin.kernel.recording.messages import RECORD_PREFIX
+from twin.kernel.recording.summary import LARGEST_RATIO, allowance, unpacked
+from twin.kernel.writing import written
+
+MAGIC = MCAP0_MAGIC
+_PREFIX, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
+"""What every record begins with, and a message behind that: https://mcap.dev/spec#message-op0x05."""
+LONGEST_RECORD, LONGEST_HEADER = 2**30, 2**20
+"""Bytes; a damaged length must not ask for any amount of memory."""
+SQLITE = b"SQLite format 3\0"
+HEAD = 100
+"""Bytes of its header (https://sqlite.org/fileformat2.html)."""
+SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
+METADATA = "metadata.yaml"
+LARGEST_FILE = 2**36
+LARGEST_MESSAGE = 2**28
+"""Bytes, as LARGEST_FILE is: 64 GB and 256 MB."""
+MOST_DEFINITIONS = 200
+DEFINITIONS = "message_definitions"
+"""The table that came with ROS 2 Iron."""
+TABLES = ("topics", "messages", DEFINITIONS)
+"""That are read."""
+STEPS = 4
+"""Steps of SQLite's machine for each byte of a file, at most, in one query; a message takes 30 and has 9 bytes."""
+LEAST_ROW = 8
+"""Bytes that a message takes in a file at least, whatever is in it."""
+_SIZED = {str, bytes}
+_STORED = re.compile(r"CREATE (TABLE|INDEX|UNIQUE INDEX|TRIGGER)\b")
+_FILES = re.compile(r"^\s*relative_file_paths:\s*\n((?:\s*-\s*\S.*\n)+)", re.MULTILINE)
+
+
+def is_bag(path: Path) -> bool:
+    """Whether `path` is a folder with a bag in it, or one file of a bag that is no plain MCAP file."""
+    if not os.path.isdir(path):
+        return path.name.endswith((".db3", ".zstd"))
+    # a run of twin is an MCAP file in a folder, too
+    own = (RECORDING, f"{RECORDING}.partial", LATEST)
+    return not any(os.path.lexists(path / name) for name in own) and (
+        os.path.lexists(path / METADATA) or bool(_files(path))
+    )
+
+
+def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
+    """The log in the bag `path`, all of its files together.
+
+    Args:
+        columns: see `log_of`.
+
+    Raises:
+        LogRefused: no such file, damaged, or as `log_of`.
+    """
+    folder = os.path.isdir(path)
+    files = _files(path) if folder else [path]
+    notes = _absent(path, files) if folder else []
+    if not files:
+        raise LogRefused(f"{path}: a bag without a file; {'; '.join(notes) or 'expected .db3 or .mcap in it'}")
+    found: list[LoggedTopic] = []
+    for file in files:
+        with _plain_file(file) as plain:
+            topics, note = (topics_in if plain.name.endswith(".mcap") else _rows_of)(plain, columns, file)
+        found += topics
+        notes += [f"{file.name}: {note}"] if note else []
+    for topic in found:
+        _define(topic, path if folder else path.parent)
+    return log_of(path, merged(found), columns, notes)
+
+
+def _files(folder: Path) -> list[Path]:
+    """Files of the bag; their messages have times, so any order does."""
+    return sorted(folder / name for name in os.listdir(folder) if name.endswith(SUFFIXES))
+
+
+def _absent(folder: Path, files: list[Path]) -> list[str]:
+    """What the bag's own list of files has and the folder has not, as a note."""
+    if not os.path.lexists(folder / METADATA):
+        return [f"no {METADATA}: the recorder was stopped before it wrote one"]
+    try:
+        listed = _FILES.search(read_text(folder / METADATA))
+    except InputRefused as problem:
+        raise LogRefused(str(problem)) from None
+    names = re.findall(r"-\s*[\"']?([^\"'\n]+?)[\"']?\s*\n", listed[1]) if listed else []
+    there = {file.name for file in files} | {file.name.removesuffix(".zstd") for file in files}
+    return [f"{name} is missing, which {METADATA} lists" for name in names if Path(name).name not in there]
+
+
+@contextmanager
+def _plain_file(file: Path) -> Iterator[Path]:
+    """`file` itself, or what it is when unpacked."""
+    try:
+        with open_regular(file, LARGEST_FILE) as content:
+            if not file.name.endswith(".zstd"):
+                yield file
+                return
+            most, done = allowance(os.fstat(content.fileno()).st_size), 0
+            with tempfile.TemporaryDirectory(prefix="twin-bag-") as room:
+                plain = Path(room) / file.name.removesuffix(".zstd")
+                packed = zstandard.ZstdDecompressor().stream_reader(content)
+                with written(plain) as beside, beside.open("wb") as out, packed:
+                    while block := packed.read(2**20):
+                        done += len(block)
+                        if done > most:
+                            raise LogRefused(
+                                f"{file}: would unpack to more than {LARGEST_RATIO} times its size; expected a bag"
+                            )
+                        out.write(block)
+                yield plain
+    except zstandard.ZstdError as problem:
+        raise LogRefused(f"{file}: does not decompress: {problem}; expected a bag compressed by zstd") from None
+    except InputRefused as problem:
+        raise LogRefused(str(problem)) from None
+
+
+def _rows_of(plain: Path, columns: Mapping[str, MappedColumn], file: Path) -> tuple[list[LoggedTopic], str]:
+    """Topics of the SQLite file `plain`, unpacked from `file`, and a sentence on what the recorder left undone."""
+    size = plain.stat().st_size
+    with plain.open("rb") as start:
+        head = start.read(HEAD)
+    if not head.startswith(SQLITE):
+        raise LogRefused(f"{file}: {'not an SQLite file' if head else 'an empty file'}; expected a bag")
+    page = max(1, int.from_bytes(head[len(SQLITE) : len(SQLITE) + 2], "big"))
+    # a page of 64 KiB is written as 1
+    if size % (page if page > 1 else 2**16):
+        raise LogRefused(
+            f"{file}: damaged, it is cut off; recover what is readable first (sqlite3 {file.name} .recover)"
+        )
+    unsaved = Path(f"{plain}-wal")
+    pending = unsaved.is_file() and unsaved.stat().st_size > 0
+    # without its write-ahead log a file is as it is, and nothing is written beside it
+    where = f"{plain.absolute().as_uri()}?mode=ro{'' if pending else '&immutable=1'}"
+    size += unsaved.stat().st_size if pending else 0
+    try:
+        with closing(sqlite3.connect(where, uri=True)) as bag:
+            bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(size, LARGEST_MESSAGE))
+            bag.execute("PRAGMA trusted_schema = OFF")
+            topics = _read(Rows(bag, file, size), file, size, columns)
+    except (sqlite3.Error, sqlite3.Warning, OverflowError, MemoryError, UnicodeError) as problem:
+        raise LogRefused(
+            f"{file}: damaged, or no bag: {problem}; recover what is readable first (sqlite3 {file.name} .recover)"
+        ) from None
+    return topics, f"what was left in {unsaved.name} is read too" if pending else ""
+
+
+class Rows:
+    """What is stored in the SQLite file `bag` of `size` bytes, and nothing that is computed from it.
+
+    An SQLite file is a program, too: views, virtual tables and generated columns are worked out by whoever reads them,
+    to any size and for any time. And pages may refer to each other so that few of them hold any number of rows.
+
+    Args:
+        file: what refusals are to name.
+
+    Attributes:
+        has_definitions: whether it has that table.
+
+    Raises:
+        LogRefused: it has something else than tables that are stored, their indexes and triggers, or not those of bags.
+    """
+
+    def __init__(self, bag: sqlite3.Connection, file: Path, size: int):
+        self._bag, self._file, self._size = bag, file, size
+        tables = []
+        for kind, name, text in self.of("SELECT type, name, sql FROM sqlite_master"):
+            # of what SQLite has made by itself there is no text. It makes of a text what the text says first
+            if text is not None and not _STORED.match(str(text)):
+                raise LogRefused(f"{file}: has {str(text)[:40]!r}; bags of ROS 2 have stored tables only")
+            tables += [str(name)] if kind == "table" else []
+        columns = {table: list(self.of(f"PRAGMA table_xinfo({table})")) for table in TABLES}
+        for table, described in columns.items():
+            if not described and table != DEFINITIONS:
+                raise LogRefused(
+                    f"{file}: has no table {table} as bags of ROS 2 have; it has {', '.join(tables) or 'none'}"
+                )
+            for _, name, *_, hidden in described:
+                if hidden:
+                    raise LogRefused(f"{file}: column {name} of table {table} is computed; expected a recorded one")
+        self.has_definitions = bool(columns[DEFINITIONS])
+
+    def of(self, query: str) -> Iterator[tuple[Any, ...]]:
+        """Rows of `query`.
+
+        Raises:
+            LogRefused: together they are larger than the file, or to find them takes more steps than that has room for.
+        """
+        every = 1000
+        left = 100 + STEPS * self._size // every
+
+        def step() -> bool:
+            nonlocal left
+            left -= 1
+            return left < 0
+
+        self._bag.set_progress_handler(step, every)
+        total = 0
+        try:
+            for row in self._bag.execute(query):
+                for value in row:
+                    if type(value) in _SIZED:
+                        total += len(value)
+                if total > self._size:
+                    raise LogRefused(f"{self._file}: damaged: rows of more bytes than it has; expected a bag")
+                yield row
+        except sqlite3.OperationalError:
+            if left < 0:
+                raise LogRefused(f"{self._file}: damaged: more rows than it has room for; expected a bag") from None
+            raise
+
+
+def _read(rows: Rows, file: Path, size: int, columns: Mapping[str, MappedColumn]) -> list[LoggedTopic]:
+    definitions: dict[str, tuple[str, str]] = {}
+    if rows.has_definitions:
+        query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+        definitions = {kind: (encoding, text) for kind, encoding, text in rows.of(query)}
+    topics: dict[int, LoggedTopic] = {}
+    kept: set[int] = set()
+    for number, name, kind, form in rows.of("SELECT id, name, type, serialization_format FROM topics"):
+        if not isinstance(number, int) or not all(isinstance(text, str) for text in (name, kind, form)):
+            raise LogRefused(
+                f"{file}: topic {number} has a name, type or format that is no text, or no number; expected a bag"
+            )
+        encoding, text = definitions.get(kind, ("", ""))
+        schema = Schema(0, str(text or "").encode("utf-8", "replace"), str(encoding), kind)
+        topics[number] = LoggedTopic(Channel(0, name, form, {}, 0), schema)
+        if wanted(name, columns):
+            kept.add(number)
+    chosen = ", ".join(map(str, kept))
+    query = f"SELECT topic_id, timestamp, CASE WHEN topic_id IN ({chosen}) THEN data END FROM messages ORDER BY id"
+    for row, (number, time, data) in enumerate(rows.of(query)):
+        if row * LEAST_ROW > size:
+            raise LogRefused(f"{file}: damaged: more rows than it has room for; expected a bag")
+        if number not in topics or not isinstance(time, int) or time < 0:
+            raise LogRefused(f"{file}: a message of topic {number} at time {time!r}; expected a topic that is there")
+        topics[number].times.append(time)
+        if number in kept:
+            if not isinstance(data, bytes):
+                raise LogRefused(
+                    f"{file}: a message of {topics[number].channel.topic} holds {data!r:.40}; expected bytes"
+                )
+            topics[number].data.append(data)
+    return list(topics.values())
+
+
+def _define(topic: LoggedTopic, folder: Path) -> None:
+    """Give a topic whose type nobody defines what `PACKAGE/msg/NAME.msg` files in the bag's folder say."""
+    schema = topic.schema
+    if not topic.data or schema is None or schema.data or decoding.is_known(schema.name):
+        return
+    texts = {}
+    for file in sorted(folder.glob("*/msg/*.msg"))[:MOST_DEFINITIONS]:
+        try:
+            texts[f"{file.parent.parent.name}/msg/{file.stem}"] = read_text(file)
+        except InputRefused as problem:
+            raise LogRefused(str(problem)) from None
+    if schema.name in texts:
+        own = texts.pop(schema.name)
+        others = "".join(f"{'=' * 80}\nMSG: {name}\n{text.rstrip()}\n" for name, text in texts.items())
+        topic.schema = Schema(0, f"{own.rstrip()}\n{others}".encode(), "ros2msg", schema.name)
+
+
+def written_by_twin(path: Path) -> bool:
+    """Whether the header of an MCAP file says that `twin.kernel.recording` wrote it; a damaged header does not."""
+    with path.open("rb") as file:
+        try:
+            header = next(StreamReader(file, record_size_limit=LONGEST_HEADER).records)
+        except (McapError, ValueError, struct.error, StopIteration, OverflowError, MemoryError):
+            return False
+    return isinstance(header, Header) and header.library.startswith("twin ")
+
+
+def read_mcap(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
+    """The log in the MCAP file `path`; one that ends early is read up to there, and a note says so.
+
+    Args:
+        columns: see `log_of`.
+
+    Raises:
+        LogRefused: damaged, or as `log_of`.
+    """
+    found, note = topics_in(path, columns)
+    return log_of(path, merged(found), columns, (note,) if note else ())
+
+
+def topics_in(
+    path: Path, columns: Mapping[str, MappedColumn], file: Path | None = None
+) -> tuple[list[LoggedTopic], str]:
+    """Topics of the MCAP file `path`, one for each publisher, and a sentence on what is missing at the end.
+
+    Args:
+        columns: of which topics the messages are kept.
+        file: that it was unpacked from, which refusals name instead of it.
+
+    Raises:
+        LogRefused: damaged.
+    """
+    where = file or path
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, LoggedTopic] = {}
+    kept: set[int] = set()
+    with path.open("rb") as content:
+        content.seek(-len(MAGIC), 2)
+        finished = content.read() == MAGIC and content.tell() > len(MAGIC)
+        content.seek(0)
+        reader = StreamReader(content, emit_chunks=True, validate_crcs=True, record_size_limit=LONGEST_RECORD)
+        note, expected = "", None
+        try:
+            for record in _records(reader, allowance(path.stat().st_size)):
+                if isinstance(record, Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, Channel):
+                    channels.setdefault(record.id, LoggedTopic(record, schemas.get(record.schema_id)))
+                    if wanted(record.topic, columns):
+                        kept.add(record.id)
+                elif isinstance(record, Message):
+                    channels[record.channel_id].times.append(record.log_time)
+                    if record.channel_id in kept:
+                        channels[record.channel_id].data.append(record.data)
+                elif isinstance(record, Statistics):
+                    expected = record.message_count
+        except (McapError, ValueError, LookupError, OverflowError, struct.error, MemoryError) as problem:
+            if finished or not isinstance(problem, EndOfFile | struct.error):
+                raise LogRefused(
+                    f"{where}: damaged near byte {content.tell()}: {problem or 'a record is cut short'}; "
+                    "recover what is readable first (mcap recover)"
+                ) from None
+            note = "the file ends early"
+    topics = list(channels.values())
+    count = sum(len(topic.times) for topic in topics)
+    # few writers fill in the CRC of the whole, and a record whose kind is damaged is skipped
+    if expected not in (None, count):
+        raise LogRefused(f"{where}: damaged: {count} messages where its index says {expected}; mcap recover may help")
+    last = max((max(t.times) for t in topics if t.times), default=0)
+    first = min((min(t.times) for t in topics if t.times), default=0)
+    return topics, f"{note}: read {(last - first) / NANOSECONDS:.3f} s of it" if note else ""
+
+
+def _records(reader: StreamReader, most: int) -> Iterator[McapRecord]:
+    """Records of a file, those in its chunks among them, which may unpack to `most` bytes in all."""
+    for record in reader.records:
+        if isinstance(record, Chunk):
+            content = unpacked(record, most)
+            most -= len(content)
+            if record.uncompressed_crc not in (0, found := zlib.crc32(content)):
+                raise ValueError(f"a chunk has the CRC {found:08x}, expected {record.uncompressed_crc:08x}")
+            yield from _inside(content)
+        else:
+            yield record
+
+
+def _inside(content: bytes) -> Iterator[McapRecord]:
+    """The records in a chunk, one by one: mcap's own way has all of them in memory, ten times what they unpack to."""
+    place = 0
+    while place < len(content):
+        if place + RECORD_PREFIX > len(content):
+            raise EndOfFile
+        opcode, length = _PREFIX.unpack_from(content, place)
+        begin, place = place + RECORD_PREFIX, place + RECORD_PREFIX + length
+        if place > len(content):
+            raise EndOfFile
+        if opcode == Opcode.MESSAGE:
+            if length < _MESSAGE.size:
+                raise ValueError("a message is cut short")
+            channel, sequence, logged, published = _MESSAGE.unpack_from(content, begin)
+            data = content[begin + _MESSAGE.size : place]
+            yield Message(channel_id=channel, sequence=sequence, log_time=logged, publish_time=published, data=data)
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            kind = Schema if opcode == Opcode.SCHEMA else Channel
+            yield kind.read(ReadDataStream(BytesIO(content[begin:place])))

@@ -1,0 +1,157 @@
+"""Which column of a foreign file is which signal: the grammar of `--map`.
+
+A map is a TOML file, or texts on the command line, or both; later ones win:
+
+    time = { column = "stamp", unit = "ms" }
+    controller.F_z = { column = "Fz", unit = "N", sign = -1 }
+    "plant.p_B[2]" = "z_mm"
+
+    --map time=stamp[ms]  --map controller.F_z=-Fz[N]  --map plant.p_B[2]=z_mm
+
+Left of `=` stands the product's own name (or `time`), right of it a column of a CSV file, or topic and field of an
+MCAP file (`/wrench.force.z`, `/joints.position[2]`). Unit and sign belong to the column; without a unit the column's
+name must carry it. A file that is read with a map gives the mapped signals and no others.
+"""
+
+import difflib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.files import read_toml
+from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.units import ATOMS, Unit, known_unit
+
+TIME = "time"
+TIME_NAMES = ("t", "time", "timestamp")
+"""Columns that are the time where no map says so, followed by its unit: `t_s`, `time [ms]`."""
+_KEYS = {"column", "unit", "sign"}
+_BRACKETED = re.compile(r"(.*\S)\s*(?:\[([^\[\]]+)\]|\(([^()]+)\))\s*")
+_MOTOR_SIDE = re.compile(r"(.*\.)?(theta|omega|count)_m")
+"""Names whose m is the motor, not the metre."""
+
+
+@dataclass(frozen=True)
+class MappedColumn:
+    """Where a signal comes from: value in SI = sign * value in `unit`.
+
+    Attributes:
+        name: of the column.
+        unit: as the user wrote it; empty: the column's name carries it.
+        sign: 1 or -1.
+    """
+
+    name: str
+    unit: str = ""
+    sign: int = 1
+
+
+def column_map(entries: Sequence[str | Path]) -> dict[str, MappedColumn]:
+    """Columns by signal (and `time`) from the texts `NAME=[-]COLUMN[UNIT]` and TOML files in `entries`.
+
+    Raises:
+        LogRefused: a file that cannot be read, a key or value that makes no entry; all mistakes at once.
+    """
+    columns: dict[str, MappedColumn] = {}
+    mistakes: list[str] = []
+    for entry in entries:
+        name, equals, source = (text.strip() for text in str(entry).partition("="))
+        if isinstance(entry, Path) or not equals:
+            columns |= _file(Path(entry), mistakes)
+        elif not name or not source.lstrip("-"):
+            mistakes.append(f"--map {entry}: expected NAME=COLUMN, NAME=COLUMN[UNIT] or a TOML file")
+        else:
+            columns[name] = _column(source)
+    if mistakes:
+        raise LogRefused("\n".join(mistakes))
+    return columns
+
+
+def split_unit(header: str) -> tuple[str, str]:
+    """Name and unit of a column's name; the unit is empty if it carries none.
+
+    `F_z [N]` and `F_z (N)` carry any unit; `F_z_N` and `omega_m_rad_per_s` one word, N_m, or one of
+    them per a word.
+    """
+    bracketed = _BRACKETED.fullmatch(header)
+    # digits in brackets are an index
+    if bracketed and not (bracketed[2] or "").isdigit():
+        return bracketed[1], bracketed[2] or bracketed[3]
+    words = header.split("_")
+    start = len(words) - (3 if len(words) > 3 and words[-2] == "per" else 1)
+    # the newton metre is written in two words, too, as `twin export` does
+    if words[start - 1 : start + 1] == ["N", "m"]:
+        start -= 1
+    name, text = "_".join(words[:start]), "_".join(words[start:])
+    if name and known_unit(text) and not _MOTOR_SIDE.fullmatch(header):
+        return name, text
+    return header, ""
+
+
+def unit(text: str, where: str) -> Unit:
+    """The unit that `text` spells.
+
+    Args:
+        text: `mm`, `rad/s`, `deg_per_s`.
+        where: begins the sentence of the refusal: file and column.
+
+    Raises:
+        LogRefused: there is no such unit; it names the nearest.
+    """
+    found = known_unit(text)
+    if found is None:
+        hint = nearest(text, ATOMS, "expected one such as mm, N, deg, rad/s, Nm, ms, A or 1")
+        raise LogRefused(f"{where}: unknown unit '{text}'; {hint}")
+    return found
+
+
+def _column(source: str) -> MappedColumn:
+    """`-Fz[N]` -> Fz, N, -1; an index stays with the name."""
+    sign = -1 if source.startswith("-") else 1
+    source = source.removeprefix("-")
+    match = re.fullmatch(r"(.+)\[([^\[\]]+)\]", source)
+    if match and not match[2].isdigit():
+        return MappedColumn(match[1].strip(), match[2], sign)
+    return MappedColumn(source, "", sign)
+
+
+def _file(path: Path, mistakes: list[str]) -> dict[str, MappedColumn]:
+    try:
+        content = read_toml(path)
+    except InputRefused as problem:
+        mistakes.append(f"{problem}; expected NAME=COLUMN or a TOML file")
+        return {}
+    columns: dict[str, MappedColumn] = {}
+    if not content:
+        mistakes.append(f'{path}: an empty map; expected NAME = "COLUMN"')
+    _gather(path, "", content, columns, mistakes)
+    return columns
+
+
+def _gather(
+    path: Path, prefix: str, table: dict[str, Any], columns: dict[str, MappedColumn], mistakes: list[str]
+) -> None:
+    """Entries of `table`; unquoted dots in a name have made tables of tables."""
+    for key, value in table.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, str) and value.lstrip("-"):
+            columns[name] = _column(value)
+        elif not isinstance(value, dict) or not value:
+            mistakes.append(f'{path}: {name} = {value!r}: expected "COLUMN" or {{ column = "COLUMN", unit = "N" }}')
+        elif not any(difflib.get_close_matches(word, _KEYS, 1, cutoff=0.8) for word in value):
+            _gather(path, f"{name}.", value, columns, mistakes)
+        elif unknown := sorted(set(value) - _KEYS):
+            mistakes.append(f"{path}: {name}: unknown key '{unknown[0]}'; known are column, unit, sign")
+        else:
+            column, unit, sign = value.get("column"), value.get("unit", ""), value.get("sign", 1)
+            if not isinstance(column, str) or not column:
+                mistakes.append(f'{path}: {name}: expected column = "COLUMN"')
+            elif not isinstance(unit, str):
+                mistakes.append(f"{path}: {name}: unit = {unit!r}: expected text in quotes")
+            elif sign not in (1, -1) or isinstance(sign, bool):
+                mistakes.append(f"{path}: {name}: sign = {sign!r}: expected 1 or -1")
+            else:
+                columns[name] = MappedColumn(column, unit, sign)

@@ -1,0 +1,315 @@
+"""Messages of others' logs as numbers: protobuf by the schema in the file, JSON as it is, CDR of ROS 2.
+
+Encodings: https://mcap.dev/spec/registry; CDR: OMG DDSI-RTPS 10.2. mcap-protobuf-support and rosbags decode; what a
+definition may ask of them is bounded here. Units are those of REP 103.
+"""
+
+import json
+import keyword
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import is_dataclass
+from typing import Any
+
+import numpy as np
+import zstandard
+from google.protobuf.message import DecodeError, Message
+from mcap.exceptions import McapError
+from mcap.records import Channel, Schema
+from mcap_protobuf.decoder import DecoderFactory
+
+from twin.kernel.errors import nearest
+
+Decoder = Callable[[bytes], Any]
+SECONDS, NANOSECONDS = ("seconds", "sec", "secs"), ("nanos", "nanosec", "nsec", "nsecs")
+"""Parts of a stamp: google.protobuf.Timestamp, ROS 2 and ROS 1."""
+LABELS = ("name", "names", "joint_names")
+"""Fields with the names of the elements of the arrays beside them: JointState, and messages of ros2_control."""
+LARGEST_SCHEMA = 2**20
+"""Bytes of a protobuf schema; all types in it are made, some 30 us each, of 6 bytes at least."""
+
+ENCODINGS = ("ros2msg", "ros2idl")
+EXTRA = "its messages are those of ROS 2 (CDR), which needs rosbags; install it with: pip install 'rosbags>=0.11'"
+ABSENT = (
+    "is lacking, and ROS 2 itself has no such type; put its file into the bag's folder as PACKAGE/msg/NAME.msg, with "
+    "those of the types in it"
+)
+LONGEST_DEFINITION = 2**18
+"""Letters; a type with all that it is made of has some thousands."""
+LARGEST_MESSAGE = 2**26
+"""Bytes of a message that was packed."""
+ZSTD = b"\x28\xb5\x2f\xfd"
+MOST_PARTS = 4096
+"""Strings and messages in arrays of fixed length, in all of a definition; arrays of numbers may have any length."""
+DEEPEST = 24
+"""Messages within each other."""
+
+UNITS = {
+    ("sensor_msgs/msg/JointState", "position"): "rad",
+    ("sensor_msgs/msg/JointState", "velocity"): "rad/s",
+    ("sensor_msgs/msg/JointState", "effort"): "N m",
+    ("geometry_msgs/msg/Wrench", "force"): "N",
+    ("geometry_msgs/msg/Wrench", "torque"): "N m",
+    ("geometry_msgs/msg/Pose", "position"): "m",
+    ("geometry_msgs/msg/PointStamped", "point"): "m",
+    ("geometry_msgs/msg/Transform", "translation"): "m",
+    ("geometry_msgs/msg/Twist", "linear"): "m/s",
+    ("geometry_msgs/msg/Twist", "angular"): "rad/s",
+    ("geometry_msgs/msg/Accel", "linear"): "m/s2",
+    ("geometry_msgs/msg/Accel", "angular"): "rad/s2",
+    ("sensor_msgs/msg/Imu", "angular_velocity"): "rad/s",
+    ("sensor_msgs/msg/Imu", "linear_acceleration"): "m/s2",
+}
+"""Of what lies at or below a field of a type: REP 103, and for joints that turn the comments of JointState."""
+
+# a constant of IDL is worked out as it is read: powers grow without end, and brackets take twice the time each
+_GROWING = re.compile(r"<<|\*|\([^()]*\(")
+_NO_CODE = re.compile(r'"(?:\\.|[^"\\])*"|/\*.*?\*/|//[^\n]*', re.DOTALL)
+
+
+def decoder(channel: Channel, schema: Schema | None) -> Decoder | None:
+    """What makes a message of `channel` from its bytes; None for an encoding that is not read.
+
+    The decoder raises ValueError for bytes that are no such message; this function raises it for such a schema.
+    """
+    if channel.message_encoding == "json":
+        return _json
+    if schema is None:
+        return None
+    if channel.message_encoding == "cdr":
+        return _ros_decoder(schema.name, schema.encoding, schema.data)
+    if len(schema.data) > LARGEST_SCHEMA:
+        raise ValueError(f"its schema {schema.name} has {len(schema.data)} bytes, more than {LARGEST_SCHEMA}")
+    try:
+        decode = DecoderFactory().decoder_for(channel.message_encoding, schema)
+    # the last two: what a schema asks for that contradicts itself, or imports itself
+    except (DecodeError, McapError, KeyError, TypeError, RecursionError) as problem:
+        raise ValueError(f"its schema {schema.name} cannot be used: {problem}") from None
+    if decode is None:
+        return None
+
+    def decoded(data: bytes) -> Message:
+        try:
+            return decode(data)
+        except DecodeError as problem:
+            raise ValueError(str(problem)) from None
+
+    return decoded
+
+
+def _json(data: bytes) -> Any:
+    try:
+        return json.loads(data)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+
+
+def _ros_decoder(name: str, encoding: str, definition: bytes) -> Decoder:
+    """What makes a message of type `name` from its CDR bytes; it raises ValueError for bytes that are none.
+
+    Args:
+        name: of the type, `sensor_msgs/msg/JointState`.
+        encoding: one of `ENCODINGS`; anything where the definition is empty, which then is ROS 2's own.
+
+    Raises:
+        ValueError: rosbags is not installed; a definition that is none, is lacking or asks for too much.
+    """
+    try:
+        from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+    except ImportError:
+        raise ValueError(EXTRA) from None
+    store, known = get_typestore(Stores.EMPTY), dict(get_typestore(Stores.LATEST).fielddefs)
+    wrong = f"is no {encoding}"
+    try:
+        if definition:
+            text = _definition_text(definition, encoding)
+            known |= get_types_from_idl(text) if encoding == "ros2idl" else get_types_from_msg(text, name)
+        wrong = "cannot be used"
+        store.register({one: known[one] for one in _made_of(name, known) if one not in store.fielddefs})
+        store.get_msgdef(name)
+    # of a definition that is none rosbags raises whatever it stumbles over
+    except Exception as problem:
+        what = problem if isinstance(problem, _Refused) else wrong
+        raise ValueError(f"the definition of {name} in the file {what}") from None
+
+    def decoded(data: bytes) -> Any:
+        try:
+            data = _unpacked(data)
+            return store.deserialize_cdr(data, name)
+        # as above
+        except Exception:
+            raise ValueError(f"not a {name} as its definition has it: {_why(data)}") from None
+
+    return decoded
+
+
+def is_known(name: str) -> bool:
+    """Whether ROS 2 itself has the type `name`, so that it needs no definition; False without rosbags, too."""
+    try:
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError:
+        return False
+    return name in get_typestore(Stores.LATEST).fielddefs
+
+
+def unit_of(message: Any, parts: Sequence[str | int]) -> str:
+    """The unit that `UNITS` gives the field at `parts` of a decoded message; empty if none."""
+    unit, value = "", message
+    for part in parts:
+        kind = getattr(value, "__msgtype__", None)
+        if kind is None:
+            break
+        unit = UNITS.get((kind, str(part)), unit)
+        value = getattr(value, str(part), None)
+    return unit
+
+
+class _Refused(ValueError):
+    """What a definition may not be, as the end of a sentence about it."""
+
+
+def _definition_text(definition: bytes, encoding: str) -> str:
+    if encoding not in ENCODINGS:
+        raise _Refused(f"is written in '{encoding}'; ros2msg and ros2idl are read")
+    if len(definition) > LONGEST_DEFINITION:
+        raise _Refused(f"has {len(definition)} letters, more than {LONGEST_DEFINITION}")
+    text = definition.decode("utf-8")
+    if encoding == "ros2idl" and _GROWING.search(_NO_CODE.sub("", text)):
+        raise _Refused("works out a constant by *, << or brackets in brackets, which is not read")
+    return text
+
+
+def _made_of(name: str, known: Mapping[str, Any]) -> list[str]:
+    """The type `name` and all that it is made of."""
+    parts, found, level = 0, [name], [name]
+    for _ in range(DEEPEST):
+        inner = []
+        for outer in level:
+            if outer not in known:
+                raise _Refused(f"lacks {outer}" if outer != name else ABSENT)
+            for kind, count in _members(known[outer][1]):
+                parts += count
+                inner.append(kind)
+        if parts > MOST_PARTS:
+            raise _Refused(f"has more than {MOST_PARTS} strings or messages in arrays of fixed length")
+        level = list(dict.fromkeys(kind for kind in inner if kind))
+        if not level:
+            return list(dict.fromkeys(found))
+        found += level
+    raise _Refused("holds itself, or messages more than 24 deep")
+
+
+def _members(fields: Any) -> Iterator[tuple[str, int]]:
+    """Of each field the type of message, "" for anything else, and how many a fixed array has."""
+    from rosbags.interfaces import Nodetype
+
+    for _, (node, what) in fields:
+        count = 0
+        if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            fixed = node == Nodetype.ARRAY
+            (node, what), length = what
+            numbers = node == Nodetype.BASE and what[0] != "string"
+            count = length if fixed and not numbers else 0
+            if length < 0:
+                raise _Refused(f"has an array of {length} elements")
+        yield (what if node == Nodetype.NAME else ""), count
+
+
+def _unpacked(data: bytes) -> bytes:
+    """`data`, unpacked if the recorder packed every message by itself, which CDR cannot be mistaken for."""
+    if not data.startswith(ZSTD):
+        return data
+    if zstandard.frame_content_size(data) > LARGEST_MESSAGE:
+        raise ValueError("a bomb")
+    return zstandard.decompress(data, max_output_size=LARGEST_MESSAGE)
+
+
+def _why(data: bytes) -> str:
+    if len(data) < 4:
+        return f"it has {len(data)} bytes"
+    if data.startswith(ZSTD):
+        return f"it does not decompress to at most {LARGEST_MESSAGE // 2**20} MB"
+    if data[:2] not in (b"\0\0", b"\0\1"):
+        return f"it begins with {bytes(data[:2]).hex(' ')}; plain CDR (00 00 or 00 01) is read"
+    return f"its {len(data)} bytes are cut short, or lengths in them are wrong"
+
+
+class Unnamed(LookupError):
+    """A message has no element of that name; another one of the topic may have."""
+
+
+def path_parts(path: str) -> tuple[str | int, ...]:
+    """`joints.position[2]` -> joints, position, 2."""
+    return tuple(int(index) if index else name for name, index in re.findall(r"([^.\[\]]+)|\[(\d+)\]", path))
+
+
+def field(message: Any, parts: Sequence[str | int]) -> float:
+    """The number (or stamp, in s) of a message at `force.z`, `position[2]`, `header.stamp`, as `path_parts` has it.
+
+    `position.knee` is the element of an array that stands where 'knee' stands in the names beside it.
+
+    Raises:
+        LookupError: there is no such field; its text says what is there. `Unnamed`: no such name.
+        ValueError: what is there is neither a number nor a stamp.
+    """
+    around: list[Any] = []
+    value = message
+    for part in parts:
+        if isinstance(part, str) and _is_array(value):
+            part = _index_of(part, around)
+        if isinstance(part, int):
+            try:
+                value = value[part]
+            except (TypeError, IndexError, KeyError):
+                raise LookupError(f"no element [{part}]") from None
+            continue
+        around.append(value)
+        names = _names(value)
+        # what Python keeps for itself is spelt with a dash below in a dataclass
+        part = f"{part}_" if keyword.iskeyword(part) and f"{part}_" in names else part
+        if part not in names:
+            where = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in parts)[1:]
+            raise LookupError(f"it has {', '.join(names)}" if names else f"nothing lies below '{where}'")
+        value = _member(value, part)
+    if isinstance(value, bool | int | float | np.number | np.bool_):
+        try:
+            return float(value)
+        except OverflowError:
+            raise ValueError("a number of more than 300 digits") from None
+    names = _names(value)
+    stamp = [next((name for name in words if name in names), None) for words in (SECONDS, NANOSECONDS)]
+    if all(stamp):
+        seconds, nanoseconds = (field(value, (str(part),)) for part in stamp)
+        return seconds + nanoseconds * 1e-9
+    got = f"a message of {', '.join(names)}" if names else repr(value)[:40]
+    raise ValueError(f"expected a number, got {got}")
+
+
+def _is_array(value: Any) -> bool:
+    return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str | bytes)
+
+
+def _index_of(name: str, around: Sequence[Any]) -> int:
+    """Where `name` stands among the names in the nearest of the messages `around` an array."""
+    for message in reversed(around):
+        for label in set(_names(message)).intersection(LABELS):
+            labels = _member(message, label)
+            if _is_array(labels) and len(labels) and isinstance(labels[0], str):
+                if name in labels:
+                    return list(labels).index(name)
+                raise Unnamed(nearest(name, labels, "there are {}"))
+    raise LookupError(f"an array without names beside it; choose an element with [0] instead of .{name}")
+
+
+def _names(value: Any) -> Collection[str]:
+    """Names of the fields of a message, none of anything else."""
+    if isinstance(value, Mapping):
+        return value
+    if is_dataclass(value):
+        # rosbags keeps the type beside the fields
+        return [name for name in vars(value) if name != "__msgtype__"]
+    return value.DESCRIPTOR.fields_by_name if isinstance(value, Message) else ()
+
+
+def _member(value: Any, name: str) -> Any:
+    return value[name] if isinstance(value, Mapping) else getattr(value, name)

@@ -1,0 +1,138 @@
+"""A log in memory: series in SI units by the product's own names, and where samples of them are missing."""
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.errors import InputRefused, nearest
+
+LARGEST = 1e100
+"""No quantity of a robot is larger, and its square is still a number."""
+LONGEST = 1.5
+"""An interval longer than this many median intervals is a gap: at least one sample was lost."""
+REGULAR = 0.6
+"""Share of intervals within half of the median that makes sampling regular. A clock that loses three samples in ten
+at random keeps 0.7 of them; points placed at random have 0.35 (intervals of a Poisson process)."""
+
+
+class LogRefused(InputRefused):
+    """A log or its column map cannot be used: which file, where in it, what was found, what was expected."""
+
+
+class Sampling(NamedTuple):
+    """How a series is sampled.
+
+    Attributes:
+        period: median interval, s.
+        regular: whether it has a clock; without one no interval is a gap.
+        gaps: start and end (s) of each interval in which samples are missing, (k, 2).
+    """
+
+    period: float
+    regular: bool
+    gaps: NDArray[np.float64]
+
+    @property
+    def missing(self) -> int:
+        """How many samples the gaps have swallowed."""
+        return int(np.sum(np.rint(np.diff(self.gaps, axis=1) / self.period) - 1)) if len(self.gaps) else 0
+
+    @property
+    def note(self) -> str:
+        """What is missing, as half a sentence; empty if nothing is."""
+        if not len(self.gaps):
+            return ""
+        lengths = self.gaps[:, 1] - self.gaps[:, 0]
+        longest = int(np.argmax(lengths))
+        lost = f"{self.missing} sample{'s' if self.missing > 1 else ''} missing"
+        if len(self.gaps) == 1:
+            return f"{lost} in a gap of {lengths[0]:.4g} s at {self.gaps[0, 0]:.6g} s"
+        where = f"the longest {lengths[longest]:.4g} s at {self.gaps[longest, 0]:.6g} s"
+        return f"{lost} in {len(self.gaps)} gaps, {where}"
+
+
+def sampling(t: NDArray[np.float64]) -> Sampling:
+    """How the strictly ascending times t (n,), n >= 2, in s, are spaced."""
+    intervals = np.diff(t)
+    period = float(np.median(intervals))
+    regular = bool(np.mean(np.abs(intervals - period) <= 0.5 * period) >= REGULAR)
+    # round-off of large stamps must not decide
+    wide = np.flatnonzero(intervals > LONGEST * period * (1.0 + 1e-6)) if regular else np.empty(0, dtype=int)
+    return Sampling(period, regular, np.stack([t[wide], t[wide + 1]], axis=1))
+
+
+def in_gap(t: NDArray[np.float64], gaps: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which of the times t (n,) lie strictly inside one of the `gaps` (k, 2), which are in order."""
+    if not len(gaps):
+        return np.zeros(len(t), dtype=bool)
+    last = np.searchsorted(gaps[:, 0], t, side="left") - 1
+    return (last >= 0) & (t < gaps[np.maximum(last, 0), 1])
+
+
+@dataclass(frozen=True)
+class LogSeries:
+    """One quantity over time.
+
+    Attributes:
+        t: times of the samples, s, strictly ascending, (n,).
+        values: in `unit`, (n,), or (n, k) from `Log.vector`.
+        unit: SI, as recordings write it: `N`, `rad/s`, `1`.
+    """
+
+    t: NDArray[np.float64]
+    values: NDArray[np.float64]
+    unit: str
+
+    @cached_property
+    def sampling(self) -> Sampling:
+        """How it is sampled and what is missing; n >= 2."""
+        return sampling(self.t)
+
+
+@dataclass(frozen=True, repr=False)
+class Log:
+    """What a file holds: `log["controller.F_z"]`, `log.vector("plant.p_B")`.
+
+    Attributes:
+        path: of the file.
+        series: scalar series by name; a component of a vector is `plant.p_B[2]`.
+        notes: sentences on what is incomplete: samples that are missing, an end that is cut off.
+        comments: lines of the file's head that start with #, without it.
+    """
+
+    path: Path
+    series: dict[str, LogSeries]
+    notes: tuple[str, ...] = ()
+    comments: tuple[str, ...] = ()
+
+    def __getitem__(self, name: str) -> LogSeries:
+        """The scalar series `name`.
+
+        Raises:
+            LogRefused: there is none; it names the nearest ones.
+        """
+        if name not in self.series:
+            raise LogRefused(f"{self.path}: '{name}' is not there; {nearest(name, self.series, 'it has {}', 3)}")
+        return self.series[name]
+
+    def vector(self, name: str) -> LogSeries:
+        """The components `name[0]`, `name[1]`, ... as one series of values (n, k).
+
+        Raises:
+            LogRefused: there are none, one is left out, or they differ in times or unit.
+        """
+        indices = sorted(int(m[1]) for key in self.series if (m := re.fullmatch(re.escape(name) + r"\[(\d+)\]", key)))
+        if not indices:
+            # the sentence about the nearest names is the same as for a scalar
+            self[f"{name}[0]"]
+        if indices != list(range(len(indices))):
+            raise LogRefused(f"{self.path}: '{name}' has components {indices}, expected all from 0 on")
+        parts = [self.series[f"{name}[{i}]"] for i in indices]
+        if any(part.unit != parts[0].unit or not np.array_equal(part.t, parts[0].t) for part in parts):
+            raise LogRefused(f"{self.path}: the components of '{name}' differ in unit or in times")
+        return LogSeries(parts[0].t, np.stack([part.values for part in parts], axis=1), parts[0].unit)

@@ -1,0 +1,112 @@
+"""Reading a log, whatever kind of file it is."""
+
+import os
+import sys
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import open_regular
+from twin.kernel.recording.folder import recording_in
+from twin.kernel.recording.logs.bag import MAGIC, SQLITE, is_bag, read_bag, read_mcap, written_by_twin
+from twin.kernel.recording.logs.column_map import MappedColumn
+from twin.kernel.recording.logs.csv_file import read_csv
+from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
+from twin.kernel.recording.reader import read
+from twin.kernel.recording.recording import Recording
+
+WALL_CLOCK = 1e8
+"""Later than three years (s) no log starts; such a time counts from 1970."""
+
+
+def read_log(path: str | Path, columns: Mapping[str, MappedColumn] | None = None) -> Log:
+    """The log in `path`.
+
+    Args:
+        path: a recording of twin (its file, its run's folder, results/EXPERIMENT), another MCAP file, a
+            bag of ROS 2 (its folder or one of its files), or a CSV file.
+        columns: by signal, from `column_map`; a recording of twin has names and units of its own and heeds none.
+
+    Raises:
+        LogRefused, RecordingRefused: missing, empty, damaged, foreign without a map, or of columns that are wrong.
+    """
+    path = Path(path)
+    if is_recording(path):
+        return recorded(read(recording_in(path)))
+    if os.path.isdir(path):
+        return _finished(read_bag(path, columns or {}))
+    if path.exists() and not path.is_file():
+        raise LogRefused(f"{path}: not a regular file but a pipe, socket or device; expected a file")
+    try:
+        with open_regular(path, sys.maxsize) as file:
+            magic = file.read(len(SQLITE))
+    except InputRefused as problem:
+        raise LogRefused(str(problem)) from None
+    if is_bag(path) or magic == SQLITE:
+        return _finished(read_bag(path, columns or {}))
+    if magic.startswith(MAGIC):
+        return _finished(read_mcap(path, columns or {}))
+    if path.suffix == ".mcap" or path.name.endswith(".mcap.partial"):
+        what = "not an MCAP file" if magic else "an empty file"
+        raise LogRefused(f"{path}: {what}; expected a recording")
+    return _finished(read_csv(path, columns or {}))
+
+
+def is_recording(path: Path) -> bool:
+    """Whether `path` means a recording of twin, which heeds no column map."""
+    # not Path.exists, which raises for a name that is too long
+    if is_bag(path):
+        return False
+    if os.path.isdir(path) or (not os.path.lexists(path) and not path.suffix):
+        return True
+    return os.path.isfile(path) and written_by_twin(path)
+
+
+def recorded(recording: Recording) -> Log:
+    """A recording of twin as a log; flags and counts become numbers. Topics of fewer than two samples are left out.
+
+    Raises:
+        LogRefused: it holds no samples.
+    """
+    series: dict[str, LogSeries] = {}
+    for key, field in recording.fields().items():
+        t = recording.time(key.rpartition(".")[0])
+        if len(t) < 2:
+            continue
+        columns = recording[key].astype(np.float64).reshape(len(t), field.size).T
+        names = [key] if field.size == 1 else [f"{key}[{i}]" for i in range(field.size)]
+        for name, column in zip(names, columns, strict=True):
+            series[name] = LogSeries(t, np.ascontiguousarray(column), field.unit)
+    if not series:
+        raise LogRefused(f"{recording.path}: holds no samples{f'; {recording.note}' if recording.note else ''}")
+    return Log(recording.path, series, (*filter(None, [recording.note]), *recording.deviations))
+
+
+def _finished(log: Log) -> Log:
+    """`log` with times of a wall clock counted from its first sample, and notes on missing samples."""
+    notes = list(log.notes)
+    series = log.series
+    start = min(float(one.t[0]) for one in series.values())
+    if start > WALL_CLOCK:
+        # one array for all that share one, so that they still do
+        shifted = {id(one.t): one.t - start for one in series.values()}
+        series = {name: LogSeries(shifted[id(one.t)], one.values, one.unit) for name, one in series.items()}
+        notes.append(f"times of a clock: they count from its {start:.3f} s, {_date(start)}")
+    missing: dict[str, list[str]] = {}
+    for name, one in series.items():
+        if one.sampling.note:
+            missing.setdefault(one.sampling.note, []).append(name)
+    for note, names in missing.items():
+        notes.append(note if len(names) == len(series) else f"{', '.join(names)}: {note}")
+    return Log(log.path, series, tuple(notes), log.comments)
+
+
+def _date(seconds: float) -> str:
+    """Calendar time of a Unix time stamp, UTC."""
+    try:
+        return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    except (ValueError, OverflowError, OSError):
+        return "which is no date"

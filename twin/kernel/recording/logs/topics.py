@@ -1,0 +1,348 @@
+"""Topics of a log: their messages as they lie in the file, and the series that a column map takes from them."""
+
+from array import array
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from mcap.records import Channel, Schema
+from numpy.typing import NDArray
+
+from twin.kernel.errors import nearest
+from twin.kernel.recording.logs import decoding
+from twin.kernel.recording.logs.column_map import TIME, MappedColumn, split_unit, unit
+from twin.kernel.recording.logs.log import LARGEST, Log, LogRefused, LogSeries
+from twin.kernel.units import Dimension
+
+NANOSECONDS = 1e9
+STAMP = "header.stamp"
+"""Of a message of ROS 2 that has one."""
+SAME_CLOCK = 1.0
+"""Log times and stamps that are further apart (s) are not taken for those of one clock."""
+BACK, PERIODS = 0.1, 10.0
+"""Messages may overtake each other by less than `BACK` (s) or so many of their periods, whichever is more; what goes
+back further was started anew. Two publishers and a network come to some milliseconds."""
+LATE, DRIFT = 0.1, 0.02
+"""Stamps of the clock of the log are this much (s) behind it at most, and their delay changes by less than `DRIFT`; a
+camera is as late, a robot's drive is not."""
+SHARE = 8
+"""Of the messages, this part at either end tells what a delay is there."""
+
+
+@dataclass
+class LoggedTopic:
+    """Messages of one topic.
+
+    Attributes:
+        channel, schema: as in an MCAP file.
+        times: log times, ns, in the order of the file.
+        data: of the messages; empty if no column is of this topic.
+    """
+
+    channel: Channel
+    schema: Schema | None
+    # a list of numbers takes five times the memory
+    times: "array[int]" = field(default_factory=lambda: array("Q"))
+    data: list[bytes] = field(default_factory=list)
+
+    @property
+    def kind(self) -> str:
+        """Type of the messages."""
+        return self.schema.name if self.schema else "json"
+
+
+def wanted(topic: str, columns: Mapping[str, MappedColumn]) -> bool:
+    """Whether one of `columns` may be of `topic`."""
+    return any(column.name.startswith(f"{topic}.") for column in columns.values())
+
+
+def merged(found: Iterable[LoggedTopic]) -> dict[str, LoggedTopic]:
+    """Topics by name; the messages of several publishers of a topic come in order of time."""
+    topics: dict[str, LoggedTopic] = {}
+    for topic in found:
+        same = topics.setdefault(topic.channel.topic, topic)
+        if same is not topic:
+            times, data = np.concatenate([same.times, topic.times]), [*same.data, *topic.data]
+            order = np.argsort(times, kind="stable")
+            same.times = array("Q", times[order].tobytes())
+            same.data = [data[k] for k in order] if data else []
+    return topics
+
+
+def log_of(
+    path: Path, topics: Mapping[str, LoggedTopic], columns: Mapping[str, MappedColumn], notes: Sequence[str] = ()
+) -> Log:
+    """The series that `columns` take from `topics`.
+
+    Args:
+        path: of the log.
+        columns: by signal; `/TOPIC.FIELD.FIELD[INDEX]`. `time` is a field of the mapped messages; without it the log
+            time.
+        notes: on what is missing of the log.
+
+    Raises:
+        LogRefused: no map, a topic or field that is not there, an encoding that is not read, values that are no finite
+            numbers, times that do not ascend or start anew; every mistake, each in one sentence.
+    """
+    there = ", ".join(f"{name} ({topic.kind})" for name, topic in topics.items())
+    if not any(topic.times for topic in topics.values()):
+        raise LogRefused(
+            f"{path}: no messages{f' on {there}' if there else ''}; {'; '.join(notes) or 'expected a log'}"
+        )
+    if not set(columns) - {TIME}:
+        raise LogRefused(f"{path}: another tool's recording, with {there}; choose with --map NAME=/TOPIC.FIELD[UNIT]")
+    mistakes: list[str] = []
+    sources: dict[str, dict[str, str]] = {}
+    for signal, column in columns.items():
+        if signal != TIME:
+            name = max((n for n in topics if column.name.startswith(f"{n}.")), key=len, default=None)
+            if name is None:
+                hint = nearest(column.name.partition(".")[0], topics, "it has {}")
+                mistakes.append(f"{path}: no topic of '{column.name}' for {signal}; {hint}")
+            else:
+                sources.setdefault(name, {})[signal] = column.name.removeprefix(f"{name}.")
+    readings, said = _readings(path, topics, columns.get(TIME), sources, mistakes)
+    series: dict[str, LogSeries] = {}
+    for name, reading in readings.items():
+        for signal, field_path in sources[name].items():
+            try:
+                series[signal] = reading.series(field_path, columns[signal])
+            except LogRefused as problem:
+                mistakes.append(str(problem))
+    if mistakes:
+        raise LogRefused("\n".join(dict.fromkeys(mistakes)))
+    return Log(path, {name: series[name] for name in columns if name != TIME}, (*notes, *said))
+
+
+def _readings(
+    path: Path,
+    topics: Mapping[str, LoggedTopic],
+    time: MappedColumn | None,
+    sources: Mapping[str, Mapping[str, str]],
+    mistakes: list[str],
+) -> tuple[dict[str, "TopicReading"], list[str]]:
+    """Every topic of `sources` read, and notes on their clocks; what is wrong is added to `mistakes`.
+
+    A topic whose messages have no field of time beside topics that do goes by its log times, if that is one clock.
+    """
+    readings: dict[str, TopicReading] = {}
+    timeless: dict[str, NoField] = {}
+    notes: list[str] = []
+    for name, signals in sources.items():
+        try:
+            readings[name] = TopicReading(path, name, topics[name], time, tuple(signals.values()))
+            notes += readings[name].notes
+        except NoField as problem:
+            timeless[name] = problem
+        except LogRefused as problem:
+            mistakes.append(str(problem))
+    furthest = max(readings.items(), key=lambda one: abs(one[1].delay), default=None)
+    for name, lacking in timeless.items():
+        assert time is not None
+        if furthest is None:
+            mistakes.append(str(lacking))
+        elif abs(furthest[1].delay) > SAME_CLOCK:
+            mistakes.append(
+                f"{lacking}; its log times will not do, they are {abs(furthest[1].delay):.6g} s off the stamps of "
+                f"{furthest[0]}: leave out --map time=... to take log times for all"
+            )
+        else:
+            try:
+                readings[name] = TopicReading(path, name, topics[name], None, tuple(sources[name].values()))
+                notes.append(f"{name} has no {time.name}: its log times are used")
+            except LogRefused as problem:
+                mistakes.append(str(problem))
+    return readings, notes
+
+
+class TopicReading:
+    """The messages of one topic as numbers over time.
+
+    Attributes:
+        notes: on its clocks.
+        delay: by which its log times are later than its stamps, s; 0 without stamps.
+    """
+
+    def __init__(
+        self, path: Path, name: str, topic: LoggedTopic, time: MappedColumn | None, field_paths: Sequence[str]
+    ) -> None:
+        """Decode every message of `topic` once.
+
+        Args:
+            time: the field that holds the times; None: log times.
+            field_paths: what is wanted of the messages.
+
+        Raises:
+            LogRefused: the encoding is not read, a message cannot be decoded, or times that are none.
+        """
+        self._path, self._name = path, name
+        logged = np.array(topic.times, dtype=np.uint64) / NANOSECONDS
+        if len(logged) < 2:
+            many = "s" * (len(logged) != 1)
+            raise LogRefused(f"{path}: {name} has {len(logged)} message{many}, expected at least 2")
+        stamp_path = time.name if time else STAMP
+        found = numbers_of(path, name, topic, tuple(dict.fromkeys((*field_paths, stamp_path))))
+        self._found = found
+        stamps = found[stamp_path]
+        self.notes: list[str] = []
+        self._by_stamp = time is not None
+        self._t = logged if time is None else self._stamped(time, stamps)
+        self.delay = 0.0
+        if isinstance(stamps, Numbers) and len(stamps.rows) == len(logged) and np.any(stamps.values):
+            stamped = stamps.values if time is None else self._t
+            self.delay = float(np.median(logged - stamped))
+            note = clock_note(name, logged, stamped, by_stamp=time is not None)
+            self.notes += [note] if note else []
+
+    def series(self, field_path: str, column: MappedColumn) -> LogSeries:
+        """What the messages say in a field, in SI and in order of time.
+
+        Raises:
+            LogRefused: no such field or unit, not a finite number, times that are the same or start anew.
+        """
+        where = f"{self._path}: {self._name}"
+        numbers = self._found[field_path]
+        if isinstance(numbers, LogRefused):
+            raise numbers
+        text = column.unit or numbers.unit or split_unit(field_path)[1] or "1"
+        factor = unit(text, f"{self._path}: {column.name}")
+        t = self._t[numbers.rows]
+        if len(t) < 2:
+            raise LogRefused(f"{where}.{field_path} is in {len(t)} message, expected at least 2")
+        if again := restart(t):
+            instead = "leave out --map time=... to take log times" if self._by_stamp else "choose --map time=FIELD"
+            raise LogRefused(
+                f"{where}: its {'stamps' if self._by_stamp else 'log times'} start anew at message "
+                f"{numbers.rows[again] + 1} of {len(self._t)}: from {t[again - 1]:.6f} s back to {t[again]:.6f} s; cut "
+                f"the log there, or {instead}"
+            )
+        # writers need not order messages by time
+        order = np.argsort(t, kind="stable")
+        t, values = t[order], column.sign * factor.in_si(numbers.values)[order]
+        repeated = np.flatnonzero(np.diff(t) <= 0.0)
+        if len(repeated):
+            hint = "" if self._by_stamp else "; choose the messages' own stamp with --map time=FIELD"
+            raise LogRefused(f"{where} has two messages at {t[repeated[0]] - t[0]:.9g} s after its first{hint}")
+        return LogSeries(t, values, factor.si)
+
+    def _stamped(self, time: MappedColumn, stamps: "Numbers | LogRefused") -> NDArray[np.float64]:
+        if isinstance(stamps, LogRefused):
+            raise stamps
+        factor = unit(time.unit or split_unit(time.name)[1] or "s", f"{self._path}: {time.name}")
+        if factor.dimension != Dimension(s=1):
+            raise LogRefused(f"{self._path}: time '{time.name}' is in {time.unit}; expected s, ms, us, ns or min")
+        if not np.any(stamps.values):
+            raise LogRefused(
+                f"{self._path}: {self._name}.{time.name} is 0 in all messages: whoever publishes them sets none; leave "
+                "out --map time=... to take log times"
+            )
+        return factor.in_si(stamps.values)
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """What the messages of a topic say in one field.
+
+    Attributes:
+        values: as they are there, (k,).
+        rows: which of the messages have it, ascending, (k,).
+        unit: that their type gives it; empty if none.
+    """
+
+    values: NDArray[np.float64]
+    rows: NDArray[np.int64]
+    unit: str
+
+
+class NoField(LogRefused):
+    """The messages of a topic have no such field."""
+
+
+def numbers_of(
+    path: Path, name: str, topic: LoggedTopic, field_paths: Sequence[str]
+) -> dict[str, Numbers | LogRefused]:
+    """The numbers at each of `field_paths` of the messages of a topic, or why there are none."""
+    try:
+        decode = decoding.decoder(topic.channel, topic.schema)
+    except ValueError as problem:
+        raise LogRefused(f"{path}: {name}: {problem}") from None
+    if decode is None:
+        encoding = topic.channel.message_encoding or "nothing known"
+        raise LogRefused(f"{path}: {name} is encoded as {encoding}; protobuf, json and cdr are read")
+    found: dict[str, Numbers | LogRefused] = {}
+    parts = {one: decoding.path_parts(one) for one in field_paths}
+    values = {one: array("d") for one in field_paths}
+    rows = {one: array("q") for one in field_paths}
+    unnamed: dict[str, str] = {}
+    units: dict[str, str] = {}
+    for k, data in enumerate(topic.data):
+        try:
+            message = decode(data)
+        except ValueError as problem:
+            raise LogRefused(f"{path}: {name}: message {k + 1} of {len(topic.data)}: {problem}") from None
+        if not units:
+            units = {one: decoding.unit_of(message, parts[one]) for one in field_paths}
+        for one in field_paths:
+            if one in found:
+                continue
+            try:
+                values[one].append(decoding.field(message, parts[one]))
+                rows[one].append(k)
+            except decoding.Unnamed as problem:
+                unnamed[one] = str(problem)
+            except LookupError as problem:
+                found[one] = NoField(f"{path}: {name} has no field '{one}'; {problem.args[0]}")
+            except ValueError as problem:
+                found[one] = LogRefused(f"{path}: {name}.{one}: {problem}")
+    for one in field_paths:
+        if one in found:
+            continue
+        numbers = np.array(values[one], dtype=np.float64)
+        # nan is no number either
+        wrong = np.flatnonzero(~(np.abs(numbers) <= LARGEST))
+        if len(wrong):
+            found[one] = LogRefused(
+                f"{path}: {name}.{one} is {numbers[wrong[0]]} in message {rows[one][wrong[0]] + 1} of "
+                f"{len(topic.data)}, expected numbers"
+            )
+        elif not len(numbers):
+            found[one] = LogRefused(f"{path}: {name} has no '{one}'; {unnamed.get(one, 'it has no messages')}")
+        else:
+            found[one] = Numbers(numbers, np.array(rows[one], dtype=np.int64), units[one])
+    return found
+
+
+def restart(t: NDArray[np.float64]) -> int:
+    """Index at which the times t (n,), n >= 2, in s, in the order of a log, first start anew; 0 if nowhere."""
+    steps = np.diff(t)
+    back = np.flatnonzero(steps < -max(BACK, PERIODS * float(np.median(np.abs(steps)))))
+    return int(back[0]) + 1 if len(back) else 0
+
+
+def clock_note(name: str, logged: NDArray[np.float64], stamps: NDArray[np.float64], by_stamp: bool) -> str:
+    """A sentence if the stamps of a topic are of another clock than the log's; empty if not.
+
+    Args:
+        name: of the topic.
+        logged: log times in the order of the log, s, (n,).
+        stamps: of the messages, s, (n,).
+        by_stamp: whether stamps are the times that are used.
+    """
+    if not by_stamp and (again := restart(stamps)):
+        return (
+            f"the stamps of {name} start anew {logged[again] - logged[0]:.3f} s after its first message: "
+            f"from {stamps[again - 1]:.3f} s back to {stamps[again]:.3f} s"
+        )
+    delay = logged - stamps
+    few = max(1, len(delay) // SHARE)
+    first, last = float(np.median(delay[:few])), float(np.median(delay[-few:]))
+    if abs(first) <= LATE and abs(last - first) <= DRIFT:
+        return ""
+    where = "behind" if first > 0.0 else "ahead of"
+    change = f", and by {abs(last - first):.3f} s {'more' if abs(last) > abs(first) else 'less'} at the end"
+    used = "stamps" if by_stamp else "log times"
+    return (
+        f"two clocks: the stamps of {name} are {abs(first):.3f} s {where} its log times"
+        f"{change if abs(last - first) > DRIFT else ''}; {used} are used"
+    )

@@ -1,0 +1,315 @@
+"""Whole series of protobuf messages at once, as numpy records of one stride.
+
+Every field has a fixed length on the wire (https://protobuf.dev/programming-guides/encoding: double and sfixed64 are 8
+bytes, bool is 1 as it is 0 or 1) and is written even where it is zero. So the messages of a topic have one length, and
+the MCAP Message records (https://mcap.dev/spec#message-op0x05) around them too. A series is then a template repeated n
+times with columns of numbers put into it; no message is encoded or decoded on its own.
+
+Messages of any protobuf type as a filled-in form: an example, with blanks where numbers and times go. A viewer's types
+nest messages whose lengths depend on what is in them. Protobuf leaves that to the writer: a zero may be written out,
+and an integer may take more bytes than it needs (its conformance tests ask every reader to take both). So all messages
+of a form can have one length, and like those of `messages.py` a series of them is one record repeated, with columns of
+numbers put into it.
+
+Message records of one stride: a template repeated, with times and numbers put where they go, by compiled code. Where
+the numbers of a row go is a table of places, (k, 3) int64: kind, column of the rows, offset in the record. Times are
+those of the messages, in seconds and nanoseconds as a form has them.
+"""
+
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from google.protobuf.message import Message
+from google.protobuf.timestamp_pb2 import Timestamp
+from mcap.opcode import Opcode
+
+from twin.kernel.compiled.function import carray
+from twin.kernel.compiled.memory import copy, put
+from twin.kernel.compiled.native import address_of, entry
+from twin.kernel.recording.layout import Field, Kind, check_stream
+
+DOUBLE, INTEGER, BOOL, SECONDS, NANOS = range(5)
+"""Kinds of places: a double, a 64-bit integer, a byte that is 0 or 1, and a time in groups of 7 bits."""
+SEQUENCE_AT, LOG_TIME_AT, PUBLISH_TIME_AT = 11, 15, 23
+"""Where an MCAP Message record (https://mcap.dev/spec#message-op0x05) has what differs from one to the next."""
+GROUPS = 5
+"""Of 7 bits, in which a form has seconds and nanoseconds."""
+SECOND = 10**9
+FLOAT = np.dtype(np.float64)
+ITEM = FLOAT.itemsize
+NO_PLACES = np.empty((0, 3), dtype=np.int64)
+
+
+@entry("int", "int", "int", "int", "int", "integers", "int", "doubles", "int", "integers", "int")
+def _fill(records, count, stride, template, times, first_sequence, rows, step, places, number):
+    at, row, place = carray(times, count), carray(rows, count * step), carray(places, number * 3)
+    for i in range(count):
+        to = records + i * stride
+        copy(to, template, stride)
+        put(to + SEQUENCE_AT, np.uint32(first_sequence + i))
+        put(to + LOG_TIME_AT, at[i])
+        put(to + PUBLISH_TIME_AT, at[i])
+        for k in range(number):
+            kind, column, where = place[3 * k], place[3 * k + 1], to + place[3 * k + 2]
+            if kind == DOUBLE:
+                put(where, row[i * step + column])
+            elif kind == BOOL:
+                put(where, np.uint8(row[i * step + column] != 0.0))
+            elif kind == INTEGER:
+                value = row[i * step + column]
+                # what is beyond the integers, and NaN, has none to be compared with
+                if not -(2.0**63) <= value < 2.0**63 or value != np.floor(value):
+                    return 0
+                put(where, np.int64(value))
+            else:
+                rest = at[i] // SECOND if kind == SECONDS else at[i] % SECOND
+                for group in range(GROUPS):
+                    more = 0x80 if group < GROUPS - 1 else 0
+                    put(where + group, np.uint8(rest >> 7 * group & 0x7F | more))
+    return 1
+
+
+class Filling:
+    """Makes records of rows.
+
+    Args:
+        template: one record, (stride,) uint8, without sequence number, times and numbers.
+        places: see above.
+    """
+
+    def __init__(self, template: np.ndarray, places: np.ndarray):
+        self.template, self._places = template, places
+        self._template_at, self._places_at = template.ctypes.data, places.ctypes.data
+
+    def fill(self, to: int, times: int, count: int, first_sequence: int, rows: np.ndarray) -> bool:
+        """Write `count` records at address `to`; whether there is an integer wherever one goes.
+
+        Args:
+            times: address of theirs, ns, (count,) int64.
+            first_sequence: number of the first record.
+            rows: (count, columns) float64.
+        """
+        if rows.dtype != FLOAT or rows.strides[1] != ITEM or rows.strides[0] % ITEM:
+            rows = np.ascontiguousarray(rows, dtype=FLOAT)
+        stride, step = len(self.template), rows.strides[0] // ITEM
+        # addresses all of them: an entry would look for arrays among its arguments
+        whole: int = _fill.native.called(
+            to, count, stride, self._template_at, times, first_sequence, address_of(rows[:1]), step,
+            self._places_at, len(self._places),
+        )  # fmt: skip
+        return whole != 0
+
+    def __reduce__(self) -> tuple[type["Filling"], tuple[np.ndarray, np.ndarray]]:
+        """Of a recording that another process gets: addresses are others there."""
+        return Filling, (self.template, self._places)
+
+    def records(self, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray | None:
+        """A record for each of `times`, (n, stride) uint8; None: where an integer goes there is none.
+
+        Args:
+            times: ns, (n,) integer.
+            first_sequence, rows: see `fill`.
+        """
+        times = np.ascontiguousarray(times, dtype=np.int64)
+        records = np.empty((len(times), len(self.template)), dtype=np.uint8)
+        whole = self.fill(records.ctypes.data, times.ctypes.data, len(times), first_sequence, rows)
+        return records if whole else None
+
+
+# the fixed front of an MCAP Message record, little endian and unpadded
+HEAD_NAMES = ["opcode", "length", "channel", "sequence", "log_time", "publish_time"]
+HEAD_FORMATS = [np.dtype(code) for code in ("u1", "<u8", "<u2", "<u4", "<u8", "<u8")]
+HEAD_OFFSETS = [0, 1, 9, SEQUENCE_AT, LOG_TIME_AT, PUBLISH_TIME_AT]
+HEAD_SIZE = 31
+# opcode, length and channel; sequence and times differ from message to message
+CONSTANT_HEAD = slice(0, 11)
+# opcode and length are not counted in the length of a record
+RECORD_PREFIX = 9
+VALUE_TYPES: dict[Kind, np.dtype] = {"double": np.dtype("<f8"), "int": np.dtype("<i8"), "bool": np.dtype("?")}
+PLACE_KINDS: dict[Kind, int] = {"double": DOUBLE, "int": INTEGER, "bool": BOOL}
+# wire types of protobuf
+VARINT, I64, LEN = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class MessageLayout:
+    """Where the bytes of one topic's Message records are.
+
+    Attributes:
+        filling: of a record with every number zero: tags, lengths and channel only.
+        framing: slices of the record that hold no number and are equal in every message of the topic.
+        head: structured dtype of the record's front, itemsize = stride.
+        values: structured dtype of the record's numbers, one name per field, itemsize = stride.
+    """
+
+    filling: Filling
+    framing: tuple[slice, ...]
+    head: np.dtype
+    values: np.dtype
+
+    @property
+    def stride(self) -> int:
+        """Bytes from one record to the next."""
+        return self.values.itemsize
+
+
+def message_layout(channel: int, fields: Sequence[Field]) -> MessageLayout:
+    """Layout of the Message records of channel number `channel` with `fields` numbered from 1."""
+    record = bytearray(HEAD_SIZE)
+    framing = [CONSTANT_HEAD]
+    formats: list[np.dtype] = []
+    offsets: list[int] = []
+    for number, field in enumerate(fields, start=1):
+        value_type = VALUE_TYPES[field.kind]
+        if field.size > 1:
+            tag = varint(number << 3 | LEN) + varint(field.size * value_type.itemsize)
+        else:
+            tag = varint(number << 3 | (VARINT if field.kind == "bool" else I64))
+        framing.append(slice(len(record), len(record) + len(tag)))
+        record += tag
+        offsets.append(len(record))
+        formats.append(np.dtype((value_type, (field.size,))) if field.size > 1 else value_type)
+        record += bytes(field.size * value_type.itemsize)
+    names = [field.name for field in fields]
+    values = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(record)})
+    elements = [
+        (PLACE_KINDS[field.kind], offset + n * value_type.base.itemsize)
+        for field, value_type, offset in zip(fields, formats, offsets, strict=True)
+        for n in range(field.size)
+    ]
+    places = np.array([(kind, column, offset) for column, (kind, offset) in enumerate(elements)], dtype=np.int64)
+    filling = Filling(record_template(channel, bytes(record[HEAD_SIZE:])), places)
+    return MessageLayout(filling, tuple(framing), head_dtype(len(record)), values)
+
+
+def head_dtype(stride: int) -> np.dtype:
+    """Structured dtype of the front of a Message record of `stride` bytes."""
+    return np.dtype({"names": HEAD_NAMES, "formats": HEAD_FORMATS, "offsets": HEAD_OFFSETS, "itemsize": stride})
+
+
+def record_template(channel: int, body: bytes) -> np.ndarray:
+    """Message record of `body` on channel number `channel`, (stride,) uint8, with no sequence number or time yet."""
+    template = np.frombuffer(bytearray(HEAD_SIZE) + body, dtype=np.uint8)
+    front = template.view(head_dtype(len(template)))
+    front["opcode"], front["length"], front["channel"] = Opcode.MESSAGE, len(template) - RECORD_PREFIX, channel
+    return template
+
+
+def message_records(
+    layout: MessageLayout, fields: Sequence[Field], times: np.ndarray, first_sequence: int, rows: np.ndarray
+) -> np.ndarray:
+    """Message records of `rows`, (n, stride) uint8.
+
+    Args:
+        fields: of the topic, in the order of the columns.
+        times: log and publish times, ns, (n,) integer.
+        rows: (n, sum of sizes) float64; a bool is what is not zero.
+
+    Raises:
+        ValueError: an `int` field holds something other than whole numbers (nan included).
+    """
+    records = layout.filling.records(times, first_sequence, rows)
+    if records is None:
+        raise ValueError(no_integer(fields, rows))
+    return records
+
+
+def no_integer(fields: Sequence[Field], rows: np.ndarray) -> str:
+    """A sentence about the first of `rows` that has none where `fields` want one."""
+    start = 0
+    for field in fields:
+        values = rows[:, start : start + field.size]
+        # one beyond 2^63 is whole, but no integer
+        wrong = values[~((values == np.floor(values)) & (values >= -(2.0**63)) & (values < 2.0**63))]
+        if field.kind == "int" and wrong.size:
+            return f"field {field.name} holds whole numbers, got {wrong[0]}"
+        start += field.size
+    raise AssertionError("every integer is one")
+
+
+def varint(number: int) -> bytes:
+    """`number` as protobuf's base-128 variable-length integer, least significant group first."""
+    groups = []
+    while number > 0x7F:
+        groups.append(number & 0x7F | 0x80)
+        number >>= 7
+    return bytes([*groups, number])
+
+
+# seconds and nanoseconds as integers of five groups of 7 bits, `filling.GROUPS`; both of these need all five
+BLANK_TIME = Timestamp(seconds=2**34, nanos=2**29)
+"""Stands in an example where the message's own time goes."""
+TIME_BYTES = BLANK_TIME.SerializeToString(deterministic=True)
+# behind their tags of one byte each
+SECONDS_AT, NANOS_AT = 1, 1 + GROUPS + 1
+# the upper half of a double of about 1e307 that nobody writes in earnest; the lower half is the column
+BLANK = 0x7FC0_7749
+
+
+def blank(column: int) -> float:
+    """Stands in an example where the numbers of `column` of the rows go."""
+    return struct.unpack("<d", struct.pack("<II", column, BLANK))[0]
+
+
+@dataclass(frozen=True)
+class Form:
+    """A stream of messages that differ only in times and numbers.
+
+    Attributes:
+        name: without the leading slash that it has in the file: `tf`.
+        example: with `blank(0)`, `blank(1)`, ... in fields of type double, each somewhere, and `BLANK_TIME`.
+        width: number of columns of the rows handed to `Writer.write`.
+        period: ticks from one message to the next.
+
+    Raises:
+        ValueError: a name or period that no stream can have.
+    """
+
+    name: str
+    example: Message
+    width: int
+    period: int
+
+    def __post_init__(self) -> None:
+        check_stream(self.name, self.period)
+
+
+def form_filling(channel: int, form: Form) -> Filling:
+    """Filling of the Message records of channel number `channel`.
+
+    Raises:
+        ValueError: a column has no blank in the example.
+    """
+    body = form.example.SerializeToString(deterministic=True)
+    doubles = [struct.pack("<d", blank(column)) for column in range(form.width)]
+    found = [(column, place) for column, double in enumerate(doubles) for place in _places(body, double)]
+    missing = set(range(form.width)) - {column for column, _ in found}
+    if missing:
+        raise ValueError(f"form {form.name}: columns {sorted(missing)} have no blank in the example")
+    places = [(DOUBLE, column, place) for column, place in found]
+    for place in _places(body, TIME_BYTES):
+        places += [(SECONDS, 0, place + SECONDS_AT), (NANOS, 0, place + NANOS_AT)]
+    table = np.array(places, dtype=np.int64).reshape(-1, 3) + np.array([0, 0, HEAD_SIZE])
+    return Filling(record_template(channel, body), table)
+
+
+def form_records(filling: Filling, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray:
+    """Message records of `rows`, (n, stride) uint8.
+
+    Args:
+        times: of the messages, ns, (n,) integer, from 0 to 2^34 s.
+        rows: (n, width) float64.
+    """
+    records = filling.records(times, first_sequence, rows)
+    assert records is not None, "there are no integers"
+    return records
+
+
+def _places(body: bytes, wanted: bytes) -> Iterator[int]:
+    """Offsets of `wanted` in `body`, ascending."""
+    place = body.find(wanted)
+    while place >= 0:
+        yield place
+        place = body.find(wanted, place + len(wanted))

@@ -1,0 +1,206 @@
+"""Reading a file that `Writer` wrote, whole, unfinished or damaged.
+
+What a recording says of its origin, read without its samples.
+"""
+
+import os
+import struct
+from collections.abc import Iterator, Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from google.protobuf.message import DecodeError
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Metadata
+from mcap.writer import MCAP0_MAGIC
+
+from twin.kernel.errors import InputRefused, disk_refusals
+from twin.kernel.files import LIMIT, json_of
+from twin.kernel.recording.errors import RecordingDamaged, RecordingRefused
+from twin.kernel.recording.folder import recording_in
+from twin.kernel.recording.messages import RECORD_PREFIX
+from twin.kernel.recording.recording import Recording, Stream
+from twin.kernel.recording.scan import Damage, Scan
+from twin.kernel.recording.series import NANOSECONDS, Contents
+from twin.kernel.recording.writer import PARTIAL
+
+
+def origin(path: Path) -> dict[str, dict[str, str]]:
+    """The metadata of the recording's file `path`, finished or not: name -> key -> text.
+
+    Goes from record to record; samples are passed over. Nothing is checked: `reader.read` does that.
+
+    Raises:
+        RecordingRefused: it cannot be read, or is no MCAP file.
+    """
+    found: dict[str, dict[str, str]] = {}
+    with disk_refusals(path, "cannot be read", RecordingRefused), path.open("rb") as file:
+        if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+            raise RecordingRefused(f"{path}: not an MCAP file, expected a recording of twin")
+        for opcode, length in _records(file):
+            if opcode == Opcode.DATA_END:
+                break
+            if opcode == Opcode.METADATA and length <= LIMIT:
+                try:
+                    record = Metadata.read(ReadDataStream(BytesIO(file.read(length))))
+                except (McapError, ValueError, struct.error, OverflowError):
+                    raise RecordingRefused(
+                        f"{path}: not a recording that twin wrote: its metadata is damaged"
+                    ) from None
+                found.setdefault(record.name, {}).update(record.metadata)
+    return found
+
+
+def _records(file: BinaryIO) -> Iterator[tuple[int, int]]:
+    """(opcode, length) of each complete record after the magic of a `file`, which stands behind both then."""
+    size, position = os.fstat(file.fileno()).st_size, len(MCAP0_MAGIC)
+    while position + RECORD_PREFIX <= size:
+        file.seek(position)
+        opcode, length = struct.unpack("<BQ", file.read(RECORD_PREFIX))
+        position += RECORD_PREFIX + length
+        if position > size:
+            break
+        yield opcode, length
+
+
+ROUNDING = 2
+"""ns; times are rounded to whole ones."""
+
+
+def read(path: str | Path, *, salvage: bool = False) -> Recording:
+    """The recording in `path`, finished or not.
+
+    An unfinished file is read up to its last complete chunk; `complete` and `note` of the result say so.
+
+    Args:
+        path: `NAME.mcap` or `NAME.mcap.partial`, a run's folder, or results/<experiment>: its latest run.
+        salvage: return what precedes damage instead of raising.
+
+    Raises:
+        RecordingRefused: missing, empty, not MCAP or not of the layout that `Writer` gives.
+        RecordingDamaged: bytes have changed since they were written (unless salvage).
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = recording_in(path)
+    try:
+        with path.open("rb") as file:
+            return _read(path, file, salvage)
+    except OSError as error:
+        partial = path.with_name(path.name + PARTIAL)
+        hint = f"; an unfinished recording is beside it: {partial.name}" if partial.exists() else ""
+        raise RecordingRefused(f"{path}: cannot be read: {error.strerror}{hint}") from error
+    except (ValueError, LookupError, OverflowError, struct.error, McapError, DecodeError) as error:
+        told = error.args[0] if isinstance(error, LookupError) and error.args else error
+        raise RecordingRefused(f"{path}: not a recording that twin wrote: {told}") from error
+
+
+def last_time(path: Path) -> float | None:
+    """Simulation time (s) of the last message in a complete chunk of `path`, finished or not; None if it has no chunk.
+
+    Goes from record to record; a chunk starts with the times of its first and last message
+    (https://mcap.dev/spec#chunk-op0x06). Nothing is checked: `reader.read` does that.
+    """
+    last = None
+    with path.open("rb") as file:
+        for opcode, _ in _records(file):
+            if opcode == Opcode.CHUNK:
+                _, last = struct.unpack("<QQ", file.read(16))
+    return None if last is None else last / NANOSECONDS
+
+
+def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
+    magic = file.read(len(MCAP0_MAGIC))
+    if magic != MCAP0_MAGIC:
+        what = "not an MCAP file" if magic else "an empty file"
+        raise RecordingRefused(f"{path}: {what}, expected a recording of twin")
+    contents = Contents()
+    metadata: dict[str, dict[str, str]] = {}
+    scan = Scan(file)
+    damage = None
+    try:
+        for position, found in scan.contents():
+            if isinstance(found, bytes):
+                contents.add(position, found)
+            else:
+                metadata.setdefault(found.name, {}).update(found.metadata)
+        if scan.complete:
+            said, there = scan.statistics, sum(contents.counts.values())
+            if said is None:
+                raise Damage(scan.position, "its index does not say how many messages there are")
+            counts = {channel: count for channel, count in said.channel_message_counts.items() if count}
+            if counts != contents.counts or said.message_count != sum(counts.values()):
+                raise Damage(scan.position, f"{there} messages are there where its index counts {said.message_count}")
+    except Damage as error:
+        damage = error
+    if contents.foreign and not contents.series:
+        raise RecordingRefused(f"{path}: not a recording that twin wrote: none of its topics is one of twin's")
+    streams = {
+        contents.topics[channel]: Stream(series.fields, series.layout, series.all_records())
+        for channel, series in contents.series.items()
+    }
+    note = ""
+    if damage is not None:
+        what = f"damaged at byte {damage.position}: {damage.reason}"
+        if not salvage:
+            raise RecordingDamaged(f"{path}: {what}; with salvage it can be read {_reach(streams)}")
+        note = f"{what}; read {_reach(streams)}"
+    elif not scan.complete:
+        note = f"unfinished recording: read {_reach(streams)}; {scan.rest} bytes after that are incomplete"
+    else:
+        note = _shortfall(streams, metadata)
+    return Recording(path, streams, contents.events, metadata, not note, note)
+
+
+def _reach(streams: dict[str, Stream]) -> str:
+    """How far the messages of `streams` reach, as half a sentence."""
+    ends = [stream.head["log_time"][-1] for stream in streams.values() if len(stream.records)]
+    if not ends:
+        return "up to its metadata, no chunk is complete"
+    return f"up to {max(ends) / NANOSECONDS:.3f} s, its last complete chunk"
+
+
+def _shortfall(streams: Mapping[str, Stream], metadata: Mapping[str, Mapping[str, str]]) -> str:
+    """One sentence on what is missing of the run; "" if nothing is, or if it does not say how long it was to be.
+
+    Chunks can be taken out of a file and the rest be sealed again, index and all. What then still tells is that a run
+    is recorded tick by tick, from 0 to the duration of its experiment.
+    """
+    duration = _duration(metadata)
+    times = {topic: stream.head["log_time"].astype(np.int64) for topic, stream in streams.items()}
+    if duration is None or not any(len(t) for t in times.values()):
+        return ""
+    end = max(int(t[-1]) for t in times.values() if len(t))
+    for topic, t in times.items():
+        if not len(t) or t[0] > ROUNDING:
+            return f"the first samples of {topic} are missing"
+        steps = np.diff(t)
+        # every step is the topic's period; the last sample is less than one before the end
+        period = int(np.median(steps)) if len(steps) else 0
+        uneven = np.flatnonzero(np.abs(steps - period) > ROUNDING)
+        if len(uneven):
+            at = uneven[0]
+            return (
+                f"samples of {topic} are missing or moved: after {t[at] / NANOSECONDS:.3f} s comes "
+                f"{t[at + 1] / NANOSECONDS:.3f} s, though one is due every {period / NANOSECONDS:g} s"
+            )
+        if len(steps) and end - t[-1] >= period - ROUNDING:
+            return f"samples of {topic} are missing: the last is at {t[-1] / NANOSECONDS:.3f} s"
+    # a duration is a whole number of ticks to a billionth
+    if abs(end - duration * NANOSECONDS) > ROUNDING + duration:
+        return f"ends at {end / NANOSECONDS:.3f} s, though its experiment lasts {duration:g} s"
+    return ""
+
+
+def _duration(metadata: Mapping[str, Mapping[str, str]]) -> float | None:
+    """Of the run (s), as its experiment says; None: it does not."""
+    try:
+        values = json_of(metadata["experiment"]["values"], "")
+        duration = float(values["duration_s"])
+    except (InputRefused, KeyError, TypeError, ValueError, OverflowError):
+        return None
+    return duration if 0.0 < duration < 1e9 else None

@@ -1,0 +1,156 @@
+"""An observer that records a simulation.
+
+Rows and events of several slices are put together again before they are recorded. A recording's chunks end where its
+blocks do. A paced run is sliced finer than one that runs freely; in blocks of one size both give the same bytes.
+"""
+
+import platform
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.kernel.cosim.observers import Observer, TickEvent
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.errors import ComponentFailed
+from twin.kernel.recording.layout import Topic
+from twin.kernel.recording.writer import Writer
+
+Drawings = Callable[[int, np.ndarray], Iterable[tuple[Any, ...]]]
+
+
+@dataclass(frozen=True)
+class RowStream:
+    """A topic, and the columns of a row that it is made of."""
+
+    topic: Topic
+    columns: slice
+
+
+def versions() -> dict[str, str]:
+    """The versions of Python and of the packages that a recording depends on."""
+    packages = ("twin", "numpy", "numba", "llvmlite", "fmpy", "mcap")
+    return {"python": platform.python_version(), **{name: version(name) for name in packages}}
+
+
+class RowBlock:
+    """Rows of consecutive ticks, and what happened in them.
+
+    Args:
+        size: most rows.
+        width: of a row.
+
+    Attributes:
+        first: tick of the first row.
+        events: in the order in which they were added.
+    """
+
+    def __init__(self, size: int, width: int):
+        self.first = 0
+        self.events: list[TickEvent] = []
+        self._memory = np.empty((size, width))
+        self._count = 0
+
+    @property
+    def rows(self) -> np.ndarray:
+        """(n, width), a view that `clear` gives up."""
+        return self._memory[: self._count]
+
+    @property
+    def full(self) -> bool:
+        return self._count == len(self._memory)
+
+    def add(self, rows: np.ndarray, events: list[TickEvent]) -> None:
+        """Append the `rows` of one slice, no more than there is room for, and its `events`."""
+        self._memory[self._count : self._count + len(rows)] = rows
+        self._count += len(rows)
+        self.events += events
+
+    def clear(self) -> None:
+        """Begin the next block at the tick after the last row."""
+        self.first += self._count
+        self._count = 0
+        self.events = []
+
+
+BLOCK_TICKS = 100
+
+
+class Recorder(Observer):
+    """Hands rows, drawings and events to `writer`, a block at a time.
+
+    Args:
+        streams: of topics that `writer` has.
+        drawings: (topic, times, forms) of a block, from the tick of its first row and its rows; topics likewise.
+        changed: the first change that was made by hand while it ran, "" until then, which the metadata name.
+
+    Attributes:
+        events: all of them.
+        writing: wall time spent in here (s).
+    """
+
+    def __init__(
+        self,
+        writer: Writer,
+        streams: Sequence[RowStream],
+        drawings: Drawings = lambda first, rows: (),
+        changed: Callable[[], str] = str,
+    ):
+        self.events: list[TickEvent] = []
+        self.writing = 0.0
+        self._writer, self._streams, self._drawings, self._changed = writer, streams, drawings, changed
+        self._marked = False
+
+    def begin(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self._block = RowBlock(BLOCK_TICKS, simulation.system.outputs_width)
+
+    def ready(self, tick: int) -> None:
+        if not self._marked and (first := self._changed()):
+            # the experiment alone does not give this run again
+            self._writer.write_metadata("changed", {"first": first, "all": "the events of 'tuning'"})
+            self._marked = True
+
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        began = time.perf_counter()
+        self.events += events
+        self._block.add(rows, events)
+        if self._block.full or self._simulation.finished:
+            self._write()
+        self.writing += time.perf_counter() - began
+
+    def finish(self) -> Path:
+        """The finished recording.
+
+        Raises:
+            RecordingFailed: the disk is full.
+        """
+        began = time.perf_counter()
+        recording = self._writer.finish()
+        self.writing += time.perf_counter() - began
+        return recording
+
+    def abandon(self, failure: ComponentFailed) -> str:
+        """`failure`, which becomes the last event of the recording, and how far that goes."""
+        end = self._simulation.next_tick
+        self._writer.write_event(end, "ERROR", str(failure), "cosim")
+        until = max(0, end - 1) * self._simulation.system.tick
+        return f"{failure}\nRecorded until then: {self._writer.abandon()} ({until:.3f} s)."
+
+    def _write(self) -> None:
+        block = self._block
+        for stream in self._streams:
+            start = -block.first % stream.topic.period
+            rows = block.rows[start :: stream.topic.period, stream.columns]
+            self._writer.write(stream.topic.name, block.first + start, rows)
+        for drawing in self._drawings(block.first, block.rows):
+            self._writer.write(*drawing)
+        for event in block.events:
+            self._writer.write_event(event.tick, event.level, event.text, event.source)
+        # a component may take this process with it in the next slice
+        self._writer.end_slice()
+        block.clear()

@@ -1,0 +1,555 @@
+"""Writing a recording: slices of rows in, an MCAP file of protobuf messages out.
+
+The file a recording grows in: `NAME.mcap.partial` until finished, never with half a record at its end.
+
+Message records that wait for the chunk they go into.
+
+Blocks of messages woven into one content: in order of time across topics, cut into chunks, indexed. Layout of an index:
+https://mcap.dev/spec#message-index-op0x07. What a weave is made of, numbers of messages and the times between them,
+comes again slice after slice; what is in the messages does not matter to it.
+"""
+
+import contextlib
+import os
+import struct
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, NamedTuple, Self
+
+import numpy as np
+import zstandard
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from mcap.opcode import Opcode
+from mcap.records import Channel, Header, Message, Metadata, MetadataIndex, Schema
+from mcap.writer import MCAP0_MAGIC
+
+from twin import __version__
+from twin.kernel.compiled.function import carray
+from twin.kernel.compiled.memory import copy
+from twin.kernel.compiled.native import entry
+from twin.kernel.errors import disk_refusals
+from twin.kernel.recording.errors import RecordingFailed
+from twin.kernel.recording.layout import Field, Topic
+from twin.kernel.recording.messages import Filling, Form, form_filling, message_layout, no_integer
+from twin.kernel.recording.schema import descriptor_set, descriptors_of, log_descriptor_set, message_names
+from twin.kernel.recording.summary import COMPRESSION_LEVEL, Summary, chunk, encoded
+
+PARTIAL = ".partial"
+
+
+class Output:
+    """Append-only file that is renamed to `path` when it is complete.
+
+    Attributes:
+        path: where the finished file will be.
+        partial: where it grows.
+        size: bytes appended.
+        crc: CRC-32 of all of them.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Create the partial file, replacing one of that name.
+
+        Raises:
+            RecordingFailed: it cannot be created.
+        """
+        self.path = path
+        self.partial = path.with_name(path.name + PARTIAL)
+        self.size = 0
+        self.crc = 0
+        with disk_refusals(self.partial, "cannot be created", RecordingFailed):
+            # unbuffered: what `append` returned from is with the operating system and survives this process
+            self._file: BinaryIO | None = open(self.partial, "wb", buffering=0)  # noqa: SIM115
+
+    @property
+    def closed(self) -> bool:
+        """Whether nothing can be appended any more."""
+        return self._file is None
+
+    def append(self, data: bytes) -> int:
+        """Append all of `data` or nothing; return the offset at which it starts.
+
+        After a failure, or an interrupt halfway, the file ends where `data` would have begun and is closed.
+
+        Raises:
+            RecordingFailed: the operating system refuses: disk full, file too large, closed file.
+        """
+        if self._file is None:
+            raise RecordingFailed(f"{self.partial}: the recording is closed")
+        rest = memoryview(data)
+        kept = f"the {self.size} bytes already written stay readable"
+        with disk_refusals(self.partial, "recording stopped", RecordingFailed, kept):
+            try:
+                while rest:
+                    rest = rest[self._file.write(rest) :]
+            except BaseException:
+                with contextlib.suppress(OSError):
+                    self._file.truncate(self.size)
+                self.close()
+                raise
+        start = self.size
+        self.size += len(data)
+        self.crc = zlib.crc32(data, self.crc)
+        return start
+
+    def close(self) -> None:
+        """Close the file and leave it as it is."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def publish(self) -> None:
+        """Force the file to the disk, close it and give it its final name, replacing a file of that name.
+
+        Raises:
+            RecordingFailed: the disk or the folder refuses; the partial file stays.
+        """
+        if self._file is None:
+            raise RecordingFailed(f"{self.partial}: the recording is closed")
+        with disk_refusals(self.partial, "cannot be finished", RecordingFailed):
+            try:
+                os.fsync(self._file.fileno())
+            finally:
+                self.close()
+            os.replace(self.partial, self.path)
+
+
+ROOM = 256 * 1024
+"""Bytes to begin with: those of a slice."""
+
+
+class Shape(NamedTuple):
+    """Of a block of records: their channel, how many they are, and their length in bytes."""
+
+    channel: int
+    messages: int
+    stride: int
+
+
+class Pending:
+    """Message records of several channels, one block after another in one memory.
+
+    Attributes:
+        shapes: of the blocks.
+        times: of each block the log times, ns, (n,) int64, ascending.
+        size: bytes of all records.
+        address: where the first begins.
+    """
+
+    def __init__(self) -> None:
+        self._hold(np.empty(ROOM, dtype=np.uint8))
+        self.clear()
+
+    def room(self, size: int) -> int:
+        """Address at which the next block begins, with room for `size` bytes at least."""
+        if self.size + size > len(self._memory):
+            larger = np.empty(2 * (self.size + size), dtype=np.uint8)
+            larger[: self.size] = self._memory[: self.size]
+            self._hold(larger)
+        return self.address + self.size
+
+    def add(self, channel: int, times: np.ndarray, stride: int) -> None:
+        """What has been written into the room is a block: a record of `stride` bytes for each of `times`."""
+        self.shapes.append(Shape(channel, len(times), stride))
+        self.times.append(times)
+        self.size += len(times) * stride
+
+    def put(self, channel: int, times: np.ndarray, records: np.ndarray) -> None:
+        """Append a block of `records`, (n, stride) uint8."""
+        self.room(records.size)
+        self._memory[self.size : self.size + records.size] = records.reshape(-1)
+        self.add(channel, times, records.shape[1])
+
+    def clear(self) -> None:
+        """Forget all blocks; their memory is used again."""
+        self.shapes: list[Shape] = []
+        self.times: list[np.ndarray] = []
+        self.size = 0
+
+    def _hold(self, memory: np.ndarray) -> None:
+        self._memory, self.address = memory, memory.ctypes.data
+
+
+# small enough that little is lost with the last one, large enough to compress; before compression, bytes
+LARGEST_CHUNK = 256 * 1024
+# of a log time and an offset in an index, bytes
+ENTRY = 16
+KEPT, KEPT_MESSAGES = 32, 5000
+"""So many weaves of so many messages at most are remembered: a few MB."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Consecutive messages of a weave that become a chunk. Times are those since the first message of the weave.
+
+    Attributes:
+        content: which bytes of it.
+        start, end: log times of the first and of the last message, ns.
+        entries: log times and offsets in this piece, of one channel after another, (n, 2) uint64.
+        channels: of each channel its number, how its index begins, and where in the bytes of `entries` its own are.
+    """
+
+    content: slice
+    start: int
+    end: int
+    entries: np.ndarray
+    channels: tuple[tuple[int, bytes, slice], ...]
+
+    def indexes(self, begin: int, shift: int) -> dict[int, bytes]:
+        """Encoded MessageIndex records by channel.
+
+        Built from arrays: mcap's own MessageIndex packs entry by entry, which would cost more than all else here.
+
+        Args:
+            begin: log time of the first message of the weave, ns.
+            shift: bytes of the chunk that stand before the messages.
+        """
+        own = (self.entries + np.array([begin, shift], dtype="<u8")).tobytes()
+        return {channel: head + own[where] for channel, head, where in self.channels}
+
+
+class Woven(NamedTuple):
+    """Records in between each other, in order of time; those of one time in the order of their blocks.
+
+    Attributes:
+        begin: log time of the first message, ns.
+        content: the records, one after another, (bytes,) uint8.
+        pieces: chunks of about `LARGEST_CHUNK` bytes at most, cut between ticks: whatever of them survives, every
+            topic ends at the same tick.
+    """
+
+    begin: int
+    content: np.ndarray
+    pieces: tuple[Piece, ...]
+
+
+def woven(pending: Pending) -> Woven:
+    """The records of `pending`, of which there is at least one; there are none in it afterwards."""
+    times = np.concatenate(pending.times)
+    begin = times.min()
+    made = _kept if len(times) <= KEPT_MESSAGES else _kept.__wrapped__
+    weave = made(tuple(pending.shapes), (times - begin).tobytes())
+    content = np.empty(pending.size, dtype=np.uint8)
+    _scatter(content, pending.address, *weave.table)
+    pending.clear()
+    return Woven(int(begin), content, weave.pieces)
+
+
+@entry("nothing", "int", "int", "integers", "int", "integers", "int")
+def _scatter(content, source, blocks, number, places, messages):
+    block, place = carray(blocks, 2 * number), carray(places, messages)
+    k = 0
+    for b in range(number):
+        stride = block[2 * b + 1]
+        for _ in range(block[2 * b]):
+            copy(content + place[k], source, stride)
+            source += stride
+            k += 1
+
+
+class _Weave:
+    """How the records of some blocks go in between each other.
+
+    Args:
+        shapes: of the blocks.
+        places: bytes at which records go, of one block after another, (n,) int64.
+
+    Attributes:
+        pieces: see `Woven`.
+        table: what `_scatter` takes of it.
+    """
+
+    def __init__(self, shapes: Sequence[Shape], places: np.ndarray, pieces: tuple[Piece, ...]):
+        self.pieces = pieces
+        self._blocks, self._places = np.array([shape[1:] for shape in shapes], dtype=np.int64), places
+        self.table = self._blocks.ctypes.data, len(shapes), places.ctypes.data, len(places)
+
+
+@lru_cache(KEPT)
+def _kept(shapes: tuple[Shape, ...], times: bytes) -> _Weave:
+    """`times` (n,) int64 since the first message, of one block after another."""
+    counts = [shape.messages for shape in shapes]
+    since = np.frombuffer(times, dtype=np.int64)
+    order = np.argsort(since, kind="stable")
+    since = since[order]
+    channels = np.repeat([shape.channel for shape in shapes], counts)[order]
+    offsets = np.concatenate([[0], np.cumsum(np.repeat([shape.stride for shape in shapes], counts)[order])])
+    places = np.empty(len(since), dtype=np.int64)
+    places[order] = offsets[:-1]
+    parts = -(-int(offsets[-1]) // LARGEST_CHUNK)
+    targets = np.arange(1, parts) * int(offsets[-1]) // parts
+    inside = np.searchsorted(offsets, targets, side="right") - 1
+    bounds = np.unique([0, *np.searchsorted(since, since[inside]), len(since)])
+    pieces = tuple(_piece(since[a:b], channels[a:b], offsets[a : b + 1]) for a, b in pairwise(bounds.tolist()))
+    return _Weave(shapes, places, pieces)
+
+
+def _piece(since: np.ndarray, channels: np.ndarray, offsets: np.ndarray) -> Piece:
+    first, last = offsets[[0, -1]].tolist()
+    entries = np.stack([since, offsets[:-1] - first], axis=1).astype("<u8")
+    numbers, counts = np.unique(channels, return_counts=True)
+    sizes = ENTRY * counts
+    ends = np.cumsum(sizes)
+    places = tuple(
+        (number, struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + size, number, size), slice(end - size, end))
+        for number, size, end in zip(numbers.tolist(), sizes.tolist(), ends.tolist(), strict=True)
+    )
+    in_turn = entries[np.argsort(channels, kind="stable")]
+    return Piece(slice(first, last), int(since[0]), int(since[-1]), in_turn, places)
+
+
+EVENTS = "events"
+NANOSECONDS = 1e9
+# a chunk is closed at the end of the slice in which it reaches this size; before compression, bytes
+SMALLEST_CHUNK = 64 * 1024
+
+
+@dataclass
+class OpenTopic:
+    """A topic on its way into the file.
+
+    Attributes:
+        channel: its number.
+        period: ticks from one message to the next.
+        width: numbers in a row.
+        filling: of its Message records.
+        fields: of a numeric topic.
+        next_tick: the tick its next row may not precede.
+    """
+
+    channel: int
+    period: int
+    width: int
+    filling: Filling
+    fields: Sequence[Field]
+    next_tick: int = 0
+
+    @classmethod
+    def of(cls, topic: Topic | Form, channel: int) -> Self:
+        """`topic` on channel number `channel`."""
+        if isinstance(topic, Form):
+            return cls(channel, topic.period, topic.width, form_filling(channel, topic), ())
+        width = sum(field.size for field in topic.fields)
+        return cls(channel, topic.period, width, message_layout(channel, topic.fields).filling, topic.fields)
+
+
+class Writer:
+    """Writes `NAME.mcap.partial` and, when finished, renames it to `NAME.mcap`.
+
+    Times in the file are simulation time from 0; neither clock nor machine leaves a trace, so equal input
+    gives equal bytes. As a context manager it finishes on a normal exit and abandons on an exception.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        topics: Sequence[Topic],
+        tick: float,
+        metadata: Mapping[str, Mapping[str, str]],
+        forms: Sequence[Form] = (),
+    ) -> None:
+        """Create the partial file and write its header and metadata.
+
+        Args:
+            path: of the finished file.
+            topics: the numeric topics; `/events` is added to them.
+            tick: duration of one tick, s.
+            metadata: name -> key -> text, readable in any MCAP tool.
+            forms: topics for viewers, which `read` passes over.
+
+        Raises:
+            RecordingFailed: the file cannot be created or the disk is full.
+            ValueError: two topics of one name, or of different fields whose names give one message type; a form whose
+                example lacks a column.
+        """
+        streams: list[Topic | Form] = [*topics, *forms]
+        names = [stream.name for stream in streams]
+        if len({*names, EVENTS}) <= len(names):
+            raise ValueError(f"topics {names}: expected different names, none of them {EVENTS!r}")
+        self.tick = tick
+        schemas, self._channels = _declarations(topics, forms)
+        self._topics = {
+            stream.name: OpenTopic.of(stream, channel.id)
+            for stream, channel in zip(streams, self._channels[:-1], strict=True)
+        }
+        self._summary = Summary(schemas, self._channels)
+        self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
+        self._pending = Pending()
+        self._slice_topics: set[str] = set()
+        # most topics have the same; with their addresses
+        self._slice_times: dict[range, tuple[np.ndarray, int]] = {}
+        self._output = Output(Path(path))
+        self._output.append(MCAP0_MAGIC + encoded(Header(profile="", library=f"twin {__version__}")))
+        for name, entries in metadata.items():
+            self.write_metadata(name, entries)
+
+    def write(self, topic: str, first_tick: int, rows: np.ndarray) -> None:
+        """Record rows of `topic` for the ticks first_tick, first_tick + period, ...
+
+        Meant to be called once per topic and slice of time; a topic that comes round again opens the next
+        slice. Messages of a slice are in order of time across topics, at one time in the order of the calls.
+
+        Args:
+            topic: name of a topic, as declared.
+            first_tick: of the first row; not before the topic's rows already written.
+            rows: (n, sum of the sizes of the topic's fields) float64, columns in the order of the fields; of a form,
+                (n, its width).
+
+        Raises:
+            RecordingFailed: disk full or recording closed.
+            KeyError: a topic that was not declared.
+            ValueError: rows of another shape, ticks that run backwards, a count that is not a whole number.
+        """
+        opened = self._topics[topic]
+        if rows.ndim != 2 or rows.shape[1] != opened.width:
+            raise ValueError(f"topic {topic}: rows of shape {rows.shape}, expected (n, {opened.width})")
+        if first_tick < opened.next_tick:
+            raise ValueError(f"topic {topic}: tick {first_tick} comes after {opened.next_tick - opened.period}")
+        if topic in self._slice_topics:
+            self.end_slice()
+        self._slice_topics.add(topic)
+        count = len(rows)
+        if count == 0:
+            return
+        ticks = range(first_tick, first_tick + opened.period * count, opened.period)
+        known = self._slice_times.get(ticks)
+        if known is None:
+            made = self._times(np.arange(ticks.start, ticks.stop, ticks.step))
+            known = self._slice_times[ticks] = made, made.ctypes.data
+        times, times_at = known
+        counts, stride = self._summary.message_counts, len(opened.filling.template)
+        to = self._pending.room(count * stride)
+        if not opened.filling.fill(to, times_at, count, counts[opened.channel], rows):
+            raise ValueError(no_integer(opened.fields, rows))
+        counts[opened.channel] += count
+        self._pending.add(opened.channel, times, stride)
+        opened.next_tick = ticks.stop
+
+    def write_event(self, tick: int, level: str, text: str, name: str) -> None:
+        """Record what happened at `tick` as a `foxglove.Log` on `/events`.
+
+        Args:
+            level, text, name: as of `Event`.
+
+        Raises:
+            ValueError: an unknown level.
+        """
+        times = self._times(np.array([tick]))
+        time = int(times[0])
+        log = Log(level=Log.Level.Value(level.upper()), message=text, name=name)
+        log.timestamp.FromNanoseconds(time)
+        channel = self._channels[-1].id
+        data = log.SerializeToString(deterministic=True)
+        record = encoded(Message(channel, time, data, time, self._summary.message_counts[channel]))
+        self._summary.message_counts[channel] += 1
+        self._pending.put(channel, times, np.frombuffer(record, dtype=np.uint8)[None, :])
+
+    def write_metadata(self, name: str, entries: Mapping[str, str]) -> None:
+        """Write a metadata record at once, ahead of messages still buffered.
+
+        Raises:
+            RecordingFailed: disk full or recording closed.
+        """
+        record = encoded(Metadata(name, dict(entries)))
+        start = self._output.append(record)
+        self._summary.metadata.append(MetadataIndex(start, len(record), name))
+
+    def finish(self) -> Path:
+        """Write what is buffered, the index and the footer; force it to the disk; rename; return the path.
+
+        Raises:
+            RecordingFailed: disk full or recording closed; the partial file stays, readable.
+        """
+        self._write_chunks()
+        self._output.append(self._summary.ending(self._output.size, self._output.crc))
+        self._output.publish()
+        return self._output.path
+
+    def abandon(self) -> Path:
+        """Write what is buffered, close the file under its partial name and return that; harmless if closed.
+
+        Raises:
+            RecordingFailed: disk full; the file is closed all the same.
+        """
+        if not self._output.closed:
+            self._write_chunks()
+            self._output.close()
+        return self._output.partial
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is not None:
+            try:
+                self.abandon()
+            except RecordingFailed as failure:
+                # the first error is the one to report; this one came of saving its remains
+                error.add_note(str(failure))
+        elif not self._output.closed:
+            self.finish()
+
+    def _times(self, ticks: np.ndarray) -> np.ndarray:
+        """Log times of `ticks`, ns, (n,) int64: each from its own tick, so that nothing accumulates."""
+        return np.rint(ticks * (self.tick * NANOSECONDS)).astype(np.int64)
+
+    def end_slice(self) -> None:
+        """Put what was written into the file if it fills a chunk, rather than when the next slice begins.
+
+        Raises:
+            RecordingFailed: disk full or recording closed.
+        """
+        self._slice_topics.clear()
+        self._slice_times.clear()
+        if self._pending.size >= SMALLEST_CHUNK:
+            self._write_chunks()
+
+    def _write_chunks(self) -> None:
+        append_chunks(self._output, self._summary, self._pending, self._compressor)
+
+
+def append_chunks(output: Output, summary: Summary, pending: Pending, compressor: zstandard.ZstdCompressor) -> None:
+    """Put what is `pending` into the file as chunks with their indexes, and note them in `summary`.
+
+    Raises:
+        RecordingFailed: disk full or recording closed; nothing is pending any more.
+    """
+    if not pending.size:
+        return
+    records = woven(pending)
+    for piece in records.pieces:
+        # in the first chunk rather than before it, schemas and channels are under its CRC
+        declared = [*summary.schemas, *summary.channels] if not summary.chunks else []
+        preamble = b"".join(map(encoded, declared))
+        messages = records.content.data[piece.content]
+        inside = b"".join((preamble, messages)) if preamble else messages
+        record = chunk(inside, records.begin + piece.start, records.begin + piece.end, compressor)
+        data = encoded(record)
+        indexes = piece.indexes(records.begin, len(preamble))
+        start = output.append(data + b"".join(indexes.values()))
+        summary.note_chunk(record, start, len(data), indexes)
+
+
+def _declarations(topics: Sequence[Topic], forms: Sequence[Form]) -> tuple[list[Schema], list[Channel]]:
+    """Schemas and channels of `topics` and `forms` in their order, and last those of `/events`; ids count from 1."""
+    schemas: dict[str, Schema] = {}
+    channels: list[Channel] = []
+
+    def declare(topic: str, type_name: str, descriptors: bytes, metadata: dict[str, str]) -> None:
+        schema = schemas.setdefault(type_name, Schema(len(schemas) + 1, descriptors, "protobuf", type_name))
+        channels.append(Channel(len(channels) + 1, f"/{topic}", "protobuf", metadata, schema.id))
+
+    for topic, name in zip(topics, message_names(topics), strict=True):
+        meanings = {field.name: f"{field.unit}; {field.meaning}" for field in topic.fields}
+        declare(topic.name, name, descriptor_set(name, topic.fields), meanings)
+    for form in forms:
+        declare(form.name, form.example.DESCRIPTOR.full_name, descriptors_of(form.example.DESCRIPTOR), {})
+    declare(EVENTS, Log.DESCRIPTOR.full_name, log_descriptor_set(), {})
+    return list(schemas.values()), channels

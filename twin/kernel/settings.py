@@ -1,0 +1,273 @@
+"""Settings: what a file may set, each declared once, beside the law that uses it.
+
+    class Damping(Settings):
+        gain: float = setting("rad/s/(N m)", ge=0, help="motor speed per torque of the spring")
+
+says the key of the TOML file, `gain_rad_per_s_per_Nm`, its bounds and its meaning; `damping.gain` is the value in SI.
+`Values` are the numbers of one or several tables as compiled code takes them: the fields of a record.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from functools import cache
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
+
+from twin.kernel.units import Unit, known_unit
+
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)
+
+
+class Setting(NamedTuple):
+    """What is declared of one key of a table.
+
+    Attributes:
+        unit: of the number in the file, `N m/rad`; "" for what has none.
+        default: in that unit; ... if the file has to say it.
+        help: what it means, one phrase.
+        field: its name in a record of compiled code.
+        into: which of its owner's records it goes into; "" where there is only one, None: none.
+        absent: SI value in the record where the file says nothing, None.
+        tunable: whether it may change while the robot runs.
+        exported: whether it stays open in an exported FMU.
+        broken_by: kinds of faults that change it.
+        more: bounds and examples, as pydantic takes them.
+    """
+
+    unit: str
+    default: Any
+    help: str
+    field: str
+    into: str | None
+    absent: Any
+    tunable: bool
+    exported: bool
+    broken_by: tuple[str, ...]
+    more: Mapping[str, Any]
+
+    def key(self, name: str) -> str:
+        """The key of the file: `name`, and the unit as in `kp_mm_per_N`, words joined by "_", those after "per" divide.
+
+        A unit "factor" or "share" is one of pure numbers.
+        """
+        unit = self.unit.replace("N m", "Nm").translate({ord("("): None, ord(")"): None, ord(" "): "_"})
+        return f"{name}_{unit.replace('1/', 'per_').replace('/', '_per_')}" if unit else name
+
+
+def setting(
+    unit: str = "",
+    *,
+    help: str,
+    default: Any = ...,
+    field: str = "",
+    into: str | None = "",
+    absent: Any = None,
+    tunable: bool = False,
+    exported: bool = True,
+    broken_by: tuple[str, ...] = (),
+    **more: Any,
+) -> Any:
+    """A key of a table, see `Setting`; without `field` the record has it by its own name."""
+    return Setting(unit, default, help, field, into, absent, tunable, exported, broken_by, more)
+
+
+class _Declaring(ModelMetaclass):
+    """Makes fields of pydantic of the settings in a class."""
+
+    def __new__(mcs, name: str, bases: tuple[type, ...], namespace: dict[str, Any], **more: Any) -> Any:
+        own = {key: value for key, value in namespace.items() if isinstance(value, Setting)}
+        for key, value in own.items():
+            said = {**value.more, "description": value.help} | ({"alias": value.key(key)} if value.unit else {})
+            namespace[key] = Field(value.default, **said)
+        made: Any = super().__new__(mcs, name, bases, namespace, **more)
+        inherited = {key: value for base in reversed(bases) for key, value in getattr(base, "settings", {}).items()}
+        made.settings = inherited | {key: value._replace(field=value.field or key) for key, value in own.items()}
+        return made
+
+
+class Settings(BaseModel, metaclass=_Declaring):
+    """A table of the TOML file: unknown keys are mistakes, numbers are finite, types are not guessed.
+
+    Attributes:
+        settings: those of the class, by attribute.
+    """
+
+    settings: ClassVar[dict[str, Setting]]
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, validate_default=True)
+
+    @classmethod
+    def of(cls, **values: Any) -> Self:
+        """A table of values in SI by attribute, which nobody checks; the others are their defaults."""
+        return cls.model_construct(**values)
+
+    @field_validator("*", mode="after")
+    @classmethod
+    def _to_si(cls, value: Any, info: ValidationInfo) -> Any:
+        is_quantity, unit = _unit_of(cls, info.field_name or "")
+        if not is_quantity or value is None:
+            return value
+        # a `share` and a `factor` have none
+        si = value if unit is None else unit.in_si(value)
+        if not _finite(si):
+            raise ValueError("expected a number that is finite in SI units, too")
+        return si
+
+
+@cache
+def _unit_of(table: type[Settings], name: str) -> tuple[bool, Unit | None]:
+    """Whether the field `name` has a unit in its key, and that unit."""
+    key = table.model_fields[name].alias
+    return key is not None, None if key is None else known_unit(key.removeprefix(f"{name}_"))
+
+
+def _finite(value: Any) -> bool:
+    return all(map(_finite, value)) if isinstance(value, tuple) else math.isfinite(value)
+
+
+class FieldSource(NamedTuple):
+    """Where the number in a field of a record comes from.
+
+    Attributes:
+        table, name: the setting.
+        times, divisor: number = SI value of the setting / divisor * times.
+        broken_by: kinds of faults that change it in this record.
+    """
+
+    table: type[Settings]
+    name: str
+    times: float = 1.0
+    divisor: float = 1.0
+    broken_by: tuple[str, ...] = ()
+
+    @property
+    def setting(self) -> Setting:
+        """What is declared of it."""
+        return self.table.settings[self.name]
+
+    @property
+    def form(self) -> str:
+        """`f8` a number, `3f8` three of them, `i8` a choice."""
+        kind = self.table.model_fields[self.name].annotation
+        return "i8" if get_origin(kind) is Literal else "3f8" if get_origin(kind) is tuple else "f8"
+
+    def number(self, table: Settings) -> Any:
+        """What the record has in it if `table` is what the file says; a choice counts from 0."""
+        return self.of(getattr(table, self.name))
+
+    def of(self, value: Any) -> Any:
+        """What the record has of a `value`, SI."""
+        if value is None:
+            return self.setting.absent
+        if self.form == "i8":
+            return get_args(self.table.model_fields[self.name].annotation).index(value)
+        # what is not scaled stays as it is, to the last bit
+        return value if self.times == self.divisor == 1.0 else value / self.divisor * self.times
+
+
+Triple = tuple[float, float, float]
+Fields = Mapping[str, FieldSource | Setting]
+"""Fields of a record by name: where the number of each comes from, or what is declared of one that no file sets."""
+
+
+def taken(table: type[Settings], *names: str, into: str = "") -> dict[str, FieldSource]:
+    """Fields of the settings `names` of `table`, or else of all its numbers and choices that go `into` a record."""
+    chosen = names or [name for name in table.settings if table.settings[name].into == into and _is_number(table, name)]
+    return {table.settings[name].field: FieldSource(table, name) for name in chosen}
+
+
+def numbers(table: Settings, into: str = "") -> dict[str, Any]:
+    """What a record of the numbers of one table has in its fields; `into`: as of `taken`."""
+    return {field: source.number(table) for field, source in taken(type(table), into=into).items()}
+
+
+def _is_number(table: type[Settings], name: str) -> bool:
+    """Whether compiled code has a form for it: not for text, truth values and tables."""
+    kind = table.model_fields[name].annotation
+    kinds = [part for part in (get_args(kind) or (kind,)) if part is not type(None)]
+    return get_origin(kind) is Literal or all(part in (float, int) for part in kinds)
+
+
+class Values(tuple[Any, ...]):
+    """Numbers of compiled code, SI: a named tuple whose fields are declared by settings.
+
+    A subclass names its `parts`; `twin.kernel.cosim.port.record_of` makes a record of it.
+
+    Attributes:
+        sources: of the fields that settings decide on.
+        forms: of all fields, `f8`, `3f8` or `i8`.
+        broken_by: the field that a kind of fault changes, by the kind.
+    """
+
+    _fields: ClassVar[tuple[str, ...]]
+    _field_defaults: ClassVar[dict[str, Any]]
+    sources: ClassVar[dict[str, FieldSource]]
+    forms: ClassVar[dict[str, str]]
+    broken_by: ClassVar[dict[str, str]]
+
+    def __init_subclass__(cls, parts: Iterable[Fields] = (), first: str = "") -> None:
+        """Declare the fields.
+
+        Args:
+            parts: of the record.
+            first: fields that stand first in memory, in this order; the others follow in the order of the parts.
+        """
+        named = {name: field for part in parts for name, field in part.items()}
+        fields = {name: named[name] for name in first.split()} | named
+        cls._fields = tuple(fields)
+        cls.sources = {name: field for name, field in fields.items() if isinstance(field, FieldSource)}
+        cls.forms = {
+            name: field.form if isinstance(field, FieldSource) else "3f8" if isinstance(field.default, tuple) else "f8"
+            for name, field in fields.items()
+        }
+        kinds = {name: field.broken_by or getattr(field, "setting", field).broken_by for name, field in fields.items()}
+        cls.broken_by = {kind: name for name in fields for kind in kinds[name]}
+        cls._field_defaults = {name: start for name, field in fields.items() if (start := _start_of(field)) is not None}
+        for index, name in enumerate(fields):
+            setattr(cls, name, property(itemgetter(index)))
+
+    def __new__(cls, *values: Any, **named: Any) -> Self:
+        given = dict(zip(cls._fields, values, strict=False)) | named
+        if unknown := [name for name in given if name not in cls._fields] + list(values[len(cls._fields) :]):
+            raise TypeError(f"{cls.__name__}: no field for {unknown}")
+        return tuple.__new__(cls, [given[name] if name in given else cls._field_defaults[name] for name in cls._fields])
+
+    @classmethod
+    def made(cls, *tables: Settings, **more: Any) -> Self:
+        """The numbers that `tables` say, with `more` by field."""
+        for name, source in cls.sources.items():
+            if name not in more:
+                more[name] = source.number(next(table for table in tables if isinstance(table, source.table)))
+        return cls(**more)
+
+    def _asdict(self) -> dict[str, Any]:
+        return dict(zip(self._fields, self, strict=True))
+
+    def _replace(self, **values: Any) -> Self:
+        return type(self)(**(self._asdict() | values))
+
+    def __getnewargs__(self) -> tuple[Any, ...]:
+        return tuple(self)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in self._asdict().items())})"
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...
+
+
+def _start_of(field: FieldSource | Setting) -> Any:
+    """What a field has where nobody says anything, SI; None: it has to be said."""
+    declared = field.setting if isinstance(field, FieldSource) else field
+    if declared.default is ...:
+        return None
+    if not isinstance(field, FieldSource):
+        return declared.default
+    _, unit = _unit_of(field.table, field.name)
+    return field.of(declared.default if unit is None or declared.default is None else unit.in_si(declared.default))

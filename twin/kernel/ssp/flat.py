@@ -1,0 +1,263 @@
+"""A system without systems in it: components by their paths, what leads from one to another, what is set."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.ssp.parameters import NONE, ParameterBinding, ParameterValue, Transformation, UnitDefinition
+from twin.kernel.ssp.structure import Connection, Connector, End, Patience, SspComponent, SspSystem, Structure
+
+SOURCES, SINKS = ("output", "calculatedParameter", "constant", "local"), ("input", "parameter", "structuralParameter")
+"""Kinds of connectors that values leave, and get to; seen from inside a system its own are the other way round."""
+MOST_BINDINGS = 1_000_000
+"""Values on their ways, of all components together."""
+
+
+class Hop(NamedTuple):
+    """A part of the way of a value: converted to the unit of where it gets, then transformed.
+
+    Attributes:
+        transformation: of a connection or of an entry of a mapping.
+        suppress: whether units are left alone.
+        unit: of the system's connector where the hop ends; "": that of the value, or the last hop.
+    """
+
+    transformation: Transformation = NONE
+    suppress: bool = False
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Lead:
+    """What goes from an output of one component to an input of another one; each end is a path and a connector."""
+
+    start: End
+    end: End
+    hops: tuple[Hop, ...]
+
+
+@dataclass(frozen=True)
+class Assigned:
+    """A value for a variable of a component, and how it becomes that.
+
+    Attributes:
+        value: as the parameter set has it.
+        units: that the set defines.
+        hops: on the way, none of them if it goes as it is.
+    """
+
+    value: ParameterValue
+    units: tuple[UnitDefinition, ...]
+    hops: tuple[Hop, ...]
+
+
+@dataclass(frozen=True)
+class FlatSystem:
+    """A system whose systems are flattened.
+
+    Attributes:
+        components: by path, "motor" or "arm.motor", in the order of the file.
+        leads: one at most for each input.
+        assigned: by component, by variable; what counts if several values are given.
+        ignored: names that parameter sets give values to, and nothing is called so.
+    """
+
+    components: dict[str, SspComponent]
+    leads: tuple[Lead, ...]
+    assigned: dict[str, dict[str, Assigned]]
+    ignored: tuple[str, ...]
+
+
+def flattened(structure: Structure, where: str) -> FlatSystem:
+    """The system of `structure` without systems in it; `where` is for sentences.
+
+    Raises:
+        InputRefused: a connection from or to what is not there, two that lead to one connector, one that leads in a
+            circle through connectors of systems, or two components of one path.
+    """
+    return _Flat(structure.system, where).system()
+
+
+class _Flat:
+    """What is known of all systems in one.
+
+    Attributes of a node: an `End` whose element is the path of a component or of a system ("" for the outermost).
+    """
+
+    def __init__(self, outermost: SspSystem, where: str):
+        self._where = where
+        self._components: dict[str, SspComponent] = {}
+        self._systems: dict[str, SspSystem] = {"": outermost}
+        self._into: dict[End, tuple[End, Connection]] = {}
+        self._out: dict[End, list[tuple[End, Connection]]] = {}
+        self._assigned: dict[str, dict[str, Assigned]] = {}
+        self._ignored: dict[str, None] = {}
+        self._count = 0
+        self._patience = Patience(where)
+        self._visit(outermost, "")
+
+    def system(self) -> FlatSystem:
+        leads = [self._lead(end) for end in self._into if end.element in self._components]
+        self._assign(self._systems[""], "")
+        ignored = tuple(self._ignored)
+        return FlatSystem(self._components, tuple(lead for lead in leads if lead), self._assigned, ignored)
+
+    def _visit(self, system: SspSystem, path: str) -> None:
+        for part in system.elements:
+            below = f"{path}.{part.name}" if path else part.name
+            if below in self._components or below in self._systems:
+                raise InputRefused(f"{self._where}: two elements have the path '{below}'; expected different names")
+            if isinstance(part, SspSystem):
+                self._systems[below] = part
+                self._visit(part, below)
+            else:
+                self._components[below] = part
+        for connection in system.connections:
+            self._patience.spend()
+            start, end = self._directed(connection, path, system)
+            if end in self._into:
+                first, second = _text(self._into[end][0]), _text(start)
+                raise InputRefused(
+                    f"{self._where}: {_text(end)} is fed by two connections, from {first} and from {second}; remove one"
+                )
+            self._into[end] = start, connection
+            self._out.setdefault(start, []).append((end, connection))
+
+    def _directed(self, connection: Connection, path: str, system: SspSystem) -> tuple[End, End]:
+        """Where the value comes from, and where it gets: the standard leaves that to the kinds of the connectors."""
+        start, end = (self._node(at, path, system) for at in (connection.start, connection.end))
+        gives = [self._gives(at, inside) for at, inside in ((start, connection.start), (end, connection.end))]
+        if None not in gives and gives[0] == gives[1]:
+            both = "give values" if gives[0] else "take values"
+            raise InputRefused(
+                f"{self._where}: the connection of {_text(start)} and {_text(end)}, which both {both}; expected one of "
+                "each kind"
+            )
+        return (end, start) if gives[0] is False or gives[1] is True else (start, end)
+
+    def _gives(self, node: End, said: End) -> bool | None:
+        """Whether values leave a connector here; None: nobody says."""
+        within = self._systems.get(node.element)
+        owner = within or self._components[node.element]
+        found = owner.connector_of.get(node.connector)
+        kind = found.kind if found else ""
+        if kind not in (*SOURCES, *SINKS):
+            return None
+        # a system's own connector, seen from inside
+        return (kind in SOURCES) == bool(said.element)
+
+    def _node(self, end: End, path: str, system: SspSystem) -> End:
+        if not end.element:
+            self._known(system, end.connector, path)
+            return End(path, end.connector)
+        part = system.element_of.get(end.element)
+        if part is None:
+            known = ", ".join(part.name for part in system.elements)
+            raise InputRefused(
+                f"{self._where}: a connection with '{end.element}', which is no element of '{system.name}'; it has "
+                f"{known or 'none'}"
+            )
+        below = f"{path}.{part.name}" if path else part.name
+        if isinstance(part, SspSystem):
+            self._known(part, end.connector, below)
+        return End(below, end.connector)
+
+    def _known(self, system: SspSystem, connector: str, path: str) -> Connector:
+        found = system.connector_of.get(connector)
+        if found is None:
+            raise InputRefused(
+                f"{self._where}: a connection with '{connector}', which is no connector of the system "
+                f"'{path or system.name}'"
+            )
+        return found
+
+    def _lead(self, end: End) -> Lead | None:
+        """What feeds an end; None: a connector of the outermost system, which nobody feeds."""
+        hops: list[Hop] = []
+        node, seen = end, {end}
+        while node in self._into:
+            self._patience.spend()
+            start, connection = self._into[node]
+            hops.append(self._hop(node, connection))
+            if start in seen:
+                raise InputRefused(
+                    f"{self._where}: what feeds {_text(end)} leads in a circle through {_text(start)}, a connector of "
+                    "a system; a value has to come from a component"
+                )
+            seen.add(start)
+            node = start
+            if node.element in self._components:
+                return Lead(node, end, tuple(reversed(hops)))
+        return None
+
+    def _hop(self, end: End, connection: Connection) -> Hop:
+        unit = ""
+        if end.element in self._systems:
+            unit = self._known(self._systems[end.element], end.connector, end.element).unit
+        return Hop(connection.transformation, connection.suppress_unit_conversion, unit)
+
+    def _assign(self, system: SspSystem, path: str) -> None:
+        """What is inside first: a value of a higher level counts."""
+        for part in system.elements:
+            below = f"{path}.{part.name}" if path else part.name
+            if isinstance(part, SspSystem):
+                self._assign(part, below)
+            else:
+                self._bind(part.bindings, below)
+        self._bind(system.bindings, path)
+
+    def _bind(self, bindings: tuple[ParameterBinding, ...], path: str) -> None:
+        for binding in bindings:
+            for value in binding.parameters.parameters:
+                self._patience.spend()
+                name = binding.prefix + value.name
+                entries = binding.mapping.entries_of.get(name, []) if binding.mapping else []
+                targets: list[tuple[str, tuple[Hop, ...]]] = [
+                    (one.target, (Hop(one.transformation, one.suppress_unit_conversion),)) for one in entries
+                ]
+                for target, hops in targets or [(name, ())]:
+                    reached = list(self._resolved(target, path, hops))
+                    for end, way in reached:
+                        self._count += 1
+                        if self._count > MOST_BINDINGS:
+                            raise InputRefused(f"{self._where}: more than {MOST_BINDINGS} values; do not trust it")
+                        given = Assigned(value, binding.parameters.units, way)
+                        self._assigned.setdefault(end.element, {})[end.connector] = given
+                    if not reached:
+                        self._ignored[f"{path}.{target}" if path else target] = None
+
+    def _resolved(self, name: str, path: str, hops: tuple[Hop, ...]) -> Iterator[tuple[End, tuple[Hop, ...]]]:
+        """The variables of components that `name`, in the component or system at `path`, means."""
+        if path in self._components:
+            yield End(path, name), hops
+            return
+        system = self._systems[path]
+        own = system.connector_of.get(name)
+        if own is not None:
+            led = (*hops[:-1], hops[-1]._replace(unit=own.unit)) if hops else (Hop(unit=own.unit),)
+            yield from self._forward(End(path, name), led)
+            return
+        # names of elements may have dots themselves
+        inner = next((name[:n] for n in system.lengths if name[n : n + 1] == "." and name[:n] in system.element_of), "")
+        if inner:
+            yield from self._resolved(name[len(inner) + 1 :], f"{path}.{inner}" if path else inner, hops)
+
+    def _forward(self, start: End, hops: tuple[Hop, ...]) -> Iterator[tuple[End, tuple[Hop, ...]]]:
+        """Where a value gets from a connector of a system; on one way at most, as nothing is fed twice."""
+        seen, ahead = {start}, [(start, hops)]
+        while ahead:
+            self._patience.spend()
+            node, way = ahead.pop()
+            if node.element in self._components:
+                yield node, way
+                continue
+            # the first of them comes next
+            for end, connection in reversed(self._out.get(node, [])):
+                if end not in seen:
+                    seen.add(end)
+                    ahead.append((end, (*way, self._hop(end, connection))))
+
+
+def _text(end: End) -> str:
+    return f"{end.element}.{end.connector}" if end.element else end.connector

@@ -1,0 +1,349 @@
+"""The structure of a system (SystemStructure.ssd), read.
+
+Parameter files, read: values (SSV), and where they go (SSM), of SSP 1.0 and 2.0. https://ssp-standard.org/docs/2.0
+"""
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar, cast, get_args
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import xml_of
+from twin.kernel.ssp.parameters import (
+    PARAMETER_MAPPING,
+    PARAMETER_SET,
+    REALS,
+    WHOLES,
+    MappingEntry,
+    ParameterBinding,
+    ParameterMapping,
+    ParameterSet,
+    ParameterValue,
+)
+from twin.kernel.ssp.structure import (
+    FMU,
+    TRUTH,
+    Connection,
+    Connector,
+    ConnectorKind,
+    DefaultExperiment,
+    End,
+    Implementation,
+    Patience,
+    SspComponent,
+    SspSystem,
+    Structure,
+    annotations_of,
+    inside,
+    listed,
+    local,
+    metadata_of,
+    named,
+    number,
+    transformation_of,
+    truth,
+    unique,
+    units_of,
+)
+
+MOST_PARAMETERS = 100_000
+"""Of one set, and entries of one mapping."""
+TEXTS = ("String", "Enumeration", "Binary")
+
+
+def parameter_set(content: bytes, where: str, source: str = "") -> ParameterSet:
+    """The set in an SSV file.
+
+    Args:
+        content: of the file.
+        where: for sentences.
+        source: of the set.
+
+    Raises:
+        InputRefused: no SSV, or as `parameter_set_of`.
+    """
+    return parameter_set_of(xml_of(content, where), where, source)
+
+
+def parameter_set_of(root: ET.Element, where: str, source: str = "") -> ParameterSet:
+    """The set that an element is.
+
+    Raises:
+        InputRefused: it is none, a parameter has no name or another one's, or what it has is no finite number, truth
+            value or text.
+    """
+    if local(root) != "ParameterSet":
+        raise InputRefused(f"{where}: <{local(root)}>; expected <ParameterSet>, an SSV file")
+    found = listed(root, "Parameters", "Parameter")
+    if len(found) > MOST_PARAMETERS:
+        raise InputRefused(f"{where}: {len(found)} parameters; expected at most {MOST_PARAMETERS}")
+    values: dict[str, ParameterValue] = {}
+    for element in found:
+        name = element.get("name", "")
+        kinds = [
+            child for child in element if local(child) not in ("Annotations", "Dimension", "MetaData", "Signature")
+        ]
+        if not name or name in values or len(kinds) != 1:
+            wrong = "without a name" if not name else "given twice" if name in values else "without one value"
+            raise InputRefused(f"{where}: a parameter {wrong}{f', {name}' if name else ''}")
+        type_ = local(kinds[0])
+        taken = _values(kinds[0], type_, f"{where}: {name}")
+        values[name] = ParameterValue(name, type_, taken, kinds[0].get("unit", ""), element.get("description", ""))
+    units = units_of(root, where)
+    return ParameterSet(
+        root.get("name", ""), tuple(values.values()), units, source, metadata_of(root), annotations_of(root)
+    )
+
+
+def mapping_of(root: ET.Element, where: str, source: str = "") -> ParameterMapping:
+    """The mapping that an element is.
+
+    Raises:
+        InputRefused: it is none, or an entry has no source or target.
+    """
+    if local(root) != "ParameterMapping":
+        raise InputRefused(f"{where}: <{local(root)}>; expected <ParameterMapping>, an SSM file")
+    found = inside(root, "MappingEntry")
+    if len(found) > MOST_PARAMETERS:
+        raise InputRefused(f"{where}: {len(found)} entries; expected at most {MOST_PARAMETERS}")
+    entries = [
+        MappingEntry(
+            named(entry, "source", where),
+            named(entry, "target", where),
+            transformation_of(entry, where),
+            truth(entry, "suppressUnitConversion", where),
+        )
+        for entry in found
+        # tools write entries that lead from nothing, for people to fill in
+        if entry.get("source") != ""
+    ]
+    return ParameterMapping(tuple(entries), source, metadata_of(root))
+
+
+def _values(element: ET.Element, type_: str, where: str) -> tuple[float, ...] | tuple[str, ...]:
+    text = element.get("value")
+    if type_ in TEXTS:
+        # an array of texts has an element for each
+        return tuple(one.get("value", "") for one in inside(element, "Value")) if text is None else (text,)
+    words = re.split(r"\s+", (text or "").strip())
+    return tuple(_number(word, type_, where) for word in words)
+
+
+def _number(text: str, type_: str, where: str) -> float:
+    try:
+        if type_ == "Boolean":
+            return float(TRUTH[text])
+        value = float(int(text)) if type_ in WHOLES else float(text) if type_ in REALS else math.nan
+    except (KeyError, ValueError, OverflowError):
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputRefused(f"{where}: {type_} '{text[:40]}'; expected finite numbers, truth values or text")
+    return value
+
+
+NAMESPACE = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
+MOST_PARTS = 500
+"""Components and systems; a file that has more would take minutes."""
+
+
+class Resource(NamedTuple):
+    """A file of the archive: what it holds, its name there, and what sentences call it."""
+
+    content: bytes
+    entry: str
+    where: str
+
+
+Bring = Callable[[str, str], Resource]
+"""The resource that a URI in the structure means; the second argument is what refers to it, for sentences."""
+_T = TypeVar("_T")
+
+
+def structure_of(content: bytes, where: str, bring: Bring) -> Structure:
+    """What a SystemStructure.ssd says.
+
+    Args:
+        content: of the file.
+        where: for sentences.
+        bring: brings parameter sets that stand in files of their own.
+
+    Raises:
+        InputRefused: no SSD of SSP 1.0 or 2.0; names or numbers that are none; signal dictionaries and elements of
+            arrays, which are not read.
+    """
+    root = xml_of(content, where)
+    if root.tag != f"{NAMESPACE}SystemStructureDescription":
+        raise InputRefused(
+            f"{where}: <{local(root)}>; expected <SystemStructureDescription> of SSP 1.0 or 2.0, namespace "
+            f"{NAMESPACE[1:-1]}"
+        )
+    version = root.get("version", "")
+    if not re.match(r"[12]\.[0-9]", version):
+        raise InputRefused(f"{where}: version '{version}'; expected 1.0 or 2.0")
+    system = next(iter(inside(root, "System")), None)
+    if system is None:
+        raise InputRefused(f"{where}: has no system")
+    enumerations = tuple(
+        (
+            named(one, "name", where),
+            tuple((named(i, "name", where), int(number(i, "value", where, 0))) for i in inside(one, "Item")),
+        )
+        for one in listed(root, "Enumerations", "Enumeration")
+    )
+    experiment = DefaultExperiment()
+    for stated in inside(root, "DefaultExperiment")[:1]:
+        start, stop = (
+            number(stated, time, where, 0.0) if stated.get(time) is not None else None
+            for time in ("startTime", "stopTime")
+        )
+        experiment = DefaultExperiment(start, stop, annotations_of(stated))
+    return Structure(
+        name=root.get("name", ""),
+        system=_Reader(where, bring).system(system, "system"),
+        version=version,
+        units=units_of(root, where),
+        enumerations=enumerations,
+        experiment=experiment,
+        metadata=metadata_of(root),
+        annotations=annotations_of(root),
+    )
+
+
+class _Reader:
+    """Reads systems within systems.
+
+    Args:
+        where: for sentences.
+        bring: see `structure_of`.
+    """
+
+    def __init__(self, where: str, bring: Bring):
+        self._where, self._bring = where, bring
+        self._parts = 0
+        self._patience = Patience(where)
+        self._known: dict[tuple[str, str], object] = {}
+
+    def system(self, element: ET.Element, place: str) -> SspSystem:
+        name = named(element, "name", self._where)
+        for unread in ("SignalDictionaries", "SignalDictionary"):
+            if inside(element, unread):
+                raise InputRefused(f"{self._where}: {place} '{name}' has signal dictionaries, which are not read here")
+        parts = [self._part(part) for group in inside(element, "Elements") for part in group]
+        unique((part.name for part in parts), f"elements of {place} '{name}'", self._where)
+        connections = [self._connection(one) for one in listed(element, "Connections", "Connection")]
+        return SspSystem(
+            name=name,
+            elements=tuple(parts),
+            connections=tuple(connections),
+            connectors=self._connectors(element, name),
+            bindings=self._bindings(element, name),
+            description=element.get("description", ""),
+            annotations=annotations_of(element),
+        )
+
+    def _part(self, element: ET.Element) -> SspComponent | SspSystem:
+        self._parts += 1
+        if self._parts > MOST_PARTS:
+            raise InputRefused(f"{self._where}: more than {MOST_PARTS} parts; do not trust this file")
+        if local(element) == "System":
+            return self.system(element, "the system")
+        name = named(element, "name", self._where)
+        if local(element) != "Component":
+            kind = re.sub(r"(?<!^)([A-Z])", r" \1", local(element)).lower()
+            raise InputRefused(f"{self._where}: element '{name}' is a {kind}, which is not read here")
+        implementation = element.get("implementation", "any")
+        if implementation not in get_args(Implementation):
+            known = ", ".join(get_args(Implementation))
+            raise InputRefused(f"{self._where}: '{name}': implementation '{implementation}'; expected {known}")
+        return SspComponent(
+            name=name,
+            source=element.get("source", ""),
+            type=element.get("type", FMU),
+            implementation=cast(Implementation, implementation),
+            connectors=self._connectors(element, name),
+            bindings=self._bindings(element, name),
+            description=element.get("description", ""),
+            annotations=annotations_of(element),
+        )
+
+    def _connectors(self, element: ET.Element, owner: str) -> tuple[Connector, ...]:
+        found = [self._connector(one, owner) for one in listed(element, "Connectors", "Connector")]
+        unique((one.name for one in found), f"connectors of '{owner}'", self._where)
+        return tuple(found)
+
+    def _connector(self, element: ET.Element, owner: str) -> Connector:
+        self._patience.spend()
+        name, kind = named(element, "name", self._where), named(element, "kind", self._where)
+        if kind not in get_args(ConnectorKind):
+            known = ", ".join(get_args(ConnectorKind))
+            raise InputRefused(f"{self._where}: {owner}.{name}: kind '{kind}'; expected {known}")
+        unread = ("ConnectorGeometry", "Annotations", "Dimension", "Clock")
+        stated = next((child for child in element if local(child) not in unread), None)
+        sizes = [(one.get("size"), one.get("sizeConnector", "")) for one in inside(element, "Dimension")]
+        if not all((size or "1").isdecimal() and (size or by) for size, by in sizes):
+            raise InputRefused(f"{self._where}: {owner}.{name}: a dimension without a size")
+        return Connector(
+            name=name,
+            kind=cast(ConnectorKind, kind),
+            type="" if stated is None else local(stated),
+            unit="" if stated is None else stated.get("unit", ""),
+            dimensions=tuple(by if size is None else int(size) for size, by in sizes),
+            description=element.get("description", ""),
+        )
+
+    def _connection(self, element: ET.Element) -> Connection:
+        self._patience.spend()
+        start, end = (
+            End(element.get(f"{side}Element", ""), named(element, f"{side}Connector", self._where))
+            for side in ("start", "end")
+        )
+        if element.get("startIndices") or element.get("endIndices"):
+            raise InputRefused(
+                f"{self._where}: the connection from {'.'.join(start)} to {'.'.join(end)} picks elements of arrays "
+                "(startIndices, endIndices), which is not read here; connect whole arrays"
+            )
+        suppressed = truth(element, "suppressUnitConversion", self._where)
+        return Connection(start, end, transformation_of(element, self._where), suppressed)
+
+    def _bindings(self, element: ET.Element, owner: str) -> tuple[ParameterBinding, ...]:
+        return tuple(
+            self._binding(one, f"parameters of '{owner}'")
+            for one in listed(element, "ParameterBindings", "ParameterBinding")
+        )
+
+    def _binding(self, element: ET.Element, what: str) -> ParameterBinding:
+        self._patience.spend()
+        inline = next(iter(inside(element, "ParameterValues")), None)
+        values = self._stated(element, inline, PARAMETER_SET, what, parameter_set_of)
+        if values is None:
+            raise InputRefused(f"{self._where}: {what}: neither a source nor values")
+        led = next(iter(inside(element, "ParameterMapping")), None)
+        to = None if led is None else self._stated(led, led, PARAMETER_MAPPING, what, mapping_of)
+        return ParameterBinding(values, element.get("prefix", ""), to)
+
+    def _stated(
+        self,
+        element: ET.Element,
+        inline: ET.Element | None,
+        type_: str,
+        what: str,
+        of_element: Callable[[ET.Element, str, str], _T],
+    ) -> _T | None:
+        """What stands in a file of its own, or in the element `inline`; None: neither."""
+        if element.get("type", type_) != type_:
+            raise InputRefused(f"{self._where}: {what} are of type '{element.get('type')}'; expected {type_}")
+        if source := element.get("source", ""):
+            if element.get("sourceBase", "SSD") != "SSD":
+                raise InputRefused(
+                    f"{self._where}: {what}: {source} is to be found in the component itself (sourceBase), which is "
+                    "not read here; put it into the archive"
+                )
+            # many components may name one file
+            if (type_, source) not in self._known:
+                content, entry, where = self._bring(source, what)
+                self._known[type_, source] = of_element(xml_of(content, where), where, entry)
+            return cast(_T, self._known[type_, source])
+        stated = [one for name in ("ParameterSet", "ParameterMapping") for one in inside(inline, name)]
+        return of_element(stated[0], f"{self._where}: {what}", "") if stated else None

@@ -1,0 +1,326 @@
+"""The structure of a system (SSD): its components, and what leads where.
+
+Elements that all files of the standard share (SSC), read; by their names alone, as each name means one thing.
+"""
+
+import math
+import time
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.ssp.parameters import (
+    METADATA,
+    NONE,
+    Annotation,
+    Metadata,
+    ParameterBinding,
+    Transformation,
+    UnitDefinition,
+)
+from twin.kernel.units import Dimension
+
+TRUTH = {"true": True, "1": True, "false": False, "0": False}
+MOST_POWER = 100
+"""Of a base unit; an honest one has 4."""
+
+MOST_TIME = 30.0
+"""s on a processor, for a structure and once more for what is made of it; the largest that is allowed takes a tenth."""
+
+
+class Patience:
+    """What lasts too long is refused: no file that an honest tool writes needs that.
+
+    Args:
+        where: for the sentence.
+    """
+
+    def __init__(self, where: str):
+        self._where = where
+        # not the clock's: a busy machine accuses no file
+        self._end = time.process_time() + MOST_TIME
+
+    def spend(self) -> None:
+        """To be called for each of what there may be many of.
+
+        Raises:
+            InputRefused: it has lasted too long.
+        """
+        if time.process_time() > self._end:
+            raise InputRefused(
+                f"{self._where}: takes more than {MOST_TIME:g} s to read; expected fewer connectors, connections and "
+                "values. Do not trust this file"
+            )
+
+
+def local(element: ET.Element) -> str:
+    """The name of an element without its namespace."""
+    return element.tag.rpartition("}")[2]
+
+
+def inside(element: ET.Element | None, name: str) -> list[ET.Element]:
+    """The children called `name`; none of no element."""
+    return [] if element is None else [child for child in element if local(child) == name]
+
+
+def listed(element: ET.Element, group: str, name: str) -> list[ET.Element]:
+    """The children called `name` of the child called `group`."""
+    return [child for part in inside(element, group) for child in inside(part, name)]
+
+
+def named(element: ET.Element, attribute: str, where: str) -> str:
+    """An attribute that has to be there.
+
+    Raises:
+        InputRefused: it is not.
+    """
+    found = element.get(attribute, "")
+    if not found:
+        raise InputRefused(f"{where}: a <{local(element)}> without {attribute}")
+    return found
+
+
+def unique(names: Iterable[str], what: str, where: str) -> None:
+    """See that no name comes twice.
+
+    Raises:
+        InputRefused: one does.
+    """
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise InputRefused(f"{where}: two {what} are called '{name}'; expected different names")
+        seen.add(name)
+
+
+def number(element: ET.Element, attribute: str, where: str, default: float) -> float:
+    """The finite number of an attribute, `default` without it.
+
+    Raises:
+        InputRefused: it is none.
+    """
+    text = element.get(attribute)
+    return default if text is None else finite(text, f"{where}: <{local(element)}> {attribute}")
+
+
+def finite(text: str, where: str) -> float:
+    """The finite number that `text` says.
+
+    Raises:
+        InputRefused: it says none.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputRefused(f"{where} = '{text[:40]}'; expected a finite number")
+    return value
+
+
+def truth(element: ET.Element, attribute: str, where: str) -> bool:
+    """Whether it says so; no if it says nothing.
+
+    Raises:
+        InputRefused: neither true nor false.
+    """
+    text = element.get(attribute, "false").strip()
+    if text not in TRUTH:
+        raise InputRefused(f"{where}: <{local(element)}> {attribute} = '{text[:40]}'; expected true or false")
+    return TRUTH[text]
+
+
+def metadata_of(root: ET.Element) -> Metadata:
+    """Of a file."""
+    return Metadata(*(root.get(name, "") for name in METADATA))
+
+
+def annotations_of(element: ET.Element) -> tuple[Annotation, ...]:
+    """Of an element; of each only the first element that is in it."""
+    return tuple(
+        Annotation(one.get("type", ""), ET.tostring(one[0], encoding="unicode").strip() if len(one) else "")
+        for one in listed(element, "Annotations", "Annotation")
+    )
+
+
+def units_of(root: ET.Element, where: str) -> tuple[UnitDefinition, ...]:
+    """That a file defines.
+
+    Raises:
+        InputRefused: a unit without a name, one defined twice, or powers that are no small whole numbers.
+    """
+    found = []
+    for unit in listed(root, "Units", "Unit"):
+        name = named(unit, "name", where)
+        base = next(iter(inside(unit, "BaseUnit")), None)
+        if base is None:
+            raise InputRefused(f"{where}: unit '{name}' without a BaseUnit")
+        powers = [number(base, power, where, 0.0) for power in Dimension._fields]
+        if not all(power.is_integer() and abs(power) <= MOST_POWER for power in powers):
+            raise InputRefused(f"{where}: unit '{name}': expected small whole powers of its base units")
+        factor = number(base, "factor", where, 1.0)
+        if factor == 0.0:
+            raise InputRefused(f"{where}: unit '{name}' has the factor 0; expected another number")
+        found.append(UnitDefinition(name, Dimension(*map(int, powers)), factor, number(base, "offset", where, 0.0)))
+    unique((unit.name for unit in found), "units", where)
+    return tuple(found)
+
+
+def transformation_of(element: ET.Element, where: str) -> Transformation:
+    """That of a connection or of an entry of a mapping.
+
+    Raises:
+        InputRefused: a factor or an offset is no finite number.
+    """
+    for child in element:
+        if local(child) == "LinearTransformation":
+            return Transformation(number(child, "factor", where, 1.0), number(child, "offset", where, 0.0))
+        if local(child).endswith("Transformation"):
+            return Transformation(table=local(child))
+    return NONE
+
+
+STRUCTURE = "SystemStructure.ssd"
+"""Entry of an SSP archive."""
+FMU = "application/x-fmu-sharedlibrary"
+
+ConnectorKind = Literal[
+    "input", "output", "inout", "parameter", "calculatedParameter", "structuralParameter", "constant", "local"
+]
+"""As the standard calls them; the last three are of SSP 2.0."""
+Implementation = Literal["any", "CoSimulation", "ModelExchange", "ScheduledExecution"]
+
+
+@dataclass(frozen=True)
+class Connector:
+    """Where a component or a system can be connected.
+
+    Attributes:
+        name: of an FMU the variable's.
+        kind: what it is for.
+        type: "Real", "Float64", "Integer" ..; "": that of the variable.
+        unit: "": that of the variable.
+        dimensions: of an array (SSP 2.0), each a number or the name of the connector that says it.
+        description: or "".
+    """
+
+    name: str
+    kind: ConnectorKind
+    type: str = ""
+    unit: str = ""
+    dimensions: tuple[int | str, ...] = ()
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class SspComponent:
+    """A part that somebody else has made, as a rule an FMU.
+
+    Attributes:
+        name: unique in its system.
+        source: URI, relative to the structure: "resources/plant.fmu".
+        type: MIME type of what is there.
+        implementation: as which an FMU is to be used.
+        connectors: that are told of; an FMU may have more variables.
+        bindings: values for its parameters, the last one counts.
+    """
+
+    name: str
+    source: str
+    type: str = FMU
+    implementation: Implementation = "any"
+    connectors: tuple[Connector, ...] = ()
+    bindings: tuple[ParameterBinding, ...] = ()
+    description: str = ""
+    annotations: tuple[Annotation, ...] = ()
+
+    @cached_property
+    def connector_of(self) -> dict[str, Connector]:
+        """Its connectors by name."""
+        return {one.name: one for one in self.connectors}
+
+
+class End(NamedTuple):
+    """Where a connection begins or ends; `element` is a component or system, "" for the system it stands in."""
+
+    element: str
+    connector: str
+
+
+@dataclass(frozen=True)
+class Connection:
+    """What goes from one connector to another.
+
+    Attributes:
+        suppress_unit_conversion: the transformation is all that is done to the value.
+    """
+
+    start: End
+    end: End
+    transformation: Transformation = NONE
+    suppress_unit_conversion: bool = False
+
+
+@dataclass(frozen=True)
+class SspSystem:
+    """Components, and systems in the system, joined by connections.
+
+    Attributes:
+        connectors: its own, for whoever puts it into another one.
+        bindings: values for parameters of all that is in it, "element.parameter".
+    """
+
+    name: str
+    elements: tuple["SspComponent | SspSystem", ...]
+    connections: tuple[Connection, ...] = ()
+    connectors: tuple[Connector, ...] = ()
+    bindings: tuple[ParameterBinding, ...] = ()
+    description: str = ""
+    annotations: tuple[Annotation, ...] = ()
+
+    @cached_property
+    def connector_of(self) -> dict[str, Connector]:
+        """Its own connectors by name."""
+        return {one.name: one for one in self.connectors}
+
+    @cached_property
+    def element_of(self) -> dict[str, "SspComponent | SspSystem"]:
+        """What is in it by name."""
+        return {one.name: one for one in self.elements}
+
+    @cached_property
+    def lengths(self) -> list[int]:
+        """Of the names of what is in it, the longest first."""
+        return sorted({len(name) for name in self.element_of}, reverse=True)
+
+
+@dataclass(frozen=True)
+class DefaultExperiment:
+    """How long the system is run if nothing else is said (s); None: not stated. The standard has no word for steps."""
+
+    start: float | None = None
+    stop: float | None = None
+    annotations: tuple[Annotation, ...] = ()
+
+
+@dataclass(frozen=True)
+class Structure:
+    """All of a SystemStructure.ssd.
+
+    Attributes:
+        version: of the standard, "1.0".
+        units: that connectors name.
+        enumerations: by name, the value of each item.
+    """
+
+    name: str
+    system: SspSystem
+    version: str = "1.0"
+    units: tuple[UnitDefinition, ...] = ()
+    enumerations: tuple[tuple[str, tuple[tuple[str, int], ...]], ...] = ()
+    experiment: DefaultExperiment = DefaultExperiment()
+    metadata: Metadata = Metadata()  # noqa: RUF009, it is frozen
+    annotations: tuple[Annotation, ...] = ()

@@ -1,0 +1,238 @@
+"""The robot's drives, plant, body, encoders and scale, from an experiment.
+
+[plant] and [contact] as the constants of plant and encoders; [contact] and [[fault]] as how the surface moves.
+
+An experiment on its way to components: what several of them have to know when they are made, and the joints' drives.
+
+These are one for each joint, or one FMU that turns all.
+
+What is true: the plant at rest, what it presses on, the encoders and the scale.
+"""
+
+import math
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.delay import delay
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi.description import FmuDescription
+from twin.robot.assembly.drives import DrivePlan, Start, drive, planned
+from twin.robot.assembly.roles import OtherPart
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import NEVER, Fault
+from twin.robot.experiment.schema import whole_ticks
+from twin.robot.mechanism.statics import G_ACCELERATION
+from twin.robot.plant.component import Plant, resting
+from twin.robot.plant.contact_law import Body, Contact, Motion, MotionKind
+from twin.robot.plant.dynamics import PlantParameters, TrueRobot
+from twin.robot.plant.encoder import INPUTS as ANGLES
+from twin.robot.plant.encoder import Encoder, Scale, Shaft
+
+SUDDEN = 0.02
+"""Time (s) in which a surface jumps or drops away as a fault."""
+BREATHING_RATE = 0.25
+"""Of breathing as a fault (Hz): 15 per minute."""
+
+
+def plant_parameters(plant: TrueRobot, contact: Contact) -> PlantParameters:
+    """What is true, SI."""
+    return PlantParameters.made(plant, contact)
+
+
+def shafts(plant: TrueRobot) -> tuple[Shaft, Shaft]:
+    """The encoders of the motors and of the joints."""
+    p = plant
+    return (
+        Shaft(p.motor_counts_per_turn, p.motor_zero, p.motor_noise, p.motor_eccentricity, p.motor_eccentric_at),
+        Shaft(p.joint_counts_per_turn, p.joint_zero, p.joint_noise, p.joint_eccentricity, p.joint_eccentric_at),
+    )
+
+
+def surface_motions(contact: Contact) -> tuple[Motion, ...]:
+    """How the surface moves; empty: it does not."""
+    return tuple(table.motion for table in contact.motions)
+
+
+def fault_motions(faults: Sequence[Fault], tick: float) -> tuple[Motion, ...]:
+    """How it moves because of those of `faults` that break the body; `tick` in s."""
+    return tuple(motion for fault in faults if (motion := _broken(fault, tick)) is not None)
+
+
+def _broken(fault: Fault, tick: float) -> Motion | None:
+    onset, end = fault.onset * tick, math.inf if fault.end == NEVER else fault.end * tick
+    up, down = (0.0, 0.0, fault.magnitude), (0.0, 0.0, -fault.magnitude)
+    match fault.kind:
+        case "surface_jump":
+            return Motion(MotionKind.SHIFT, up, onset, end, rise=SUDDEN)
+        case "contact_loss":
+            return Motion(MotionKind.SHIFT, down, onset, end, rise=SUDDEN)
+        case "breathing":
+            return Motion(MotionKind.BREATHING, up, onset, end, rate=BREATHING_RATE)
+    return None
+
+
+JOINTS = 3
+
+
+class DriveMaker(Protocol):
+    """What makes the component of a drive.
+
+    Attributes:
+        one_process: whether all drives that it makes live in this process.
+    """
+
+    one_process: bool
+
+    def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
+        """As `twin.robot.assembly.drives.drive`."""
+
+
+class InThisProcess:
+    """Drives as they are."""
+
+    one_process = True
+    drive = staticmethod(drive)
+
+
+@dataclass(frozen=True)
+class Build:
+    """The robot at rest in static equilibrium at the start of its experiment.
+
+    Attributes:
+        experiment: what to build.
+        plans: of the three joints' drives.
+        maker: of the drives.
+        plant: at rest.
+        theta_m: the motor angles that hold it there (3,), rad.
+        others: parts of another make, by their names.
+    """
+
+    experiment: Experiment
+    plans: tuple[DrivePlan, ...]
+    maker: DriveMaker
+    plant: Plant
+    theta_m: NDArray[np.float64]
+    others: Mapping[str, OtherPart] = field(default_factory=dict)
+
+
+Makers = Mapping[str, Callable[[], Component]]
+"""What makes the components of a row of the robot's table, by their names; nothing where there is none."""
+Parts = Callable[[Build], Makers]
+
+
+def planned_drives(experiment: Experiment) -> tuple[DrivePlan, ...]:
+    """The joints' drives, checked as far as that goes without loading one; equal ones are read once.
+
+    Raises:
+        InputRefused: a drive does not fit.
+    """
+    plans: list[DrivePlan] = []
+    for table in experiment.drives:
+        plans.append(next((plan for plan in plans if plan.table == table), None) or planned(table))
+    if len({plan.axes for plan in plans}) > 1 or (turns_all(plans[0]) and plans[1:] != plans[:1] * 2):
+        label = next(plan.label for plan in plans if turns_all(plan))
+        raise InputRefused(f"{label}: drives all three joints; [drive.joint_1] .. cannot differ then, remove them")
+    if experiment.cosim.inputs == "linear":
+        plans = [plan.with_lines() for plan in plans]
+    folders: dict[str, Path] = {}
+    return tuple(replace(plan.until(experiment.duration_ticks), folders=folders) for plan in plans)
+
+
+def turns_all(plan: DrivePlan) -> bool:
+    """Whether one instance of the drive turns all joints."""
+    return plan.axes == JOINTS
+
+
+def joint_drives(build: Build) -> Makers:
+    """`drive`, or `drive_1` to `drive_3`."""
+    tick, theta_m, tau_load = build.experiment.cosim.tick, build.theta_m, build.plant.initial("tau_load")
+    if turns_all(build.plans[0]):
+        return {"drive": partial(build.maker.drive, "drive", build.plans[0], tick, theta_m, tau_load)}
+    return {
+        name: partial(build.maker.drive, name, plan, tick, theta_m[i], tau_load[i])
+        for i, plan in enumerate(build.plans)
+        for name in [f"drive_{i + 1}"]
+    }
+
+
+def need_processes(plans: tuple[DrivePlan, ...]) -> bool:
+    """Whether the joints' drives cannot live in one process: some FMUs exist only once in each.
+
+    Raises:
+        InputRefused: two parts of one drive are the same such FMU.
+    """
+    for plan in plans:
+        twice = _lonely(plan.parts.values())
+        if twice:
+            raise InputRefused(
+                f"{twice.path}: can be instantiated only once per process, and stands for two parts of one drive; "
+                "export it without that limit, or as one FMU"
+            )
+    instances = plans[:1] if turns_all(plans[0]) else plans
+    return _lonely([fmu for plan in instances for fmu in plan.parts.values()]) is not None
+
+
+def _lonely(fmus: Collection[FmuDescription]) -> FmuDescription | None:
+    """One of `fmus` that stands there more than once, and can live only once in a process."""
+    digests = [fmu.sha256 for fmu in fmus]
+    return next((fmu for fmu in fmus if fmu.lives_once and digests.count(fmu.sha256) > 1), None)
+
+
+def at_rest(experiment: Experiment, moved: bool = False) -> tuple[Plant, np.ndarray]:
+    """The plant in static equilibrium at the first way point of its reference, and the motor angles (3,), rad, there.
+
+    Args:
+        moved: whether a body of another make moves the surface.
+
+    Raises:
+        Unreachable: the robot cannot be there.
+    """
+    parameters = plant_parameters(experiment.plant, experiment.contact)
+    x, theta_m = resting(parameters, experiment.start)
+    moving, ramp = bool(motions(experiment)) or moved, experiment.cosim.inputs == "linear"
+    return Plant(parameters, x, theta_m, experiment.plant.substeps, moving, ramp), theta_m
+
+
+def plant(build: Build) -> Makers:
+    """Springs, mechanism and contact."""
+    return {"plant": lambda: build.plant}
+
+
+def body(build: Build) -> Makers:
+    """A surface that moves."""
+    found = motions(build.experiment)
+    return {"body": lambda: Body(found)} if found else {}
+
+
+def encoder(build: Build) -> Makers:
+    """Motor and joint encoders."""
+    experiment = build.experiment
+    motor, joint = shafts(experiment.plant)
+    return {"encoder": lambda: Encoder(motor, joint, experiment.controller_ticks, experiment.seed)}
+
+
+def latency(build: Build) -> Makers:
+    """The way of the angles into the encoders, if it takes time."""
+    ticks = whole_ticks(build.experiment.plant.encoder_latency, build.experiment.cosim.tick)
+    initial = np.concatenate([build.theta_m, build.plant.initial("theta_l")])
+    return {"latency": lambda: delay("latency", ANGLES, ticks, initial)} if ticks else {}
+
+
+def scale(build: Build) -> Makers:
+    """The electronic scale's display."""
+    table = build.experiment.scale
+    if table is None:
+        return {}
+    return {"scale": lambda: Scale(table.resolution * G_ACCELERATION, build.experiment.scale_ticks)}
+
+
+def motions(experiment: Experiment) -> tuple[Motion, ...]:
+    """How the surface moves, by itself and because of faults."""
+    return surface_motions(experiment.contact) + fault_motions(experiment.faults, experiment.cosim.tick)

@@ -1,0 +1,385 @@
+"""Whether the robot can do what reference and tasks ask of it: reach, room, speed, force.
+
+Whether the robot gets wherever the reference leads it.
+
+Whether the robot bends or meets itself on its way.
+
+What is looked at before a task runs: can the robot get there, is it fast enough, may it press so hard.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.errors import Unreachable
+from twin.kernel.settings import Triple
+from twin.robot.controller.program import Approach, Push, Roll, Tap, Task
+from twin.robot.controller.task_controller import Computer
+from twin.robot.experiment.task import WayPoints
+from twin.robot.mechanism.geometry import Geometry, geometry_of
+from twin.robot.mechanism.kinematics import jacobian, joint_angles
+from twin.robot.mechanism.workspace import BARS, Bars, ball_joint_angles, clearances
+from twin.robot.monitor.checks import Monitor
+from twin.robot.plant.contact import Shape, surface_depth, surface_frame
+from twin.robot.plant.contact_law import elastic_force
+from twin.robot.plant.dynamics import PlantParameters, TrueRobot
+
+
+def obstructed(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, str] | None:
+    """(which pose, why) the robot cannot be at one of `p_B` (n, 3) in m, all of which it reaches; None if it can.
+
+    What the robot's file does not state does not limit it.
+    """
+    geometry, places = geometry_of(plant), np.asarray(p_B)
+    if (met := _at_a_stop(plant, geometry, places)) is not None:
+        return met
+    if plant.ball_joint_limit is not None:
+        angles = ball_joint_angles(geometry, places)
+        if angles.max() > plant.ball_joint_limit:
+            pose, leg = divmod(int(np.argmax(angles > plant.ball_joint_limit)), 3)
+            return pose, (
+                f"at {_told(places[pose])} the ball joints of leg {leg + 1} bend by "
+                f"{np.degrees(angles[pose, leg]):.1f} deg, their sockets let them by [plant] "
+                f"ball_joint_limit_deg = {np.degrees(plant.ball_joint_limit):g}; move the point towards the axis"
+            )
+    sizes = plant.link_diameter, plant.rod_diameter, plant.rod_spacing
+    if None not in sizes:
+        gaps, pairs = clearances(geometry, Bars(*sizes), places)  # type: ignore[arg-type]
+        if gaps.min() < 0.0:
+            pose = int(np.argmax(gaps < 0.0))
+            one, other = (f"{'a rod' if bar % BARS else 'the link'} of leg {bar // BARS + 1}" for bar in pairs[pose])
+            return pose, (
+                f"at {_told(places[pose])} {one} and {other} are {-1e3 * gaps[pose]:.1f} mm inside each other with "
+                "[plant] link_diameter_mm, rod_diameter_mm and rod_spacing_mm; expected them apart, move the point"
+            )
+    return None
+
+
+def _at_a_stop(plant: TrueRobot, geometry: Geometry, places: NDArray[np.float64]) -> tuple[int, str] | None:
+    """As `obstructed`, of the joints' hard stops."""
+    if plant.joint_lower is None and plant.joint_upper is None:
+        return None
+    theta_l = joint_angles(geometry, places)
+    for stop, key, way in ((plant.joint_lower, "joint_lower_deg", -1.0), (plant.joint_upper, "joint_upper_deg", 1.0)):
+        if stop is not None and (beyond := way * (theta_l - stop)).max() > 0.0:
+            pose, leg = divmod(int(np.argmax(beyond > 0.0)), 3)
+            return pose, (
+                f"at {_told(places[pose])} joint {leg + 1} is at {np.degrees(theta_l[pose, leg]):.1f} deg, beyond its "
+                f"hard stop [plant] {key} = {np.degrees(stop):g}; move the point"
+            )
+    return None
+
+
+def _told(p_B: NDArray[np.float64]) -> str:
+    return "({}) mm".format(", ".join(f"{1e3 * value:.1f}" for value in p_B))
+
+
+WAY_POINT_SPACING = 1e-3
+"""How densely (m) straight lines are checked for reach."""
+
+
+def unreachable(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
+    """Why the robot cannot be at one of `p_B` (..., 3) in m, told of that pose alone; None if it can."""
+    try:
+        joint_angles(geometry, p_B)
+    except Unreachable as problem:
+        # of many poses the sentence would name the index; of the pose alone it does not
+        return problem if p_B.ndim == 1 else unreachable(geometry, np.array(problem.pose))
+    return None
+
+
+def reference_mistakes(
+    reference: WayPoints, geometries: Iterable[Geometry], plant: TrueRobot | None = None
+) -> list[str]:
+    """The first place at which the way points, or the lines between them, leave the reach of one of `geometries`, or at
+    which `plant` bends too far or meets itself."""
+    return list(_pose_mistakes(reference, tuple(geometries), plant))
+
+
+# the runs of a sweep have one way, mostly, and so have the studies of an experiment
+@lru_cache(64)
+def _pose_mistakes(reference: WayPoints, geometries: tuple[Geometry, ...], plant: TrueRobot | None) -> list[str]:
+    if len(reference.t) != len(reference.p):
+        return [f"[reference] {len(reference.t)} times and {len(reference.p)} points: expected as many of each"]
+    for geometry in geometries:
+        if unreachable(geometry, np.array(reference.p)) is None:
+            continue
+        for number, point in enumerate(reference.p, start=1):
+            if problem := unreachable(geometry, np.array(point)):
+                if reference.shape:
+                    return [f"[reference.{reference.shape}] at {reference.t[number - 1]:g} s: {problem}"]
+                return [f"[reference] way point {number}: {problem}"]
+    # only now: between points beyond reach a line has any number of points
+    places, ends = _lines(reference.p)
+    for geometry in geometries:
+        if unreachable(geometry, places) is None:
+            continue
+        for number, line in enumerate(np.split(places, ends[:-1]), start=1):
+            if problem := unreachable(geometry, line):
+                return [f"[reference] between way points {number} and {number + 1}: {problem}"]
+    if plant is not None and (found := obstructed(plant, places)):
+        number = int(np.searchsorted(ends, found[0], side="right")) + 1
+        if reference.shape:
+            return [f"[reference.{reference.shape}] from {reference.t[number - 1]:g} s on: {found[1]}"]
+        return [f"[reference] from way point {number} on: {found[1]}"]
+    return []
+
+
+def _lines(points: tuple[Triple, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Each way point, with points on the line towards the next: all of them (n, 3), and of each line where it ends."""
+    starts = np.array(points)
+    ways = np.diff(starts, axis=0, append=starts[-1:])
+    counts = 1 + (np.linalg.norm(ways, axis=1) / WAY_POINT_SPACING).astype(int)
+    ends = np.cumsum(counts)
+    number = np.repeat(np.arange(len(counts)), counts)
+    within = np.arange(len(number)) - (ends - counts)[number]
+    return starts[number] + (within / counts[number])[:, None] * ways[number], ends
+
+
+SPACING = 1e-3
+"""How densely (m) paths are looked at."""
+LONGEST = 1.0
+"""Length (m) from which on a path is looked at less densely: no robot reaches all of it anyway."""
+DEEPEST = 0.1
+"""No body gives way further than this (m)."""
+
+
+@dataclass(frozen=True)
+class Situation:
+    """Everything that decides whether a task is possible.
+
+    Attributes:
+        plant: the robot and what it presses on, as they are.
+        robot: the table [plant].
+        geometries: as it is, and as the controller believes it.
+        approach, controller: their tables.
+        monitor: its table, if it watches.
+    """
+
+    plant: PlantParameters
+    robot: TrueRobot
+    geometries: tuple[Geometry, ...]
+    approach: Approach
+    controller: Computer
+    monitor: Monitor | None
+
+
+def task_mistakes(situation: Situation, tasks: Mapping[int, Task], duration: float) -> list[str]:
+    """Why `tasks`, by number, cannot or should not be carried out within `duration` (s): each reason in a sentence."""
+    told = [f"[task {n}] {text}" for n, task in tasks.items() for text in _mistakes(situation, task)]
+    seconds = sum(_time(situation.approach, task, situation.plant.z_s) for task in tasks.values())
+    ways = ((getattr(before, "to", before.point), task.point) for before, task in pairwise(tasks.values()))
+    seconds += sum(math.dist(*way) / situation.approach.speed for way in ways)
+    if not told and seconds > duration:
+        told.append(f"duration_s = {duration:g}: the tasks take about {seconds:.1f} s")
+    return told
+
+
+def _time(approach: Approach, task: Task, surface: float) -> float:
+    """How long a task takes (s), about: down, work, up."""
+    way = approach.height - surface
+    work = task.times * task.period + task.lift / approach.speed if isinstance(task, Tap) else _contact_time(task)
+    return way / approach.descent + work + approach.release + way / approach.speed + 3.0 * approach.ramp
+
+
+def _mistakes(s: Situation, task: Task) -> Iterator[str]:
+    path = _path(task)
+    surface = np.array([_surface_height(s.plant, *point) for point in path])
+    if not np.isfinite(surface).all():
+        x, y = path[~np.isfinite(surface)][0]
+        yield f"there is nothing to press on under ({1e3 * x:.1f}, {1e3 * y:.1f}) mm: this body ends before"
+        return
+    yield from _against_approach(s, task, path, surface)
+    if s.controller.touch is not None and task.force <= s.controller.touch.contact:
+        yield (
+            f"force_N = {task.force:g} is not above [controller.touch] contact_N = {s.controller.touch.contact:g}, "
+            "at which contact is felt"
+        )
+    if problem := _out_of_reach(s, path):
+        yield problem
+        return
+    depth = _depth(s.plant, task.force)
+    # a controller of another make has limits of its own
+    limit = s.controller.force.limit if s.controller.force is not None else DEEPEST
+    if depth is None or depth > limit:
+        yield (
+            f"force_N = {task.force:g} cannot be built up: this body needs "
+            + (f"{1e3 * depth:.1f} mm" if depth else f"more than {1e3 * DEEPEST:g} mm")
+            + f" of depth for it, [controller.force] limit_mm = {1e3 * limit:g}"
+        )
+        return
+    if surface.min() - depth < s.approach.floor:
+        yield (
+            f"presses down to z = {1e3 * (surface.min() - depth):.1f} mm on this body; "
+            f"[approach] floor_mm = {1e3 * s.approach.floor:g} does not let it"
+        )
+    yield from _too_fast(s, task, path, surface)
+    if s.monitor is not None:
+        yield from _against_monitor(s.monitor, s.approach, task, path, surface.min() - depth, depth)
+
+
+def _path(task: Task) -> NDArray[np.float64]:
+    """Points (n, 2) in m over which the task works."""
+    point = np.array(task.point)
+    if isinstance(task, Roll):
+        angle = np.linspace(0.0, 2.0 * np.pi, 49)
+        return point + task.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    if isinstance(task, Push):
+        way = np.array(task.to) - point
+        # a line that is longer than any robot needs no more points to be refused
+        count = 2 + int(min(float(np.linalg.norm(way)), LONGEST) / SPACING)
+        return point + np.linspace(0.0, 1.0, count)[:, None] * way
+    return point[None, :]
+
+
+def _surface_height(plant: PlantParameters, x: float, y: float) -> float:
+    """z of the surface (m) over (x, y); infinitely far below where a curved one ends."""
+
+    def depth(z: float) -> float:
+        return float(surface_depth(plant, x, y, z))
+
+    # here, because loading it takes a third of the time in which a process gets ready to run, and few bodies are curved
+    from scipy.optimize import brentq
+
+    # a thin limb has an underside: from its axis upwards there is but one surface
+    low = plant.z_s - (DEEPEST if plant.shape == Shape.PLANE else plant.radius)
+    high = plant.z_s + DEEPEST
+    return float(brentq(depth, low, high)) if depth(low) * depth(high) < 0.0 else -math.inf
+
+
+def _depth(plant: PlantParameters, force: float) -> float | None:
+    """Depth (m) at which the body answers with `force` (N)."""
+    if plant.K == 0.0 or elastic_force(plant, DEEPEST) < force:
+        return None
+    from scipy.optimize import brentq
+
+    return float(brentq(lambda d: elastic_force(plant, d) - force, 0.0, DEEPEST))
+
+
+def _against_approach(
+    s: Situation, task: Task, path: NDArray[np.float64], surface: NDArray[np.float64]
+) -> Iterator[str]:
+    if surface.max() >= s.approach.height:
+        yield (
+            f"the surface is at z = {1e3 * surface.max():.1f} mm, [approach] height_mm = {1e3 * s.approach.height:g} "
+            "is not above it"
+        )
+    if isinstance(task, Tap) and task.lift > s.approach.height - surface.min():
+        yield (
+            f"lift_mm = {1e3 * task.lift:g} goes above [approach] height_mm = {1e3 * s.approach.height:g}, "
+            f"{1e3 * (s.approach.height - surface.min()):.1f} mm over the surface"
+        )
+    if isinstance(task, Tap) and (seconds := 2.0 * task.lift / task.speed + s.approach.ramp) > task.period:
+        yield f"period_s = {task.period:g}: lift_mm = {1e3 * task.lift:g} down and up again takes {seconds:.2f} s"
+    for (x, y), z in zip(path, surface, strict=True):
+        # tangent of the angle between the surface's normal and the vertical
+        n = surface_frame(s.plant, x, y, z)[3]
+        slope = math.hypot(n[0], n[1]) / n[2] if n[2] > 0.0 else math.inf
+        if slope > s.plant.mu:
+            yield (
+                f"friction cannot hold at ({1e3 * x:.1f}, {1e3 * y:.1f}, {1e3 * z:.1f}) mm: the surface slopes "
+                f"{math.degrees(math.atan(slope)):.1f} deg, friction {s.plant.mu:g} holds up to "
+                f"{math.degrees(math.atan(s.plant.mu)):.1f} deg"
+            )
+            return
+
+
+def _out_of_reach(s: Situation, path: NDArray[np.float64]) -> str | None:
+    """Straight down from the travelling height to the floor, everywhere on the path."""
+    height, floor = s.approach.height, s.approach.floor
+    heights = np.arange(floor, height + SPACING, SPACING) if height - floor < LONGEST else np.array([floor, height])
+    columns = np.array([[x, y, z] for x, y in path for z in heights])
+    problems = (unreachable(geometry, columns) for geometry in s.geometries)
+    if told := next((str(problem) for problem in problems if problem), None):
+        return told
+    found = obstructed(s.robot, columns)
+    return found[1] if found else None
+
+
+def _too_fast(s: Situation, task: Task, path: NDArray[np.float64], surface: NDArray[np.float64]) -> Iterator[str]:
+    for (x, y), v, z in _velocities(s, task, path, surface):
+        omega = np.abs(s.plant.N * jacobian(s.geometries[0], (x, y, z)) @ v)
+        if omega.max() > s.controller.speed_limit:
+            yield (
+                f"joint {omega.argmax() + 1} would have to turn at {omega.max():.1f} rad/s (motor) at "
+                f"({1e3 * x:.1f}, {1e3 * y:.1f}, {1e3 * z:.1f}) mm; [controller] speed_limit_rad_per_s = "
+                f"{s.controller.speed_limit:g}"
+            )
+            return
+
+
+def _velocities(
+    s: Situation, task: Task, path: NDArray[np.float64], surface: NDArray[np.float64]
+) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64], float]]:
+    """(x and y, velocity, z) where the task moves: SI."""
+    for point, z in zip(path, surface, strict=True):
+        if isinstance(task, Roll):
+            omega = 2.0 * np.pi * task.rate
+            radius = point - np.array(task.point)
+            yield point, np.array([-omega * radius[1], omega * radius[0], 0.0]), z
+        if isinstance(task, Push):
+            way = np.array(task.to) - np.array(task.point)
+            yield point, np.array([*(task.speed * way / np.linalg.norm(way)), 0.0]), z
+        fastest = max(s.approach.speed, _working_speed(task) if isinstance(task, Tap) else 0.0)
+        for height in (s.approach.height, z):
+            yield point, np.array([0.0, 0.0, fastest]), height
+
+
+def _against_monitor(
+    monitor: Monitor, approach: Approach, task: Task, path: NDArray[np.float64], lowest: float, depth: float
+) -> Iterator[str]:
+    if task.force >= monitor.force_limit:
+        yield f"force_N = {task.force:g}: [monitor] force_limit_N = {monitor.force_limit:g} would trip"
+    radii = np.hypot(*path.T)
+    if radii.max() >= monitor.workspace_radius:
+        x, y = path[radii.argmax()]
+        yield (
+            f"({1e3 * x:.1f}, {1e3 * y:.1f}) mm is {1e3 * radii.max():.1f} mm from the axis; "
+            f"[monitor] workspace_radius_mm = {1e3 * monitor.workspace_radius:g} would trip"
+        )
+    if lowest <= monitor.z_min:
+        yield (f"presses down to z = {1e3 * lowest:.1f} mm; [monitor] z_min_mm = {1e3 * monitor.z_min:g} would trip")
+    if approach.height >= monitor.z_max:
+        yield (
+            f"[approach] height_mm = {1e3 * approach.height:g}: [monitor] z_max_mm = {1e3 * monitor.z_max:g} would trip"
+        )
+    if depth >= monitor.penetration_limit:
+        yield (
+            f"force_N = {task.force:g} needs {1e3 * depth:.1f} mm of depth on this body; "
+            f"[monitor] penetration_limit_mm = {1e3 * monitor.penetration_limit:g} would trip"
+        )
+    fastest = _working_speed(task)
+    if fastest >= monitor.speed_limit:
+        yield (
+            f"moves at {1e3 * fastest:.0f} mm/s; "
+            f"[monitor] speed_limit_mm_per_s = {1e3 * monitor.speed_limit:g} would trip"
+        )
+    seconds = _contact_time(task)
+    if seconds >= monitor.contact_time_limit:
+        yield (
+            f"presses for {seconds:.1f} s without a pause; "
+            f"[monitor] contact_time_limit_s = {monitor.contact_time_limit:g} would trip"
+        )
+
+
+def _working_speed(task: Task) -> float:
+    """How fast the task moves in or towards contact (m/s)."""
+    if isinstance(task, Roll):
+        return 2.0 * math.pi * task.rate * task.radius
+    return task.speed if isinstance(task, Tap | Push) else 0.0
+
+
+def _contact_time(task: Task) -> float:
+    """How long the task presses without a pause (s), release and gentle descent aside."""
+    if isinstance(task, Tap):
+        return 0.0
+    if isinstance(task, Roll):
+        return task.build_up + (task.turns + 2.0) / task.rate
+    if isinstance(task, Push):
+        return task.build_up + math.dist(task.to, task.point) / task.speed
+    return task.build_up + task.hold

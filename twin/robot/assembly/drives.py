@@ -1,0 +1,401 @@
+"""A joint's drive: from its [drive] table to a plan that has passed every check without a binary, and to a component.
+
+The component has the contract's ports, whatever stands behind them; a plan also says how often it is stepped.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.port import Port
+from twin.kernel.cosim.subsystem import INLET, Subsystem
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi.component import FmuComponent
+from twin.kernel.fmi.description import FmuDescription, described, refuse_step
+from twin.kernel.fmi.setting import Setting, Setup, stop_time
+from twin.kernel.fmi.solvers import USUAL_TOLERANCE, Solver
+from twin.kernel.fmi.stepping import FmuPort
+from twin.kernel.fmi.unpacked import unpacked
+from twin.kernel.fmi.variable import Conversion, Variable
+from twin.kernel.settings import numbers
+from twin.kernel.units import NUMBER
+from twin.robot.controller.pid import DriveSpeedIntegrator, DriveSpeedLoop, Gains, Servo
+from twin.robot.drive.contract import COMMANDS, LOAD, OMEGA_M, SHAFT, THETA_M, DriveRotor, Unwrapped
+from twin.robot.drive.mapping import Binding, Wiring, bindings
+from twin.robot.experiment.schema import Drive, PositionCommand
+
+Start = float | np.ndarray
+ENABLE = "enable"
+"""The optional role by which a drive's power is switched."""
+ALONE = ""
+"""Name of the only part of a drive that is one FMU."""
+
+
+@dataclass(frozen=True)
+class DrivePlan:
+    """A drive that has passed every check that needs no binary.
+
+    Attributes:
+        label: what an error calls it.
+        table: what the experiment says.
+        parts: the FMUs by part.
+        settings: values set in each.
+        bindings: the roles it fills.
+        wires: (output, input) between parts, "part.variable" each.
+        switched: whether its role `enable` is an input of the component; else it keeps the value it was given.
+        ticks: how many it will be stepped; None: nobody knows.
+        ramped: whether it is offered its inputs as lines over a step.
+        folders: by their SHA-256, of FMUs whose unpacked files have been looked at for the same robot; None: they are
+            looked at whenever a component is made.
+    """
+
+    label: str
+    table: Drive
+    parts: dict[str, FmuDescription]
+    settings: Mapping[str, Sequence[Setting]]
+    bindings: tuple[Binding, ...]
+    wires: tuple[tuple[str, str], ...]
+    switched: bool = False
+    ticks: int | None = None
+    ramped: bool = False
+    folders: dict[str, Path] | None = field(default=None, compare=False, repr=False)
+
+    def folder(self, part: str) -> Path:
+        """Of the unpacked FMU of a part.
+
+        Raises:
+            InputRefused: it cannot be written there.
+        """
+        fmu = self.parts[part]
+        known = {} if self.folders is None else self.folders
+        if fmu.sha256 not in known:
+            known[fmu.sha256] = unpacked(fmu.path, fmu.sha256)
+        return known[fmu.sha256]
+
+    def switchable(self) -> "DrivePlan":
+        """The same drive with `enable` as an input, if it has that role and the experiment does not fix it."""
+        fixed = {qualified(part, v.name) for part, settings in self.settings.items() for v, _ in settings}
+        return replace(self, switched=any(b.port.name == ENABLE and b.name not in fixed for b in self.bindings))
+
+    def until(self, ticks: int | None) -> "DrivePlan":
+        """The same drive for a run of so many `ticks`; None: nobody knows."""
+        return replace(self, ticks=ticks)
+
+    def with_lines(self) -> "DrivePlan":
+        """The same drive, offered its inputs as lines over a step."""
+        return replace(self, ramped=True)
+
+    def tolerance(self, part: str) -> float | None:
+        """Of the solver of a part, as the experiment says, or else the FMU itself; for a CVODE of ours there is one."""
+        own = self.table.parts[part].tolerance if part else None
+        said = self.table.tolerance if own is None else own
+        said = self.parts[part].tolerance if said is None else said
+        solver = self.solver(part)
+        return USUAL_TOLERANCE if said is None and solver is not None and solver.method == "cvode" else said
+
+    def solver(self, part: str) -> Solver | None:
+        """Of ours, for the equations of a part; None: it brings its own, being for co-simulation."""
+        if self.parts[part].kind == "co_simulation":
+            return None
+        own = self.table.parts[part] if part else self.table
+        step = self.table.solver_step if own.solver_step is None else own.solver_step
+        return Solver(own.solver or self.table.solver or "cvode", step)
+
+    @property
+    def is_bare(self) -> bool:
+        """Whether nothing of ours stands between its FMU and the robot."""
+        return self.table.velocity_loop is self.table.rotor is None and self.table.command != "position"
+
+    @property
+    def axes(self) -> int:
+        """How many joints one instance drives: 1 or 3."""
+        return self.port(COMMANDS[self.table.command].port.name).size
+
+    def port(self, name: str) -> Port:
+        """The port of the role `name`, which it fills."""
+        return next(b.port for b in self.bindings if b.port.name == name)
+
+    @property
+    def outputs(self) -> tuple[Port, ...]:
+        """The contract's outputs that it offers, those of a rotor of ours first."""
+        own = (THETA_M.port, OMEGA_M.port) if self.table.rotor else ()
+        return (*own, *(b.port for b in self.bindings if b.role.causality == "output"))
+
+    def warnings(self) -> list[str]:
+        """What may go wrong although the drive is accepted."""
+        loops = [
+            f"{name} depends directly on {load.name} (ModelStructure). With the spring that makes an algebraic loop, "
+            "tau_load = k_s (theta_m - N theta_l); the master breaks it by one step of delay, which costs accuracy "
+            "and, above a gain of 1, stability. Export the drive with theta_m as a state, or raise [drive] substeps"
+            for load in self.bindings
+            if load.port.name == "tau_load"
+            for name in self._fed_through(load.name)
+        ]
+        unstated = [b.port for b in self.bindings if not b.variable.unit]
+        if self.table.rotor and not any(b.role in SHAFT for b in self.bindings):
+            loops.append("it is not told how its shaft turns; if it has an input for that: [drive.inputs] omega_m")
+        return loops + [f"{port.name}: the FMU states no unit; taken as {port.unit}" for port in unstated]
+
+    def _fed_through(self, load: str) -> list[str]:
+        """Roles of motion that the FMU says depend on the load without any delay."""
+        motion = {b.name: b.port.name for b in self.bindings if b.port.name in ("theta_m", "omega_m")}
+        return [
+            motion[name]
+            for part, description in self.parts.items()
+            for unknown in description.model.outputs
+            if (name := qualified(part, unknown.variable.name)) in motion
+            and any(qualified(part, known.name) == load for known in unknown.dependencies or ())
+        ]
+
+
+def planned(table: Drive) -> DrivePlan:
+    """Check a drive as far as that goes without loading it.
+
+    Raises:
+        InputRefused: an FMU, its hash, the mapping, a parameter or a wire is not right.
+    """
+    parts = fmus(table)
+    given = {name: part.parameters for name, part in table.parts.items()} or {ALONE: table.parameters}
+    parts = {name: description.resized(given[name]) for name, description in parts.items()}
+    variables = {
+        qualified(part, v.name): v for part, description in parts.items() for v in description.variables.values()
+    }
+    label = " + ".join(dict.fromkeys(d.path.name for d in parts.values()))
+    wiring = Wiring(table.command, table.sign, table.gear_ratio, table.inputs, table.outputs, table.rotor is not None)
+    free = {name: v for name, v in variables.items() if name not in table.wires}
+    plan = DrivePlan(
+        label=label,
+        table=table,
+        parts=parts,
+        settings={name: parts[name].settings(values) for name, values in given.items()},
+        bindings=bindings(label, free, wiring),
+        wires=tuple(_checked_wire(label, variables, source, target) for target, source in table.wires.items()),
+    )
+    _refuse_idle_solvers(plan)
+    if plan.axes > 1 and not plan.is_bare:
+        ours = "rotor turns" if table.rotor else "loop drives"
+        raise InputRefused(f"{label}: three axes in one FMU with a {table.command} command; our {ours} one axis")
+    return plan
+
+
+def fmus(table: Drive) -> dict[str, FmuDescription]:
+    """The FMUs of a drive by part.
+
+    Raises:
+        InputRefused: one cannot be used, or is not the one that was meant.
+    """
+    files = {name: (part.fmu, part.sha256, part.kind or table.kind) for name, part in table.parts.items()}
+    files = files or {ALONE: (table.fmu or "", table.sha256, table.kind)}
+    found = {}
+    for name, (fmu, digest, kind) in files.items():
+        found[name] = described(Path(fmu), kind)
+        refuse_other_file(found[name].path, found[name].sha256, digest)
+    return found
+
+
+def _refuse_idle_solvers(plan: DrivePlan) -> None:
+    """A solver that is named has to have equations to solve."""
+    named = {name: part.solver for name, part in plan.table.parts.items()}
+    if plan.table.solver and all(fmu.kind == "co_simulation" for fmu in plan.parts.values()):
+        named[next(iter(plan.parts))] = plan.table.solver
+    for part, method in named.items():
+        fmu = plan.parts[part]
+        if method and fmu.kind == "co_simulation":
+            remedy = 'say kind = "model_exchange"' if len(fmu.kinds) > 1 else "remove it"
+            raise InputRefused(f'{fmu.path}: solver = "{method}", and it brings its own for co-simulation; {remedy}')
+
+
+def refuse_other_file(file: Path, sha256: str, pinned: str | None) -> None:
+    """The experiment has to mean the `file` of that hash, or to say nothing.
+
+    Raises:
+        InputRefused: it pins another hash.
+    """
+    if pinned is not None and pinned.lower() != sha256:
+        raise InputRefused(
+            f"{file}: has sha256 {sha256}; the experiment pins {pinned.lower()}. It is not the file that was meant: "
+            "get that, or change sha256"
+        )
+
+
+def qualified(part: str, variable: str) -> str:
+    """What the user calls a variable of a part: `machine.R`."""
+    return f"{part}.{variable}" if part else variable
+
+
+def belongs(part: str, name: str) -> bool:
+    """Whether `name`, as the user calls it, is that of a variable of `part`."""
+    return part == ALONE or name.startswith(f"{part}.")
+
+
+def _checked_wire(label: str, variables: dict[str, Variable], source: str, target: str) -> tuple[str, str]:
+    for end, wanted in ((source, ("output", "local")), (target, ("input",))):
+        if end not in variables:
+            raise InputRefused(f"{label}: [drive.wires] '{end}': no such variable; write part.variable")
+        if variables[end].causality not in wanted:
+            raise InputRefused(
+                f"{label}: [drive.wires] '{end}' has causality {variables[end].causality}; expected {wanted[0]}"
+            )
+    a, b = variables[source].conversion, variables[target].conversion
+    if a and b and a.dimension != b.dimension:
+        raise InputRefused(
+            f'{label}: [drive.wires] "{target}" = "{source}": units \'{variables[target].unit}\' and '
+            f"'{variables[source].unit}' do not measure the same"
+        )
+    return source, target
+
+
+def rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
+    """(inner ticks per tick, inner ticks per command of ours; where nothing is said of it, one command per tick)."""
+    key, loop = next(
+        ((key, found) for key in ("velocity_loop", "position_command") if (found := getattr(table, key))), ("", None)
+    )
+    if loop is None or loop.period is None:
+        return table.substeps, table.substeps
+    substeps = max(table.substeps, round(tick / loop.period))
+    period = round(loop.period / (tick / substeps))
+    if period < 1 or abs(period * tick / substeps - loop.period) > 1e-9 * loop.period:
+        raise InputRefused(
+            f"{name}: [drive.{key}] period_ms = {1e3 * loop.period:g} does not divide into the "
+            f"{substeps} steps per tick of {1e3 * tick:g} ms; choose a period or substeps that fit"
+        )
+    return substeps, period
+
+
+OMEGA_REF = COMMANDS["velocity"].port
+
+
+def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
+    """The component: outputs as `plan.outputs`, inputs omega_ref and tau_load.
+
+    Args:
+        tick: of the system it will be part of (s).
+        theta_m: motor angle at t = 0 (rad).
+        tau_load: load at t = 0 (N m). Three of each for a drive of three axes.
+
+    Raises:
+        InputRefused: an FMU cannot be loaded or initialised, or the rates do not fit the tick.
+    """
+    substeps, period = rates(name, plan.table, tick)
+    alone = plan.is_bare and len(plan.parts) == 1 and substeps == 1
+    with ExitStack() as made:
+        parts = []
+        for part, description in plan.parts.items():
+            refuse_step(description, tick, substeps)
+            stop = stop_time(plan.ticks, tick, substeps)
+            setup = Setup(plan.tolerance(part), stop, tick / substeps, plan.ramped and alone)
+            parts.append(_part(part or name, part, plan, description, theta_m, tau_load, setup))
+            made.callback(parts[-1].close)
+        if alone:
+            component: Component = parts[0]
+        else:
+            component = _inner_system(name, plan, parts, tick, substeps, period, theta_m)
+        made.pop_all()
+    return component
+
+
+def _part(
+    name: str,
+    part: str,
+    plan: DrivePlan,
+    description: FmuDescription,
+    theta_m: Start,
+    tau_load: Start,
+    setup: Setup,
+) -> FmuComponent:
+    """One FMU: ports for the roles it fills, and for its ends of wires between parts."""
+    mine = [b for b in plan.bindings if belongs(part, b.name)]
+    # an optional input keeps the value it was given before initialisation
+    inputs = [
+        FmuPort(b.port, b.variable, b.gain, b.offset)
+        for b in mine
+        if b.role.causality == "input"
+        and (b.role.required or b.role in SHAFT or (plan.switched and b.port.name == ENABLE))
+    ]
+    outputs = [FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine if b.role.causality == "output"]
+    inputs += [_wire_port(part, description, target) for _, target in plan.wires if belongs(part, target)]
+    sources = dict.fromkeys(source for source, _ in plan.wires if belongs(part, source))
+    outputs += [_wire_port(part, description, source) for source in sources]
+    return FmuComponent(
+        name,
+        description,
+        plan.folder(part),
+        inputs,
+        outputs,
+        plan.settings[part],
+        inputs_at_start={"tau_load": tau_load, ENABLE: 1.0, "theta_m": theta_m},
+        outputs_at_start={"theta_m": theta_m},
+        setup=setup,
+        solver=plan.solver(part),
+    )
+
+
+def _wire_port(part: str, description: FmuDescription, end: str) -> FmuPort:
+    variable = description.variables[end.removeprefix(f"{part}.")]
+    _, gain, offset = variable.conversion or Conversion(NUMBER)
+    return FmuPort(Port(_port_name(end), variable.size, "SI", variable.description), variable, gain, offset)
+
+
+def _port_name(end: str) -> str:
+    """A port name for a wire's end that no role has, without the dots that wires are written with."""
+    return "wire:" + end.replace(".", ":")
+
+
+def _inner_system(
+    name: str, plan: DrivePlan, parts: list[FmuComponent], tick: float, substeps: int, period: int, theta_m: Start
+) -> Component:
+    """The drive as a system of its own with a finer tick."""
+    takes = {port.name: f"{part.name}.{port.name}" for part in parts for port in part.inputs}
+    gives = {port.name: f"{part.name}.{port.name}" for part in parts for port in part.outputs}
+    table, command = plan.table, COMMANDS[plan.table.command].port
+    components: list[Component] = list(parts)
+    wires = [(gives[_port_name(source)], takes[_port_name(target)]) for source, target in plan.wires]
+    servo = _servo(plan, parts)
+    if math.isfinite(servo.wrap):
+        components.append(Unwrapped(math.tau / abs(servo.ratio), float(theta_m)))
+        wires.append((gives["theta_m"], "unwrapped.wrapped"))
+        gives["theta_m"] = "unwrapped.theta_m"
+    if table.rotor:
+        rotor = DriveRotor(table.rotor.J, table.rotor.b, float(theta_m))
+        components.append(rotor)
+        wires.append((gives["tau_motor"], "rotor.tau_motor"))
+        takes["tau_load"] = "rotor.tau_load"
+        for port in rotor.outputs:
+            gives[port.name] = f"rotor.{port.name}"
+            if port.name in takes:
+                wires.append((gives[port.name], takes[port.name]))
+    outputs = [(port, gives[port.name]) for port in plan.outputs]
+    if table.command == "position":
+        components.append(DriveSpeedIntegrator(servo, float(theta_m), period))
+        wires += [(gives["theta_m"], "position_command.theta_m"), ("position_command.goal", takes["command"])]
+        takes["omega_ref"] = "position_command.omega_ref"
+        outputs.append((command, "position_command.command"))
+    elif table.velocity_loop:
+        loop = table.velocity_loop
+        components.append(DriveSpeedLoop(Gains(loop.kp, loop.ki), loop.limit, command, period))
+        wires += [(gives["omega_m"], "velocity_loop.omega_m"), ("velocity_loop.command", takes["command"])]
+        takes["omega_ref"] = "velocity_loop.omega_ref"
+        outputs.append((command, "velocity_loop.command"))
+    inputs = [replace(port, size=plan.axes) for port in (OMEGA_REF, LOAD.port)]
+    if plan.switched:
+        inputs.append(plan.port(ENABLE))
+    wires += [(f"{INLET}.{port.name}", takes[port.name]) for port in inputs]
+    return Subsystem(
+        name, tuple(inputs), outputs, components, wires, tick / substeps, substeps, label=plan.label
+    )  # fmt: skip
+
+
+def _servo(plan: DrivePlan, parts: Sequence[FmuComponent]) -> Servo:
+    """How the FMU counts its shaft's angle, where it is told a position."""
+    said = plan.table.position_command or PositionCommand()
+    if plan.table.command != "position":
+        return Servo(0.0, 1.0)
+    (bound,) = (b for b in plan.bindings if b.port.name == "command")
+    _, factor, _ = bound.variable.conversion or Conversion(NUMBER)
+    zeros = [part.zero("theta_m") for part in parts if any(port.name == "theta_m" for port in part.outputs)]
+    return Servo(zero=zeros[0] if zeros else 0.0, ratio=factor / bound.gain, **numbers(said))

@@ -1,0 +1,207 @@
+"""Drives in processes of their own: a crash kills none but the drive that caused it, and single-instance FMUs fit.
+
+A step is a question and an answer through shared memory (`page.py`). Only one side works at a time, so all of them
+share one processor: switching between two processes there costs 2.5 microseconds, waking another processor ten times
+as much.
+"""
+
+import atexit
+import base64
+import ctypes
+import os
+import pickle
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.port import width
+from twin.kernel.errors import InputRefused, TwinError
+from twin.kernel.process.black_box import manner
+from twin.kernel.process.called import Elsewhere
+from twin.kernel.process.guard import POLL, JobEnded, Watchdog, raise_failure
+from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.page import CALLER, DIED, NAP, STUCK, Page, ask, kernel
+from twin.kernel.process.process import GuardedProcess, cpu_clock
+from twin.kernel.process.reporter import Reporter, own_reporter
+from twin.robot.assembly.drives import DrivePlan, Start
+
+JOB = "twin.robot.assembly.drive_host:hosted_drive"
+_spare: list[GuardedProcess] = []
+"""Processes that have been kept: starting one takes a second, and a study may need three of them a hundred times."""
+
+
+class IsolatedDrives:
+    """Makes drives that live elsewhere; a context manager at whose exit their processes are gone, or kept.
+
+    Args:
+        reporter: told of each process, so that the supervisor watches its memory; None: this process' own.
+        step: longest time of one call into a drive (s).
+        count: processes to start at once, because they take a while.
+        keep: processes whose drives have ended well serve the next ones that this process makes so.
+
+    Raises:
+        InputRefused: this system has no futex.
+    """
+
+    one_process = False
+
+    def __init__(
+        self, reporter: Reporter | None = None, step: float = JobLimits.step, count: int = 3, keep: bool = False
+    ):
+        # raises where this cannot work, before anything is started
+        kernel()
+        self._reporter, self._limits, self._keep = reporter or own_reporter(), JobLimits(step=step), keep
+        self._processors = os.sched_getaffinity(0)
+        self._idle = _kept(count) if keep else []
+        self._idle += [GuardedProcess(JOB, helper=True) for _ in range(count - len(self._idle))]
+        self._all = list(self._idle)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        _spare.extend(self._idle if self._keep else ())
+        for process in self._all:
+            if process not in _spare:
+                process.close()
+        os.sched_setaffinity(0, self._processors)
+
+    def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
+        """As `twin.robot.assembly.drives.drive`, in a process of its own.
+
+        Raises:
+            InputRefused: likewise; also if it crashes or hangs while it is made.
+        """
+        processor = ctypes.CDLL(None).sched_getcpu()
+        os.sched_setaffinity(0, {processor})
+        process = self._idle.pop(0)
+        self._reporter.helper(name, process.pid)
+        told = {"name": name, "table": plan.table, "switched": plan.switched, "ticks": plan.ticks}
+        told["ramped"] = plan.ramped
+        process.start({**told, "tick": tick, "theta_m": theta_m, "tau_load": tau_load, "processor": processor})
+        watch = Watchdog(process, self._limits)
+        try:
+            while True:
+                for report in process.reports(POLL):
+                    watch.account.take(report)
+                    raise_failure(report)
+                    if "note" in report:
+                        return IsolatedDrive(name, plan, watch, report["note"]["ports"], self._over)
+                watch.raise_if_over()
+        except BaseException:
+            process.end()
+            raise
+
+    def _over(self, process: GuardedProcess) -> None:
+        """A drive has ended well in `process`."""
+        if self._keep and process.memory < 0.5 * self._limits.memory:
+            self._idle.append(process)
+        else:
+            process.end()
+
+
+def _kept(most: int) -> list[GuardedProcess]:
+    """Up to `most` of the spare processes; those that have died meanwhile are closed."""
+    found: list[GuardedProcess] = []
+    while _spare and len(found) < most:
+        process = _spare.pop()
+        process.reports(0.0)
+        if process.gone:
+            process.close()
+        else:
+            found.append(process)
+    return found
+
+
+@atexit.register
+def _end_spare() -> None:
+    for process in _spare:
+        process.close()
+
+
+class IsolatedDrive(Elsewhere):
+    """Stands for a drive in another process.
+
+    Args:
+        name: of the drive.
+        plan: of the drive.
+        watch: of its process.
+        described: see `host`.
+        over: told of its process when the drive has ended well.
+    """
+
+    def __init__(
+        self, name: str, plan: DrivePlan, watch: Watchdog, described: str, over: Callable[[GuardedProcess], None]
+    ):
+        inputs, outputs, initial, self.function = pickle.loads(base64.b64decode(described))
+        self._watch, self._over, self._plan = watch, over, plan
+        self._failed = self._closed = False
+        self._process = process = watch.process
+        self._page = page = Page(process.box.fd, width(inputs), width(outputs))
+        info = np.zeros(128, dtype=np.uint8)
+        memory = np.zeros(1, dtype=CALLER)
+        m = memory[0]
+        m["page"], m["inputs"], m["outputs"] = page.address, page.inputs, page.outputs
+        m["naps"], m["nap"] = round(watch.limits.step / NAP), page.nap.ctypes.data
+        m["kernel"], m["pid"], m["info"] = page.kernel.ctypes.data, process.pid, info.ctypes.data
+        m["clock"] = cpu_clock(process.pid)
+        super().__init__(
+            name=name,
+            inputs=inputs,
+            outputs=outputs,
+            sampled=False,
+            step_address=ask.address,
+            self_address=memory.ctypes.data,
+            initial_outputs=initial,
+            label=plan.label,
+            keep=(memory, info, page),
+        )
+
+    def rewind(self) -> None:
+        alone = any(fmu.lives_once for fmu in self._plan.parts.values())
+        raise InputRefused(
+            f"{self.label}: a drive in a process of its own cannot go back to the start of a step, which iterations "
+            f"above 1 need; use iterations = 1{'' if alone else ', or --isolate run'}"
+        )
+
+    def explain(self, status: int) -> str:
+        self._failed = True
+        if status == STUCK:
+            self._process.end()
+            limit = f"{self._watch.limits.step:g} s"
+            return f"did not return from {self.function} within {limit} (if it is slow, not stuck, raise --limit-step)"
+        if status == DIED:
+            return f"{manner(self._process.end())} in {self.function} (tell its maker)"
+        while not self._process.gone:
+            for report in self._process.reports(POLL):
+                if "note" in report:
+                    return report["note"]["explained"]
+        return super().explain(status)
+
+    def close(self) -> None:
+        """Free the drive and end its process.
+
+        Raises:
+            JobEnded: it crashed or hung while being freed.
+        """
+        if self._closed or self._process.gone or self._process.ended:
+            return
+        self._closed = True
+        self._page.close()
+        self._watch.account.unstepped = "after the last step"
+        while True:
+            for report in self._process.reports(POLL):
+                self._watch.account.take(report)
+                raise_failure(report)
+                if "finished" in report:
+                    self._process.end() if self._failed else self._over(self._process)
+                    return
+            try:
+                self._watch.raise_if_over()
+            except TwinError as failure:
+                raise JobEnded(str(failure)) from None

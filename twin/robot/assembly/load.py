@@ -1,0 +1,256 @@
+"""How a file, or a recording, becomes an experiment that the robot can carry out.
+
+[reference] as the way points that the controller follows.
+
+A shape becomes a way point at every sample of the controller, so the controller that follows it knows way points only.
+
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.errors import InputRefused, Unreachable
+from twin.kernel.files import json_of
+from twin.kernel.places import located
+from twin.robot.assembly.checks.agreement import disagreements
+from twin.robot.assembly.declared import DECLARED
+from twin.robot.experiment.drive_files import experiment_file, shelved
+from twin.robot.experiment.experiment import Experiment, Tables, checked_tables, experiment_of
+from twin.robot.experiment.mistakes import unit_hints
+from twin.robot.experiment.recorded import Metadata, recorded_fmus, recorded_name, recorded_values
+from twin.robot.experiment.schema import Drive
+from twin.robot.experiment.source import KEPT, Source, override, read_source, refuse_other_files
+from twin.robot.experiment.task import Chirp, Circle, JointStep, Reference, WayPoints
+from twin.robot.mechanism.geometry import Geometry, geometry_of
+from twin.robot.mechanism.kinematics import joint_angles, position
+
+MOST_POINTS = 2_000_000
+"""Of a shape; more than an hour at 2 ms."""
+SAMPLES_PER_PERIOD = 10
+"""A sine through fewer way points per period is a polygon rather than a sine."""
+
+
+def led(tables: Tables, mistakes: list[str]) -> WayPoints | None:
+    """The way points along which [reference] leads; None without it, or if a mistake of another table hides them.
+
+    Args:
+        tables: of the experiment.
+        mistakes: gets a sentence if the shape cannot be followed.
+    """
+    reference, computer = tables.by_name.get("reference"), tables.by_name.get("controller")
+    if reference is None:
+        return None
+    if reference.t is not None:
+        return WayPoints(reference.t, reference.p)
+    # a shape has to know whose samples and joints it is made of
+    if computer is None:
+        return None
+    try:
+        return way_points(reference, geometry_of(computer.model), computer.period, tables.duration)
+    except Unreachable as problem:
+        mistakes.append(f"[reference.joint_step] {problem}")
+    except ValueError as problem:
+        mistakes.append(str(problem))
+    return None
+
+
+def way_points(reference: Reference, believed: Geometry, period: float, duration: float) -> WayPoints:
+    """The way points of the shape in `reference`; they end with the experiment.
+
+    Args:
+        believed: geometry of the controller, whose joints a joint step moves.
+        period: of the controller (s).
+        duration: of the experiment (s).
+
+    Raises:
+        Unreachable: the robot cannot be where a joint step begins or ends.
+        ValueError: a chirp too fast for the controller's samples, or a shape of too many, in one sentence.
+    """
+    if reference.circle is not None:
+        turns = reference.circle
+        return _sampled(_on_circle, turns, turns.turns / turns.rate, period, duration, "circle")
+    if reference.chirp is not None:
+        sweep = reference.chirp
+        fastest = 1.0 / (SAMPLES_PER_PERIOD * period)
+        if max(sweep.begin, sweep.end) > fastest:
+            raise ValueError(
+                f"[reference.chirp] {max(sweep.begin, sweep.end):g} Hz: expected at most {fastest:g} Hz, "
+                f"{SAMPLES_PER_PERIOD} samples of the controller per period"
+            )
+        return _sampled(_on_chirp, sweep, sweep.duration, period, duration, "chirp")
+    assert reference.joint_step is not None
+    return _joint_step(reference.joint_step, believed, period)
+
+
+def _sampled(path, shape, length: float, period: float, duration: float, name: str) -> WayPoints:  # type: ignore[no-untyped-def]
+    """`path` (shape, times since its start) from `shape.start` on, for `length` (s)."""
+    samples = min(length, max(period, duration - shape.start)) / period
+    if samples > MOST_POINTS:
+        raise ValueError(f"[reference.{name}] {samples:.3g} way points: expected at most {MOST_POINTS:,}; shorten it")
+    last = math.ceil(samples - 1e-9)
+    since = np.minimum(period * np.arange(last + 1), length)
+    t, p = shape.start + since, path(shape, since)
+    if shape.start > 0.0:
+        t, p = np.append(0.0, t), np.vstack([p[:1], p])
+    return WayPoints(tuple(t.tolist()), tuple(tuple(point) for point in p.tolist()), name)
+
+
+def _on_circle(circle: Circle, since: NDArray[np.float64]) -> NDArray[np.float64]:
+    phase = 2.0 * np.pi * circle.rate * since
+    return np.array(circle.centre) + circle.radius * np.stack([np.cos(phase), np.sin(phase), 0.0 * phase], axis=1)
+
+
+def _on_chirp(chirp: Chirp, since: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The phase is 2 pi times the integral of the frequency, begin + (end - begin) t / duration."""
+    turns = chirp.begin * since + 0.5 * (chirp.end - chirp.begin) * since**2 / chirp.duration
+    p = np.tile(np.array(chirp.point), (len(since), 1))
+    p[:, "xyz".index(chirp.direction)] += chirp.amplitude * np.sin(2.0 * np.pi * turns)
+    return p
+
+
+def _joint_step(step: JointStep, believed: Geometry, period: float) -> WayPoints:
+    """Inverse kinematics, one angle more, forward kinematics: Eq. 7-12, and the point where the three rods meet."""
+    theta_l = joint_angles(believed, np.array(step.point))
+    theta_l[step.joint - 1] += step.step
+    after = tuple(position(believed, theta_l).tolist())
+    return WayPoints((0.0, step.start, step.start + period), (step.point, step.point, after), "joint_step")
+
+
+OUT_OF_REACH = "out of reach"
+"""What every sentence on a pose has in it where the robot cannot be."""
+
+
+def load_experiment(
+    path: str | Path, overrides: Iterable[str] = (), drive: str | None = None, body: str | None = None
+) -> Experiment:
+    """Read, merge and check the experiment at `path`.
+
+    Args:
+        path: a TOML file, or the name of an experiment, see `experiment_file`.
+        overrides: "table.key=value" texts laid over it; of an array of tables "task.1.force_N=4".
+        drive: an FMU or a drive of fmus/ that replaces the drive of every joint and its parameters.
+        body: a file of bodies/ that replaces all of [contact] but its height.
+
+    Raises:
+        InputRefused: with every mistake, one sentence each.
+    """
+    path = experiment_file(path)
+    source = read_source(path)
+    refuse_other_files(source.values, path)
+    folder = path.resolve().parent
+    if drive is not None:
+        source.name("drive", "fmu", shelved(drive, folder))
+    if body is not None:
+        source.name("contact", "body", body)
+    override(source, overrides)
+    return checked_experiment(source, path.stem, path, folder)
+
+
+def checked_experiment(source: Source, name: str, where: Path, folder: Path) -> Experiment:
+    """The experiment that `source` says, which is completed in place.
+
+    Args:
+        source: of all files.
+        name: of the experiment.
+        where: it comes from, for sentences.
+        folder: from which bodies and drives are looked up.
+
+    Raises:
+        InputRefused: with every mistake, one sentence each.
+    """
+    mistakes: list[str] = []
+    tables = checked_tables(DECLARED, source, folder, mistakes)
+    reference = led(tables, mistakes)
+    apart = disagreements(tables, reference, source.values)
+    if any(OUT_OF_REACH in mistake for mistake in apart):
+        mistakes += unit_hints(source.values)
+    mistakes += apart
+    if mistakes:
+        several = f"{where} has {len(mistakes)} mistakes:" + "".join(f"\n  {mistake}" for mistake in mistakes)
+        raise InputRefused(f"{where}: {mistakes[0]}" if len(mistakes) == 1 else several)
+    return experiment_of(name, tables, reference, source)
+
+
+def recorded_experiment(metadata: Metadata, where: Path) -> Experiment:
+    """The experiment of a recording with the very FMUs that it was made with.
+
+    A recording names its FMUs by file name and SHA-256, not by where they lay: they are looked up as those of an
+    experiment file beside it, and in fmus/. Every drive pins its recorded SHA-256, so that no other file is taken.
+
+    Raises:
+        InputRefused: it carries no experiment, was made with substitutes or changed by hand while it ran, or an FMU is
+            not found.
+    """
+    name, values = recorded_name(metadata, where), recorded_values(DECLARED, metadata, where)
+    if "drive" not in values:
+        raise InputRefused(f"{where}: carries no experiment that could be run again")
+    fmus = {drive: facts["sha256"] for drive, facts in recorded_fmus(metadata, where).items()}
+    if "substituted" in metadata:
+        parts = ", ".join(metadata["substituted"])
+        raise InputRefused(f"{where}: was made with a substitute for {parts}, so its experiment does not make it again")
+    if "changed" in metadata:
+        raise InputRefused(f"{where}: was changed by hand while it ran, so its experiment does not make it again")
+    if not fmus:
+        raise InputRefused(f"{where}: carries no FMUs, so its experiment cannot be run again as it was")
+    folder = where.resolve().parent
+    # the body's file has filled [contact] in already
+    values.get("contact", {}).pop("body", None)
+    _find_parts(values, metadata, fmus, where, folder)
+    source = Source()
+    source.put(values | {"drive": _with_paths(values["drive"], where, folder)}, "recorded")
+    experiment = checked_experiment(source, name, where, folder)
+    one, two, three = experiment.drives
+    pinned = (_pinned(one, "drive_1", fmus), _pinned(two, "drive_2", fmus), _pinned(three, "drive_3", fmus))
+    return replace(experiment, drives=pinned)
+
+
+def _find_parts(values: dict[str, Any], metadata: Metadata, fmus: Mapping[str, str], where: Path, folder: Path) -> None:
+    """Let parts of another make name the very files that the recording was made with."""
+    for role in KEPT:
+        table = values.get(role)
+        if not isinstance(table, dict):
+            continue
+        if isinstance(table.get("fmu"), str) and role in fmus:
+            values[role] = table | {"fmu": _path(table["fmu"], where, folder, role), "sha256": fmus[role]}
+        if isinstance(table.get("python"), str):
+            facts = json_of(metadata.get("python", {}).get(role, "{}"), f"{where}: its {role}")
+            file, _, kind = table["python"].rpartition(":")
+            # a recording may come from anybody: it names a file, and no way to one
+            path = located(Path(file).name, folder)
+            known = isinstance(facts, dict) and isinstance(facts.get("sha256"), str)
+            if not path.is_file() or not known:
+                raise InputRefused(
+                    f"{where}: its {role} {Path(file).name} is not beside it; put it there to run it again"
+                )
+            values[role] = table | {"python": f"{path}:{kind}", "sha256": facts["sha256"]}
+
+
+def _with_paths(table: dict[str, Any], where: Path, folder: Path) -> dict[str, Any]:
+    """[drive] with paths of FMUs where it has names."""
+    tables = {key: _with_paths(value, where, folder) for key, value in table.items() if isinstance(value, dict)}
+    fmu = {"fmu": _path(table["fmu"], where, folder)} if isinstance(table.get("fmu"), str) else {}
+    return table | tables | fmu
+
+
+def _path(name: str, where: Path, folder: Path, part: str = "drive") -> str:
+    # a recording may come from anybody: it names a file, and no way to one
+    name = Path(name).name
+    # fmus/ first: a run may lie in a folder that is called like its drive
+    for candidate in (f"fmus/{name}", f"fmus/{Path(name).stem}/{name}", f"fmus/parts/{name}", name):
+        path = located(candidate, folder)
+        if path.is_file() or (path.exists() and candidate != name):
+            return str(path)
+    raise InputRefused(f"{where}: its {part} {name} is neither in fmus/ nor beside it; put it there to run it again")
+
+
+def _pinned(drive: Drive, name: str, fmus: Mapping[str, str]) -> Drive:
+    parts = {
+        part: table.model_copy(update={"sha256": fmus.get(f"{name}.{part}")}) for part, table in drive.parts.items()
+    }
+    return drive.model_copy(update={"sha256": fmus.get(name), "parts": parts})

@@ -1,0 +1,53 @@
+"""What every run needs of compiled code; where it is lacking, two processes make it from both ends.
+
+`python -m twin.robot.assembly.usual` is the second one.
+"""
+
+import atexit
+import os
+import subprocess
+
+from twin.kernel.compiled.native import Native
+from twin.kernel.cosim import master
+from twin.kernel.fmi import cosim_step
+from twin.kernel.process.process import environment, module_command
+from twin.kernel.recording import messages as filling
+from twin.kernel.recording import writer as weave
+from twin.robot.controller import controller
+from twin.robot.mechanism import kinematics, workspace
+from twin.robot.plant import component, deviation, encoder
+from twin.robot.scene import frames
+from twin.robot.scene import scene as arrows
+
+PATIENCE = 5.0
+"""How long (s) the other process has to end when it is asked to."""
+FEW = 3
+"""So many are compiled in the time that another process takes to begin."""
+
+
+def usual() -> tuple[Native, ...]:
+    """The functions of a run of Fig. 4, in the order in which it asks for them."""
+    return (
+        kinematics._angles.native, workspace._nearest.native, component._load.native, kinematics._rows.native,
+        component._wind.native, component._begin.native, component.step_over(False, False), encoder.step,
+        controller.estimator_step, controller.step_over(False, False), encoder.scale_step, cosim_step.plain_step,
+        master.advance.native, filling._fill.native, deviation._add_up.native, frames._put_poses.native,
+        arrows._put_arrows.native, weave._scatter.native,
+    )  # fmt: skip
+
+
+def compile_beside() -> None:
+    """Let another process compile them from the last one on, if many are lacking; whoever needs one waits for it."""
+    if (os.cpu_count() or 1) > 1 and sum(not native.is_there for native in usual()) > FEW:
+        helper = subprocess.Popen(module_command(__name__), env=environment(), stdin=subprocess.DEVNULL)
+        atexit.register(_end, helper)
+
+
+def _end(helper: subprocess.Popen[bytes]) -> None:
+    helper.terminate()
+    helper.wait(PATIENCE)
+
+
+if __name__ == "__main__":
+    for native in reversed(usual()):
+        native.address  # noqa: B018

@@ -1,0 +1,431 @@
+"""The machine of phases: the paths of its reference, the walk through a table of phases, taps that learn.
+
+How the reference of a phase moves: straight lines with smooth ends, circles that are spiralled into and out of.
+
+The machine that walks through a table of phases (Sec. III.B) and turns it into references.
+
+Taps that learn from their force: what the last one pressed too hard, the next one goes less deep.
+
+The force of statics lacks the platform's inertia, as much as a light tap where it turns round, and the friction of the
+joints. Height and force pass one low-pass, whose derivatives of the height tell how the platform moves:
+
+    F = F_est + m d2z/dt2 + b dz/dt,                                                                             (K2)
+
+with b from the way through the air, where F is 0. The probe tells the stiffness, and how deep the surface is pressed in
+from the touch to the force that is asked for. A tap turns that much below the height at which it feels the surface, at
+whatever height that is by then; its largest F less the one asked for, over the stiffness, is what it was too deep.
+"""
+
+import math
+
+import numpy as np
+
+from twin.kernel.compiled.function import njit
+from twin.kernel.cosim.port import record
+from twin.robot.controller.pid import state_variable
+from twin.robot.controller.program import PhaseEnd, PhaseKind
+from twin.robot.controller.tissue import HIGHEST, LOWEST, moving_mass
+
+
+@njit(cache=True)
+def smooth(x):
+    """The cubic 3 x^2 - 2 x^3 that goes from 0 to 1 with both slopes zero; 0 before, 1 after."""
+    x = min(max(x, 0.0), 1.0)
+    return x * x * (3.0 - 2.0 * x)
+
+
+@njit(cache=True)
+def _smooth_area(x):
+    """Integral of `smooth` from 0 to x <= 1."""
+    return x * x * x * (1.0 - 0.5 * x)
+
+
+@njit(cache=True)
+def line_speed(phase, length):
+    """Speed (m/s) on a line of `length` (m): the wanted one, less where the line is too short for both ramps."""
+    ramps = phase.ramp_in + phase.ramp_out
+    return phase.speed if 2.0 * length >= phase.speed * ramps else 2.0 * length / ramps
+
+
+@njit(cache=True)
+def line_time(phase, length):
+    """Time (s) the line takes."""
+    if length == 0.0:
+        return 0.0
+    return length / line_speed(phase, length) + 0.5 * (phase.ramp_in + phase.ramp_out)
+
+
+@njit(cache=True)
+def line_share(phase, length, t):
+    """(path, speed): how far (m) and how fast (m/s) along a line of `length` at `t` (s) from its start.
+
+    The speed rises along `smooth` within ramp_in and falls likewise within ramp_out, so position, speed and
+    acceleration are continuous, except that a ramp of 0 starts or ends at once.
+    """
+    total = line_time(phase, length)
+    if t >= total or length == 0.0:
+        return length, 0.0
+    v = line_speed(phase, length)
+    # a line that begins between two calls may do so a rounding after the second; without a ramp that would be t/0
+    t = max(t, 0.0)
+    if t < phase.ramp_in:
+        x = t / phase.ramp_in
+        return v * phase.ramp_in * _smooth_area(x), v * smooth(x)
+    if t > total - phase.ramp_out:
+        x = (total - t) / phase.ramp_out
+        return length - v * phase.ramp_out * _smooth_area(x), v * smooth(x)
+    return v * (t - 0.5 * phase.ramp_in), v
+
+
+@njit(cache=True)
+def circle_time(phase):
+    """Time (s) of a circle with the turns that lead into and out of it."""
+    return (phase.turns + 2.0) / phase.rate
+
+
+@njit(cache=True)
+def circle_offset(phase, t):
+    """(x, y, v_x, v_y): offset (m) and velocity (m/s) from the centre at `t` (s); at rest there at both ends."""
+    total = circle_time(phase)
+    if t <= 0.0 or t >= total:
+        return 0.0, 0.0, 0.0, 0.0
+    x = min(t, total - t) * phase.rate
+    r = phase.radius * smooth(x)
+    growth = 6.0 * phase.radius * phase.rate * x * (1.0 - x) if x < 1.0 else 0.0
+    if 2.0 * t > total:
+        growth = -growth
+    omega = 2.0 * np.pi * phase.rate
+    c, s = math.cos(omega * t), math.sin(omega * t)
+    return r * c, r * s, growth * c - r * omega * s, growth * s + r * omega * c
+
+
+@njit(cache=True)
+def motion_time(phase, length):
+    """Time (s) the phase's motion takes on a line of `length` (m), or on its circle."""
+    return circle_time(phase) if phase.radius > 0.0 else line_time(phase, length)
+
+
+@njit(cache=True)
+def motion(phase, start, end, length, t, p, v):
+    """Reference position into `p` (3,) m and velocity into `v` (3,) m/s at `t` (s) after the phase began."""
+    for i in range(3):
+        p[i], v[i] = start[i], 0.0
+    if phase.radius > 0.0:
+        x, y, v[0], v[1] = circle_offset(phase, t)
+        p[0], p[1] = start[0] + x, start[1] + y
+    elif length > 0.0:
+        path, speed = line_share(phase, length, t)
+        for i in range(3):
+            direction = (end[i] - start[i]) / length
+            p[i] = end[i] if path == length else start[i] + path * direction
+            v[i] = speed * direction
+
+
+MACHINE = record(
+    index="i8",
+    passes="i8",
+    entered="f8",
+    total="f8",
+    length="f8",
+    start="3f8",
+    end="3f8",
+    p="3f8",
+    v="3f8",
+    F_start="f8",
+    F_ref="f8",
+    contact_force="f8",
+    lost="f8",
+    patience="f8",
+    tapped="f8",
+    touching="i8",
+    z_before="f8",
+    F_before="f8",
+    z_felt="f8",
+    depth="f8",
+    calibrated="i8",
+    z_turn="f8",
+    z_lowest="f8",
+    t_turn="f8",
+    learning="f8",
+)
+"""State of the machine, SI.
+
+index, passes: phase, and how often a loop's end was passed. entered, total: when the phase began and how long it takes.
+length, start, end: of its line. p, v: reference. F_start, F_ref: force reference at the beginning, and now.
+contact_force: what counts as touching. lost, patience: how long nothing was touched, and how long that is tolerated.
+tapped: when the last tap began.
+touching, z_before, F_before, z_felt: whether contact has been felt since the way down began, height and force at the
+last call, and the height at which it was felt.
+depth, calibrated: from there to the lowest point, and whether the first tap has told it.
+z_turn: height at which a tap is to be lowest. z_lowest: reached in it.
+t_turn: how long before it a tap has to turn round. learning: share of the error that the next one corrects.
+"""
+
+LONGEST_TURN = 0.1
+"""Bound of t_turn (s): five times what the slowest drive takes to reverse."""
+
+
+@njit(cache=True)
+def enter_line(m, phase):
+    """Lay the phase's line from the present reference to its end."""
+    squared = 0.0
+    for i in range(3):
+        m.start[i] = m.p[i]
+        m.end[i] = m.p[i] if math.isnan(phase.target[i]) else phase.target[i]
+        if i == 2 and phase.lift > 0.0:
+            m.end[2] = m.z_turn + phase.lift
+        squared += (m.end[i] - m.start[i]) ** 2
+    m.length = math.sqrt(squared)
+
+
+@njit(cache=True)
+def enter(m, phases, index, t, F_z, dp_z):
+    """Begin phase `index` at `t` (s) from the present reference, at the pressing force `F_z` (N).
+
+    Where the force loop ends, its correction `dp_z` (m) stays in the reference, so that this does not jump.
+    """
+    before, phase = phases[m.index], phases[index]
+    if before.force_on and not phase.force_on:
+        m.p[2] += dp_z
+    m.index, m.entered, m.lost = index, t, 0.0
+    if phase.task != before.task:
+        # a task that was cut short had passes to go
+        m.passes = 0
+    enter_line(m, phase)
+    # the force reference starts where the force is, so the force loop starts without a jump
+    m.F_start = m.F_ref if before.force_on else max(F_z, 0.0)
+    m.total = max(motion_time(phase, m.length), phase.duration)
+    if phase.period > 0.0:
+        m.total = max(0.0, m.tapped + phase.period - t)
+    if phase.kind == PhaseKind.TAP:
+        m.tapped, m.z_lowest = t, np.inf
+    if phase.kind == PhaseKind.TAP or phase.kind == PhaseKind.DESCEND:
+        m.touching = 0
+
+
+@njit(cache=True)
+def _following(m, phase, t, h, z, v_z, F_z, F_rate):
+    """Index of the phase that is due now; the present one if it goes on."""
+    over = t - m.entered > m.total - 0.5 * h
+    if phase.until == PhaseEnd.FELT:
+        if F_z >= phase.level:
+            return phase.next
+        return phase.otherwise if over else m.index
+    if phase.until == PhaseEnd.TURN:
+        # between this call and the next, of which `walk` makes the right moment
+        reached = z + v_z * (m.t_turn + h) <= m.z_turn
+        if (reached and (m.touching or not m.calibrated)) or F_z + F_rate * m.t_turn >= phase.level:
+            return phase.next
+        return phase.otherwise if over else m.index
+    if phase.force_on and phase.kind != PhaseKind.RELEASE:
+        m.lost = m.lost + h if F_z < 0.5 * m.contact_force else 0.0
+        if m.lost > m.patience:
+            return phase.otherwise
+    if not over:
+        return m.index
+    if phase.times > 1:
+        m.passes += 1
+        if m.passes < phase.times:
+            return phase.again
+        m.passes = 0
+    return phase.next
+
+
+@njit(cache=True)
+def _time_to_turn(m, phase, z, h):
+    """How long (s, at most `h`) a tap that is to turn round before the next call may still go on; 0: none does."""
+    if phase.until != PhaseEnd.TURN or m.v[2] >= 0.0:
+        return 0.0
+    return min(max((m.z_turn - z) / m.v[2] - m.t_turn, 0.0), h)
+
+
+@njit(cache=True)
+def _feel(m, phase, t, z, F):
+    """Note where on its way down the platform meets the surface, which may have moved since the last tap.
+
+    The unfiltered force `F` (N) is taken, because a low-pass would find contact deeper the faster the way down. It
+    holds the inertia of the platform, so nothing is felt while that gets to speed. What is left of it, the robot's own
+    compliance makes a tap feel the surface too late; the first tap after a probe tells by how much.
+    """
+    if not m.touching and F >= m.contact_force and t - m.entered >= phase.ramp_in:
+        m.touching = 1
+        # where contact was there before the platform was at its speed, nothing can be said of the place
+        if m.F_before < m.contact_force:
+            share = (m.contact_force - m.F_before) / (F - m.F_before)
+            m.z_felt = m.z_before + share * (z - m.z_before)
+            if phase.kind == PhaseKind.TAP:
+                if m.calibrated:
+                    m.z_turn = m.z_felt - m.depth
+                else:
+                    m.depth, m.calibrated = m.z_felt - m.z_turn, 1
+    m.z_before, m.F_before = z, F
+
+
+@njit(cache=True)
+def _turn_within(m, phase, t, h, rest):
+    """Turn round `rest` seconds after `t`, before the next call at `t + h`.
+
+    The command is held until then, so its speed is the mean of down and up: a turn at the call before or after would
+    miss the depth by up to h times the speed.
+    """
+    down = m.v[2]
+    m.p[2] += down * rest
+    enter_line(m, phase)
+    m.entered = t + rest
+    m.total = max(motion_time(phase, m.length), phase.duration)
+    m.p[2] -= down * rest
+    m.v[2] = (down * rest + phase.speed * (h - rest)) / h
+
+
+@njit(cache=True)
+def walk(m, phases, t, h, z, F, F_z, F_rate, F_delay, dp_z):
+    """Advance to `t` (s): phase, references `m.p` (m), `m.v` (m/s) and `m.F_ref` (N).
+
+    Args:
+        h: time since the last call (s).
+        z: estimated height of the platform (m).
+        F: pressing force (N).
+        F_z, F_rate: low-passed, its rate (N/s).
+        F_delay: by how much F_z lags F (s).
+        dp_z: correction of the force loop (m).
+    """
+    if m.index < 0:
+        enter(m, phases, 0, t, F_z, dp_z)
+    phase = phases[m.index]
+    m.z_lowest = min(m.z_lowest, z)
+    _feel(m, phase, t, z, F)
+    following = _following(m, phase, t, h, z, m.v[2], F_z, F_rate)
+    if following != m.index:
+        if phase.kind == PhaseKind.PROBE:
+            m.z_turn, m.calibrated = z - m.v[2] * F_delay, 0
+        if phase.kind == PhaseKind.RISE:
+            late = (m.z_turn - m.z_lowest) / phase.speed
+            m.t_turn = min(max(m.t_turn + m.learning * late, 0.0), LONGEST_TURN)
+        rest = _time_to_turn(m, phase, z, h)
+        enter(m, phases, following, t, F_z, dp_z)
+        if rest > 0.0:
+            _turn_within(m, phases[m.index], t, h, rest)
+            return
+        phase = phases[m.index]
+    elapsed = t - m.entered
+    motion(phase, m.start, m.end, m.length, elapsed, m.p, m.v)
+    share = smooth(elapsed / phase.duration) if phase.duration > 0.0 else 1.0
+    m.F_ref = m.F_start + share * (phase.F_end - m.F_start) if phase.force_on else 0.0
+
+
+CORNER = 35.0
+"""Of the low-pass (Hz): a tap at 100 mm/s loses 2 % of its peak, rounding adds 0.03 N."""
+DAMPING = 1.4
+"""1/Q of the low-pass: no peak of its own."""
+CLEAR = 2e-3
+"""Height (m) above where the probe touched from which on there is air."""
+MOVING = 0.02
+"""Speed (m/s) from which on friction in the air is looked at."""
+UNREACHED = 1e-4
+"""Height (m) above its turn at which a tap is over before it got there: its force ended it."""
+
+TAPS = record(
+    share="f8",
+    mass="f8",
+    g="f8",
+    z_fast="f8",
+    z_slow="f8",
+    F_fast="f8",
+    F_slow="f8",
+    z_0="f8",
+    kind="i8",
+    vF="f8",
+    vv="f8",
+    z_begun="f8",
+    F_begun="f8",
+    k="f8",
+    depth="f8",
+    z_before="f8",
+    F_before="f8",
+    felt="i8",
+    peak="f8",
+    level="f8",
+    speed="f8",
+    t_turn="f8",
+)
+"""share: of the error that the next tap corrects. mass: of what moves up and down (kg), as of the beginning of the
+phase. g: of the filters; 0: they do not run. z_fast .. F_slow: of the filters, from the height z_0 on. kind: phase of
+the call before. vF, vv: sums of speed times force and of its square in the air. z_begun, F_begun: where the probe
+began. k, depth: the stiffness it felt (N/m), and how deep a tap goes from the touch on (m). z_before, F_before: of the
+call before. felt: whether the tap that is on has felt the surface. peak, level: its largest force, and what is asked
+for (N). speed, t_turn: its speed, and how long before its lowest point it was to turn.
+"""
+
+
+@njit(cache=True, error_model="numpy")
+def _probed(m, z, F):
+    """The probe goes on: what it has felt by now."""
+    if m.kind != PhaseKind.PROBE:
+        m.z_begun, m.F_begun, m.k = z, F, 0.0
+    elif z < m.z_begun:
+        m.depth = m.z_begun - z
+        m.k = min(max((F - m.F_begun) / m.depth, LOWEST), HIGHEST)
+
+
+@njit(cache=True, error_model="numpy")
+def _tapping(m, machine, phase, elapsed, z, F):
+    """A tap goes down: feel the surface, and turn as far below it as was learnt."""
+    if m.kind != PhaseKind.TAP:
+        m.felt, m.peak, m.level, m.speed, m.t_turn = 0, 0.0, phase.level, phase.speed, machine.t_turn
+    m.peak = max(m.peak, F)
+    if not m.felt and m.k > 0.0 and elapsed >= phase.ramp_in and F >= m.F_begun:
+        m.felt = 1
+        share = (m.F_begun - m.F_before) / (F - m.F_before) if m.F_before < m.F_begun else 0.0
+        # where contact was there before, the surface is as far up as the force tells
+        surface = m.z_before + share * (z - m.z_before) if share > 0.0 else z + (F - m.F_begun) / m.k
+        machine.z_turn = surface - m.depth
+
+
+@njit(cache=True, error_model="numpy")
+def _correct(m, machine):
+    """The tap is over: what it was too deep, the next one turns higher, or earlier if its force has ended it."""
+    too_deep = m.share * (m.peak - m.level) / m.k
+    if machine.z_lowest - machine.z_turn > UNREACHED:
+        machine.t_turn = min(max(m.t_turn + too_deep / m.speed, 0.0), LONGEST_TURN)
+    else:
+        m.depth -= too_deep
+        machine.depth -= too_deep
+        machine.z_turn += too_deep
+
+
+@njit(cache=True, error_model="numpy")
+def learn_taps(m, tissue, machine, phase, t, h, z, F, J):
+    """Note the force of a tap; when it is over, correct the depth of the next one.
+
+    Args:
+        tissue: what is known of the robot's own mass.
+        machine: of the phases; where its taps turn is corrected.
+        phase: in which the call before ended.
+        z, F, J: height (m), pressing force (N) and Jacobian (9,) as estimated, unfiltered.
+    """
+    kind, omega = phase.kind, 2.0 * math.pi * CORNER
+    if kind != PhaseKind.DESCEND and (kind < PhaseKind.RETRACT or kind > PhaseKind.WAIT):
+        m.g, m.kind = 0.0, kind
+        return
+    if m.g == 0.0:
+        m.g, m.z_0 = math.tan(math.pi * CORNER * h), z
+        m.z_fast, m.z_slow, m.F_fast, m.F_slow = 0.0, 0.0, 0.0, F
+    if kind != m.kind:
+        m.mass = moving_mass(tissue, J)
+    low, first, second, m.z_fast, m.z_slow = state_variable(DAMPING, m.g, m.z_fast, m.z_slow, z - m.z_0)
+    F_low, _, _, m.F_fast, m.F_slow = state_variable(DAMPING, m.g, m.F_fast, m.F_slow, F)
+    z_low, v = m.z_0 + low, omega * first
+    force = F_low + m.mass * omega * omega * second
+    if abs(v) > MOVING and z_low > m.z_begun + CLEAR and m.k > 0.0:
+        m.vF, m.vv = m.vF - v * force, m.vv + v * v
+    if m.vv > 0.0:
+        force += m.vF / m.vv * v
+    if kind == PhaseKind.PROBE:
+        _probed(m, z_low, force)
+    elif kind == PhaseKind.TAP:
+        _tapping(m, machine, phase, t - machine.entered, z_low, force)
+    elif kind == PhaseKind.RISE:
+        m.peak = max(m.peak, force)
+    elif m.kind == PhaseKind.RISE and m.k > 0.0:
+        _correct(m, machine)
+    m.kind, m.z_before, m.F_before = kind, z_low, force

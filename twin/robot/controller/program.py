@@ -1,0 +1,244 @@
+"""The four tasks of Sec. III.B as phases: approach, gentle descent, force build-up, hold, tap, circle or push, release.
+
+A program is a table of `Phase`s for the whole sequence. Each phase begins where the reference is, so tasks of any order
+follow one another without a jump.
+
+A task as data: a table of phases that the compiled machine walks through.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from enum import IntEnum
+from typing import Literal, NamedTuple
+
+from pydantic import model_validator
+
+from twin.kernel.cosim.port import record_of
+from twin.kernel.settings import Settings, Triple, setting
+
+
+class PhaseKind(IntEnum):
+    """What the robot is doing; the words are those of Sec. III.B."""
+
+    TRAVEL = 1
+    DESCEND = 2
+    BUILD_UP = 3
+    HOLD = 4
+    CIRCLE = 5
+    PUSH = 6
+    RELEASE = 7
+    RETRACT = 8
+    PROBE = 9
+    TAP = 10
+    RISE = 11
+    WAIT = 12
+    DONE = 13
+
+    @property
+    def phrase(self) -> str:
+        """For the time line: `build-up`."""
+        return self.name.lower().replace("_", "-")
+
+
+class PhaseEnd(IntEnum):
+    """What ends a phase."""
+
+    ELAPSED = 0
+    """its motion has arrived and its duration is over."""
+    FELT = 1
+    """the pressing force reaches `level`; if the motion arrives without it, `otherwise` follows."""
+    TURN = 2
+    """the platform will have reached the depth of the pre-defined force by the time a turn takes effect, or the force
+    will have reached `level` by then; if the motion arrives without either, `otherwise` follows."""
+
+
+class Phase(NamedTuple):
+    """One phase, SI. Its motion starts wherever the reference is, so a sequence of phases cannot jump.
+
+    Attributes:
+        kind: what it is.
+        task: which task it belongs to, counted from 1.
+        target: end of the straight line (m); NaN keeps a coordinate.
+        lift: if > 0, it ends so far (m) above the height at which a probe felt the pre-defined force.
+        speed: along the line (m/s).
+        ramp_in, ramp_out: time in which it gets there and back to rest (s).
+        radius, rate, turns: of a circle about the starting point (m, Hz, 1), with one turn more to spiral out to it and
+            one to spiral back; radius 0: a straight line.
+        force_on: whether the force loop acts.
+        F_end: where its reference goes within `duration` (N).
+        duration: shortest time it takes (s).
+        period: it ends this long after the last tap began (s), if > 0.
+        until: what ends it.
+        level: force that does (N).
+        next, otherwise: index of the phase that follows, and of the one that does if `until` never comes, or if contact
+            is lost while the force loop acts.
+        again, times: `next` is taken after `times` passes, `again` before.
+    """
+
+    kind: PhaseKind
+    task: int
+    target: Triple = (math.nan, math.nan, math.nan)
+    lift: float = 0.0
+    speed: float = 0.0
+    ramp_in: float = 0.0
+    ramp_out: float = 0.0
+    radius: float = 0.0
+    rate: float = 0.0
+    turns: float = 0.0
+    force_on: bool = False
+    F_end: float = 0.0
+    duration: float = 0.0
+    period: float = 0.0
+    until: PhaseEnd = PhaseEnd.ELAPSED
+    level: float = 0.0
+    next: int = 0
+    otherwise: int = 0
+    again: int = 0
+    times: int = 1
+
+
+PHASE = record_of(Phase)
+
+
+Point = tuple[float, float]
+"""x and y in the base frame (m)."""
+
+
+class Approach(Settings):
+    """[approach]: how all tasks come and go."""
+
+    height: float = setting("mm", help="z at which the robot travels between tasks")
+    floor: float = setting("mm", help="z below which it never searches for contact")
+    speed: float = setting("mm/s", gt=0, help="speed of travelling")
+    descent: float = setting("mm/s", gt=0, help="speed of going down until it touches")
+    ramp: float = setting("ms", gt=0, help="time in which a speed changes")
+    release: float = setting("s", gt=0, help="time in which the force is taken back")
+
+    @model_validator(mode="after")
+    def _floor_is_below(self) -> "Approach":
+        if self.floor >= self.height:
+            raise ValueError(f"floor_mm = {1e3 * self.floor:g} is not below height_mm = {1e3 * self.height:g}")
+        return self
+
+
+class TaskOnPoint(Settings):
+    """What every task has."""
+
+    point: Point = setting("mm", help="where (x, y)")
+    force: float = setting("N", gt=0, help="pressing force")
+
+
+class Press(TaskOnPoint):
+    """[[task]] kind = "press": onto a point, the force grows, is held, and taken back."""
+
+    kind: Literal["press"]
+    build_up: float = setting("s", gt=0, help="time in which the force grows")
+    hold: float = setting("s", gt=0, help="time for which it is held")
+
+
+class Tap(TaskOnPoint):
+    """[[task]] kind = "tap": down fast until the force is there, and up again, many times."""
+
+    kind: Literal["tap"]
+    speed: float = setting("mm/s", gt=0, help="speed of going down and up")
+    lift: float = setting("mm", gt=0, help="height above the surface between two taps")
+    period: float = setting("s", gt=0, help="from tap to tap")
+    times: int = setting(ge=1, help="number of taps")
+
+
+class Roll(TaskOnPoint):
+    """[[task]] kind = "roll": a small circle under a constant force."""
+
+    kind: Literal["roll"]
+    build_up: float = setting("s", gt=0, help="time in which the force grows")
+    radius: float = setting("mm", gt=0, help="radius of the circle")
+    rate: float = setting("Hz", gt=0, help="turns per time")
+    turns: float = setting(ge=1, help="number of turns")
+
+
+class Push(TaskOnPoint):
+    """[[task]] kind = "push": along a line under a constant force."""
+
+    kind: Literal["push"]
+    build_up: float = setting("s", gt=0, help="time in which the force grows")
+    to: Point = setting("mm", help="where the line ends (x, y)")
+    speed: float = setting("mm/s", gt=0, help="speed along the line")
+
+    @model_validator(mode="after")
+    def _goes_somewhere(self) -> "Push":
+        if self.to == self.point:
+            raise ValueError("to_mm is point_mm: expected another point, to which to push")
+        return self
+
+
+Task = Press | Tap | Roll | Push
+TASKS: dict[str, type[Task]] = {"press": Press, "tap": Tap, "roll": Roll, "push": Push}
+"""By the key `kind` of their tables."""
+
+
+def program(approach: Approach, contact_force: float, tasks: Sequence[Task]) -> list[Phase]:
+    """The phases of `tasks` in their order; the last phase holds for ever above the last point.
+
+    Args:
+        approach: how all tasks come and go.
+        contact_force: pressing force that counts as touching (N).
+        tasks: see there.
+    """
+    phases: list[Phase] = []
+    for number, task in enumerate(tasks, start=1):
+        phases += _of_task(approach, contact_force, task, number, len(phases))
+    return [*phases, Phase(PhaseKind.DONE, len(tasks), duration=math.inf, next=len(phases))]
+
+
+def _of_task(approach: Approach, contact_force: float, task: Task, number: int, first: int) -> list[Phase]:
+    travel = Phase(
+        PhaseKind.TRAVEL, number, (*task.point, approach.height), speed=approach.speed,
+        ramp_in=approach.ramp, ramp_out=approach.ramp,
+    )  # fmt: skip
+    descend = Phase(
+        PhaseKind.DESCEND, number, (math.nan, math.nan, approach.floor), speed=approach.descent, ramp_in=approach.ramp,
+        until=PhaseEnd.FELT, level=contact_force,
+    )  # fmt: skip
+    retract = Phase(
+        PhaseKind.RETRACT, number, (math.nan, math.nan, approach.height), speed=approach.speed,
+        ramp_in=approach.ramp, ramp_out=approach.ramp,
+    )  # fmt: skip
+    work = (
+        _taps(approach, task, number) if isinstance(task, Tap) else _under_force(approach, contact_force, task, number)
+    )
+    chain = [travel, descend, *work, retract]
+    last = first + len(chain) - 1
+    linked = []
+    for index, phase in enumerate(chain, start=first):
+        again = index + phase.again if phase.again else index + 1
+        linked.append(phase._replace(next=index + 1, otherwise=last, again=again))
+    return linked
+
+
+def _under_force(approach: Approach, contact_force: float, task: Press | Roll | Push, number: int) -> Iterable[Phase]:
+    pressing = Phase(PhaseKind.BUILD_UP, number, force_on=True, F_end=task.force)
+    yield pressing._replace(duration=task.build_up)
+    match task:
+        case Press():
+            yield pressing._replace(kind=PhaseKind.HOLD, duration=task.hold)
+        case Roll():
+            yield pressing._replace(kind=PhaseKind.CIRCLE, radius=task.radius, rate=task.rate, turns=task.turns)
+        case Push():
+            yield pressing._replace(
+                kind=PhaseKind.PUSH, target=(*task.to, math.nan), speed=task.speed,
+                ramp_in=approach.ramp, ramp_out=approach.ramp,
+            )  # fmt: skip
+    yield pressing._replace(kind=PhaseKind.RELEASE, F_end=contact_force, duration=approach.release)
+
+
+def _taps(approach: Approach, task: Tap, number: int) -> Iterable[Phase]:
+    down = Phase(PhaseKind.PROBE, number, (math.nan, math.nan, approach.floor), level=task.force)
+    # a gentle touch first: where the force is reached is what the taps then aim at
+    yield down._replace(speed=approach.descent, until=PhaseEnd.FELT)
+    up = Phase(PhaseKind.RETRACT, number, lift=task.lift, speed=approach.speed, ramp_in=approach.ramp)
+    yield up._replace(ramp_out=approach.ramp)
+    # a tap turns at once: a smooth turn would be a longer one
+    yield down._replace(kind=PhaseKind.TAP, speed=task.speed, ramp_in=approach.ramp, until=PhaseEnd.TURN)
+    yield up._replace(kind=PhaseKind.RISE, speed=task.speed, ramp_in=0.0, ramp_out=approach.ramp)
+    # `again` is relative until the phases are linked
+    yield Phase(PhaseKind.WAIT, number, period=task.period, times=task.times, again=-2)

@@ -1,0 +1,235 @@
+"""The controller that carries out tasks: the machine of phases in front of the force-position law of Fig. 3 B.
+
+As `controller.py`, with four differences: the reference is a machine that feels its way (`machine.py`), velocity and
+the wind-up of the springs are fed forward, swings of the platform on its springs are damped, and the force loop acts in
+the phases that press, from the force that is there, so that neither it nor the reference ever jumps.
+
+[controller]: all tables of the robot's computer.
+"""
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+
+from twin.kernel.compiled.function import carray, njit, pointer_to
+from twin.kernel.cosim.component import NativeComponent
+from twin.kernel.cosim.native import step_function
+from twin.kernel.cosim.port import Port, memory_of, record
+from twin.kernel.settings import Settings, numbers, setting
+from twin.robot.controller.adaptive import Adapting, Breath, adapt, tell, with_adaptive
+from twin.robot.controller.controller import INPUTS as ESTIMATES
+from twin.robot.controller.controller import LAW, OUTPUTS, Law, follow_passed, force_correction, motor_speeds, ports
+from twin.robot.controller.energy_tank import EnergyTank
+from twin.robot.controller.machine import MACHINE, learn_taps, motion, walk
+from twin.robot.controller.pid import (
+    DAMPER,
+    FEED_FORWARD,
+    LOW_PASS,
+    PID,
+    Believed,
+    Damping,
+    FeedForward,
+    ForceLoop,
+    Gains,
+    PositionLoop,
+    Processor,
+    damp,
+    damper,
+    friction_force,
+    kept_share,
+    load_torques,
+    loop,
+    rest,
+)
+from twin.robot.controller.program import PHASE, Phase
+from twin.robot.controller.tissue import Tissue
+from twin.robot.mechanism.geometry import Model
+
+TASK_INPUTS = (*ESTIMATES, Port("tau_l", 3, "N m", "estimated joint torques"))
+TASK_OUTPUTS = (
+    *OUTPUTS,
+    Port("v_ref_B", 3, "m/s", "velocity of the reference, fed forward"),
+    Port("task", 1, "1", "task of the sequence that is on, counted from 1", "int"),
+    Port("phase", 1, "1", "what it is doing, see the recording's metadata 'phases'", "int"),
+)
+
+
+class Touch(Settings):
+    """[controller.touch]: how the controller feels contact in a task."""
+
+    contact: float = setting(
+        "N", gt=0, field="contact_force", exported=False, help="pressing force that counts as touching"
+    )
+    patience: float = setting("ms", gt=0, help="how long contact may be lost while pressing")
+    turn: float = setting(
+        "ms", ge=0, le=100, field="t_turn", help="how long before its lowest point the first tap turns round"
+    )
+    learning: float = setting(ge=0, le=1, help="share of a tap's depth error that the next one corrects")
+    force_learning: float = setting(
+        into="taps",
+        field="share",
+        default=0.0,
+        ge=0,
+        le=1,
+        help="share of a tap's force error that the next one corrects; needs [controller.tissue]",
+    )
+
+
+MEMORY = record(
+    law=LAW,
+    forward=FEED_FORWARD,
+    damper=DAMPER,
+    force=PID,
+    position=(PID, (3,)),
+    machine=MACHINE,
+    phases="i8",
+    count="i8",
+    low=LOW_PASS,
+    F_z="f8",
+    F_rate="f8",
+    dp_z="f8",
+    p="3f8",
+    v="3f8",
+    lead="3f8",
+)
+_phases_at = pointer_to(PHASE)
+
+
+@njit(cache=True)
+def fed_forward(m, phase, J, t, h, v_shift):
+    """Motor speeds (rad/s) into `m.lead` for the reference's motion and the springs' wind-up, ahead of `t` by `lag`,
+    and for a velocity `v_shift` (m/s) in z besides.
+    """
+    machine, forward = m.machine, m.forward
+    elapsed = t - machine.entered
+    if elapsed >= 0.0:
+        motion(phase, machine.start, machine.end, machine.length, elapsed + forward.lag, m.p, m.v)
+    else:
+        # the machine turns round before the next call and has set the mean speed until then
+        m.v[0], m.v[1], m.v[2] = machine.v[0], machine.v[1], machine.v[2]
+    for i in range(3):
+        m.lead[i] = m.law.N * (J[3 * i] * m.v[0] + J[3 * i + 1] * m.v[1] + J[3 * i + 2] * (m.v[2] + v_shift))
+    # what stands still rubs the same a call later
+    if phase.force_on and (phase.radius > 0.0 or machine.length > 0.0):
+        F_x, F_y = friction_force(forward.mu, machine.F_ref, m.v[0], m.v[1])
+        motion(phase, machine.start, machine.end, machine.length, elapsed + forward.lag + h, m.p, m.v)
+        next_x, next_y = friction_force(forward.mu, machine.F_ref, m.v[0], m.v[1])
+        tau = load_torques(J, next_x - F_x, next_y - F_y, 0.0)
+        for i in range(3):
+            m.lead[i] += tau[i] / (h * forward.k_s * m.law.N * forward.eta)
+
+
+@njit(cache=True, inline="always")
+def control(m, t, h, u, y, shift, v_shift):
+    """A call of machine and law, its z reference shifted by `shift` (m) besides, which moves at `v_shift` (m/s)."""
+    phases, machine = carray(_phases_at(m.phases), m.count), m.machine
+    share = kept_share(m.low, m.law.corner, h)
+    before = m.F_z
+    m.F_z += share * (-u.F_ee_B[2] - m.F_z)
+    m.F_rate += share * ((m.F_z - before) / h - m.F_rate)
+    # a first-order low-pass lags a ramp by its time constant
+    lag = h * (1.0 - share) / share
+    walk(machine, phases, t, h, u.p_B[2], -u.F_ee_B[2], m.F_z, m.F_rate, lag, m.dp_z)
+    phase = phases[machine.index]
+    if phase.force_on:
+        m.dp_z = force_correction(m.law, m.force, machine.F_ref - m.F_z, h)
+    else:
+        m.dp_z = 0.0
+        rest(m.force)
+    fed_forward(m, phase, u.J, t, h, v_shift)
+    damp(m.damper, m.law.N * m.forward.eta, u.tau_l, h, m.lead)
+    for i in range(3):
+        y.p_ref_B[i], y.v_ref_B[i], y.p_cmd_B[i] = machine.p[i], machine.v[i], machine.p[i]
+    y.p_cmd_B[2] += m.dp_z
+    y.p_cmd_B[2] += shift
+    motor_speeds(m.law, m.position, u.J, u.p_B, y.p_cmd_B, m.lead, h, y.omega_ref)
+    y.dp_z, y.triggered, y.F_z, y.F_z_ref = m.dp_z, phase.force_on, m.F_z, machine.F_ref
+    y.task, y.phase = phase.task, phase.kind
+
+
+ADAPTIVE_MEMORY = with_adaptive(MEMORY)
+
+
+@cache
+def step_over(adaptive, tank):
+    """As that of the law alone."""
+
+    @step_function(ADAPTIVE_MEMORY if adaptive else MEMORY, *ports(TASK_INPUTS, TASK_OUTPUTS, adaptive, tank))
+    def step(m, t, h, u, y):
+        shift = v_shift = 0.0
+        if tank:
+            follow_passed(m.force, m.position[2].error, u.share, h)
+        if adaptive:
+            known, machine, z, F = m.adaptive, m.machine, u.p_B[2], -u.F_ee_B[2]
+            adapt(known, m.gain_table, m.force, h, z, F, u.J, machine.F_ref)
+            if known.taps.share > 0.0 and machine.index >= 0:
+                phases = carray(_phases_at(m.phases), m.count)
+                learn_taps(known.taps, known.tissue, machine, phases[machine.index], t, h, z, F, u.J)
+            shift, v_shift = known.shift, known.v_shift
+        control(m, t, h, u, y, shift, v_shift)
+        if adaptive:
+            tell(m.adaptive, m.force, y.triggered, y)
+        return 0
+
+    return step
+
+
+class TaskController(NativeComponent):
+    """Sampled component: estimates in, motor speeds out, a program of phases in between.
+
+    Args:
+        law: settings; its F_z_ref and triggers are not used.
+        position, force: gains, see `Controller`.
+        feed_forward, damping, touch: see there.
+        phases: the program; the last one holds for ever.
+        start: where the platform is at the beginning (3,), m.
+        period: in ticks.
+        adapting: what it does besides; None: nothing.
+        tank: whether an energy tank stands behind it, and tells what it passes on.
+    """
+
+    def __init__(
+        self,
+        law: Law,
+        position: Gains,
+        force: Gains,
+        feed_forward: Believed,
+        damping: Damping,
+        touch: Touch,
+        phases: Sequence[Phase],
+        start: Sequence[float],
+        period: int = 1,
+        adapting: Adapting | None = None,
+        tank: bool = False,
+    ):
+        table = np.array([tuple(phase) for phase in phases], dtype=PHASE)
+        memory = memory_of(
+            ADAPTIVE_MEMORY if adapting else MEMORY, law=tuple(law), force=loop(force), position=[loop(position)] * 3
+        )
+        memory["forward"][0], memory["damper"][0] = tuple(feed_forward), damper(damping)
+        memory["count"] = len(table)
+        machine = memory[0]["machine"]
+        machine["index"], machine["p"], machine["z_turn"] = -1, start, -np.inf
+        for name, value in numbers(touch).items():
+            machine[name] = value
+        kept = {"phases": table}
+        if adapting:
+            kept |= adapting.fill(memory["adaptive"][0])
+        variant = adapting is not None, tank
+        sides = ports(TASK_INPUTS, TASK_OUTPUTS, *variant)
+        super().__init__("controller", *sides, True, step_over(*variant), memory, period=period, pointers=kept)
+
+
+class Computer(Processor):
+    """[controller]: the robot's computer. `touch`, `feed_forward` and `damping` belong to tasks."""
+
+    position: PositionLoop
+    force: ForceLoop
+    touch: Touch | None = None
+    feed_forward: FeedForward | None = None
+    damping: Damping | None = None
+    tissue: Tissue | None = None
+    breath: Breath | None = None
+    energy_tank: EnergyTank | None = None
+    model: Model

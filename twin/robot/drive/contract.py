@@ -1,0 +1,173 @@
+"""What every drive has to offer, whoever made it; and what stands behind one that leaves a part of it to others."""
+
+import math
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from twin.kernel.cosim.component import NativeComponent
+from twin.kernel.cosim.native import step_function
+from twin.kernel.cosim.port import Port, memory_of, record
+from twin.kernel.fmi.variable import SPEED
+from twin.kernel.units import CURRENT, NUMBER, POWER, TEMPERATURE, TORQUE, VOLTAGE, Dimension
+
+Command = Literal["velocity", "torque", "current", "voltage", "position"]
+
+
+class Role(NamedTuple):
+    """A quantity of the contract.
+
+    Attributes:
+        port: name, SI unit and meaning.
+        causality: as FMI calls it.
+        dimension: what its unit has to measure.
+        required: whether a drive without it is refused.
+        synonyms: words by which suppliers call it, for the proposal of a mapping.
+        mechanical: how sign and gear ratio act on it: 1 an angle or speed (the FMU's shaft turns `gear_ratio` times as
+            far), -1 a torque (it carries that much less), 0 not at all.
+    """
+
+    port: Port
+    causality: Literal["input", "output"]
+    dimension: Dimension
+    required: bool
+    synonyms: tuple[str, ...]
+    mechanical: Literal[-1, 0, 1] = 0
+
+
+COMMANDS: dict[Command, Role] = {
+    "velocity": Role(
+        Port("omega_ref", 1, "rad/s", "commanded motor speed"), "input", SPEED, True,
+        ("omega_ref", "speed_ref", "n_cmd", "velocity", "goal", "target", "setpoint", "cmd", "ref"), 1,
+    ),
+    "torque": Role(
+        Port("command", 1, "N m", "commanded motor torque"), "input", TORQUE, True,
+        ("tau_cmd", "tau_ref", "torque_ref", "torque_cmd", "cmd", "ref", "setpoint", "target"), -1,
+    ),
+    "current": Role(
+        Port("command", 1, "A", "commanded motor current"), "input", CURRENT, True,
+        ("i_ref", "i_cmd", "current_ref", "iq_ref", "cmd", "ref", "setpoint"),
+    ),
+    "voltage": Role(
+        Port("command", 1, "V", "commanded motor voltage"), "input", VOLTAGE, True,
+        ("u_cmd", "v_cmd", "u_ref", "voltage", "u", "v", "cmd", "ref"),
+    ),
+    "position": Role(
+        Port("command", 1, "rad", "commanded motor angle"), "input", NUMBER, True,
+        ("theta_ref", "phi_ref", "position_ref", "goal_position", "q_ref", "position", "angle", "cmd", "ref"), 1,
+    ),
+}  # fmt: skip
+"""The one command role, by what the drive is commanded with."""
+
+LOAD = Role(
+    Port("tau_load", 1, "N m", "load on the motor shaft, positive opposes +omega_m"), "input", TORQUE, True,
+    ("tau_load", "load", "m_load", "torque_load", "load_torque", "disturbance", "external"), -1,
+)  # fmt: skip
+
+THETA_M = Role(
+    Port("theta_m", 1, "rad", "motor angle"), "output", NUMBER, True,
+    ("theta_m", "phi", "angle", "position", "theta", "q"), 1,
+)  # fmt: skip
+OMEGA_M = Role(
+    Port("omega_m", 1, "rad/s", "motor speed"), "output", SPEED, True,
+    ("omega_m", "speed", "velocity", "omega", "n", "w"), 1,
+)  # fmt: skip
+TAU_MOTOR = Role(
+    Port("tau_motor", 1, "N m", "torque the machine produces"), "output", TORQUE, False,
+    ("tau_motor", "motor_torque", "torque", "tau_m", "tau", "m_mot"), -1,
+)  # fmt: skip
+OUTPUTS = (
+    THETA_M,
+    OMEGA_M,
+    TAU_MOTOR,
+    Role(Port("current", 1, "A", "motor current"), "output", CURRENT, False, ("current", "i_q", "iq", "i_a", "i")),
+    Role(Port("power", 1, "W", "electrical power drawn"), "output", POWER, False, ("power", "p_el", "p")),
+    Role(
+        Port("temperature", 1, "K", "winding temperature"), "output", TEMPERATURE, False,
+        ("temperature", "t_w", "winding", "temp"),
+    ),
+    Role(Port("status", 1, "1", "status code of the drive"), "output", NUMBER, False, ("status", "state", "error")),
+)  # fmt: skip
+
+OPTIONAL_INPUTS = (
+    Role(Port("enable", 1, "1", "drive enabled"), "input", NUMBER, False, ("enable", "enabled", "on")),
+    Role(Port("v_bus", 1, "V", "voltage of the supply"), "input", VOLTAGE, False, ("v_bus", "v_dc", "u_bus", "supply")),
+)
+"""What some drives also want; a value in [drive.parameters] sets it, else its own start value stands."""
+
+SHAFT = tuple(role._replace(causality="input", required=False) for role in (OMEGA_M, THETA_M))
+"""What a drive with a rotor of ours is told of its shaft."""
+
+
+def contract(command: Command, rotor: bool = False) -> tuple[Role, ...]:
+    """Every role of a drive, inputs first.
+
+    Args:
+        command: what it is commanded with.
+        rotor: whether the shaft is ours: the FMU gives a torque then, and may be told how the shaft moves.
+    """
+    if not rotor:
+        return (COMMANDS[command], LOAD, *OPTIONAL_INPUTS, *OUTPUTS)
+    moved = tuple(role for role in OUTPUTS if role not in (THETA_M, OMEGA_M, TAU_MOTOR))
+    return (COMMANDS[command], *SHAFT, *OPTIONAL_INPUTS, TAU_MOTOR._replace(required=True), *moved)
+
+
+ROTOR_INPUTS = (TAU_MOTOR.port, LOAD.port)
+ROTOR_OUTPUTS = (THETA_M.port, OMEGA_M.port)
+ROTOR_MEMORY = record(J="f8", b="f8", theta="f8", omega="f8")
+
+
+@step_function(ROTOR_MEMORY, ROTOR_INPUTS, ROTOR_OUTPUTS)
+def rotor_step(m, t, h, u, y):
+    # J d omega/dt = tau_motor - tau_load - b omega, exactly, for torques held over the step
+    alpha = (u.tau_motor - u.tau_load - m.b * m.omega) / m.J
+    x = m.b * h / m.J
+    # the first two phi functions of exponential integrators, at -x; (1 - phi_1)/x would cancel for small x
+    phi_1 = -math.expm1(-x) / x if x > 0.0 else 1.0
+    phi_2 = (1.0 - phi_1) / x if x > 1e-2 else 0.5 - x / 6.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0)))
+    m.theta += h * (m.omega + h * alpha * phi_2)
+    m.omega += h * alpha * phi_1
+    y.theta_m, y.omega_m = m.theta, m.omega
+    return 0
+
+
+class DriveRotor(NativeComponent):
+    """Continuous component: torques in, angle and speed of the shaft out.
+
+    Args:
+        J: inertia at the motor shaft (kg m2).
+        b: viscous friction (N m per rad/s).
+        theta_m: angle at t = 0 (rad), where it is at rest.
+    """
+
+    def __init__(self, J: float, b: float, theta_m: float):
+        memory = memory_of(ROTOR_MEMORY, J=J, b=b, theta=theta_m)
+        super().__init__("rotor", ROTOR_INPUTS, ROTOR_OUTPUTS, False, rotor_step, memory, np.array([theta_m, 0.0]))
+
+
+UNWRAPPED_INPUTS = (Port("wrapped", 1, "rad", "motor angle, but for whole turns of the servo"),)
+UNWRAPPED_OUTPUTS = (THETA_M.port,)
+UNWRAPPED_MEMORY = record(turn="f8", theta="f8")
+
+
+@step_function(UNWRAPPED_MEMORY, UNWRAPPED_INPUTS, UNWRAPPED_OUTPUTS)
+def unwrapped_step(m, t, h, u, y):
+    # no shaft turns by half a turn within a step
+    m.theta = u.wrapped - m.turn * round((u.wrapped - m.theta) / m.turn)
+    y.theta_m = m.theta
+    return 0
+
+
+class Unwrapped(NativeComponent):
+    """Continuous component behind the drive's FMU: its angle in, the same without jumps by whole turns out.
+
+    Args:
+        turn: of the servo, as an angle of the motor shaft (rad).
+        theta_m: angle at t = 0 (rad).
+    """
+
+    def __init__(self, turn: float, theta_m: float):
+        memory = memory_of(UNWRAPPED_MEMORY, turn=turn, theta=theta_m)
+        super().__init__(
+            "unwrapped", UNWRAPPED_INPUTS, UNWRAPPED_OUTPUTS, False, unwrapped_step, memory, np.array([theta_m])
+        )

@@ -1,0 +1,434 @@
+"""Which variable of a foreign drive plays which role, and how its values become the contract's.
+
+What the user maps is taken as said, if it can be right; what is left is proposed from names, units, causality and
+descriptions, and only if there is one answer. Otherwise the error is the TOML to paste. Between the parts of a drive
+wires are proposed where names or units leave one answer.
+"""
+
+import difflib
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal, NamedTuple
+
+from twin.kernel.cosim.port import Port
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi.variable import TURN, Conversion, Variable
+from twin.kernel.units import NUMBER, weight_hint
+from twin.robot.drive.contract import COMMANDS, LOAD, OPTIONAL_INPUTS, TAU_MOTOR, THETA_M, Command, Role, contract
+
+ANGLE_FACTORS = (1.0, TURN / 360.0, TURN)
+"""rad, degree, turn: what tells an angle from any other pure number."""
+
+
+def measures(variable: Variable, role: Role) -> bool:
+    """Whether the variable's unit allows the role; no stated unit does."""
+    if not variable.unit:
+        return True
+    if variable.conversion is None or variable.conversion.dimension != role.dimension:
+        return False
+    return role.port.unit != "rad" or any(
+        abs(variable.conversion.factor - factor) < 1e-6 * factor for factor in ANGLE_FACTORS
+    )
+
+
+def plays(variable: Variable, role: Role) -> bool:
+    """Whether causality, type and unit allow the role."""
+    return variable.causality == role.causality and _can_be(variable, role)
+
+
+def _can_be(variable: Variable, role: Role) -> bool:
+    """Whether type and unit allow the role: texts and clocks play none, switches only what may be left out."""
+    counted = variable.kind >= 0 and (variable.type not in ("Boolean", "Enumeration") or not role.required)
+    return counted and measures(variable, role)
+
+
+def candidates(variables: Mapping[str, Variable], role: Role, taken: Collection[str] = ()) -> list[str]:
+    """Those not `taken` whose causality, type and unit allow `role`, most similar names first.
+
+    Locals if no output does; those that state a unit if any does.
+    """
+    causalities = (role.causality, "local") if role.causality == "output" else (role.causality,)
+    offered = [
+        [n for n, v in variables.items() if n not in taken and v.causality == causality and _can_be(v, role)]
+        for causality in causalities
+    ]
+    fitting = next((found for found in offered if found), [])
+    fitting = [n for n in fitting if variables[n].unit] or fitting
+    names = (role.port.name, *role.synonyms)
+    return sorted(fitting, key=lambda n: -max(difflib.SequenceMatcher(None, n.lower(), name).ratio() for name in names))
+
+
+def likely_command(variables: Mapping[str, Variable], taken: Collection[str]) -> Command:
+    """What a drive is commanded with by an input that is not `taken`: one that states its unit goes before others, of
+    these one that is called like a command."""
+    free = {command: candidates(variables, role, taken) for command, role in COMMANDS.items()}
+    stated = [command for command, names in free.items() if any(variables[n].unit for n in names)]
+    called = [
+        command for command in stated if any(score(n, variables[n], COMMANDS[command]) > 0 for n in free[command])
+    ]
+    return next(iter([*called, *stated, *(command for command, names in free.items() if names)]), "velocity")
+
+
+def proposals(variables: Mapping[str, Variable], role: Role, taken: set[str]) -> list[str]:
+    """The best candidates for `role`: those of the right causality and unit that its synonyms fit best."""
+    # a command in "1" is a share of something, hardly an angle
+    unstated = ("", "1") if role.port.unit == "rad" and role.causality == "input" else ("",)
+    fitting = [n for n, v in variables.items() if n not in taken and v.unit not in unstated and plays(v, role)]
+    if role.dimension == NUMBER and not role.required:
+        fitting = [n for n, v in variables.items() if n not in taken and plays(v, role)]
+    scores = {name: score(name, variables[name], role) for name in fitting}
+    best = max(scores.values(), default=0)
+    return [name for name, score in scores.items() if score == best]
+
+
+def score(name: str, variable: Variable, role: Role) -> int:
+    """How well name and description fit: 3 a synonym itself, 2 contains one, 1 described by one."""
+    lower = name.lower().rpartition(".")[2]
+    words = re.split(r"[^a-z0-9]+", lower)
+    if lower in role.synonyms:
+        return 3
+    if any(synonym in lower if len(synonym) > 2 else synonym in words for synonym in role.synonyms):
+        return 2
+    described = variable.description.lower()
+    return int(any(len(synonym) > 3 and synonym in described for synonym in role.synonyms))
+
+
+class RolesUnclear(InputRefused):
+    """A required role has no or several answers; the sentence says which."""
+
+
+def to_paste(
+    file: str,
+    variables: Mapping[str, Variable],
+    roles: tuple[Role, ...],
+    chosen: Mapping[str, str],
+    unsure: list[Role],
+    rotor: bool,
+) -> str:
+    """The sentence and the TOML that ends the doubt.
+
+    Args:
+        file: what the sentence calls the drive.
+        variables: its variables by the name the user knows them by.
+        roles: of its contract.
+        chosen: variable by role, where that is clear.
+        unsure: roles where it is not.
+        rotor: whether its shaft is ours.
+    """
+    lines = [f"{file}: cannot tell which of its variables is {' and which is '.join(r.port.name for r in unsure)}."]
+    likely = likely_command(variables, set(chosen.values())) if COMMANDS["velocity"] in unsure else "velocity"
+    other = likely if likely != "velocity" else None
+    if other:
+        loop = "" if other == "position" else ", which needs a velocity loop of ours in front of it"
+        lines.append(f"It seems to be commanded with a {other}{loop}.")
+        roles = (COMMANDS[other], *(role for role in roles if role is not COMMANDS["velocity"]))
+        unsure = [*unsure, COMMANDS[other]]
+    still = not any(v.causality in ("output", "local") and measures(v, THETA_M) for v in variables.values() if v.unit)
+    if still and not rotor and proposals(variables, TAU_MOTOR, set()):
+        lines.append("It gives a torque and no angle: if its shaft is to be ours, add [drive.rotor] J_kg_m2 = 1e-4.")
+    lines.append("Complete this in the experiment, or without 'drive.' in the mapping.toml beside the FMU:")
+    if other:
+        lines += ["[drive]", f'command = "{other}"']
+    if other and other != "position":
+        lines.append("[drive.velocity_loop]")
+        unit = COMMANDS[other].port.unit
+        lines += [f"kp = 0.1          # {unit} per rad/s", f"ki = 1.0          # {unit} per rad"]
+        lines += [f"limit = 1.0       # {unit}", "period_ms = 0.25"]
+    for table, causality in (("inputs", "input"), ("outputs", "output")):
+        lines.append(f"[drive.{table}]")
+        for role in roles:
+            if role.causality != causality or not (role.required or role.port.name in chosen):
+                continue
+            others = {name for port, name in chosen.items() if port != role.port.name}
+            offered = candidates(variables, role, others)
+            name = chosen.get(role.port.name, offered[0] if offered else "?")
+            doubt = f"   # or: {', '.join(offered[1:])}" if role in unsure and len(offered) > 1 else ""
+            lines.append(f'{role.port.name} = "{name}"{doubt}')
+    return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """What the user says of a drive.
+
+    Attributes:
+        command: what it is commanded with.
+        sign: -1 if the FMU turns the other way.
+        gear_ratio: turns of its shaft per turn of the motor shaft theta_m.
+        inputs, outputs: role -> the FMU's variable; "-name" if that one alone counts the other way.
+        rotor: whether the shaft is ours.
+    """
+
+    command: Command = "velocity"
+    sign: Literal[1, -1] = 1
+    gear_ratio: float = 1.0
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    outputs: Mapping[str, str] = field(default_factory=dict)
+    rotor: bool = False
+
+
+@dataclass(frozen=True)
+class Binding:
+    """One role filled: contract value = gain * FMU value + offset.
+
+    Attributes:
+        role: of the contract.
+        variable: that fills it.
+        name: by which the user knows it, with its part if the drive has parts.
+        gain: of the contract's value.
+        offset: of the contract's value.
+        turned: whether this one alone counts the other way.
+    """
+
+    role: Role
+    variable: Variable
+    name: str
+    gain: float
+    offset: float
+    turned: bool = False
+
+    @property
+    def port(self) -> Port:
+        """The contract's port, as wide as the variable: 3 for a drive with three axes in one FMU."""
+        return replace(self.role.port, size=self.variable.size)
+
+    @property
+    def said(self) -> str:
+        """The variable as a mapping names it."""
+        return f"-{self.name}" if self.turned else self.name
+
+    def __str__(self) -> str:
+        arrow = "<-" if self.role.causality == "input" else "->"
+        unit = f" [{self.variable.unit}]" if self.variable.unit else " [unit not stated]"
+        return f"{self.port.name} {arrow} {self.said}{unit}"
+
+
+class Choice(NamedTuple):
+    """Who plays which role.
+
+    Attributes:
+        chosen: role -> variable.
+        turned: roles whose variable alone counts the other way.
+        unsure: required roles with no or several answers.
+    """
+
+    chosen: dict[str, str]
+    turned: set[str]
+    unsure: list[Role]
+
+
+def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tuple[Binding, ...]:
+    """Every role of the contract that the drive fills: inputs first, in the contract's order.
+
+    Args:
+        file: what an error calls the drive.
+        variables: the FMU's variables by the name the user knows them by.
+        wiring: what the user says.
+
+    Raises:
+        InputRefused: unknown role or variable, wrong causality or unit, or a required role with no or several answers.
+    """
+    roles = contract(wiring.command, wiring.rotor)
+    _refuse_unknown_roles(file, wiring, roles, "drive")
+    chosen, turned, unsure = choice(file, variables, wiring, roles)
+    if unsure:
+        raise RolesUnclear(to_paste(file, variables, roles, chosen, unsure, wiring.rotor))
+    found = _all_bound(variables, wiring, roles, chosen, turned)
+    widths = {b.port.name: b.port.size for b in found if b.role.required}
+    if len(set(widths.values())) > 1 or not set(widths.values()) <= {1, 3}:
+        told = ", ".join(f"{name} has {size}" for name, size in widths.items())
+        raise InputRefused(f"{file}: {told} values; expected 1 each for one joint, or 3 each for all three")
+    return found
+
+
+def filled(
+    file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role], table: str
+) -> tuple[Binding, ...]:
+    """Those of `roles`, none of them required, that variables play, in their order.
+
+    Args:
+        file: what an error calls the FMU.
+        variables: of the FMU, by the name the user knows them by.
+        wiring: what the user says.
+        roles: inputs or outputs of a part of the robot.
+        table: of the experiment that says it.
+
+    Raises:
+        InputRefused: see `bindings`.
+    """
+    _refuse_unknown_roles(file, wiring, roles, table)
+    chosen, turned, _ = choice(file, variables, wiring, roles)
+    return _all_bound(variables, wiring, roles, chosen, turned)
+
+
+def _all_bound(
+    variables: Mapping[str, Variable],
+    wiring: Wiring,
+    roles: Sequence[Role],
+    chosen: Mapping[str, str],
+    turned: Collection[str],
+) -> tuple[Binding, ...]:
+    found = []
+    for role in (role for role in roles if role.port.name in chosen):
+        name = chosen[role.port.name]
+        _, factor, offset = variables[name].conversion or Conversion(role.dimension)
+        ratio = wiring.sign * wiring.gear_ratio
+        # no gear changes a voltage or a current, but the shaft turns with its sign
+        electrical = float(wiring.sign) if role in COMMANDS.values() else 1.0
+        alone = role.port.name in turned
+        mechanical = {1: 1.0 / ratio, -1: ratio, 0: electrical}[role.mechanical] * (-1.0 if alone else 1.0)
+        found.append(Binding(role, variables[name], name, factor * mechanical, offset * mechanical, alone))
+    return tuple(found)
+
+
+def choice(file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role]) -> Choice:
+    """What the user says, and of the other `roles` those that have one answer.
+
+    Raises:
+        InputRefused: unknown variable, wrong causality or unit, or one for two roles.
+    """
+    chosen: dict[str, str] = {}
+    turned: set[str] = set()
+    for role in roles:
+        said = (wiring.inputs if role.causality == "input" else wiring.outputs).get(role.port.name)
+        if said is not None:
+            if said.startswith("-") and said not in variables:
+                turned.add(role.port.name)
+                said = said.removeprefix("-").strip()
+            chosen[role.port.name] = _checked(file, variables, role, said)
+        elif role.port.name in variables and plays(variables[role.port.name], role):
+            chosen[role.port.name] = role.port.name
+    for name in set(chosen.values()):
+        played = [role for role, variable in chosen.items() if variable == name]
+        if len(played) > 1:
+            raise InputRefused(f"{file}: '{name}' is given to {' and '.join(played)}; one variable plays one role")
+    unsure: list[Role] = []
+    for role in roles:
+        if role.port.name not in chosen:
+            best = proposals(variables, role, set(chosen.values()))
+            if len(best) == 1 and (role.required or score(best[0], variables[best[0]], role) >= 2):
+                chosen[role.port.name] = best[0]
+            elif role.required:
+                unsure.append(role)
+    return Choice(chosen, turned, unsure)
+
+
+def _refuse_unknown_roles(file: str, wiring: Wiring, roles: Sequence[Role], owner: str) -> None:
+    commanded = f' for command = "{wiring.command}"' if owner == "drive" else ""
+    for table, given, causality in (("inputs", wiring.inputs, "input"), ("outputs", wiring.outputs, "output")):
+        known = [role.port.name for role in roles if role.causality == causality]
+        for name in given:
+            if name not in known:
+                raise InputRefused(
+                    f"{file}: [{owner}.{table}] has no role '{name}'{commanded}; the roles are {', '.join(known)}"
+                )
+
+
+def _checked(file: str, variables: Mapping[str, Variable], role: Role, name: str) -> str:
+    """`name`, if the variable the user gave to `role` can play it."""
+    if name not in variables:
+        offered = [n for n, v in variables.items() if v.causality == role.causality]
+        there = f"its {role.causality}s are {', '.join(offered)}" if offered else f"it has no {role.causality}"
+        raise InputRefused(f"{file}: has no variable '{name}' for {role.port.name}; {there}")
+    variable = variables[name]
+    # some tools leave their outputs marked as local; nobody can write to them, but they can be read
+    allowed = ("input",) if role.causality == "input" else ("output", "local")
+    if variable.causality not in allowed:
+        raise InputRefused(
+            f"{file}: '{name}' has causality {variable.causality}; {role.port.name} needs {role.causality}"
+        )
+    if variable.kind < 0:
+        raise InputRefused(f"{file}: '{name}' has type {variable.type}; {role.port.name} needs a number")
+    if not measures(variable, role):
+        raise InputRefused(
+            f"{file}: {role.causality} '{name}' has unit '{variable.unit}'; "
+            f"{role.port.name} needs one like {role.port.unit}"
+            f"{weight_hint(variable.conversion.dimension, role.dimension) if variable.conversion else ''}"
+        )
+    return name
+
+
+ASKED_FOR = ("load", "ref", "cmd", "command", "target", "setpoint", "demand", "goal")
+"""In names of inputs that are the robot's to feed."""
+SUPPLIES = {word for role in OPTIONAL_INPUTS for word in (role.port.name, *role.synonyms)}
+COMMANDED = [role.dimension for role in COMMANDS.values()]
+
+
+class Join(NamedTuple):
+    """A wire that may be: from output `source` to input `target`, "part.variable" each; `sure`: nothing else may."""
+
+    source: str
+    target: str
+    sure: bool = True
+
+
+def part_of(name: str) -> str:
+    """The part of a variable that is called "part.variable"."""
+    return name.partition(".")[0]
+
+
+def objection(variables: Mapping[str, Variable], source: str, target: str) -> str:
+    """Why no wire can lead from `source` to `target`; "" if one can."""
+    for end, causalities in ((source, ("output", "local")), (target, ("input",))):
+        if end not in variables:
+            return f"there is no {end}"
+        if variables[end].causality not in causalities or variables[end].kind < 0:
+            return f"{end} has causality {variables[end].causality} and type {variables[end].type}"
+    a, b = variables[source].conversion, variables[target].conversion
+    if a and b and a.dimension != b.dimension:
+        return f"units {variables[source].unit} and {variables[target].unit} do not measure the same"
+    return ""
+
+
+def joins(variables: Mapping[str, Variable]) -> list[Join]:
+    """A wire for each input that an output of another part is called like, or alone measures what it does.
+
+    What is left to feed has to include a load and a command, so by its unit alone no input is wired that is called like
+    one; and if none were left, nothing by unit is sure.
+
+    Args:
+        variables: of all parts, as "part.variable".
+    """
+    inputs = [name for name, v in variables.items() if v.causality == "input" and v.kind >= 0]
+    found: list[Join] = []
+    for target in inputs:
+        alike = [name for name in _sources(variables, target) if _last(name) == _last(target)]
+        found += [Join(alike[0], target)] if len(alike) == 1 else []
+    rest = [name for name in inputs if name not in {join.target for join in found}]
+    measured = {name: [] if _is_asked_for(name) else _sources(variables, name, measured=True) for name in rest}
+    free = [_dimension(variables, name) for name, sources in measured.items() if len(sources) != 1]
+    loads, commands = free.count(LOAD.dimension), len([d for d in free if d in COMMANDED])
+    left = loads > 0 and commands > (loads == 1)
+    for target, sources in measured.items():
+        rivals = [other for other, theirs in measured.items() if set(theirs) & set(sources)]
+        sure = left and len(sources) == len(rivals) == 1
+        found += [Join(source, target, sure) for source in sources]
+    return sorted(found, key=lambda join: inputs.index(join.target))
+
+
+def _is_asked_for(name: str) -> bool:
+    """Whether an input is called like what the robot feeds, or nobody does."""
+    return any(word in _last(name) for word in ASKED_FOR) or _last(name) in SUPPLIES
+
+
+def _sources(variables: Mapping[str, Variable], target: str, measured: bool = False) -> Sequence[str]:
+    """Outputs of other parts that can feed `target`; `measured`: only if both state a unit."""
+    return [
+        name
+        for name, v in variables.items()
+        if v.causality == "output"
+        and part_of(name) != part_of(target)
+        and not objection(variables, name, target)
+        and v.size == variables[target].size
+        and (not measured or _dimension(variables, name) == _dimension(variables, target) is not None)
+    ]
+
+
+def _dimension(variables: Mapping[str, Variable], name: str) -> object:
+    conversion = variables[name].conversion
+    return conversion.dimension if conversion else None
+
+
+def _last(name: str) -> str:
+    return name.partition(".")[2].lower()

@@ -1,0 +1,380 @@
+"""An experiment: its tables, each of them checked by itself, and what they come to.
+
+SI inside. And the same experiment with one thing changed, SI: what studies of the twin itself are made of.
+
+Whoever writes experiments changes keys of the file; these change what has already been checked.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.settings import Settings, Triple, setting
+from twin.robot.experiment import schema
+from twin.robot.experiment.change import Change, checked_changes
+from twin.robot.experiment.declared import Declared
+from twin.robot.experiment.drive_files import StandIn, checked_apart, fill_from_body, joint_tables, role_named
+from twin.robot.experiment.fault import Fault, checked_faults
+from twin.robot.experiment.measure import Measure, checked_measures
+from twin.robot.experiment.mistakes import checked, keys, unknown
+from twin.robot.experiment.schema import MOST_TICKS, whole_ticks
+from twin.robot.experiment.source import KEPT, Source, with_numbers
+from twin.robot.experiment.task import Reference, WayPoints, checked_tasks
+
+if TYPE_CHECKING:
+    # what the tables of parts are called, for the type checker alone
+    from twin.robot.controller.program import Approach, Task
+    from twin.robot.controller.task_controller import Computer
+    from twin.robot.monitor.checks import Monitor
+    from twin.robot.plant.contact_law import Contact
+    from twin.robot.plant.dynamics import Robot, TrueRobot
+    from twin.robot.plant.encoder import Display
+
+
+class Head(Settings):
+    """The keys of an experiment that stand in no table."""
+
+    title: str = setting(min_length=1, help="for people")
+    duration: float = setting("s", gt=0, help="simulated time")
+    seed: int = setting(default=0, ge=0, lt=2**63, help="seed of the encoders' noise")
+
+
+NEEDED: dict[str, type[Settings]] = {"cosim": schema.Cosim}
+OPTIONAL: dict[str, type[Settings]] = {
+    "reference": Reference,
+    "recording": schema.Recording,
+    "estimator": StandIn,
+    "body": StandIn,
+}
+"""Tables that are no part's: an experiment needs the first ones."""
+ARRAYS = ("task", "fault", "change", "measure")
+"""Arrays of tables."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Everything a run needs, checked, SI.
+
+    Attributes:
+        name: the file's stem.
+        title: for people.
+        seed: of the encoders' noise.
+        duration_ticks, controller_ticks, scale_ticks, monitor_ticks: durations and periods in ticks.
+        reference: way points, those of a shape too; None: `tasks` lead the robot, and `approach` says how they come and
+            go.
+        scale: the display; None: what the robot presses on has none.
+        monitor: None: nobody watches.
+        faults: what breaks, in ticks.
+        changes: what of the controller changes on the way, in ticks.
+        measures: what `twin check` measures.
+        drives: one per joint, complete, FMUs as absolute paths.
+        recording: what of the run is kept.
+        values: the merged file as it was checked, keys with units.
+        origins: where each value comes from.
+        stand_ins: parts of another make by the name of their table; of [controller], [monitor] and [scale] only what
+            acts all the same is in their own.
+    The tables are those that the parts declare, and those of `schema.py` and `task.py`.
+    """
+
+    name: str
+    title: str
+    seed: int
+    duration_ticks: int
+    controller_ticks: int
+    scale_ticks: int
+    monitor_ticks: int
+    robot: Robot
+    plant: TrueRobot
+    contact: Contact
+    scale: Display | None
+    cosim: schema.Cosim
+    controller: Computer
+    reference: WayPoints | None
+    approach: Approach | None
+    tasks: tuple[Task, ...]
+    monitor: Monitor | None
+    faults: tuple[Fault, ...]
+    changes: tuple[Change, ...]
+    measures: tuple[Measure, ...]
+    drives: tuple[schema.Drive, schema.Drive, schema.Drive]
+    recording: schema.Recording
+    values: dict[str, Any]
+    origins: dict[str, str]
+    stand_ins: dict[str, StandIn] = field(default_factory=dict)
+
+    @property
+    def start(self) -> Triple:
+        """Where the platform rests at the beginning (m)."""
+        if self.reference is not None:
+            return self.reference.p[0]
+        assert self.approach is not None
+        return (*self.tasks[0].point, self.approach.height)
+
+
+OTHERS = ("drive", *ARRAYS)
+"""What is checked elsewhere than the tables that are declared."""
+
+
+@dataclass(frozen=True)
+class Tables:
+    """What of an experiment's file is right by itself, SI.
+
+    Attributes:
+        by_name: the tables; "head": the keys that stand in none.
+        duration: of the experiment (s); inf if the file does not rightly say.
+        tasks: by their numbers.
+        ticks: durations and periods by name.
+        faults, changes, measures, drives, stand_ins: as in `Experiment`.
+    """
+
+    by_name: dict[str, Any]
+    duration: float
+    tasks: dict[int, Task]
+    ticks: dict[str, int]
+    faults: tuple[Fault, ...]
+    changes: tuple[Change, ...]
+    measures: tuple[Measure, ...]
+    drives: list[schema.Drive]
+    stand_ins: dict[str, StandIn]
+
+
+def checked_tables(declared: Declared, source: Source, folder: Path, mistakes: list[str]) -> Tables:
+    """The tables of `source`, which is completed in place.
+
+    Args:
+        declared: what may be said in them.
+        source: of all files.
+        folder: from which bodies and drives are looked up.
+        mistakes: gets a sentence for each mistake.
+    """
+    _fill_from_robot(declared, source.values)
+    values = source.values
+    try:
+        fill_from_body(source, folder)
+    except InputRefused as problem:
+        mistakes.append(str(problem))
+        # all that the body would have said is missing now, and that is no second mistake
+        values = {**values, "contact": None}
+    by_name, stand_ins = _by_name(declared, values, folder, mistakes)
+    tasks = checked_tasks(declared.tasks, source.values.get("task"), mistakes)
+    drives = _joint_drives(source.values.get("drive"), folder, mistakes)
+    ticks = _ticks(by_name, mistakes)
+    # without a tick there are no ticks to count a fault's onset in
+    tick = by_name["cosim"].tick if "cosim" in by_name else 1e-9
+    faults = checked_faults(source.values.get("fault", ()), tick, mistakes)
+    length = by_name["head"].duration if "head" in by_name else math.inf
+    changes = checked_changes(declared, source.values.get("change", ()), source.values, tick, length, mistakes)
+    measures = checked_measures(source.values.get("measure", ()), length, mistakes)
+    return Tables(by_name, length, tasks, ticks, faults, changes, measures, drives, stand_ins)
+
+
+def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source: Source) -> Experiment:
+    """The experiment that `tables`, of which none is missing, make.
+
+    Args:
+        name: of the experiment.
+        reference: its [reference] as way points.
+        source: that of the tables.
+    """
+    found, ticks, (one, two, three) = tables.by_name, tables.ticks, tables.drives
+    head, monitor = found["head"], found.get("monitor")
+    return Experiment(
+        name=name,
+        title=head.title,
+        seed=head.seed,
+        duration_ticks=ticks["duration"],
+        controller_ticks=ticks["controller"],
+        scale_ticks=ticks.get("scale", 1),
+        monitor_ticks=ticks.get("monitor", 1),
+        **{name: found[name] for name in ("robot", "plant", "contact", "cosim", "controller")},
+        scale=found.get("scale"),
+        reference=reference,
+        approach=found.get("approach"),
+        tasks=tuple(tables.tasks.values()),
+        monitor=monitor if monitor is not None and monitor.enabled else None,
+        faults=tables.faults,
+        changes=tables.changes,
+        measures=tables.measures,
+        drives=(one, two, three),
+        recording=found.get("recording", schema.Recording()),
+        values=source.values,
+        origins=source.origins,
+        stand_ins=tables.stand_ins,
+    )
+
+
+def _fill_from_robot(declared: Declared, values: dict[str, Any]) -> None:
+    """[plant] and [controller.model] are the robot's own values wherever they do not say otherwise."""
+    robot = values.get("robot")
+    if not isinstance(robot, dict):
+        return
+    fields = declared.tables["robot"].model_fields.values()
+    whole = {str(field.alias): field.default for field in fields if isinstance(field.default, tuple)} | robot
+    plant, controller = values.setdefault("plant", {}), values.setdefault("controller", {})
+    if isinstance(plant, dict):
+        values["plant"] = {**robot, **_whole(whole, plant, "plant")}
+    if isinstance(controller, dict):
+        model = controller.get("model", {})
+        if isinstance(model, dict):
+            known = declared.model_keys()
+            believed = {k: v for k, v in robot.items() if k in known}
+            controller["model"] = {**believed, **_whole(whole, model, "controller.model")}
+
+
+def _whole(known: dict[str, Any], own: dict[str, Any], table: str) -> dict[str, Any]:
+    """A table's `own` values, of which single numbers of three may be named: `joint_zero_deg.2`, of those `known`."""
+    numbered = {
+        key: with_numbers(value, known[key], f"{table}.{key}")
+        for key, value in own.items()
+        if isinstance(value, dict) and isinstance(known.get(key), tuple)
+    }
+    return {**own, **numbered}
+
+
+def _by_name(
+    declared: Declared, values: dict[str, Any], folder: Path, mistakes: list[str]
+) -> tuple[dict[str, Any], dict[str, StandIn]]:
+    """The tables that are right, and parts of another make; what is wrong with the others goes to `mistakes`."""
+    right: dict[str, Any] = {}
+    stand_ins: dict[str, StandIn] = {}
+    known = declared.tables
+    head = {key: value for key, value in values.items() if key not in known and key not in OTHERS}
+    for key in list(head):
+        if key not in keys(Head):
+            mistakes.append(unknown(key, [*keys(Head), *known, *OTHERS]))
+            del head[key]
+    models: dict[str, type[Settings]] = {"head": Head, **known}
+    for name, model in models.items():
+        table = head if name == "head" else values.get(name)
+        if table is None:
+            if name in declared.needed and name not in values:
+                mistakes.append(f"missing table [{name}]")
+            continue
+        found: list[str] = []
+        if name in KEPT and (table_of_other := role_named(values, name)) is not None:
+            stand_in, section = checked_apart(declared, name, table_of_other, folder, found)
+            if stand_in is not None:
+                stand_ins[name] = stand_in
+            if section is not None:
+                right[name] = section
+        elif (section := checked(model, table, name, found)) is not None:
+            right[name] = section
+        # a mistake in [robot] is told once, not again for each table that is filled from it
+        told = {mistake.partition("] ")[2] for mistake in mistakes if mistake.startswith("[robot]")}
+        found = [sentence.replace("[head] ", "") for sentence in found]
+        mistakes += [sentence for sentence in found if sentence.partition("] ")[2] not in told]
+    if "monitor" in right and not right["monitor"].enabled:
+        stand_ins.pop("monitor", None)
+    return right, stand_ins
+
+
+def _ticks(tables: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
+    """Durations and periods as whole ticks."""
+    wanted = {
+        "duration": ("head", "duration", "duration_s"),
+        "controller": ("controller", "period", "[controller] period_ms"),
+        "scale": ("scale", "period", "[scale] period_ms"),
+        "monitor": ("monitor", "period", "[monitor] period_ms"),
+        "latency": ("plant", "encoder_latency", "[plant] encoder_latency_ms"),
+    }
+    if "cosim" not in tables:
+        return {}
+    tick = tables["cosim"].tick
+    ticks = {}
+    for name, (table, attribute, key) in wanted.items():
+        if table in tables:
+            length = getattr(tables[table], attribute)
+            if length == 0.0:
+                # no latency; of all others 0 is refused already
+                continue
+            ticks[name] = whole_ticks(length, tick) or 0
+            if length / tick > MOST_TICKS:
+                mistakes.append(f"{key}: {length:g} s are more than {MOST_TICKS:g} ticks of {tick:g} s; expected fewer")
+            elif not ticks[name]:
+                mistakes.append(f"{key}: {length:g} s is not a whole number of ticks of {tick:g} s")
+    return ticks
+
+
+def _joint_drives(drive: Any, folder: Path, mistakes: list[str]) -> list[schema.Drive]:
+    """The three joints' complete drives; a mistake they share is told once."""
+    if not isinstance(drive, dict):
+        mistakes.append("missing table [drive]" if drive is None else f"[drive] = {drive!r}: expected a table")
+        return []
+    try:
+        tables = joint_tables(drive, folder)
+    except InputRefused as problem:
+        mistakes.append(f"[drive] {problem}")
+        return []
+    told: list[str] = []
+    drives = [checked(schema.Drive, table, "drive", told) for table in tables]
+    mistakes += [mistake for mistake in dict.fromkeys(told) if mistake not in mistakes]
+    return [drive for drive in drives if drive is not None]
+
+
+EXACT = 2**40
+"""Counts per turn of an encoder that might as well not be there: a count is 6e-12 rad."""
+
+
+def with_plant(experiment: Experiment, **values: Any) -> Experiment:
+    """With other true values of [plant]."""
+    return replace(experiment, plant=experiment.plant.model_copy(update=values))
+
+
+def with_model(experiment: Experiment, **values: Any) -> Experiment:
+    """With other beliefs of the controller, [controller.model]."""
+    computer = experiment.controller
+    model = computer.model.model_copy(update=values)
+    return replace(experiment, controller=computer.model_copy(update={"model": model}))
+
+
+def with_cosim(experiment: Experiment, **values: Any) -> Experiment:
+    """With another tick (s), scheme, way of inputs or number of iterations; whatever is counted in ticks stays as long.
+
+    Args:
+        experiment: without faults, whose onsets are counted too.
+
+    Raises:
+        InputRefused: a duration, a period, a delay or the time of a change is not a whole number of the new ticks.
+    """
+    cosim = experiment.cosim.model_copy(update=values)
+
+    def recounted(name: str, ticks: int) -> int:
+        length = ticks * experiment.cosim.tick
+        count = whole_ticks(length, cosim.tick)
+        if not count:
+            told = f"{name} of {length:g} s is not a whole number of ticks of {cosim.tick:g} s"
+            raise InputRefused(f"{experiment.name}: {told}")
+        return count
+
+    optional = [name for name in ("scale", "monitor") if getattr(experiment, name) is not None]
+    counts: dict[str, Any] = {
+        f"{name}_ticks": recounted(name, getattr(experiment, f"{name}_ticks"))
+        for name in ("duration", "controller", *optional)
+    }
+    changes = tuple(replace(change, tick=recounted("time of a change", change.tick)) for change in experiment.changes)
+    delays = {
+        key: recounted(name, ticks)
+        for key, name in (("delay_ticks", "delay"), ("bus_delay_ticks", "delay of the bus"))
+        if (ticks := getattr(experiment.controller, key))
+    }
+    if experiment.plant.encoder_latency:
+        recounted("latency of the encoders", whole_ticks(experiment.plant.encoder_latency, experiment.cosim.tick) or 0)
+    computer = experiment.controller.model_copy(update=delays)
+    return replace(experiment, cosim=cosim, controller=computer, changes=changes, **counts)
+
+
+def exactly_measured(experiment: Experiment) -> Experiment:
+    """With encoders that neither round nor add noise, and a controller that knows them."""
+    counts = {"motor_counts_per_turn": EXACT, "joint_counts_per_turn": EXACT}
+    return with_model(with_plant(experiment, motor_noise=0.0, joint_noise=0.0, **counts), **counts)
+
+
+def shortened(experiment: Experiment, duration: float) -> Experiment:
+    """The first `duration` seconds of it, to whole periods of the controller; all of it if it is shorter."""
+    period = experiment.controller_ticks
+    ticks = max(1, round(duration / (period * experiment.cosim.tick))) * period
+    return replace(experiment, duration_ticks=min(ticks, experiment.duration_ticks))

@@ -1,0 +1,431 @@
+"""[[fault]]: the kinds of faults that there are, and those of an experiment.
+
+Every kind of fault by name. `docs/faults_reference.md` shows it as a table, with the mechanisms.
+
+Each kind has a magnitude of its own, with its unit in the key.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+from pydantic import create_model
+
+from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.settings import Settings, setting
+from twin.robot.experiment.mistakes import checked, numbered
+from twin.robot.experiment.schema import whole_ticks
+
+Mechanism = Literal["counts", "message", "command", "drive", "parameter", "body"]
+"""counts, message, command: components in a wire. drive: one behind a drive. parameter: one that writes into another's
+memory. body: done by the component of what the robot presses on."""
+
+Detection = Literal["yes", "if large", "no"]
+
+EVERY = 0.0
+"""Said of a magnitude: every one of them, and kinds that have none."""
+
+
+class Seen(NamedTuple):
+    """What is said, before any run, of the safety monitor: from which magnitude on it sees a fault that stays.
+
+    Attributes:
+        free: if it begins in free motion.
+        contact: if it begins in contact. None: not at any.
+    """
+
+    free: float | None = None
+    contact: float | None = None
+
+
+ALWAYS, UNSEEN = Seen(EVERY, EVERY), Seen()
+
+POSITIVE = {"gt": 0.0}
+SHARE = {"gt": 0.0, "le": 1.0}
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One kind of fault.
+
+    Attributes:
+        mechanism: how it is done.
+        targets: what it can break; the first one is meant if none is named.
+        meaning: what happens, one line.
+        seen: from where on the safety monitor, which has the encoders' counts, the counter of their messages and the
+            controller's command, is said to see it.
+        reason: by what it sees it, or why it cannot.
+        unit: of the magnitude as its TOML key writes it ("share" and "factor": pure numbers), if there is a magnitude.
+        magnitudes: small, medium and large, in that unit, for matrices of faults.
+        beyond: from which of them on the force is said to go beyond what the monitor is to keep it below; None: at
+            none.
+        bounds: of the magnitude, in that unit, as pydantic names them.
+        has_share: whether a second number, `share`, says how many samples it hits.
+    """
+
+    mechanism: Mechanism
+    targets: tuple[str, ...]
+    meaning: str
+    seen: Seen
+    reason: str
+    unit: str | None = None
+    magnitudes: tuple[float, float, float] | None = None
+    bounds: Mapping[str, float] = field(default_factory=dict)
+    has_share: bool = False
+    beyond: float | None = None
+
+    @property
+    def detection(self) -> Detection:
+        """Whether it is said to be seen: always, at some magnitudes or in some places, or never."""
+        return "yes" if self.seen == ALWAYS else "no" if self.seen == UNSEEN else "if large"
+
+    def is_said_to_be_seen(self, magnitude: float | None, in_contact: bool) -> bool:
+        """Whether a fault of one of `magnitudes` is."""
+        return self._reached(magnitude, self.seen.contact if in_contact else self.seen.free)
+
+    def is_said_to_go_beyond(self, magnitude: float | None) -> bool:
+        """Whether the force may, with a fault of one of `magnitudes`."""
+        return self._reached(magnitude, self.beyond)
+
+    def _reached(self, magnitude: float | None, start: float | None) -> bool:
+        if start is None or start == EVERY or self.magnitudes is None or magnitude is None:
+            return start is not None
+        # some kinds are larger the smaller their number is
+        return self.magnitudes.index(magnitude) >= self.magnitudes.index(start)
+
+    @property
+    def magnitude_key(self) -> str | None:
+        """The TOML key of the magnitude."""
+        return f"magnitude_{self.unit}" if self.unit else None
+
+
+MANY = 10
+"""So many names are not listed in a sentence."""
+
+_JOINTS = tuple(f"joint_{i}" for i in (1, 2, 3))
+_DRIVES = tuple(f"drive_{i}" for i in (1, 2, 3))
+_ENCODERS = tuple(f"{place}_encoder_{i}" for place in ("joint", "motor") for i in (1, 2, 3))
+
+_SAME_ENCODER = "force and pose are estimated from the same encoder"
+_BELIEVED_SPRING = "force is the deflection times the believed k_s; a wrong spring looks like a right one"
+_NO_TRUE_FORCE = "no sensor measures the force itself, so the estimate has nothing to disagree with"
+_DOES_NOT_FOLLOW = "the motor's counts do not follow the command"
+_JUMP = "the deflection jumps faster than shaft and link can move"
+
+_ENCODER_KINDS = {
+    "encoder_bias": Kind(
+        "counts", _ENCODERS, "the count is off by a constant angle", Seen(2.0, 2.0),
+        f"{_JUMP} at the onset; afterwards {_SAME_ENCODER}",
+        "deg", (0.1, 0.5, 2.0),
+    ),
+    "encoder_drift": Kind(
+        "counts", _ENCODERS, "the count runs away from the angle at a constant speed", Seen(2.0, 2.0),
+        f"{_SAME_ENCODER}, and the force loop corrects what it believes; only once it is degrees off, the limit of "
+        "deflection or of the workspace ends it",
+        "deg_per_s", (0.1, 0.5, 2.0), beyond=2.0,
+    ),
+    "encoder_quantisation": Kind(
+        "counts", _ENCODERS, "steps of the count are coarser", Seen(2.0, 2.0),
+        f"{_JUMP} from step to step; fine steps look like a healthy encoder of less resolution",
+        "deg", (0.2, 0.5, 2.0), POSITIVE,
+    ),
+    "encoder_dropout_hold": Kind(
+        "counts", _ENCODERS, "samples are lost at random, the last good count is repeated", Seen(1.0, 1.0),
+        "a count stands still although the command moves the shaft; single lost samples look like a slow shaft",
+        "share", (0.02, 0.2, 1.0), SHARE,
+    ),
+    "encoder_dropout_zero": Kind(
+        "counts", _ENCODERS, "samples are lost at random and read 0", ALWAYS,
+        f"{_JUMP}, unless the shaft is near 0",
+        "share", (0.001, 0.02, 1.0), SHARE,
+    ),
+    "encoder_dropout_nan": Kind(
+        "counts", _ENCODERS, "samples are lost at random and read NaN", ALWAYS, "a count that is no number",
+        "share", (0.001, 0.02, 1.0), SHARE,
+    ),
+    "encoder_stuck": Kind(
+        "counts", _ENCODERS, "the count stays where it is", ALWAYS,
+        "the count stands still although the command moves the shaft; at rest there is nothing to see",
+    ),
+    "encoder_glitch": Kind(
+        "counts", _ENCODERS, "a share of the samples, single ones at random, is off by an angle", Seen(5.0, 5.0), _JUMP,
+        "deg", (0.5, 5.0, 90.0), has_share=True,
+    ),
+    "encoder_flip": Kind(
+        "counts", _ENCODERS, "the count has the other sign", ALWAYS, f"{_JUMP}, unless the shaft is near 0",
+    ),
+    "encoder_swap": Kind(
+        "counts", _ENCODERS, "the channel and the next one (1-2, 2-3, 3-1) are exchanged", UNSEEN,
+        f"in a symmetric pose nothing jumps, and the matrix may well hit one; where the two angles differ, {_JUMP}",
+    ),
+}  # fmt: skip
+
+_MESSAGE_KINDS = {
+    "sample_delay": Kind(
+        "message", ("encoder",), "both encoders' messages arrive late", Seen(10.0, 10.0),
+        "the counter stands still for the delay at the onset; later it runs evenly and only a common clock could tell",
+        "ms", (2.0, 10.0, 50.0), POSITIVE,
+    ),
+    "sample_jitter": Kind(
+        "message", ("encoder",), "messages arrive after a random time up to the magnitude", Seen(10.0, 10.0),
+        "the counter stands still and then jumps",
+        "ms", (2.0, 10.0, 50.0), POSITIVE,
+    ),
+    "sample_loss": Kind(
+        "message", ("encoder",), "messages are lost at random; the reader keeps the last one", Seen(0.2, 0.2),
+        "the counter stands still",
+        "share", (0.02, 0.2, 1.0), SHARE,
+    ),
+    "controller_overrun": Kind(
+        "message", ("controller",), "commands leave the controller late", UNSEEN,
+        "a late command is a command like any other: it carries no counter; only what it does to the motion is seen",
+        "ms", (2.0, 10.0, 50.0), POSITIVE,
+    ),
+}  # fmt: skip
+
+_PARAMETER_KINDS = {
+    "spring_softened": Kind(
+        "parameter", _JOINTS, "the spring of the joint has this factor of its stiffness", UNSEEN, _BELIEVED_SPRING,
+        "factor", (0.9, 0.7, 0.4), POSITIVE,
+    ),
+    "spring_broken": Kind(
+        "parameter", _JOINTS, "the spring of the joint carries nothing", ALWAYS,
+        "in free air the link runs away from the motor at once and the deflection leaves the range of the force limit; "
+        "in contact friction may hold the platform for seconds while the true force grows",
+    ),
+    "stiffness_change": Kind(
+        "parameter", ("contact",), "the surface has this factor of its stiffness", UNSEEN,
+        "where the robot presses, the force is there in the same tick, before the springs have wound up by it; it is "
+        "seen when the worst is over. A body that takes 20 ms to stiffen trips the force rate in time",
+        "factor", (1.5, 3.0, 10.0), POSITIVE, beyond=3.0,
+    ),
+    "backlash_growth": Kind(
+        "parameter", _JOINTS, "the half width of the dead zone grows by this angle of the motor shaft", UNSEEN,
+        "the estimator takes the way through the dead zone for deflection",
+        "deg", (0.1, 0.5, 2.0), {"ge": 0.0},
+    ),
+    "joint_friction": Kind(
+        "parameter", _JOINTS, "viscous friction is added to the joint", UNSEEN,
+        "it acts between spring and platform: the spring's torque is right, the force at rest too",
+        # the plant's explicit integration is stable up to 0.81 at the rim of the workspace, tick 1 ms, one substep
+        "Nm_s_per_rad", (0.01, 0.05, 0.5), {"ge": 0.0, "le": 0.8},
+    ),
+    "belt_slip": Kind(
+        "parameter", _JOINTS, "the belt slips by this angle of the motor shaft and stays there", Seen(-10.0, -30.0),
+        f"in free air the platform is thrown, which looks like a force; in contact the body holds it; afterwards "
+        f"{_SAME_ENCODER}",
+        # a negative slip winds the spring up: the platform presses harder
+        "deg", (-2.0, -10.0, -30.0), beyond=-30.0,
+    ),
+    "belief_k_s": Kind(
+        "parameter", ("estimator",), "the believed spring stiffness is wrong by this factor", UNSEEN, _NO_TRUE_FORCE,
+        "factor", (1.05, 1.2, 1.5), POSITIVE,
+    ),
+    "belief_eta": Kind(
+        "parameter", ("estimator",), "the believed belt efficiency is wrong by this factor", UNSEEN, _NO_TRUE_FORCE,
+        "factor", (0.95, 0.85, 0.7), POSITIVE,
+    ),
+}  # fmt: skip
+
+_DRIVE_KINDS = {
+    "drive_runaway": Kind(
+        "drive", _DRIVES, "the shaft turns at this speed whatever is commanded, until the power goes", ALWAYS,
+        f"{_DOES_NOT_FOLLOW}; only taking the power away helps",
+        "rad_per_s", (0.5, 2.0, 8.0),
+    ),
+    "drive_freewheel": Kind(
+        "drive", _DRIVES, "the drive has no torque: the spring turns its rotor", ALWAYS,
+        f"{_DOES_NOT_FOLLOW}, and the deflection is lost",
+    ),
+    "drive_dead": Kind(
+        "drive", _DRIVES, "the brake has fallen in: the shaft stays where it is", ALWAYS,
+        f"{_DOES_NOT_FOLLOW}; at rest there is nothing to see",
+    ),
+    "joint_jam": Kind(
+        "drive", _DRIVES, "something is caught in the gear: the shaft turns no further down, only back up",
+        Seen(EVERY, None),
+        f"{_DOES_NOT_FOLLOW}, as soon as it leads further down; a retraction still works",
+    ),
+    "drive_failure": Kind(
+        "drive", _DRIVES, "the drive's step fails and ends the run", ALWAYS, "the run ends and names the fault",
+    ),
+    "drive_saturation": Kind(
+        "command", _DRIVES, "the drive runs no faster than this", Seen(0.3, 0.3),
+        f"{_DOES_NOT_FOLLOW} while it asks for more; below that nothing is wrong",
+        "rad_per_s", (2.0, 0.3, 0.05), {"ge": 0.0},
+    ),
+    "brown_out": Kind(
+        "command", ("drives",), "the supply sags: this share of the drives' highest speed is left", Seen(0.05, 0.05),
+        f"{_DOES_NOT_FOLLOW} while it asks for more; below that nothing is wrong",
+        "share", (0.5, 0.05, 0.01), SHARE,
+    ),
+}  # fmt: skip
+
+_BODY_KINDS = {
+    "surface_jump": Kind(
+        "body", ("contact",), "the surface jumps up by this much", Seen(10.0, 5.0), "force and force rate jump",
+        "mm", (2.0, 5.0, 10.0), beyond=10.0,
+    ),
+    "contact_loss": Kind(
+        "body", ("contact",), "the surface drops away by this much", UNSEEN,
+        "the springs throw the platform after it, beyond the limit of speed only after a firm press; the task "
+        "gives up by itself",
+        "mm", (1.0, 5.0, 20.0), POSITIVE,
+    ),
+    "breathing": Kind(
+        "body", ("contact",), "the surface rises and falls with this amplitude at 0.25 Hz", UNSEEN,
+        "it is what a healthy body does; the force loop follows it",
+        "mm", (0.5, 2.0, 5.0), POSITIVE,
+    ),
+}  # fmt: skip
+
+CATALOGUE: dict[str, Kind] = {**_ENCODER_KINDS, **_MESSAGE_KINDS, **_PARAMETER_KINDS, **_DRIVE_KINDS, **_BODY_KINDS}
+
+
+def kind_named(number: int, name: str) -> Kind:
+    """The kind `name` of fault `number`.
+
+    Raises:
+        InputRefused: there is none.
+    """
+    if name not in CATALOGUE:
+        raise InputRefused(f'[[fault]] {number} kind = "{name}": {expected(name, tuple(CATALOGUE))}')
+    return CATALOGUE[name]
+
+
+def refuse_target(number: int, kind: str, target: str) -> None:
+    """Let pass only a target that a `kind` of the catalogue has.
+
+    Raises:
+        InputRefused: `target` is none of them.
+    """
+    targets = CATALOGUE[kind].targets
+    if target not in targets:
+        raise InputRefused(f'[[fault]] {number} target = "{target}" of {kind}: {expected(target, targets)}')
+
+
+def expected(got: str, names: tuple[str, ...]) -> str:
+    """`expected 'a', 'b'; did you mean 'b'?`, or, of many names, the likely ones only."""
+    hint = nearest(got, names, "", 3)
+    if len(names) > MANY:
+        return hint or "no such kind; docs/faults_reference.md lists them all, twin faults tries them"
+    return "expected " + ", ".join(f"'{name}'" for name in names) + (f"; {hint}" if hint else "")
+
+
+NEVER = 1 << 62
+"""The end, in ticks, of a fault that stays."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What breaks, where, when and how badly.
+
+    Attributes:
+        kind: a key of `CATALOGUE`.
+        target: one of that kind's targets.
+        onset, end: active in ticks onset <= k < end. Of a continuous component: in the steps that begin at these.
+        magnitude: SI (rad, m, s, a share, a factor); 0 where the kind has none.
+        share: of an encoder's samples that a glitch hits, 0..1.
+        ramp: ticks over which a parameter fault grows from nothing to its magnitude; 0: at once.
+        seed: of the random kinds; the same seed gives the same faults.
+    """
+
+    kind: str
+    target: str
+    onset: int
+    end: int = NEVER
+    magnitude: float = 0.0
+    share: float = 0.0
+    ramp: int = 0
+    seed: int = 0
+
+
+class FaultTable(Settings):
+    """The keys that every kind has; without `duration_s` the fault stays, without `target` it hits the kind's first."""
+
+    kind: str
+    target: str | None = setting(default=None, help="what breaks; without it the kind's first")
+    onset: float = setting("s", ge=0, help="when it begins")
+    duration: float | None = setting(
+        "s", default=None, gt=0, examples=[2.0], help="how long it lasts; without it to the end"
+    )
+    seed: int = setting(default=0, ge=0, lt=2**63, help="of what is random in it")
+
+
+def table_of(known: Kind) -> type[FaultTable]:
+    """The [[fault]] table of one kind: `FaultTable` and the keys that only this kind or its mechanism has."""
+    own: dict[str, Any] = {}
+    if known.magnitude_key:
+        own["magnitude"] = (float, setting(known.unit or "", help="how much", **dict[str, Any](known.bounds)))
+    if known.has_share:
+        # more than every second sample could not be single ones
+        own["share"] = (float, setting(gt=0, le=0.5, help="of the samples that it hits"))
+    if known.mechanism == "parameter":
+        own["ramp"] = (float | None, setting("s", default=None, gt=0, help="time in which it grows"))
+    return create_model("FaultTable", __base__=FaultTable, __doc__=known.meaning, **own)
+
+
+def checked_faults(tables: Any, tick: float, mistakes: list[str]) -> tuple[Fault, ...]:
+    """The faults of the array of tables [[fault]], in whole ticks and SI.
+
+    Args:
+        tables: what the file says; () if nothing.
+        tick: (s).
+        mistakes: gets a sentence for each mistake, with the number of its fault, counted from 1.
+
+    Returns:
+        Those that are right.
+    """
+    faults = []
+    for number, table in numbered(tables, "fault", mistakes):
+        found: list[str] = []
+        fault = _checked(number, table, tick, found)
+        mistakes += found
+        if fault is not None and not found:
+            faults.append(fault)
+    return tuple(faults)
+
+
+def _checked(number: int, table: Any, tick: float, mistakes: list[str]) -> Fault | None:
+    if not isinstance(table, dict):
+        mistakes.append(f"[[fault]] {number} = {table!r}: expected a table")
+        return None
+    name = table.get("kind")
+    try:
+        known = kind_named(number, name if isinstance(name, str) else str(name))
+        refuse_target(number, str(name), str(table.get("target", known.targets[0])))
+    except InputRefused as problem:
+        mistakes.append(str(problem))
+        if str(problem).startswith(f"[[fault]] {number} kind"):
+            return None
+    model = table_of(known)
+    wrong = [key for key in table if key.startswith("magnitude") and key != known.magnitude_key]
+    mistakes += [f"[[fault]] {number} {key}: {name} takes {known.magnitude_key or 'no magnitude'}" for key in wrong]
+    told: list[str] = []
+    values = checked(model, {key: value for key, value in table.items() if key not in wrong}, "[fault]", told)
+    instead = f"missing key '{known.magnitude_key}'"
+    mistakes += [
+        text.replace("[[fault]]", f"[[fault]] {number}", 1) for text in told if not (wrong and text.endswith(instead))
+    ]
+    return None if values is None else _in_ticks(number, known, values.model_dump(), tick, mistakes)
+
+
+def _in_ticks(number: int, known: Kind, values: Mapping[str, Any], tick: float, mistakes: list[str]) -> Fault:
+    lengths = {"onset_s": values["onset"], "duration_s": values["duration"], "ramp_s": values.get("ramp")}
+    if known.unit == "ms":
+        lengths["magnitude_ms"] = values["magnitude"]
+    ticks = {}
+    for key, length in lengths.items():
+        ticks[key] = whole_ticks(length or 0.0, tick) or 0
+        if length and whole_ticks(length, tick) is None:
+            mistakes.append(f"[[fault]] {number} {key}: {length:g} s is not a whole number of ticks of {tick:g} s")
+    return Fault(
+        kind=values["kind"],
+        target=values["target"] or known.targets[0],
+        onset=ticks["onset_s"],
+        end=NEVER if values["duration"] is None else ticks["onset_s"] + ticks["duration_s"],
+        magnitude=values.get("magnitude", 0.0),
+        share=values.get("share", 0.0),
+        ramp=ticks["ramp_s"],
+        seed=values["seed"],
+    )

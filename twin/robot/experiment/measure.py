@@ -1,0 +1,424 @@
+"""[[measure]]: what is measured of an experiment and held against what it was, and what a run is required to do.
+
+A requirement is a formula of signal temporal logic (Maler and Nickovic 2004).
+
+    always (|plant.F_ee_B| <= 18 N)
+    controller.triggered implies eventually[0 s, 2 s] (controller.F_z >= 4.5 N)
+
+Numbers carry their units; a signal is one that a recording has. From weak to strong bind: implies, or, and, until, then
+not, always and eventually.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from pydantic import field_validator
+from pydantic.config import JsonDict
+
+from twin.kernel.settings import Settings, setting
+from twin.kernel.units import Dimension, Unit, known_unit
+from twin.robot.experiment.mistakes import checked_kind, numbered
+
+Side = Literal["always", "eventually"]
+
+
+@dataclass(frozen=True)
+class Term:
+    """A signal, a number or what stands between bars, with a sign.
+
+    Attributes:
+        what: the name of a signal as recorded, `topic.field`; a number in SI; or a sum whose size is taken.
+        index: of one component of the signal; None: all of it.
+        unit: of a number; None: that of the signal.
+    """
+
+    sign: int
+    what: "str | float | Sum"
+    index: int | None = None
+    unit: Unit | None = None
+
+
+Sum = tuple[Term, ...]
+
+
+@dataclass(frozen=True)
+class AtMost:
+    """`smaller` <= `larger`; a strict comparison is the same, as its distance is."""
+
+    smaller: Sum
+    larger: Sum
+
+
+@dataclass(frozen=True)
+class Holds:
+    """A signal that is true or false is true."""
+
+    signal: str
+
+
+@dataclass(frozen=True)
+class Not:
+    """`of` does not hold."""
+
+    of: "Formula"
+
+
+@dataclass(frozen=True)
+class Joined:
+    """Both hold, or one of them."""
+
+    how: Literal["and", "or"]
+    left: "Formula"
+    right: "Formula"
+
+
+@dataclass(frozen=True)
+class Within:
+    """`of` holds always, or once, from `begin` to `end` (s) from now on; an `end` of None: to the end of the run."""
+
+    how: Side
+    of: "Formula"
+    begin: float = 0.0
+    end: float | None = None
+
+
+@dataclass(frozen=True)
+class Until:
+    """`goal` holds once in that time, and `hold` at all ticks before."""
+
+    hold: "Formula"
+    goal: "Formula"
+    begin: float = 0.0
+    end: float | None = None
+
+
+Formula = AtMost | Holds | Not | Joined | Within | Until
+
+_WORDS = ("and", "or", "not", "implies", "always", "eventually", "until")
+_TOKEN = re.compile(
+    r"\s*(?:(?P<signal>[a-z_]+(?:/[0-9]+)?\.[A-Za-z_][A-Za-z_0-9]*(?:\[[0-9]+\])?)"
+    r"|(?P<number>[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?)(?P<unit>\s*(?!(?:" + "|".join(_WORDS) + r")\b)"
+    r"[A-Za-z%\N{DEGREE SIGN}\N{MICRO SIGN}](?:[\w%^*]|/(?=\w))*)?|(?P<word>[a-z]+)|(?P<mark><=|>=|[<>()|,+\-\[\]]))"
+)
+LONGEST = 2000
+"""Characters of a formula; deeper nesting than so many could make means nothing to anybody."""
+
+
+def requirement(text: str) -> Formula:
+    """The formula that `text` spells.
+
+    Raises:
+        ValueError: it spells none; the sentence says from where on.
+    """
+    if len(text) > LONGEST:
+        raise ValueError(f"{len(text)} characters; expected at most {LONGEST}")
+    reader = _Reader(text)
+    try:
+        formula = reader.formula()
+    except RecursionError:
+        raise ValueError("nested too deeply; expected a shorter formula") from None
+    if reader.token:
+        raise reader.unexpected("'and', 'or', 'implies', 'until' or the end")
+    return formula
+
+
+def signals_of(formula: Formula) -> Iterator[tuple[str, int | None]]:
+    """(name, index) of every signal in `formula`."""
+    match formula:
+        case AtMost(smaller, larger):
+            yield from _named((*smaller, *larger))
+        case Holds(signal):
+            yield signal, None
+        case Not(of) | Within(_, of):
+            yield from signals_of(of)
+        case Joined(_, left, right) | Until(left, right):
+            yield from signals_of(left)
+            yield from signals_of(right)
+
+
+def _named(terms: Sum) -> Iterator[tuple[str, int | None]]:
+    for term in terms:
+        if isinstance(term.what, str):
+            yield term.what, term.index
+        elif isinstance(term.what, tuple):
+            yield from _named(term.what)
+
+
+class _Reader:
+    """Reads a formula from left to right; `token` is what comes next, "" at the end."""
+
+    def __init__(self, text: str):
+        self._text, self._place = text, 0
+        self._match: re.Match[str] | None = None
+        self.token = ""
+        self._advance()
+
+    def unexpected(self, wanted: str) -> ValueError:
+        at = self._match.start() if self._match else self._place
+        rest = self._text[at:].strip()
+        return ValueError(f"expected {wanted}, got {rest[:30]!r}" if rest else f"expected {wanted}, got the end")
+
+    def formula(self) -> Formula:
+        left = self._chain("or")
+        if self._take("implies"):
+            return Joined("or", Not(left), self.formula())
+        return left
+
+    def _chain(self, how: Literal["and", "or"]) -> Formula:
+        inner = self._until if how == "and" else lambda: self._chain("and")
+        left = inner()
+        while self._take(how):
+            left = Joined(how, left, inner())
+        return left
+
+    def _until(self) -> Formula:
+        left = self._single()
+        if not self._take("until"):
+            return left
+        begin, end = self._interval()
+        return Until(left, self._single(), begin, end)
+
+    def _single(self) -> Formula:
+        if self._take("not"):
+            return Not(self._single())
+        for how in ("always", "eventually"):
+            if self._take(how):
+                begin, end = self._interval()
+                return Within(how, self._single(), begin, end)
+        if self._take("("):
+            inside = self.formula()
+            self._need(")")
+            return inside
+        left = self._sum()
+        if not re.fullmatch("[<>]=?", self.token):
+            if len(left) == 1 and isinstance(left[0].what, str) and left[0].index is None and left[0].sign > 0:
+                return Holds(left[0].what)
+            raise self.unexpected("'<=' or '>='")
+        rising = self.token.startswith("<")
+        self._advance()
+        right = self._sum()
+        return AtMost(left, right) if rising else AtMost(right, left)
+
+    def _interval(self) -> tuple[float, float | None]:
+        if not self._take("["):
+            return 0.0, None
+        begin = self._time()
+        self._need(",")
+        end = self._time()
+        self._need("]")
+        if end < begin:
+            raise ValueError(f"an interval from {begin:g} s to {end:g} s; expected the earlier time first")
+        return begin, end
+
+    def _time(self) -> float:
+        if self._match is None or self._match["number"] is None:
+            raise self.unexpected("a time such as 2 s")
+        value, unit = self._number()
+        if unit.dimension != Dimension(s=1):
+            raise ValueError(f"an interval in {unit.si}; expected times such as [0 s, 2 s]")
+        return value
+
+    def _sum(self) -> Sum:
+        terms = [self._term(-1 if self._take("-") else 1)]
+        while self.token in ("+", "-"):
+            sign = -1 if self.token == "-" else 1
+            self._advance()
+            terms.append(self._term(sign))
+        return tuple(terms)
+
+    def _term(self, sign: int) -> Term:
+        if self._take("|"):
+            inside = self._sum()
+            self._need("|")
+            return Term(sign, inside)
+        if self._match is not None and self._match["number"] is not None:
+            value, unit = self._number()
+            return Term(sign, value, unit=unit)
+        if self._match is None or self._match["signal"] is None:
+            raise self.unexpected("a signal such as plant.p_B[2], a number with its unit or a bracket")
+        vector, bracket, index = self.token.partition("[")
+        self._advance()
+        return Term(sign, vector, int(index.removesuffix("]")) if bracket else None)
+
+    def _number(self) -> tuple[float, Unit]:
+        assert self._match is not None
+        spelt = (self._match["unit"] or "1").strip()
+        unit = known_unit(spelt)
+        if unit is None:
+            raise ValueError(f"unit {spelt!r}: no such unit; expected one such as N, mm, deg/s or Nm")
+        value = unit.in_si(float(self._match["number"]))
+        self._advance()
+        return value, unit
+
+    def _need(self, mark: str) -> None:
+        if not self._take(mark):
+            raise self.unexpected(f"'{mark}'")
+
+    def _take(self, word: str) -> bool:
+        taken = self.token == word
+        if taken:
+            self._advance()
+        return taken
+
+    def _advance(self) -> None:
+        if not self._text[self._place :].strip():
+            self._match, self.token, self._place = None, "", len(self._text)
+            return
+        self._match = _TOKEN.match(self._text, self._place)
+        if self._match is None:
+            raise self.unexpected("a formula")
+        self._place, self.token = self._match.end(), self._match[0].strip()
+        word = self._match["word"]
+        if word and word not in _WORDS:
+            raise ValueError(f"unknown word {word!r}; expected a signal such as plant.p_B[2], or {', '.join(_WORDS)}")
+
+
+SIGNAL = re.compile(r"-?[a-z_]+(/[0-9]+)?\.[A-Za-z_]+(\[[0-9]+\])?")
+_NAME = re.compile(r"[a-z0-9_]+")
+_PATTERN: JsonDict = {"pattern": f"^({SIGNAL.pattern})$"}
+
+
+class Window(Settings):
+    """What every [[measure]] has: a name, and from when to when; without `until_s` to the end."""
+
+    name: str = setting(examples=["z"], help="what its numbers are called by: small letters, digits, _")
+    begin: float = setting("s", default=0.0, ge=0, help="from when on")
+    until: float | None = setting("s", default=None, gt=0, examples=[3.5], help="until when; without it the end")
+
+    @field_validator("name")
+    @classmethod
+    def _short(cls, name: str) -> str:
+        if not _NAME.fullmatch(name):
+            raise ValueError("expected small letters, digits and _")
+        return name
+
+
+class Watched(Window):
+    """A [[measure]] of one signal."""
+
+    signal: str = setting(
+        examples=["plant.p_B[2]"],
+        json_schema_extra=_PATTERN,
+        help='as recorded, one component of it; "-" before it turns it round',
+    )
+
+    @field_validator("signal", "reference", check_fields=False)
+    @classmethod
+    def _named(cls, signal: str) -> str:
+        if not SIGNAL.fullmatch(signal):
+            raise ValueError("expected a recorded signal such as plant.p_B[2] or -plant.F_ee_B[2]")
+        return signal
+
+
+class Led(Watched):
+    """A [[measure]] of a signal and its reference."""
+
+    reference: str = setting(
+        examples=["controller.p_ref_B[2]"], json_schema_extra=_PATTERN, help="the signal that it should be, likewise"
+    )
+
+
+class Step(Led):
+    """[[measure]] kind = "step": the answer of a signal to a step of its reference at `begin_s`."""
+
+    kind: Literal["step"]
+
+
+class Tracking(Led):
+    """[[measure]] kind = "tracking": how far a signal is from its reference."""
+
+    kind: Literal["tracking"]
+
+
+class Lag(Led):
+    """[[measure]] kind = "lag": by how much a signal comes later than its reference, which has to move."""
+
+    kind: Literal["lag"]
+    longest: float = setting("s", default=2.0, gt=0, help="the most that it may lag; at most half the window")
+
+
+class Spread(Watched):
+    """[[measure]] kind = "spread": mean and standard deviation of a signal."""
+
+    kind: Literal["spread"]
+
+
+class Oscillation(Watched):
+    """[[measure]] kind = "oscillation": the strongest sine in a signal."""
+
+    kind: Literal["oscillation"]
+    lowest: float = setting(
+        "Hz", default=1.0, gt=0, help="slower motion is no oscillation; four periods of it fit the window"
+    )
+
+
+class Onset(Watched):
+    """[[measure]] kind = "onset": when a signal that is true or false first is true."""
+
+    kind: Literal["onset"]
+
+
+class Path(Window):
+    """[[measure]] kind = "path": how far the true platform is from the reference's path, whenever it was due there."""
+
+    kind: Literal["path"]
+
+
+class Effort(Window):
+    """[[measure]] kind = "effort": how far the motors were sent, and the work of their shafts."""
+
+    kind: Literal["effort"]
+
+
+class Required(Window):
+    """[[measure]] kind = "requirement": how far the run is from violating a formula."""
+
+    kind: Literal["requirement"]
+    formula: str = setting(
+        examples=["always (|plant.F_ee_B| <= 18 N)"], help="what has to hold; docs/falsify.md has the words"
+    )
+
+    @field_validator("formula")
+    @classmethod
+    def _spelt(cls, formula: str) -> str:
+        requirement(formula)
+        return formula
+
+
+Measure = Step | Tracking | Lag | Spread | Oscillation | Onset | Path | Effort | Required
+KINDS: dict[str, type[Measure]] = {
+    "step": Step, "tracking": Tracking, "lag": Lag, "spread": Spread, "oscillation": Oscillation, "onset": Onset,
+    "path": Path, "effort": Effort, "requirement": Required,
+}  # fmt: skip
+
+
+def checked_measures(tables: Any, duration: float, mistakes: list[str]) -> tuple[Measure, ...]:
+    """The measures of the array of tables [[measure]] that are right.
+
+    Args:
+        tables: what the file says; () if nothing.
+        duration: of the experiment (s).
+        mistakes: gets a sentence for each mistake, with the number of its measure, counted from 1.
+    """
+    measures: list[Measure] = []
+    for number, table in numbered(tables, "measure", mistakes):
+        measure = checked_kind(KINDS, table, f"measure {number}", mistakes)
+        if measure is None:
+            continue
+        until = duration if measure.until is None else measure.until
+        if until > duration:
+            mistakes.append(f"[measure {number}] until_s = {until:g}: after the end at {duration:g} s")
+        elif measure.begin >= until:
+            mistakes.append(f"[measure {number}] begin_s = {measure.begin:g}: expected a time before {until:g} s")
+        elif isinstance(measure, Lag) and until - measure.begin < 2.0 * measure.longest - 1e-9:
+            length = until - measure.begin
+            mistakes.append(
+                f"[measure {number}] longest_s = {measure.longest:g}: {length:g} s are too short for such lags; "
+                "expected at most half of that"
+            )
+        if measure.name in [other.name for other in measures]:
+            mistakes.append(f'[measure {number}] name = "{measure.name}": another measure has that name')
+        measures.append(measure)
+    return tuple(measures)

@@ -1,0 +1,200 @@
+"""Validation errors as sentences: where, what we got, what was expected.
+
+Values that look as if they were meant in another unit, for experiments in which the robot gets nowhere.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from functools import lru_cache
+from typing import Any, TypeGuard, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from twin.kernel.errors import nearest
+
+LENGTHS = ("a_mm", "b_mm", "l_a_mm", "l_b_mm")
+ROBOTS = ("robot", "plant", "controller.model")
+LEAST, MOST = 1.0, 5000.0
+"""Lengths (mm) between which a robot for a person's back has its own, and its way points their height."""
+
+
+def unit_hints(values: Mapping[str, Any]) -> list[str]:
+    """A sentence for each length that would be plausible were it in m, or in um, rather than in mm.
+
+    Args:
+        values: of an experiment, as `Experiment.values`, checked or not.
+    """
+    told: dict[str, str] = {}
+    for key, length in _lengths(values):
+        factor = 1e3 if abs(length) < LEAST else 1e-3
+        plausible = LEAST <= abs(length) * factor <= MOST
+        if length and not LEAST <= abs(length) <= MOST and plausible:
+            # [plant] and [controller.model] have it from [robot]: told once
+            told.setdefault(
+                key.rpartition(" ")[2] + f"{length:g}",
+                f"{key} = {length:g}: {length:g} mm; did you mean {length * factor:g} (mm)?",
+            )
+    return list(told.values())
+
+
+def _lengths(values: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+    for name in ROBOTS:
+        table = _table(values, name)
+        yield from ((f"[{name}] {key}", table[key]) for key in LENGTHS if _is_number(table.get(key)))
+    points = _table(values, "reference").get("p_mm")
+    if isinstance(points, tuple) and all(isinstance(p, tuple) and len(p) == 3 for p in points):
+        # the height of all of them tells: x and y may well be zero
+        heights = [p[2] for p in points if _is_number(p[2])]
+        if heights:
+            yield "[reference] p_mm, z of the lowest", min(heights)
+    for name, key in (("contact", "height_mm"), ("approach", "height_mm")):
+        height = _table(values, name).get(key)
+        if _is_number(height):
+            yield f"[{name}] {key}", height
+
+
+def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    found: Any = values
+    for part in name.split("."):
+        found = found.get(part) if isinstance(found, Mapping) else None
+    return found if isinstance(found, Mapping) else {}
+
+
+def _is_number(value: Any) -> TypeGuard[float]:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+_EXPECTED = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "text in quotes",
+    "bool_type": "true or false",
+    "tuple_type": "an array",
+    "dict_type": "a table",
+    "model_type": "a table",
+    "finite_number": "a finite number",
+    "parameter_type": "a number, text in quotes, or an array of either",
+}
+_BOUNDS = {
+    "greater_than": ("gt", ">"),
+    "greater_than_equal": ("ge", ">="),
+    "less_than": ("lt", "<"),
+    "less_than_equal": ("le", "<="),
+}
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class _Said:
+    """A table that is another one's equal where they are written alike: 1 is not 1.0, nor -0.0 0.0."""
+
+    def __init__(self, table: Any):
+        self.table, self._text = table, repr(table)
+
+    def __hash__(self) -> int:
+        return hash(self._text)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Said) and self._text == other._text
+
+
+# the runs of a sweep differ in one table of ten
+@lru_cache(256)
+def _read(model: type[Model], said: _Said) -> Model:
+    return model.model_validate(said.table)
+
+
+def checked(model: type[Model], table: Any, name: str, mistakes: list[str]) -> Model | None:
+    """[name] as `model` reads it; None after adding a sentence for each mistake in it to `mistakes`."""
+    try:
+        return _read(model, _Said(table))
+    except ValidationError as error:
+        mistakes += sentences(error, model, name)
+        return None
+
+
+def checked_kind(kinds: Mapping[str, type[Model]], table: Any, name: str, mistakes: list[str]) -> Model | None:
+    """As `checked`, by the model of `kinds` that the key `kind` of the table says."""
+    kind = table.get("kind") if isinstance(table, Mapping) else None
+    if not isinstance(kind, str) or kind not in kinds:
+        mistakes.append(f"[{name}] kind = {kind!r}: expected {', '.join(map(repr, kinds))}")
+        return None
+    return checked(kinds[kind], table, name, mistakes)
+
+
+def numbered(tables: Any, name: str, mistakes: list[str]) -> Iterable[tuple[int, Any]]:
+    """The tables of the array [[name]], counted from 1; none, and a sentence, if it is a single table."""
+    if isinstance(tables, tuple):
+        return enumerate(tables, start=1)
+    mistakes.append(f"[{name}]: a single table; {name}s are an array of tables, write [[{name}]]")
+    return ()
+
+
+def sentences(error: ValidationError, model: type[BaseModel], table: str) -> list[str]:
+    """One sentence per mistake in [table], which `model` describes."""
+    return [_sentence(detail, model, table) for detail in error.errors()]
+
+
+def type_mistakes(error: ValidationError, model: type[BaseModel], table: str) -> list[str]:
+    """Those of `sentences` on values of a wrong type: what is missing, unknown or out of range is left out."""
+    wrong = (*_EXPECTED, "literal_error")
+    return [_sentence(detail, model, table) for detail in error.errors() if detail["type"] in wrong]
+
+
+def unknown(key: str, known: list[str]) -> str:
+    """`unknown key 'kp'; did you mean 'kp_per_s'?`"""
+    return f"unknown key '{key}'; {nearest(key, known)}"
+
+
+def keys(model: type[BaseModel]) -> list[str]:
+    """The TOML keys of `model`."""
+    return [info.alias or name for name, info in model.model_fields.items()]
+
+
+def _sentence(detail: Any, model: type[BaseModel], table: str) -> str:
+    path = [part for part in detail["loc"] if isinstance(part, str)]
+    place = [str(part) for part in detail["loc"] if isinstance(part, int)]
+    owner, tables = model, [table]
+    while len(path) > 1:
+        step = path.pop(0)
+        tables.append(step)
+        fields = {info.alias or name: info.annotation for name, info in owner.model_fields.items()}
+        owner = model_in(fields.get(step)) or owner
+    where, key = f"[{'.'.join(tables)}]", path[0] if path else ""
+    kind, got = detail["type"], detail["input"]
+    if kind == "extra_forbidden":
+        return f"{where} {unknown(key, keys(owner))}"
+    if kind == "missing":
+        if place and isinstance(got, Mapping):
+            # an array of tables within a table
+            return f"[{'.'.join(tables)} {' '.join(str(int(p) + 1) for p in place)}] missing key '{key}'"
+        if place:
+            return f"{where} {key}: {_shown(detail['input'])} has too few values"
+        return f"{where} missing key '{key}'"
+    index = f" (entry {' '.join(str(int(p) + 1) for p in place)})" if place else ""
+    shown = f"{where} {key} = {_shown(got)}{index}"
+    if kind in _BOUNDS:
+        name, sign = _BOUNDS[kind]
+        return f"{shown}: expected a number {sign} {detail['ctx'][name]:g}"
+    if kind == "literal_error":
+        return f"{shown}: expected {detail['ctx']['expected']}"
+    if kind == "value_error" and key and isinstance(got, Mapping):
+        return f"[{'.'.join([*tables, key])}] {detail['ctx']['error']}"
+    if kind == "value_error":
+        # a mistake between keys has no key of its own
+        return f"{shown}: {detail['ctx']['error']}" if key else f"{where} {detail['ctx']['error']}"
+    return f"{shown}: expected {_EXPECTED.get(kind) or detail['msg'][0].lower() + detail['msg'][1:]}"
+
+
+def model_in(annotation: Any) -> type[BaseModel] | None:
+    """The model that a field's `annotation` is, or may be; None if it is no table."""
+    kinds = (annotation, *get_args(annotation))
+    return next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), None)
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_shown(item) for item in value) + "]"
+    return f'"{value}"' if isinstance(value, str) else str(value)

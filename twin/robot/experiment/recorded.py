@@ -1,0 +1,283 @@
+"""What a recording says of its experiment.
+
+A new experiment file and its schema, written.
+
+What differs between experiments: their values key by key, as people write them.
+
+What was typed behind the name of an experiment, out of what a recording says of it.
+"""
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.files import json_of
+from twin.kernel.settings import Settings
+from twin.kernel.writing import made_folder, write_text
+from twin.robot.experiment import schema
+from twin.robot.experiment.declared import Declared, nested
+from twin.robot.experiment.drive_files import known_experiments
+from twin.robot.experiment.experiment import ARRAYS, Head
+from twin.robot.experiment.fault import CATALOGUE, FaultTable
+from twin.robot.experiment.json_schema import SCHEMA_FILE, commented_experiment, schema_text
+from twin.robot.experiment.mistakes import sentences, type_mistakes
+from twin.robot.experiment.source import COMMAND_LINE, Source, toml_value
+
+Metadata = Mapping[str, Mapping[str, str]]
+NAME = re.compile(r"(?!\.{1,2}$)[^/\\\x00-\x1f\x7f]{1,150}")
+"""Of an experiment: that of a file, without the suffix."""
+MANY = 3
+"""So many mistakes of a recording are told: nobody mends them."""
+
+
+class RecordedFmu(BaseModel):
+    """An FMU as `twin.robot.run.provenance` tells of it."""
+
+    file: str
+    sha256: str
+    model: str
+    fmi: str
+    generation_tool: str | None
+    set: dict[str, Any]
+    mapped: list[str]
+    # older recordings do not say, and only model exchange has a solver of ours
+    kind: str = "co_simulation"
+    solver: str | None = None
+    solver_step: float | None = None
+    tolerance: float | None = None
+    stop_time: float | None = None
+
+
+def recorded_name(metadata: Metadata, where: Path) -> str:
+    """Name of the experiment that a recording was made of; "unknown experiment" if it does not say.
+
+    Raises:
+        InputRefused: what it says is no name: folders of results are called so, and a recording may come from anybody.
+    """
+    name = metadata.get("experiment", {}).get("name", "unknown experiment")
+    if not NAME.fullmatch(name):
+        raise InputRefused(f"{where}: calls its experiment {name!r}, which is no name of one")
+    return name
+
+
+def recorded_values(declared: Declared, metadata: Metadata, where: Path) -> dict[str, Any]:
+    """The checked values of the experiment that a recording was made of, keys with units; empty if it holds none.
+
+    Keys that are not known any more, or that were not known yet, are no mistake: the recording may be of another
+    version.
+
+    Raises:
+        InputRefused: no JSON, or values of other types than an experiment's.
+    """
+    text = metadata.get("experiment", {}).get("values", "{}")
+    values = json_of(text, f"{where}: its experiment")
+    mistakes = [] if isinstance(values, dict) else ["expected tables of values"]
+    if not mistakes:
+        mistakes = _wrong_types(declared, values)
+    if mistakes:
+        raise InputRefused(f"{where}: its experiment is none: {'; '.join(mistakes)}")
+    return values
+
+
+def recorded_fmus(metadata: Metadata, where: Path) -> dict[str, dict[str, Any]]:
+    """What a recording says of each drive's FMUs, by `drive_1` or `drive_1.part`: the fields of `RecordedFmu`.
+
+    Raises:
+        InputRefused: it says something else.
+    """
+    fmus = {}
+    for name, text in metadata.get("fmu", {}).items():
+        facts = json_of(text, f"{where}: its FMU of {name}")
+        try:
+            fmus[name] = RecordedFmu.model_validate(facts).model_dump()
+        except ValidationError as error:
+            told = "; ".join(sentences(error, RecordedFmu, name)[:MANY])
+            raise InputRefused(f"{where}: its FMU of {name}: {told}") from None
+    return fmus
+
+
+def _wrong_types(declared: Declared, values: dict[str, Any]) -> list[str]:
+    source = Source()
+    mistakes: list[str] = []
+    models: dict[str, type[Settings]] = {"head": Head, **declared.tables}
+    source.put(values, "recorded")
+    head = {key: value for key, value in source.values.items() if not isinstance(value, dict)}
+    for name, model in models.items():
+        try:
+            model.model_validate(head if name == "head" else source.values.get(name, {}))
+        except ValidationError as error:
+            mistakes += type_mistakes(error, model, name)
+    for name in ARRAYS:
+        items = values.get(name, [])
+        if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
+            mistakes.append(f"[{name}]: expected an array of tables")
+    drive = values.get("drive", {})
+    tables = [drive, *drive.values()] if isinstance(drive, dict) else [None]
+    files = [table["fmu"] for table in tables if isinstance(table, dict) and "fmu" in table]
+    if None in tables or not all(isinstance(file, str) for file in files):
+        mistakes.append("[drive]: expected a table whose fmu is text")
+    return mistakes[:MANY]
+
+
+def start_experiment(declared: Declared, file: Path, start: str) -> list[Path]:
+    """Write an experiment to `file` that does what the experiment `start` of those that come with twin does.
+
+    Returns:
+        The files that were written: `file`, and beside it the JSON Schema if none was there.
+
+    Raises:
+        InputRefused: `file` exists, or there is no experiment `start`.
+        NotWritten: the disk refuses.
+    """
+    known = known_experiments()
+    if start not in known:
+        raise InputRefused(f"--from {start}: no such experiment; {nearest(start, known_experiments())}")
+    if file.suffix != ".toml":
+        raise InputRefused(f"{file}: expected a name that ends with .toml")
+    schema = file.parent / SCHEMA_FILE
+    text = commented_experiment(declared, file.name, known[start])
+    made_folder(file.parent)
+    if os.path.lexists(file):
+        raise InputRefused(f"{file}: exists, and is never overwritten; choose another name")
+    write_text(file, text)
+    if os.path.lexists(schema):
+        return [file]
+    write_text(schema, schema_text(declared))
+    return [file, schema]
+
+
+FROM_ROBOT = ("plant", "controller.model")
+"""Tables that hold the robot's own values wherever they do not say otherwise."""
+SHORT = 12
+"""Characters of a hash by which files are told apart."""
+
+Facts = Mapping[str, str]
+"""Everything by which experiments may differ, as text, by dotted key."""
+
+
+def flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """(dotted key, value) of nested tables; items of arrays of tables by their number from 1."""
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from flat(value, f"{prefix}{key}.")
+        elif isinstance(value, list) and value and all(isinstance(item, Mapping) for item in value):
+            for number, item in enumerate(value, start=1):
+                yield from flat(item, f"{prefix}{key}.{number}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+@cache
+def _names(declared: Declared) -> dict[str, str]:
+    """Key of an experiment file -> its name without the unit, of every key that has one."""
+    tables: dict[str, type[Settings]] = {
+        **declared.tables,
+        "drive": schema.Drive,
+        "fault": FaultTable,
+        **declared.tasks,
+    }
+    models = [model for name, table in tables.items() for model in nested(table, name).values()]
+    fields = {field.alias: name for model in models for name, field in model.model_fields.items() if field.alias}
+    magnitudes = {kind.magnitude_key: "magnitude" for kind in CATALOGUE.values() if kind.magnitude_key}
+    return fields | magnitudes
+
+
+def name_and_unit(declared: Declared, key: str) -> tuple[str, str]:
+    """`controller.force.kp_mm_per_N` as `controller.force.kp`, `mm/N`; a drive's parameters keep names of their own."""
+    tables, dot, last = key.rpartition(".")
+    name = _names(declared).get(last, last) if ".parameters" not in tables else last
+    words = last.removeprefix(f"{name}_").split("_") if name != last else []
+    above, below = words, []
+    if "per" in words:
+        above, below = words[: words.index("per")], words[words.index("per") + 1 :]
+    unit = " ".join(above) or "1" * bool(below)
+    unit += f"/{' '.join(below)}" if len(below) == 1 else f"/({' '.join(below)})" if below else ""
+    return f"{tables}{dot}{name}", unit.replace("Nm", "N m").replace("m2", "m²").replace("s2", "s²")
+
+
+def told(value: Any) -> str:
+    """A value of a TOML file as people write it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
+
+
+def recorded_facts(declared: Declared, metadata: Metadata, where: Path) -> dict[str, str]:
+    """Of the experiment that a recording was made of: its values, and the SHA-256 of every FMU's file.
+
+    Raises:
+        InputRefused: as `recorded_values` and `recorded_fmus`.
+    """
+    fmus = recorded_fmus(metadata, where)
+    return experiment_facts(
+        recorded_values(declared, metadata, where), {fmu["file"]: fmu["sha256"] for fmu in fmus.values()}
+    )
+
+
+def experiment_facts(values: Mapping[str, Any], hashes: Mapping[str, str]) -> dict[str, str]:
+    """The same of checked values and of hashes by file name."""
+    said = {key: told(value) for key, value in flat(values) if key != "title"}
+    return said | {f"sha256 of {file}": sha256[:SHORT] for file, sha256 in hashes.items()}
+
+
+def differing(facts: Sequence[Facts]) -> dict[str, tuple[str, ...]]:
+    """What is not the same in all of `facts`: its value in each, "-" where there is none, by key.
+
+    What follows from the robot's own values is told once, and no hash of a file that only one has.
+    """
+    found = {}
+    for key in dict.fromkeys(key for one in facts for key in one):
+        values = tuple(one.get(key, "-") for one in facts)
+        of_another_file = key.startswith("sha256 of ") and "-" in values
+        if len(set(values)) > 1 and not of_another_file and not _follows(key, facts):
+            found[key] = values
+    return found
+
+
+def _follows(key: str, facts: Sequence[Facts]) -> bool:
+    """Whether a value differs only because the robot's own does, which is told once."""
+    for filled in FROM_ROBOT:
+        own = f"robot{key.removeprefix(filled)}"
+        if key.startswith(f"{filled}.") and all(one.get(own) == one.get(key) for one in facts):
+            return True
+    return False
+
+
+WHOLE = {"drive.fmu": "--drive", "contact.body": "--body"}
+"""Keys with an option of their own."""
+
+
+def options(values: Mapping[str, Any], origins: Mapping[str, str]) -> list[str]:
+    """The words that have set what was set on the command line: `--drive`, `pmsm_foc.fmu`, `--set`, `seed=3`.
+
+    Args:
+        values: of the experiment, as they are recorded.
+        origins: by dotted key.
+    """
+    words: list[str] = []
+    said, whole = dict(flat(values)), set()
+    for key, option in WHOLE.items():
+        if origins.get(key) == COMMAND_LINE and key in said:
+            words += [option, str(said[key])]
+            whole.add(key)
+    for key, value in said.items():
+        if origins.get(key) == COMMAND_LINE and key not in whole and not key.startswith("fault."):
+            words += ["--set", f"{key}={_toml(value)}"]
+    if any(origin == COMMAND_LINE for key, origin in origins.items() if key.startswith("fault.")):
+        words += ["--set", f"fault={_toml(values.get('fault', ()))}"]
+    return words
+
+
+def _toml(value: object) -> str:
+    """A value as --set takes it."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    return toml_value(value)

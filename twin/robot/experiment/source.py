@@ -1,0 +1,353 @@
+"""Experiment files as nested dictionaries: TOML, `extends`, `{ value, source }`, `--set`.
+
+TOML files that are no experiments, told apart by what stands in them.
+
+Tables of an experiment that name something altogether: what files below said of another one is forgotten.
+"""
+
+import contextlib
+import copy
+import functools
+import json
+import os
+import shlex
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import DEEPEST, TOML_LIMIT, read_text, toml_of
+from twin.kernel.places import located
+
+
+def refuse_other_files(values: Mapping[str, Any], path: Path) -> None:
+    """Raise if the file at `path` is meant for something else than to be run: a robot, a body, a sweep, a mapping.
+
+    Args:
+        values: what it and the files that it extends say.
+        path: of the file.
+
+    Raises:
+        InputRefused: the sentence says what it is, and what takes it.
+    """
+    tables, name = values.keys(), shlex.quote(str(path))
+    told = ""
+    if tables <= {"robot", "controller", "plant"} and "robot" in tables:
+        told = f"a robot, not an experiment; one extends it: extends = {str(path)!r}; twin init writes a whole one"
+    elif tables == {"contact"}:
+        told = f"a body, not an experiment; press on it with: twin run pressing --body {name}"
+    elif {"experiment", "vary"} & tables and "title" not in tables:
+        told = f"a sweep, not an experiment; run it with: twin sweep {name}"
+    elif tables & {"fmu", "fmus"}:
+        told = f"the mapping of a drive, not an experiment; use it with: twin run fig4_force_position --drive {name}"
+    if told:
+        raise InputRefused(f"{path}: {told}")
+
+
+SHAPES = ("circle", "chirp", "joint_step")
+"""Tables of [reference], each of which says by itself all that the reference is."""
+
+
+def names_drive(table: Mapping[str, Any]) -> bool:
+    """Whether a table of a drive says which one: by its FMU, or those of its parts; else it lays values over one."""
+    parts = table.get("parts")
+    named = parts.values() if isinstance(parts, Mapping) else ()
+    return "fmu" in table or any(isinstance(part, Mapping) and "fmu" in part for part in named)
+
+
+def _has(*keys: str) -> Callable[[Mapping[str, Any]], bool]:
+    return lambda table: any(key in table for key in keys)
+
+
+KEPT = {
+    "body": (),
+    "estimator": (),
+    "controller": (
+        "period_ms", "delay_ticks", "bus_delay_ticks", "speed_limit_rad_per_s", "gravity_compensation", "dead_zone_deg",
+        "energy_tank", "model",
+    ),
+    "monitor": ("enabled", "period_ms"),
+    "scale": ("period_ms",),
+}  # fmt: skip
+"""Parts of the robot that may be of another make, and the keys of their tables that act all the same."""
+
+
+NAMING = ("fmu", "python")
+"""Keys whose value is a file; of a class behind a colon, too."""
+
+
+def names_stand_in(table: Mapping[str, Any]) -> bool:
+    """Whether a table of a part says that it is of another make."""
+    return any(key in table for key in NAMING)
+
+
+class Rule(NamedTuple):
+    """A table that names something altogether takes the place of what was said of another one.
+
+    Attributes:
+        names: whether it does so, by its keys.
+        kept: keys of the table before that stay; None: none, nor the table's place among the others.
+        by_key: whether a single key of it on the command line does so, too.
+        by_option: as `kept`, where it is named by an option of its own, `--drive` or `--body`.
+    """
+
+    names: Callable[[Mapping[str, Any]], bool]
+    kept: tuple[str, ...] | None
+    by_key: bool = False
+    by_option: tuple[str, ...] | None = None
+
+
+RULES: dict[str, tuple[Rule, ...]] = {
+    "drive": (Rule(names_drive, None),),
+    "contact": (Rule(_has("body"), None, by_option=("height_mm",)),),
+    # of way points one file may give the times and another the places
+    "reference": (Rule(_has(*SHAPES), ()), Rule(_has("t_s", "p_mm"), ("t_s", "p_mm"))),
+    **{role: (Rule(names_stand_in, kept, by_key=True),) for role, kept in KEPT.items()},
+}
+
+
+def rules_for(name: str, table: Any, by_key: bool = False) -> list[Rule]:
+    """By which rules `table`, called `name`, takes another one's place; `by_key`: it is a key of the command line."""
+    rules = RULES.get(name, ()) if isinstance(table, Mapping) else ()
+    return [rule for rule in rules if rule.names(table) and (rule.by_key or not by_key)]
+
+
+LONGEST_CHAIN = 32
+"""Files that extend each other, the first included."""
+
+COMMAND_LINE = "set on the command line"
+"""The origin of what an option has set."""
+NAMES_OF_FMUS = ("parameters.", "wires.")
+"""Ends of the dotted names of tables whose keys are names of an FMU, `motor.R`; TOML makes tables of them without
+quotes."""
+
+
+@dataclass
+class Source:
+    """What the files say, before it is checked.
+
+    Attributes:
+        values: nested tables; arrays as tuples.
+        origins: where a value comes from, by dotted key: its own `source`, or the file or option that set it.
+    """
+
+    values: dict[str, Any] = field(default_factory=dict)
+    origins: dict[str, str] = field(default_factory=dict)
+
+    def lay(self, tables: dict[str, Any], origin: str, by_key: bool = False) -> None:
+        """Lay `tables` over what is there; one that names another drive, body, shape or part takes its place.
+
+        Args:
+            tables: by their names.
+            origin: of their values.
+            by_key: whether they are a key of the command line.
+        """
+        for name, table in tables.items():
+            for rule in rules_for(name, table, by_key):
+                # another drive has other parameters: nothing of the one before can stay
+                self.forget(name, rule.kept)
+        self.put(tables, origin)
+
+    def name(self, table: str, key: str, value: str) -> None:
+        """Let an option of the command line name what [table] is, by its `key`: `--drive` or `--body`."""
+        (rule,) = rules_for(table, {key: value})
+        self.forget(table, rule.by_option)
+        self.values[table] = {key: value, **self.values.get(table, {})}
+        self.origins[f"{table}.{key}"] = COMMAND_LINE
+
+    def forget(self, table: str, keep: Collection[str] | None = None) -> None:
+        """Take out what is said of [table], but the keys `keep`; without these the table itself."""
+        before = self.values.pop(table, None)
+        kept = {key: before[key] for key in before if key in (keep or ())} if isinstance(before, dict) else {}
+        if keep is not None and isinstance(before, dict):
+            self.values[table] = kept
+        paths = {f"{table}.{key}" for key in kept}
+        self.origins = {k: v for k, v in self.origins.items() if not k.startswith(f"{table}.") or k in paths}
+
+    def put(self, table: dict[str, Any], origin: str, prefix: str = "", into: dict[str, Any] | None = None) -> None:
+        """Lay `table` over what is there, key by key."""
+        target = self.values if into is None else into
+        for key, value in table.items():
+            dotted = f"{prefix}{key}"
+            if isinstance(value, dict) and "value" in value and value.keys() <= {"value", "source"}:
+                target[key] = _frozen(value["value"])
+                self.origins[dotted] = str(value.get("source", origin))
+            elif isinstance(value, dict) and isinstance(items := target.get(key), tuple):
+                # of an array by their number from 1: tables are laid over, numbers replaced
+                if any(isinstance(item, dict) for item in items):
+                    self._put_items(value, origin, dotted, items)
+                else:
+                    target[key] = with_numbers(value, items, f"{origin}: {dotted}")
+            elif isinstance(value, dict) and prefix.endswith(NAMES_OF_FMUS):
+                self.put({f"{key}.{name}": item for name, item in value.items()}, origin, prefix, target)
+            elif isinstance(value, dict):
+                inner = target.get(key)
+                target[key] = inner if isinstance(inner, dict) else {}
+                self.put(value, origin, f"{dotted}.", target[key])
+            elif isinstance(value, list) and value and all(isinstance(item, dict) for item in value):
+                # an array of tables is laid over as a whole: its items have no names by which to tell them apart
+                self.origins = {k: v for k, v in self.origins.items() if not k.startswith(f"{dotted}.")}
+                target[key] = tuple({} for _ in value)
+                numbered = {str(number): item for number, item in enumerate(value, start=1)}
+                self._put_items(numbered, origin, dotted, target[key])
+            else:
+                target[key] = _frozen(value)
+                self.origins[dotted] = origin
+
+    def _put_items(self, items: dict[str, Any], origin: str, dotted: str, into: tuple[Any, ...]) -> None:
+        """Lay the tables `items` over those of an array, by their number from 1."""
+        for number, item in items.items():
+            if not (number.isdigit() and 1 <= int(number) <= len(into) and isinstance(item, dict)):
+                raise InputRefused(f"{origin}: {dotted}.{number}: there are tables {dotted}.1 to {dotted}.{len(into)}")
+            self.put(item, origin, f"{dotted}.{number}.", into[int(number) - 1])
+
+
+def with_numbers(items: Mapping[str, Any], into: tuple[Any, ...], where: str) -> tuple[Any, ...]:
+    """`into` with `items` in place of its own, by their number from 1: `joint_zero_deg.2` is the second of three.
+
+    Raises:
+        InputRefused: there is no such number; the sentence begins with `where`.
+    """
+    numbers = list(into)
+    for number, item in items.items():
+        if not (number.isdigit() and 1 <= int(number) <= len(into)):
+            raise InputRefused(f"{where}.{number}: there are numbers {where.split()[-1]}.1 to .{len(into)}")
+        numbers[int(number) - 1] = item
+    return tuple(numbers)
+
+
+def read_source(path: Path) -> Source:
+    """The file at `path` laid over the files it `extends`.
+
+    What takes another one's place is in `RULES`.
+
+    Raises:
+        InputRefused: no such file, not TOML, a circle of `extends`.
+    """
+    source = Source()
+    for file, table in reversed(_chain(path)):
+        source.lay(table, f"set in {file.name}")
+    return source
+
+
+def override(source: Source, texts: Iterable[str]) -> None:
+    """Lay command line settings, "a.b=1" each, over `source`.
+
+    Raises:
+        InputRefused: not of the form key=value.
+    """
+    nodes = [_node(text) for text in texts]
+    # what names a part of another make takes out what is said of twin's own, and nothing that is set with it
+    for node in sorted(nodes, key=lambda node: not any(rules_for(name, node[name], by_key=True) for name in node)):
+        source.lay(node, COMMAND_LINE, by_key=True)
+
+
+def _node(text: str) -> dict[str, Any]:
+    """The setting `text` as nested tables."""
+    key, equals, value = text.partition("=")
+    names = key_names(key.strip())
+    if not equals or not key.strip() or len(names) > DEEPEST:
+        raise InputRefused(f"--set {text}: expected key=value, for example controller.force.reference_N=4")
+    node: Any = value.strip()
+    # a bare word is text, so that --set controller.mode=position needs no quotes inside quotes
+    with contextlib.suppress(InputRefused):
+        node = toml_of(f"value = {node}", "")["value"]
+    for name in reversed(names):
+        node = {name: node}
+    return node
+
+
+def key_names(key: str) -> list[str]:
+    """The names of a dotted key as TOML has it, where one with dots of its own stands in quotes: `a."b.c"`."""
+    names: list[str] = []
+    with contextlib.suppress(InputRefused):
+        node: Any = toml_of(f"{key} = 0", "")
+        while isinstance(node, dict) and len(node) == 1:
+            ((name, node),) = node.items()
+            names.append(name)
+        if node == 0:
+            return names
+    # no key of TOML: whoever checks the names refuses them
+    return key.split(".")
+
+
+def laid_over(base: Mapping[str, Any], table: Mapping[str, Any]) -> dict[str, Any]:
+    """`table` over `base`, tables key by key; neither is changed, nor shares a table with what is returned."""
+    merged = copy.deepcopy(dict(base))
+    for key, value in table.items():
+        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
+        merged[key] = laid_over(merged[key], value) if both else copy.deepcopy(value)
+    return merged
+
+
+def at(tables: Mapping[str, Any], key: str) -> Any:
+    """The value at the dotted `key`; None if there is none."""
+    node: Any = tables
+    for name in key.split("."):
+        node = node.get(name) if isinstance(node, Mapping) else None
+    return node
+
+
+def _chain(path: Path) -> list[tuple[Path, dict[str, Any]]]:
+    """The file at `path` and those that it extends, lowest last: (path, tables)."""
+    chain = [(path, _tables(path))]
+    met = {os.path.realpath(path)}
+    while (parent := chain[-1][1].pop("extends", None)) is not None:
+        last = chain[-1][0]
+        if not isinstance(parent, str):
+            raise InputRefused(f"{last}: extends = {parent!r}: expected the name of a TOML file")
+        following = located(parent, Path(os.path.realpath(last)).parent)
+        # read first: a name that is none has no real path either
+        tables = _tables(following)
+        if os.path.realpath(following) in met:
+            raise InputRefused(f"{path}: its files extend each other in a circle; remove one 'extends'")
+        if len(chain) == LONGEST_CHAIN:
+            raise InputRefused(f"{path}: extends more than {LONGEST_CHAIN} files, one on another; put some together")
+        met.add(os.path.realpath(following))
+        chain.append((following, tables))
+    return chain
+
+
+def _tables(path: Path) -> dict[str, Any]:
+    """The tables of the one TOML file at `path`, without those that it extends."""
+    return dict(_parsed(read_text(path, TOML_LIMIT, "experiment file"), str(path)))
+
+
+@functools.lru_cache(maxsize=64)
+def _parsed(text: str, where: str) -> Mapping[str, Any]:
+    """The tables that `text` writes, not to be changed: a sweep reads the same files for each of its runs."""
+    return toml_of(text, where)
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(_frozen(item) for item in value) if isinstance(value, list) else value
+
+
+def source_text(source: Source) -> str:
+    """TOML in which every value stands with its origin: read again, it gives equal values and equal origins."""
+    lines = (f"{json.dumps(key)} = {_sourced(value, key, source.origins)}" for key, value in source.values.items())
+    return "\n".join(lines) + "\n"
+
+
+def toml_value(value: Any) -> str:
+    """A number, truth value, text or array of these as TOML writes it."""
+    if isinstance(value, tuple | list):
+        return f"[{', '.join(map(toml_value, value))}]"
+    # JSON writes numbers and truth values as TOML does, and texts but for DEL, which TOML wants escaped
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _sourced(value: Any, path: str, origins: dict[str, str]) -> str:
+    """`value` at the dotted `path`; tables are written inline."""
+    if isinstance(value, dict):
+        return _inline({key: _sourced(item, f"{path}.{key}", origins) for key, item in value.items()})
+    if isinstance(value, tuple) and value and all(isinstance(item, dict) for item in value):
+        tables = (_sourced(item, f"{path}.{number}", origins) for number, item in enumerate(value, start=1))
+        return f"[{', '.join(tables)}]"
+    text = toml_value(value)
+    return _inline({"value": text, "source": toml_value(origins[path])}) if path in origins else text
+
+
+def _inline(texts: dict[str, str]) -> str:
+    return "{" + ", ".join(f"{json.dumps(key)} = {text}" for key, text in texts.items()) + "}"

@@ -1,0 +1,179 @@
+"""The robot's geometry (Fig. 2) and the vectors of one leg, Eq. 3-6.
+
+Leg i (1..3 in the paper, ``leg`` = 0..2 here) stands at phi_i = -90, 30, 150 degrees about z of the base
+frame B. Its proximal link turns in the vertical plane through phi_i. theta_i is zero with the link horizontal
+and outward; positive theta_i lowers A_i, as printed in Eq. 5.
+
+What both the maker of a robot and its controller know of it.
+
+Arguments that hold three numbers per pose, checked once at the package's public functions.
+
+Where the joints of the closed chain are, for whoever draws the robot: Fig. 2, Eq. 3-6.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twin.kernel.compiled.function import njit
+from twin.kernel.compiled.lanes import three
+from twin.kernel.errors import InputRefused
+from twin.kernel.settings import Settings, Triple, setting
+
+# exact, because sin and cos of phi_i in floating point are off by up to 1e-16 and would tilt the symmetry
+LEG_COS = (0.0, math.sqrt(3.0) / 2.0, -math.sqrt(3.0) / 2.0)
+LEG_SIN = (-1.0, 0.5, 0.5)
+
+
+class Geometry(NamedTuple):
+    """Lengths of Fig. 2, all in m.
+
+    The compiled functions of this package read these four attributes only, so they also accept any other
+    record that has them.
+
+    Attributes:
+        a: distance from the base centre O_B to each base joint B_i.
+        b: distance from the platform centre O_P to each platform joint P_i.
+        l_a: length of the proximal link B_iA_i.
+        l_b: length of the distal link A_iP_i.
+    """
+
+    a: float
+    b: float
+    l_a: float
+    l_b: float
+
+
+@njit(cache=True)
+def leg_coordinates(geometry, leg, x, y):
+    """Where P_i stands horizontally in leg i's own plane, for the platform at (x, y): ``(u, w)`` in m.
+
+    u_i = p_x cos(phi_i) + p_y sin(phi_i) - (a - b) is the distance from B_i to P_i along the leg's outward
+    direction, w_i = -p_x sin(phi_i) + p_y cos(phi_i) the distance out of the plane in which the
+    proximal link moves.
+    """
+    return coordinates_along(geometry, LEG_COS[leg], LEG_SIN[leg], x, y)
+
+
+@njit(cache=True, forceinline=True)
+def legs():
+    """cos(phi_i) and sin(phi_i) of all legs, `compiled.lanes`."""
+    return three(LEG_COS[0], LEG_COS[1], LEG_COS[2]), three(LEG_SIN[0], LEG_SIN[1], LEG_SIN[2])
+
+
+@njit(cache=True, forceinline=True)
+def coordinates_along(geometry, C, S, x, y):
+    """As `leg_coordinates`, of the leg with cos(phi_i) = `C` and sin(phi_i) = `S`."""
+    u = x * C + y * S - (geometry.a - geometry.b)
+    w = -x * S + y * C
+    return u, w
+
+
+@njit(cache=True)
+def distal_link(geometry, leg, cos_theta, sin_theta, x, y, z):
+    """Vector A_iP_i of leg i in the base frame, Eq. 6, in m: ``(x, y, z)``.
+
+    The printed third row of Eq. 6 has the x term of leg 3 with the wrong sign; with
+    A_iP_i = p + (b - a - l_a cos(theta_i)) (cos(phi_i), sin(phi_i), 0) + l_a sin(theta_i) e_z
+    all three legs are one equation.
+    """
+    outward = geometry.b - geometry.a - geometry.l_a * cos_theta
+    return (
+        x + outward * LEG_COS[leg],
+        y + outward * LEG_SIN[leg],
+        z + geometry.l_a * sin_theta,
+    )
+
+
+class Model(Settings):
+    """What both the robot's maker and its controller know of a robot: Fig. 2, Eq. 18-20, the encoders."""
+
+    a: float = setting("mm", gt=0, help="radius of the base triangle, Fig. 2")
+    b: float = setting("mm", gt=0, help="radius of the platform triangle, Fig. 2")
+    l_a: float = setting("mm", gt=0, help="length of the proximal links, Fig. 2")
+    l_b: float = setting("mm", gt=0, help="length of the distal links, Fig. 2")
+    m_a: float = setting("g", ge=0, help="mass of one proximal link")
+    m_b: float = setting("g", ge=0, help="mass of one distal rod pair")
+    m_p: float = setting("g", ge=0, help="mass of the platform with its head")
+    k_s: float = setting("N m/rad", gt=0, help="stiffness of the series elastic spring, Eq. 18")
+    N: float = setting(gt=0, help="belt reduction, motor turns per joint turn")
+    eta: float = setting(gt=0, le=1, help="efficiency of the belt, Eq. 18")
+    motor_counts_per_turn: int = setting(
+        gt=0, into="encoders", field="motor_counts", help="resolution of the motor encoders"
+    )
+    joint_counts_per_turn: int = setting(
+        gt=0, into="encoders", field="joint_counts", help="resolution of the joint encoders"
+    )
+    motor_zero: Triple = setting("deg", into="encoders", help="angle at which each motor encoder reads zero")
+    joint_zero: Triple = setting("deg", into="encoders", help="angle at which each joint encoder reads zero")
+
+
+def geometry_of(model: Model) -> Geometry:
+    """Fig. 2 as `model` has it."""
+    return Geometry(model.a, model.b, model.l_a, model.l_b)
+
+
+def triples(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    """The argument as a float array of shape (..., 3).
+
+    Raises:
+        InputRefused: the last axis is not 3 long, or a number is not finite.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0 or array.shape[-1] != 3:
+        raise InputRefused(f"{name} has shape {array.shape}; expected (..., 3)")
+    if not np.isfinite(array).all():
+        first = int(np.argmin(np.isfinite(array).all(axis=-1)))
+        raise InputRefused(f"{name}{place(array, first)} = {array.reshape(-1, 3)[first]} is not finite")
+    return array
+
+
+def place(array: NDArray[np.float64], row: int) -> str:
+    """Index of a flattened row of a (..., 3) array, written ``[i, j]``; empty where there is only one row."""
+    if array.ndim == 1:
+        return ""
+    return str([int(i) for i in np.unravel_index(row, array.shape[:-1])])
+
+
+OUTWARD = np.array([LEG_COS, LEG_SIN, (0.0, 0.0, 0.0)]).T
+"""Horizontal unit vector of each leg, (3 legs, 3); its proximal link moves in the plane of it and z."""
+AXIS = np.array([[-s for s in LEG_SIN], LEG_COS, (0.0, 0.0, 0.0)]).T
+"""Unit vector of each base joint's axis, (3 legs, 3): a right-handed turn by theta_l lowers the link's end.
+
+The short sides of the parallelogram, at A_i and at P_i, stay parallel to it.
+"""
+
+
+class Skeleton(NamedTuple):
+    """Joints of the three legs in the base frame, m; n poses.
+
+    Attributes:
+        B: base joints B_i, (3, 3).
+        A: ends of the proximal links A_i, (n, 3, 3).
+        P: platform joints P_i, (n, 3, 3).
+    """
+
+    B: NDArray[np.float64]
+    A: NDArray[np.float64]
+    P: NDArray[np.float64]
+
+
+def skeleton(geometry: Geometry, theta_l: ArrayLike, p_B: ArrayLike) -> Skeleton:
+    """Joints of the legs for joint angles and the platform position that goes with them.
+
+    Args:
+        geometry: lengths of Fig. 2.
+        theta_l: angles of the proximal links in rad, (n, 3).
+        p_B: platform position in m, (n, 3).
+
+    Raises:
+        InputRefused: an argument is not finite or not of shape (n, 3).
+    """
+    theta_l, p_B = triples(theta_l, "theta_l"), triples(p_B, "p_B")
+    B = geometry.a * OUTWARD
+    down = np.array([0.0, 0.0, -1.0])
+    A = B + geometry.l_a * (np.cos(theta_l)[..., None] * OUTWARD + np.sin(theta_l)[..., None] * down)
+    P = p_B[:, None, :] + geometry.b * OUTWARD
+    return Skeleton(B, A, P)

@@ -1,0 +1,221 @@
+"""Where the robot can work: reach per leg, height range over a point, conditioning.
+
+What limits a delta besides its reach: how far its ball joints bend, and its rods and links that meet.
+
+The two rods of a pair turn freely about the axis that their ball joints share; what a ball joint's socket limits is how
+far the rod leans out of the plane across that axis, asin(w/l_b) with w the sideways part of A_iP_i. Rods and links are
+round bars between the joints; the rods of a pair stand half their spacing to either side of A_iP_i.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twin.kernel.compiled.function import carray, njit
+from twin.kernel.compiled.native import entry
+from twin.kernel.errors import Unreachable
+from twin.robot.mechanism.geometry import AXIS, LEG_COS, LEG_SIN, Geometry, skeleton, triples
+from twin.robot.mechanism.kinematics import circumcentre, distal_length_range, jacobian, joint_angles, leg_angle
+
+
+def reach_margins(geometry: Geometry, p_B: ArrayLike) -> NDArray[np.float64]:
+    """How much each distal link could change in length before its leg cannot follow, in m, shape (..., 3).
+
+    The smaller of longest - l_b and l_b - shortest, see
+    :func:`twin.robot.mechanism.kinematics.distal_length_range`; zero where D of Eq. 11 is zero, negative out of
+    reach by the missing length.
+
+    Args:
+        geometry: lengths of Fig. 2.
+        p_B: platform positions in the base frame in m, shape (..., 3).
+
+    Raises:
+        InputRefused: p_B is not finite or not of shape (..., 3).
+    """
+    p_B = triples(p_B, "p_B")
+    shortest, longest = np.stack([distal_length_range(geometry, leg, p_B) for leg in range(3)], axis=-1)
+    return np.minimum(longest - geometry.l_b, geometry.l_b - shortest)
+
+
+@njit(cache=True)
+def _reaches(geometry, x, y, z):
+    theta_1 = leg_angle(geometry, 0, x, y, z)
+    theta_2 = leg_angle(geometry, 1, x, y, z)
+    theta_3 = leg_angle(geometry, 2, x, y, z)
+    c_x, c_y, c_z, _, n_x, n_y, n_z = circumcentre(geometry, theta_1, theta_2, theta_3)
+    # false where an angle is NaN, so also where a leg does not reach
+    return (x - c_x) * n_x + (y - c_y) * n_y + (z - c_z) * n_z <= 0.0
+
+
+@entry("nothing", "doubles", "doubles", "int", "bytes")
+def _reachable(lengths, positions, poses, reachable):
+    geometry = Geometry(lengths[0], lengths[1], lengths[2], lengths[3])
+    p_B = carray(positions, (poses, 3))
+    for row in range(poses):
+        x, y, z = p_B[row]
+        reachable[row] = _reaches(geometry, x, y, z)
+
+
+def is_reachable(geometry: Geometry, p_B: ArrayLike) -> NDArray[np.bool_]:
+    """Whether all legs reach with the knees outward, on the home pose's side of the parallel singularity.
+
+    Beyond it the joint angles exist too, but the robot stands elsewhere at those angles: it cannot cross.
+
+    Args:
+        geometry: lengths of Fig. 2.
+        p_B: platform positions in the base frame in m, shape (..., 3).
+
+    Returns:
+        One truth value per pose, shape (...).
+
+    Raises:
+        InputRefused: p_B is not finite or not of shape (..., 3).
+    """
+    p_B = triples(p_B, "p_B")
+    reachable = np.empty(p_B.shape[:-1], dtype=np.bool_)
+    _reachable(np.array(geometry, dtype=float), np.ascontiguousarray(p_B), reachable.size, reachable)
+    return reachable
+
+
+def height_range(geometry: Geometry, x: float, y: float) -> tuple[float, float]:
+    """Lowest and highest reachable platform height z <= 0 in m over the point (x, y).
+
+    Leg i reaches where |sqrt(l_b^2 - w^2) - l_a| <= sqrt(u^2 + z^2) <= sqrt(l_b^2 - w^2) + l_a, which is
+    Eq. 7 with A_i anywhere on its circle; the range is what the three legs share.
+
+    Args:
+        geometry: lengths of Fig. 2.
+        x, y: position in the base frame in m.
+
+    Raises:
+        Unreachable: no height is reachable by all legs. Names the leg that reaches least far down; the excess
+            is the length its distal link is short of, or the gap between its heights and those of the others.
+    """
+    outward = x * np.array(LEG_COS) + y * np.array(LEG_SIN)
+    u = outward - (geometry.a - geometry.b)
+    w = -x * np.array(LEG_SIN) + y * np.array(LEG_COS)
+    in_plane = np.sqrt(np.maximum(geometry.l_b**2 - w**2, 0.0))
+    missing = np.hypot(np.maximum(np.abs(u) - geometry.l_a, 0.0), w) - geometry.l_b
+    lowest = -np.sqrt(np.maximum((in_plane + geometry.l_a) ** 2 - u**2, 0.0))
+    highest = -np.sqrt(np.maximum((in_plane - geometry.l_a) ** 2 - u**2, 0.0))
+    gap = lowest.max() - highest.min()
+    if missing.max() > 0.0 or gap > 0.0:
+        leg = int(np.argmax(missing if missing.max() > 0.0 else lowest)) + 1
+        raise Unreachable(
+            f"no height over (x, y) = ({1e3 * x:.1f}, {1e3 * y:.1f}) mm is within reach of leg {leg} and the "
+            "others; move the point towards the axis",
+            leg=leg,
+            pose=(x, y),
+            excess=float(max(missing.max(), gap)),
+        )
+    return float(lowest.max()), float(highest.min())
+
+
+def condition_number(geometry: Geometry, p_B: ArrayLike) -> NDArray[np.float64]:
+    """Condition number of J = d theta_l / d p_B in the 2-norm, shape (...): 1 is equally strong all ways.
+
+    Args:
+        geometry: lengths of Fig. 2.
+        p_B: platform positions in the base frame in m, shape (..., 3).
+
+    Raises:
+        Unreachable: a pose has no joint angles.
+        SingularPose: a leg is stretched or folded.
+        InputRefused: p_B is not finite or not of shape (..., 3).
+    """
+    return np.linalg.cond(jacobian(geometry, p_B))
+
+
+BARS = 3
+"""Of a leg: its link and the two rods of its pair."""
+
+
+class Bars(NamedTuple):
+    """Sizes of the bars of a leg (m): diameters, and from the middle of one rod of a pair to that of the other."""
+
+    link_diameter: float
+    rod_diameter: float
+    rod_spacing: float
+
+
+def ball_joint_angles(geometry: Geometry, p_B: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How far the ball joints of each leg bend (rad, >= 0), the same at both ends of its rods, shape (..., 3).
+
+    Args:
+        geometry: lengths of Fig. 2.
+        p_B: platform positions in the base frame in m, shape (..., 3), within reach.
+    """
+    return np.arcsin(np.minimum(np.abs(p_B @ AXIS.T) / geometry.l_b, 1.0))
+
+
+def clearances(
+    geometry: Geometry, bars: Bars, p_B: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """How far bars of different legs stay apart (m, negative where they meet), (n,), and the two that are nearest.
+
+    A bar is told as 3 leg + kind, with the legs from 0, kind 0 the link and 1 and 2 its rods, (n, 2).
+
+    Args:
+        geometry: lengths of Fig. 2.
+        bars: their sizes.
+        p_B: platform positions in the base frame in m, (n, 3), within reach.
+
+    Raises:
+        Unreachable: one of `p_B` is out of reach.
+    """
+    joints = skeleton(geometry, joint_angles(geometry, p_B), p_B)
+    aside = 0.5 * bars.rod_spacing * AXIS
+    ends = np.empty((len(p_B), 3, BARS, 2, 3))
+    ends[:, :, 0, 0], ends[:, :, 0, 1] = joints.B, joints.A
+    for kind, way in ((1, -aside), (2, aside)):
+        ends[:, :, kind, 0], ends[:, :, kind, 1] = joints.A + way, joints.P + way
+    radii = 0.5 * np.array([bars.link_diameter, bars.rod_diameter, bars.rod_diameter])
+    gaps, pairs = np.full(len(p_B), np.inf), np.zeros((len(p_B), 2), dtype=np.int64)
+    _nearest(ends, radii, len(p_B), gaps, pairs)
+    return gaps, pairs
+
+
+@entry("nothing", "doubles", "doubles", "int", "doubles", "integers")
+def _nearest(bars, radius, poses, gap_of, pair_of):
+    ends, radii = carray(bars, (poses, 3 * BARS, 2, 3)), carray(radius, BARS)
+    gaps, pairs = carray(gap_of, poses), carray(pair_of, (poses, 2))
+    for pose in range(poses):
+        for one in range(2 * BARS):
+            for other in range(BARS * (one // BARS + 1), 3 * BARS):
+                apart = segment_distance(
+                    ends[pose, one, 0], ends[pose, one, 1], ends[pose, other, 0], ends[pose, other, 1]
+                )
+                gap = apart - radii[one % BARS] - radii[other % BARS]
+                if gap < gaps[pose]:
+                    gaps[pose] = gap
+                    pairs[pose, 0], pairs[pose, 1] = one, other
+
+
+@njit(cache=True, inline="always")
+def _between(a, b):
+    return b[0] - a[0], b[1] - a[1], b[2] - a[2]
+
+
+@njit(cache=True, inline="always")
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True)
+def segment_distance(a, b, c, d):
+    """Between the segments a-b and c-d (3,), neither a point: Ericson (2005), Real-Time Collision Detection, 5.1.9."""
+    # triples: an array for each difference would take ten times as long as all of the arithmetic
+    ab, cd, ca = _between(a, b), _between(c, d), _between(c, a)
+    aa, dd, ad = _dot(ab, ab), _dot(cd, cd), _dot(ab, cd)
+    f, e = _dot(cd, ca), _dot(ab, ca)
+    across = aa * dd - ad * ad
+    # parallel ones are as near at any point of them
+    s = min(max((ad * f - e * dd) / across, 0.0), 1.0) if across > 1e-12 * aa * dd else 0.0
+    t = (ad * s + f) / dd
+    if t < 0.0:
+        t, s = 0.0, min(max(-e / aa, 0.0), 1.0)
+    elif t > 1.0:
+        t, s = 1.0, min(max((ad - e) / aa, 0.0), 1.0)
+    apart = ca[0] + s * ab[0] - t * cd[0], ca[1] + s * ab[1] - t * cd[1], ca[2] + s * ab[2] - t * cd[2]
+    return np.sqrt(_dot(apart, apart))

@@ -1,0 +1,464 @@
+"""The plant as a co-simulation component, as equations for Python, and where it rests.
+
+The step is classical Runge-Kutta over a tick, friction settled after each step.
+
+A surface that moves goes on at constant velocity within a tick, s_k + v_k (t - t_k). The motors stand still where they
+are at its end, or, in a ramp, turn from where they are at its start to there.
+
+The plant's equations for Python, where they are analysed rather than stepped; the surface stays at rest.
+
+The right-hand side and the outputs are those that the component steps: nothing of the physics is written here.
+
+What a plant that is taken elsewhere works out for itself before its first step, compiled as its steps are.
+
+Where the robot rests: the springs wound up so far that they carry its weight and the contact.
+"""
+
+import math
+from functools import cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twin.kernel.compiled.function import njit
+from twin.kernel.compiled.native import entry
+from twin.kernel.cosim.component import NativeComponent
+from twin.kernel.cosim.native import step_function
+from twin.kernel.cosim.port import Port, memory_of, port_record, record
+from twin.robot.mechanism.geometry import Geometry, coordinates_along, legs
+from twin.robot.mechanism.kinematics import jacobian, jacobian_row, joint_angles, leg_angle
+from twin.robot.mechanism.leg import angles_near, leg_motion, links, move_anchor
+from twin.robot.mechanism.statics import motor_load_torque, platform_weight
+from twin.robot.plant.contact import (
+    ANCHORS,
+    apex_frame,
+    arm_torque,
+    contact_force,
+    normal_force,
+    settled_bristle,
+    stop_torque,
+    touch,
+    unstopped,
+    upward,
+)
+from twin.robot.plant.dynamics import (
+    PARAMETERS,
+    STATES,
+    UNTOUCHED,
+    PlantParameters,
+    acceleration,
+    derivative_near,
+    has_effects,
+    head_sees,
+    joint_torque,
+    series_share,
+    settle_friction,
+    spring_deflection,
+    spring_stiffness,
+    winding,
+)
+
+LEFT_WORKSPACE = 2
+
+INPUTS = (Port("theta_m", 3, "rad", "motor angles, held over the step; in a ramp, at its end", instant="end"),)
+RAMP_INPUTS = (Port("theta_m_start", 3, "rad", "motor angles at the start of the step", instant="start"),)
+GROUND_INPUTS = (
+    Port("s_B", 3, "m", "displacement of the surface in base frame B, at the start of the step"),
+    Port("v_s_B", 3, "m/s", "velocity of the surface in base frame B, held over the step"),
+)
+OUTPUTS = (
+    Port("p_B", 3, "m", "platform position in base frame B"),
+    Port("v_B", 3, "m/s", "platform velocity in base frame B"),
+    Port("theta_l", 3, "rad", "proximal link angles, positive lowers the platform"),
+    Port("omega_l", 3, "rad/s", "proximal link speeds"),
+    Port("tau_l", 3, "N m", "torque of the springs on the joints"),
+    Port("tau_load", 3, "N m", "torque the springs ask of the motor shafts, tau_l / (N eta)"),
+    Port("F_ee_B", 3, "N", "force by the robot on the surface in base frame B; pressing has F_ee_B[2] < 0"),
+    Port("F_n", 1, "N", "normal contact force"),
+    Port("z_b", 2, "m", "bristle deflection in the surface"),
+)
+
+
+def inputs(moving: bool, ramp: bool) -> tuple[Port, ...]:
+    """The ports of a plant whose surface moves or not, and whose motors turn over the step or not."""
+    return INPUTS + GROUND_INPUTS * moving + RAMP_INPUTS * ramp
+
+
+MEMORY = record(
+    parameters=PARAMETERS,
+    substeps="i8",
+    x=("f8", (STATES,)),
+    anchors=("f8", (3, ANCHORS)),
+    last=("f8", (STATES,)),
+)
+
+
+STILL = (0.0, 0.0, 0.0)
+"""Displacement and velocity of a surface that does not move, speeds of motors that stand."""
+
+
+@njit(cache=True)
+def moved(s, v, t):
+    """Where three coordinates that were at `s` and change at the rates `v` are `t` seconds later, a triple."""
+    return s[0] + t * v[0], s[1] + t * v[1], s[2] + t * v[2]
+
+
+@njit(cache=True)
+def settle(parameters, apex, x, s_B, v_s_B):
+    """Return mapping of the bristle in the state `x`, in place: what ends every integration step."""
+    _settle(parameters, apex, x, head_sees(parameters, s_B), v_s_B)
+
+
+@njit(cache=True, forceinline=True)
+def _settle(parameters, apex, x, s_B, v_s_B):
+    F_n, _ = normal_force(
+        parameters,
+        apex,
+        x[0] - s_B[0],
+        x[1] - s_B[1],
+        x[2] - s_B[2],
+        x[3] - v_s_B[0],
+        x[4] - v_s_B[1],
+        x[5] - v_s_B[2],
+    )
+    x[6], x[7] = settled_bristle(parameters, F_n, x[6], x[7])
+
+
+@njit(cache=True)
+def ahead(a, rate, t):
+    """As `moved`, of a pair."""
+    return a[0] + t * rate[0], a[1] + t * rate[1]
+
+
+@njit(cache=True, forceinline=True)
+def weighted(a, b, c, d):
+    """The mean of the rates of a classical Runge-Kutta step."""
+    return (a + 2.0 * b + 2.0 * c + d) / 6.0
+
+
+@njit(cache=True)
+def integrate(parameters, x, theta_m, omega_m, s_B, v_s_B, h, apex, anchors):
+    """One classical Runge-Kutta step of `h` seconds, `x` in place.
+
+    The motors start at the triple `theta_m` (rad) and turn at `omega_m` (rad/s), the surface starts at `s_B` (m) and
+    moves at `v_s_B` (m/s); `apex` and `anchors` as in `acceleration`.
+    """
+    half = 0.5 * h
+    special, s_B = has_effects(parameters), head_sees(parameters, s_B)
+    theta_half, theta_end = moved(theta_m, omega_m, half), moved(theta_m, omega_m, h)
+    s_half, s_end = moved(s_B, v_s_B, half), moved(s_B, v_s_B, h)
+    p, v, z = (x[0], x[1], x[2]), (x[3], x[4], x[5]), (x[6], x[7])
+    a, r = acceleration(parameters, p, v, z, theta_m, s_B, v_s_B, apex, anchors, special)
+    v_2 = moved(v, a, half)
+    a_2, r_2 = acceleration(
+        parameters, moved(p, v, half), v_2, ahead(z, r, half), theta_half, s_half, v_s_B, apex, anchors, special
+    )
+    v_3 = moved(v, a_2, half)
+    a_3, r_3 = acceleration(
+        parameters, moved(p, v_2, half), v_3, ahead(z, r_2, half), theta_half, s_half, v_s_B, apex, anchors, special
+    )
+    v_4 = moved(v, a_3, h)
+    a_4, r_4 = acceleration(
+        parameters, moved(p, v_3, h), v_4, ahead(z, r_3, h), theta_end, s_end, v_s_B, apex, anchors, special
+    )
+    for i in range(3):
+        x[i] += h * weighted(v[i], v_2[i], v_3[i], v_4[i])
+        x[3 + i] += h * weighted(a[i], a_2[i], a_3[i], a_4[i])
+    for i in range(2):
+        x[6 + i] += h * weighted(r[i], r_2[i], r_3[i], r_4[i])
+    _settle(parameters, apex, x, s_end, v_s_B)
+    if special:
+        settle_friction(parameters, x, theta_end, anchors)
+
+
+@njit(cache=True, error_model="numpy")
+def outputs_near(parameters, x, theta_m, s_B, v_s_B, apex, anchors, y):
+    """The state `x` at motor angles `theta_m` as the record `y` of `OUTPUTS`; False outside the workspace.
+
+    The surface is at the triple `s_B` (m) and moves at `v_s_B` (m/s); `apex` and `anchors` as in `acceleration`, and
+    the anchors are moved where this state has gone too far from them.
+    """
+    px, py, pz, vx, vy, vz = x[0], x[1], x[2], x[3], x[4], x[5]
+    # value by value: copying a slice allocates memory for what may overlap, which an exported step must not
+    for i in range(3):
+        y.p_B[i], y.v_B[i] = x[i], x[3 + i]
+    y.z_b[0], y.z_b[1] = x[6], x[7]
+    # no number if a leg could not reach the platform half-way through a step
+    inside = not math.isnan(vx + vy + vz)
+    special, s_B = has_effects(parameters), head_sees(parameters, s_B)
+    C, S = legs()
+    u, w = coordinates_along(parameters, C, S, px, py)
+    k_r, k_z, r, w, h, q = links(parameters, u, w, pz)
+    for leg in range(3):
+        move_anchor(parameters, anchors, leg, k_r[leg], k_z[leg])
+    angles = angles_near(anchors, k_r, k_z)
+    _, _, _, speeds, _ = leg_motion(parameters, k_r, k_z, r, w, h, q, C * vx + S * vy, C * vy - S * vx, vz)
+    for leg in range(3):
+        theta_l, omega_l = angles[leg], speeds[leg]
+        inside = inside and not math.isnan(theta_l)
+        if special:
+            d = winding(parameters, anchors, leg, theta_m[leg], theta_l)
+        else:
+            d = spring_deflection(parameters, leg, theta_m[leg], theta_l)
+        y.theta_l[leg] = theta_l
+        y.omega_l[leg] = omega_l
+        y.tau_l[leg] = joint_torque(parameters, leg, d, omega_l)
+        y.tau_load[leg] = motor_load_torque(spring_stiffness(parameters, leg), d)
+    rx, ry, rz = px - s_B[0], py - s_B[1], pz - s_B[2]
+    ux, uy, uz = vx - v_s_B[0], vy - v_s_B[1], vz - v_s_B[2]
+    fx, fy, fz, y.F_n, _, _ = touch(parameters, apex, rx, ry, rz, ux, uy, uz, x[6], x[7])
+    y.F_ee_B[0], y.F_ee_B[1], y.F_ee_B[2] = fx, fy, fz
+    return inside
+
+
+@njit(cache=True)
+def triple(v):
+    """A port of three values as a tuple."""
+    return v[0], v[1], v[2]
+
+
+@cache
+def step_over(moving, ramp):
+    """The step of a plant whose surface moves or not, and whose motors turn over the step or not."""
+
+    @step_function(MEMORY, inputs(moving, ramp), OUTPUTS)
+    def step(m, t, h, u, y):
+        theta_m = start = triple(u.theta_m)
+        s_B = v_s_B = omega_m = STILL
+        if moving:
+            s_B, v_s_B = triple(u.s_B), triple(u.v_s_B)
+        if ramp:
+            start = triple(u.theta_m_start)
+            omega_m = (theta_m[0] - start[0]) / h, (theta_m[1] - start[1]) / h, (theta_m[2] - start[2]) / h
+        # where the robot was, for the sentence of a step that leaves nothing but NaN
+        for i in range(STATES):
+            m.last[i] = m.x[i]
+        substep = h / m.substeps
+        apex = apex_frame(m.parameters)
+        for i in range(m.substeps):
+            turned = moved(start, omega_m, i * substep)
+            s_now = moved(s_B, v_s_B, i * substep)
+            integrate(m.parameters, m.x, turned, omega_m, s_now, v_s_B, substep, apex, m.anchors)
+        inside = outputs_near(m.parameters, m.x, theta_m, moved(s_B, v_s_B, h), v_s_B, apex, m.anchors, y)
+        return 0 if inside else LEFT_WORKSPACE
+
+    return step
+
+
+@entry("nothing", MEMORY, "doubles", port_record(OUTPUTS))
+def _begin(m, theta_m, y):
+    turned = triple(theta_m)
+    settle_friction(m.parameters, m.x, turned, m.anchors)
+    outputs_near(m.parameters, m.x, turned, STILL, STILL, apex_frame(m.parameters), m.anchors, y)
+
+
+class Plant(NativeComponent):
+    """Springs, mechanism and contact as one continuous component.
+
+    Args:
+        parameters: what is true.
+        x: initial state (8,), see `STATES`.
+        theta_m: initial motor angles (3,), rad.
+        substeps: Runge-Kutta steps per co-simulation step.
+        moving: the surface moves as the inputs `GROUND_INPUTS` say; before tick 0 it is where `parameters` has it.
+        ramp: the motors turn from the input `RAMP_INPUTS` to theta_m over the step.
+    """
+
+    def __init__(
+        self,
+        parameters: PlantParameters,
+        x: ArrayLike,
+        theta_m: ArrayLike,
+        substeps: int = 1,
+        moving: bool = False,
+        ramp: bool = False,
+    ):
+        memory = memory_of(MEMORY, parameters=tuple(parameters), substeps=substeps, x=x, anchors=UNTOUCHED)
+        initial = np.empty(1, dtype=port_record(OUTPUTS))
+        _begin(memory, np.array(theta_m, dtype=float), initial)
+        super().__init__(
+            "plant", inputs(moving, ramp), OUTPUTS, False, step_over(moving, ramp), memory,
+            initial.view(np.float64), rewindable=True,
+        )  # fmt: skip
+
+    def explain(self, status: int) -> str:
+        x, y, z = 1e3 * self.memory["last"][0][:3]
+        return f"left the workspace: a leg cannot reach the platform near ({x:.1f}, {y:.1f}, {z:.1f}) mm,"
+
+
+MOTION = port_record(OUTPUTS)
+_AT = record(
+    parameters=PARAMETERS, x=("f8", (STATES,)), theta_m="3f8", anchors=("f8", (3, ANCHORS)), dx=("f8", (STATES,))
+)
+"""State, motor angles (rad), where dry friction holds, derivative."""
+
+
+@entry("nothing", _AT)
+def _derive(m):
+    derivative_near(m.parameters, m.x, m.theta_m, STILL, STILL, m.anchors, m.dx)
+
+
+@entry("nothing", _AT, MOTION)
+def _read(m, y):
+    outputs_near(m.parameters, m.x, m.theta_m, STILL, STILL, apex_frame(m.parameters), m.anchors, y)
+
+
+@entry("nothing", _AT)
+def _hold(m):
+    settle_friction(m.parameters, m.x, m.theta_m, m.anchors)
+
+
+@entry("nothing", _AT)
+def _settle_at(m):
+    settle(m.parameters, apex_frame(m.parameters), m.x, STILL, STILL)
+
+
+class Equations:
+    """The plant's equations with given constants.
+
+    Args:
+        parameters: what is true.
+    """
+
+    def __init__(self, parameters: PlantParameters):
+        self._at = memory_of(_AT, parameters=tuple(parameters), anchors=UNTOUCHED)
+
+    def hold(self, x: ArrayLike, theta_m: ArrayLike) -> None:
+        """From now on dry friction holds at the state `x` (8,), at motor angles `theta_m` (3,) in rad."""
+        self._put(x, theta_m)
+        self._at["anchors"] = UNTOUCHED
+        _hold(self._at)
+
+    def derivative(self, x: ArrayLike, theta_m: ArrayLike) -> NDArray[np.float64]:
+        """dx/dt (8,); outside the workspace NaN."""
+        self._put(x, theta_m)
+        _derive(self._at)
+        dx: NDArray[np.float64] = self._at["dx"][0].copy()
+        return dx
+
+    def outputs(self, x: ArrayLike, theta_m: ArrayLike) -> np.ndarray:
+        """The component's outputs (1,), a record of `MOTION`, with no dry friction that remembers where it was."""
+        self._put(x, theta_m)
+        self._at["anchors"] = UNTOUCHED
+        y = np.empty(1, dtype=MOTION)
+        _read(self._at, y)
+        return y
+
+    def settled(self, x: ArrayLike) -> NDArray[np.float64]:
+        """`x` with its bristle scaled back onto the friction cone, as at the end of every integration step."""
+        self._at["x"] = x
+        _settle_at(self._at)
+        settled: NDArray[np.float64] = self._at["x"][0].copy()
+        return settled
+
+    def _put(self, x: ArrayLike, theta_m: ArrayLike) -> None:
+        self._at["x"], self._at["theta_m"] = x, theta_m
+
+
+_REST = record(
+    parameters=PARAMETERS, **dict.fromkeys(("p_B", "theta_l", "wrench", "arms", "stops", "tau_l", "d"), "3f8")
+)
+"""Wrench (N) that joints carry at p_B, what arms' weights and stops take of it (N m), springs' torque and wind-up."""
+
+
+@entry("nothing", _REST)
+def _load(m):
+    p, (x, y, z) = m.parameters, (m.p_B[0], m.p_B[1], m.p_B[2])
+    up, weight = upward(p), platform_weight(p)
+    force = contact_force(p, x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0)
+    for i in range(3):
+        m.wrench[i] = force[i] + weight * up[i]
+        m.arms[i], m.stops[i] = arm_torque(p, up, i, m.theta_l[i]), stop_torque(p, m.theta_l[i])
+
+
+@entry("nothing", _REST)
+def _wind(m):
+    for leg in range(3):
+        d = m.tau_l[leg] / joint_torque(m.parameters, leg, 1.0, 0.0)
+        m.d[leg] = unstopped(m.parameters, d / series_share(m.parameters, leg))
+
+
+def resting(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """State x (8,) and motor angles theta_m (3,) at which the platform rests at `p_B` (3,), in m.
+
+    The net force on the platform is zero with velocities and bristle zero; a loaded spring sits at the far side of
+    its backlash, an unloaded one in the middle. Springs are as wound up as `joint_torque` asks at speed zero, where
+    losses in the direction of the power flow (P1) vanish. Dry friction carries nothing yet, in the middle of what it
+    can. No spring may be broken: nothing else would carry its share.
+
+    Raises:
+        Unreachable: `p_B` is outside the workspace.
+    """
+    p = np.asarray(p_B, dtype=float)
+    geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
+    theta_l = joint_angles(geometry, p)
+    rest = memory_of(_REST, parameters=tuple(parameters), p_B=p, theta_l=theta_l)
+    _load(rest)
+    rest["tau_l"] = np.linalg.solve(jacobian(geometry, p).T, rest["wrench"][0]) - rest["arms"][0] - rest["stops"][0]
+    _wind(rest)
+    d = rest["d"][0]
+    backlash = parameters.backlash + np.array(parameters.backlash_added)
+    theta_m = parameters.N * theta_l + d + np.sign(d) * backlash + np.array(parameters.slip)
+    x = np.zeros(STATES)
+    x[:3] = p
+    return x, theta_m
+
+
+REST_OUTPUTS = (
+    Port("theta_m_rest", 3, "rad", "motor angles at which the platform rests where it starts, to rounding"),
+)
+
+
+@cache
+def outputs_at_start(moving, ramp):
+    """The outputs of a plant before its first step, from its state and the motor angles in its inputs."""
+
+    @step_function(MEMORY, inputs(moving, ramp), OUTPUTS)
+    def start(m, t, h, u, y):
+        # a pose may have been set that the old anchors know nothing of
+        for leg in range(3):
+            for i in range(ANCHORS):
+                m.anchors[leg, i] = math.nan
+        settle_friction(m.parameters, m.x, triple(u.theta_m), m.anchors)
+        inside = outputs_near(
+            m.parameters, m.x, triple(u.theta_m), STILL, STILL, apex_frame(m.parameters), m.anchors, y
+        )
+        return 0 if inside else LEFT_WORKSPACE
+
+    return start
+
+
+@njit(cache=True)
+def cross(a, b):
+    """Vector product of two triples."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, error_model="numpy")
+def _share(w, a, b, c):
+    """How much of the triple `a` is in `w`, which is a sum of multiples of `a`, `b` and `c`: Cramer's rule."""
+    n = cross(b, c)
+    return (w[0] * n[0] + w[1] * n[1] + w[2] * n[2]) / (a[0] * n[0] + a[1] * n[1] + a[2] * n[2])
+
+
+@step_function(MEMORY, outputs=REST_OUTPUTS)
+def rest(m, t, h, u, y):
+    # `resting` without a solver of LAPACK, which no FMU has
+    p = m.parameters
+    px, py, pz = m.x[0], m.x[1], m.x[2]
+    fx, fy, fz = contact_force(p, px, py, pz, 0.0, 0.0, 0.0, 0.0, 0.0)
+    up, weight = upward(p), platform_weight(p)
+    w = fx + weight * up[0], fy + weight * up[1], fz + weight * up[2]
+    theta_1, theta_2, theta_3 = leg_angle(p, 0, px, py, pz), leg_angle(p, 1, px, py, pz), leg_angle(p, 2, px, py, pz)
+    row_1 = jacobian_row(p, 0, theta_1, px, py, pz)
+    row_2 = jacobian_row(p, 1, theta_2, px, py, pz)
+    row_3 = jacobian_row(p, 2, theta_3, px, py, pz)
+    tau = _share(w, row_1, row_2, row_3), _share(w, row_2, row_3, row_1), _share(w, row_3, row_1, row_2)
+    theta = theta_1, theta_2, theta_3
+    for leg in range(3):
+        left = tau[leg] - arm_torque(p, up, leg, theta[leg]) - stop_torque(p, theta[leg])
+        d = unstopped(p, left / joint_torque(p, leg, 1.0, 0.0) / series_share(p, leg))
+        slack = p.backlash + p.backlash_added[leg]
+        gap = 0.0 if d == 0.0 else math.copysign(slack, d)
+        y.theta_m_rest[leg] = p.N * theta[leg] + d + gap + p.slip[leg]
+    return 0

@@ -1,0 +1,313 @@
+"""What acts where: the contact of the platform with a surface, and the friction and stops of its joints.
+
+The shape of what the robot presses on: depth, normal and tangents at a point.
+
+The surface passes through its apex (0, 0, z_s). Its axes there are those of B, turned by tilt_x about x and then by
+tilt about y, R = R_y(tilt) R_x(tilt_x): tangents R e_x, R e_y, normal R e_z. A plane has them everywhere. A sphere or
+cylinder of radius R lies below its apex; depth is R less the distance from its centre or axis (the signed distance,
+positive inside), the normal is the gradient of that distance.
+
+How the robot is mounted: which way is up, seen from its base. The base may be tilted out of the level about two axes, R
+= R_y(tilt) R_x(tilt_x) as with a surface. Then up is R^T e_z, and all that weighs weighs along it. The robot's computer
+knows no tilt: it takes off a weight along z of B.
+
+Contact of the platform with a surface: normal force by a contact law, bristle friction in the tangent plane.
+
+Positions and velocities are those of the head as seen from the surface: a surface that moves is subtracted before. The
+bristle obeys dz_b/dt = v_t, and is kept on the friction cone by return mapping after each step (`settled_bristle`).
+That is stable at any normal force, also at mu = 0, where the usual rate form v_t - sigma_0 |v_t| z_b / (mu F_n) divides
+by zero and is stiff at a light touch.
+
+On a curved surface z_b is held in the tangents of `surface_frame`; the turning of these about the normal is
+left out of dz_b/dt. It would move no energy, and on a closed path it is the solid angle that n goes round.
+
+Dry friction of joints and within springs, and their hard stops: forces that know where, and no speed. Dry friction is a
+spring that slides (Prandtl 1928, Z angew Math Mech 8:85): it holds at an anchor, yields elastically, and drags the
+anchor along once it carries all that it can:
+
+    joint    tau_f = (tau_c/a) (theta_l - theta_0),  within +-tau_c            (P14)
+    spring   w = d + (d - d_0),  the bracket within +-h |d|                    (P15)
+
+a is the angle over which a joint yields before it breaks loose. A spring with the hysteresis h carries k_s w: (1 + h)
+k_s d while it is wound up, (1 - h) k_s d while it unwinds, and nothing in its backlash. Within a step the anchors stand
+still, so both are forces with a potential; after it they are dragged along, which only lowers what is stored. So
+friction sticks truly, takes energy, and never makes any.
+
+A hard stop is an elastic one, of stiffness k_e: beyond a deflection d_e a spring has k_s + k_e, and a joint is pushed
+back into its range by k_e times what it is out of it.
+"""
+
+import math
+from enum import IntEnum
+
+import numpy as np
+
+from twin.kernel.compiled.function import njit
+from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN
+from twin.robot.mechanism.statics import arm_weight
+from twin.robot.plant.contact_law import pressing_force
+
+
+@njit(cache=True, forceinline=True)
+def upward(parameters):
+    """Unit vector against gravity in base frame B, a triple."""
+    if parameters.mounting_tilt == 0.0 and parameters.mounting_tilt_x == 0.0:
+        return 0.0, 0.0, 1.0
+    sin_t, cos_t = math.sin(parameters.mounting_tilt), math.cos(parameters.mounting_tilt)
+    sin_x, cos_x = math.sin(parameters.mounting_tilt_x), math.cos(parameters.mounting_tilt_x)
+    return -sin_t, cos_t * sin_x, cos_t * cos_x
+
+
+@njit(cache=True, forceinline=True)
+def hanging(up, leg, k_r, k_z):
+    """Lever (m) of a weight at the knee (k_r, k_z) of `leg`: what it turns the joint by is weight times this."""
+    return up[2] * k_r - (LEG_COS[leg] * up[0] + LEG_SIN[leg] * up[1]) * k_z
+
+
+@njit(cache=True)
+def arm_torque(parameters, up, leg, theta_l):
+    """Torque (N m) with which the weight of the arm of `leg` turns its joint at the angle `theta_l` (rad)."""
+    return arm_weight(parameters) * parameters.l_a * hanging(up, leg, np.cos(theta_l), -np.sin(theta_l))
+
+
+class Shape(IntEnum):
+    """By the names in an experiment's file, in capitals. Cylinders are named after the axis they lie along."""
+
+    PLANE = 0
+    SPHERE = 1
+    CYLINDER_X = 2
+    CYLINDER_Y = 3
+
+
+@njit(cache=True, forceinline=True)
+def dot(a, x, y, z):
+    """Scalar product of the triple `a` with (x, y, z)."""
+    return a[0] * x + a[1] * y + a[2] * z
+
+
+@njit(cache=True)
+def apex_frame(parameters):
+    """Tangents e_1, e_2 and normal n of the surface at its apex, triples in B."""
+    sin_t, cos_t = math.sin(parameters.tilt), math.cos(parameters.tilt)
+    sin_x, cos_x = math.sin(parameters.tilt_x), math.cos(parameters.tilt_x)
+    e_1 = (cos_t, 0.0, -sin_t)
+    e_2 = (sin_t * sin_x, cos_x, cos_t * sin_x)
+    n = (sin_t * cos_x, -sin_x, cos_t * cos_x)
+    return e_1, e_2, n
+
+
+# numpy's division: at a sphere's centre the normal has to become NaN, because an exception of compiled code that the
+# master calls by address is lost
+@njit(cache=True, error_model="numpy")
+def surface_frame(parameters, x, y, z):
+    """Depth (m, positive inside) and local tangents e_1, e_2 and normal n, triples in B, where the head is when O_P is
+    at (x, y, z) of B.
+
+    On a curved surface the tangents are the apex's, carried along the great circle (the smallest turn that takes one
+    normal to the other): they depend smoothly on the position, and along a cylinder's axis not at all.
+    """
+    head = parameters.head
+    return frame_at(parameters, apex_frame(parameters), x + head[0], y + head[1], z + head[2])
+
+
+@njit(cache=True)
+def surface_depth(parameters, x, y, z):
+    """Depth (m, positive inside) of the head when O_P is at (x, y, z) of B."""
+    head, apex = parameters.head, apex_frame(parameters)
+    x, y, z = x + head[0], y + head[1], z + head[2]
+    if parameters.shape == Shape.PLANE:
+        return plane_depth(parameters, apex[2], x, y, z)
+    return depth_and_offset(parameters, apex, x, y, z)[0]
+
+
+@njit(cache=True, forceinline=True)
+def plane_depth(parameters, normal, x, y, z):
+    """Depth (m) below a plane at (x, y, z)."""
+    return -normal[0] * x - normal[1] * y + normal[2] * (parameters.z_s - z)
+
+
+@njit(cache=True, forceinline=True)
+def depth_and_offset(parameters, apex, x, y, z):
+    """Depth (m) in a curved surface at (x, y, z), the offset from its centre or axis along the apex's axes and the
+    offset's length (m)."""
+    a_1, a_2, a_3 = apex
+    R = parameters.radius
+    height = z - parameters.z_s
+    w_1, w_2, w_3 = dot(a_1, x, y, height), dot(a_2, x, y, height), dot(a_3, x, y, height)
+    if parameters.shape == Shape.CYLINDER_X:
+        w_1 = 0.0
+    if parameters.shape == Shape.CYLINDER_Y:
+        w_2 = 0.0
+    distance = math.sqrt(w_1 * w_1 + w_2 * w_2 + (w_3 + R) * (w_3 + R))
+    # R - distance without the cancellation that a large R would bring
+    depth = -(w_1 * w_1 + w_2 * w_2 + w_3 * w_3 + 2.0 * R * w_3) / (distance + R)
+    return depth, w_1, w_2, w_3 + R, distance
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def frame_at(parameters, apex, x, y, z):
+    """As `surface_frame`, at (x, y, z) itself; `apex` is the frame at the apex."""
+    a_1, a_2, a_3 = apex
+    if parameters.shape == Shape.PLANE:
+        return plane_depth(parameters, a_3, x, y, z), a_1, a_2, a_3
+    depth, w_1, w_2, w_3, distance = depth_and_offset(parameters, apex, x, y, z)
+    n_1, n_2, n_3 = w_1 / distance, w_2 / distance, w_3 / distance
+    turn = 1.0 / (1.0 + n_3)
+    e_1 = _in_B(a_1, a_2, a_3, 1.0 - turn * n_1 * n_1, -turn * n_1 * n_2, -n_1)
+    e_2 = _in_B(a_1, a_2, a_3, -turn * n_1 * n_2, 1.0 - turn * n_2 * n_2, -n_2)
+    return depth, e_1, e_2, _in_B(a_1, a_2, a_3, n_1, n_2, n_3)
+
+
+@njit(cache=True)
+def _in_B(a_1, a_2, a_3, x, y, z):
+    """The vector with components x, y, z along a_1, a_2, a_3, as a triple in B."""
+    return (
+        a_1[0] * x + a_2[0] * y + a_3[0] * z,
+        a_1[1] * x + a_2[1] * y + a_3[1] * z,
+        a_1[2] * x + a_2[2] * y + a_3[2] * z,
+    )
+
+
+HELD, GRIPPED = 3, 4
+"""Columns of the anchors of `robot.leg` in which a plant keeps theta_0 and d_0 (rad)."""
+ANCHORS = 5
+
+
+@njit(cache=True, forceinline=True)
+def _within(value, limit):
+    """`value`, no larger than `limit` either way; 0 for what is held nowhere yet."""
+    if value > limit:
+        return limit
+    if value < -limit:
+        return -limit
+    return value if value == value else 0.0
+
+
+# numpy's division here and below: an exception of compiled code that the master calls by address is lost
+@njit(cache=True, error_model="numpy", forceinline=True)
+def friction_torque(parameters, anchors, leg, theta_l):
+    """Torque (N m) with which the dry friction of a joint holds it, (P14)."""
+    away = theta_l - anchors[leg, HELD]
+    return _within(parameters.joint_friction / parameters.joint_presliding * away, parameters.joint_friction)
+
+
+@njit(cache=True, forceinline=True)
+def gripped(parameters, anchors, leg, d):
+    """The deflection (rad) of a spring without hysteresis that carries what this one does at `d`, (P15)."""
+    return d + _within(d - anchors[leg, GRIPPED], parameters.spring_hysteresis * abs(d))
+
+
+@njit(cache=True, forceinline=True)
+def drag(parameters, anchors, leg, theta_l, d):
+    """Move the anchors of `leg`, in place, to where the joint at `theta_l` and its spring at `d` (rad) drag them."""
+    anchors[leg, HELD] = theta_l - _within(theta_l - anchors[leg, HELD], parameters.joint_presliding)
+    anchors[leg, GRIPPED] = d - _within(d - anchors[leg, GRIPPED], parameters.spring_hysteresis * abs(d))
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def stopped(parameters, d):
+    """The deflection (rad) of a spring without a stop that carries what this one does at `d`."""
+    over = abs(d) - parameters.spring_stop
+    return d + math.copysign(parameters.stop / parameters.k_s * over, d) if over > 0.0 else d
+
+
+@njit(cache=True, error_model="numpy")
+def unstopped(parameters, d):
+    """The deflection (rad) at which a spring with a stop carries what one without does at `d`: `stopped` inverted."""
+    over = abs(d) - parameters.spring_stop
+    return d - math.copysign(over - over / (1.0 + parameters.stop / parameters.k_s), d) if over > 0.0 else d
+
+
+@njit(cache=True, forceinline=True)
+def stop_torque(parameters, theta_l):
+    """Torque (N m) with which its hard stops push a joint back into its range; 0 within."""
+    if theta_l > parameters.joint_upper:
+        return parameters.stop * (parameters.joint_upper - theta_l)
+    if theta_l < parameters.joint_lower:
+        return parameters.stop * (parameters.joint_lower - theta_l)
+    return 0.0
+
+
+ROUNDING = 1e-9
+"""How near (of it) to its limit a bristle is at the limit."""
+
+
+@njit(cache=True)
+def normal_force(parameters, apex, x, y, z, vx, vy, vz):
+    """Normal force (N, >= 0) and depth (m, positive inside) at position and velocity of the platform.
+
+    `apex` is the surface's frame at its apex, here and below: it is the same at all positions.
+    """
+    depth, _, _, n = frame_at(parameters, apex, x, y, z)
+    return pressing_force(parameters, depth, -dot(n, vx, vy, vz)), depth
+
+
+# numpy's division here and below: out of reach 0/0 has to become NaN, because an exception of compiled code that the
+# master calls by address is lost
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _contact_within(x, y, limit):
+    """The vector (x, y), shortened to length `limit` if it is longer."""
+    length = math.sqrt(x * x + y * y)
+    if length <= limit:
+        return x, y
+    return x * (limit / length), y * (limit / length)
+
+
+@njit(cache=True, forceinline=True)
+def settled_bristle(parameters, F_n, z_1, z_2):
+    """Return mapping: the bristle scaled back so that sigma_0 |z_b| <= mu F_n; without contact it is straight."""
+    return _contact_within(z_1, z_2, parameters.mu * F_n / parameters.sigma_0)
+
+
+@njit(cache=True, forceinline=True)
+def friction(parameters, F_n, z_1, z_2, v_1, v_2):
+    """Force BY the robot ON the surface along e_1, e_2 (N): sigma_0 z_b + sigma_1 v_t, kept inside the cone mu F_n."""
+    z_1, z_2 = settled_bristle(parameters, F_n, z_1, z_2)
+    f_1 = parameters.sigma_0 * z_1 + parameters.sigma_1 * v_1
+    f_2 = parameters.sigma_0 * z_2 + parameters.sigma_1 * v_2
+    return _contact_within(f_1, f_2, parameters.mu * F_n)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def bristle_rate(parameters, F_n, z_1, z_2, v_1, v_2):
+    """dz_b/dt (m/s): the tangential velocity, less what would stretch a bristle that already slides."""
+    limit = parameters.mu * F_n / parameters.sigma_0
+    length = math.sqrt(z_1 * z_1 + z_2 * z_2)
+    # return mapping leaves a sliding bristle at the limit: the last bit must not say whether it slides
+    if length < limit * (1.0 - ROUNDING):
+        return v_1, v_2
+    if limit == 0.0:
+        return 0.0, 0.0
+    outward = (z_1 * v_1 + z_2 * v_2) / (length * length)
+    if outward <= 0.0:
+        return v_1, v_2
+    return v_1 - outward * z_1, v_2 - outward * z_2
+
+
+@njit(cache=True, forceinline=True)
+def touch(parameters, apex, x, y, z, vx, vy, vz, z_1, z_2):
+    """All that a contact does at once: (fx, fy, fz, F_n, dz_1, dz_2).
+
+    Force BY the robot ON the surface in B (N; pressing gives fz < 0), normal force (N, >= 0), bristle rate (m/s).
+    """
+    depth, e_1, e_2, n = frame_at(parameters, apex, x, y, z)
+    F_n = pressing_force(parameters, depth, -dot(n, vx, vy, vz))
+    v_1, v_2 = dot(e_1, vx, vy, vz), dot(e_2, vx, vy, vz)
+    f_1, f_2 = friction(parameters, F_n, z_1, z_2, v_1, v_2)
+    dz_1, dz_2 = bristle_rate(parameters, F_n, z_1, z_2, v_1, v_2)
+    return (
+        e_1[0] * f_1 + e_2[0] * f_2 - n[0] * F_n,
+        e_1[1] * f_1 + e_2[1] * f_2 - n[1] * F_n,
+        e_1[2] * f_1 + e_2[2] * f_2 - n[2] * F_n,
+        F_n,
+        dz_1,
+        dz_2,
+    )
+
+
+@njit(cache=True)
+def contact_force(parameters, x, y, z, vx, vy, vz, z_1, z_2):
+    """Force BY the robot ON the surface in B (N) with O_P at (x, y, z): (fx, fy, fz), pressing gives fz < 0."""
+    x, y, z = x + parameters.head[0], y + parameters.head[1], z + parameters.head[2]
+    fx, fy, fz, _, _, _ = touch(parameters, apex_frame(parameters), x, y, z, vx, vy, vz, z_1, z_2)
+    return fx, fy, fz

@@ -1,0 +1,348 @@
+"""What the robot presses on, [contact]: how its surface moves, and what it answers to being pressed in.
+
+A body that moves under the robot: breathing and shifts, as displacement and velocity of its surface.
+
+With tau the time since onset:
+
+    breathing   s = A (1 - cos(2 pi f tau)): A is the amplitude, so a breath lifts the surface by 2 A. It starts and
+                ends between two breaths, where displacement and velocity are 0; the breath that goes on at `end` is
+                finished.
+    shift       s = D m(tau / rise), back again from `end` on; m(q) = 10 q^3 - 15 q^4 + 6 q^5 is the path of least jerk
+                (Flash and Hogan 1985, J Neurosci 5:1688) and keeps the acceleration continuous, too.
+
+What a surface answers to being pressed in: its normal force from depth d and rate d_dot.
+
+    Hunt-Crossley  F = K d (d / d_ref)^(n - 1) (1 + c d_dot)             Hunt and Crossley (1975), J Appl Mech 42:440
+    Kelvin-Voigt   F = K d + C w(d / d_touch) d_dot                      Fung (1993), Biomechanics, Ch. 2
+    exponential    F = K / beta (exp(beta d) - 1) (1 + c d_dot)          Fung (1993), Ch. 7
+
+F is clamped at 0: a surface does not pull. Each is an elastic force with a potential, plus a part of the sign of d_dot;
+what is clamped away would have given energy back. So no closed cycle gains energy.
+
+Hunt and Crossley's stiffness has the unit N/m^n; here K (N/m) is the secant stiffness at the reference depth d_ref,
+F(d_ref) = K d_ref, so that n has no unit to carry. In the exponential law K is the stiffness at first touch.
+
+Kelvin-Voigt's damper alone would jump to C d_dot at first touch. The fade w(s) = s^2 (3 - 2 s), 1 from s = 1 on, is
+smooth: a contact that grows over the touch depth.
+"""
+
+import math
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from pydantic import ValidationInfo, field_validator
+
+from twin.kernel.compiled.function import carray, njit, pointer_to
+from twin.kernel.cosim.component import NativeComponent
+from twin.kernel.cosim.native import step_function
+from twin.kernel.cosim.port import Port, record, record_of
+from twin.kernel.settings import Settings, Triple, numbers, setting
+
+
+class MotionKind(IntEnum):
+    """How the surface moves."""
+
+    BREATHING = 0
+    SHIFT = 1
+
+
+OUTPUTS = (
+    Port("s_B", 3, "m", "displacement of the surface in base frame B"),
+    Port("v_s_B", 3, "m/s", "velocity of the surface in base frame B"),
+)
+
+
+class Motion(NamedTuple):
+    """One motion of the surface, SI.
+
+    Attributes:
+        kind: of `MotionKind`.
+        displacement: vector in B (m): amplitude of a breathing, whole way of a shift.
+        onset, end: when it starts, and stops or goes back (s); infinity: never.
+        rate: of a breathing (Hz), > 0.
+        rise: how long a shift takes (s), > 0.
+    """
+
+    kind: MotionKind
+    displacement: Triple
+    onset: float
+    end: float = math.inf
+    rate: float = 0.25
+    rise: float = 1.0
+
+
+class Breathing(Settings):
+    """[contact.breathing]: the surface goes up by twice the amplitude and back with every breath."""
+
+    amplitude: float = setting(
+        "mm", field="displacement", ge=0, examples=[1.0], help="half the way from breath to breath"
+    )
+    rate: float = setting("1/min", gt=0, examples=[15.0], help="breaths per time")
+    start: float = setting("s", field="onset", default=0.0, ge=0, help="first breath")
+    end: float | None = setting("s", absent=math.inf, default=None, ge=0, examples=[20.0], help="last breath")
+
+    @property
+    def motion(self) -> Motion:
+        """Along z."""
+        return Motion(**(numbers(self) | {"kind": MotionKind.BREATHING, "displacement": (0.0, 0.0, self.amplitude)}))
+
+
+class Shift(Settings):
+    """[contact.shift]: the person moves once; if an end is given, back again from then on."""
+
+    by: Triple = setting("mm", field="displacement", examples=[[0.0, 0.0, 2.0]], help="how far (x, y, z)")
+    start: float = setting("s", field="onset", ge=0, examples=[5.0], help="when it moves")
+    rise: float = setting("s", gt=0, examples=[0.5], help="how long it takes")
+    end: float | None = setting("s", absent=math.inf, default=None, ge=0, examples=[20.0], help="when it moves back")
+
+    @property
+    def motion(self) -> Motion:
+        """As the table says."""
+        return Motion(MotionKind.SHIFT, **numbers(self))
+
+
+MOTION = record_of(Motion)
+MEMORY = record(motions="i8", count="i8")
+"""Address and number of the motions."""
+_motions_at = pointer_to(MOTION)
+
+
+# numpy's division: a rate or rise of 0 has to give NaN, because an exception of compiled code that the
+# master calls by address is lost
+@njit(cache=True, error_model="numpy")
+def breathing(motion, t):
+    """Share of the amplitude (1) at `t` (s), and its rate of change (1/s)."""
+    last = motion.onset + np.ceil((motion.end - motion.onset) * motion.rate) / motion.rate
+    if t <= motion.onset or t >= last:
+        return 0.0, 0.0
+    omega = 2.0 * math.pi * motion.rate
+    phase = omega * (t - motion.onset)
+    return 1.0 - math.cos(phase), omega * math.sin(phase)
+
+
+@njit(cache=True, error_model="numpy")
+def least_jerk(t, rise):
+    """Share of a way of duration `rise` (s) that is done `t` seconds after its start (1), and its rate (1/s)."""
+    if t <= 0.0:
+        return 0.0, 0.0
+    if t >= rise:
+        return 1.0, 0.0
+    q = t / rise
+    return q * q * q * (10.0 + q * (6.0 * q - 15.0)), 30.0 * q * q * (1.0 - q) * (1.0 - q) / rise
+
+
+@njit(cache=True)
+def progress(motion, t):
+    """Share of its displacement that `motion` has reached at `t` (1), and its rate of change (1/s)."""
+    if motion.kind == MotionKind.BREATHING:
+        return breathing(motion, t)
+    there, v_there = least_jerk(t - motion.onset, motion.rise)
+    back, v_back = least_jerk(t - motion.end, motion.rise)
+    return there - back, v_there - v_back
+
+
+@step_function(MEMORY, outputs=OUTPUTS)
+def step(m, t, h, u, y):
+    motions = carray(_motions_at(m.motions), m.count)
+    y.s_B[:] = 0.0
+    y.v_s_B[:] = 0.0
+    for i in range(m.count):
+        motion = motions[i]
+        share, rate = progress(motion, t)
+        for axis in range(3):
+            y.s_B[axis] += share * motion.displacement[axis]
+            y.v_s_B[axis] += rate * motion.displacement[axis]
+    return 0
+
+
+class Body(NativeComponent):
+    """The surface's motion: the sum of `motions`, sampled every tick."""
+
+    def __init__(self, motions: Sequence[Motion]):
+        table = np.array([tuple(motion) for motion in motions], dtype=MOTION)
+        memory = np.array([(0, len(table))], dtype=MEMORY)
+        super().__init__("body", (), OUTPUTS, True, step, memory, pointers={"motions": table})
+
+
+class ContactLaw(IntEnum):
+    """By the names in an experiment's file, in capitals."""
+
+    HUNT_CROSSLEY = 0
+    KELVIN_VOIGT = 1
+    EXPONENTIAL = 2
+
+
+# numpy's division: a constant that a fault has set to 0 has to give NaN, because an exception of compiled code that the
+# master calls by address is lost
+@njit(cache=True, error_model="numpy", forceinline=True)
+def elastic_force(parameters, d):
+    """Force (N) of a surface that was pressed in to depth `d` > 0 (m) and stays there."""
+    if parameters.law == ContactLaw.EXPONENTIAL:
+        return parameters.K / parameters.stiffening * math.expm1(parameters.stiffening * d)
+    if parameters.law == ContactLaw.HUNT_CROSSLEY and parameters.exponent != 1.0:
+        return parameters.K * d * (d / parameters.reference_depth) ** (parameters.exponent - 1.0)
+    return parameters.K * d
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def pressing_force(parameters, d, rate):
+    """Normal force (N, >= 0) at depth `d` (m, positive inside) that grows at `rate` (m/s)."""
+    if d <= 0.0:
+        return 0.0
+    if parameters.law == ContactLaw.KELVIN_VOIGT:
+        share = min(d / parameters.touch_depth, 1.0)
+        fade = share * share * (3.0 - 2.0 * share)
+        return max(elastic_force(parameters, d) + parameters.damper * fade * rate, 0.0)
+    return max(elastic_force(parameters, d) * (1.0 + parameters.damping * rate), 0.0)
+
+
+class LawKeys(NamedTuple):
+    """The keys that a law knows besides the stiffness."""
+
+    needed: tuple[str, ...]
+    optional: tuple[str, ...] = ()
+
+    @property
+    def all(self) -> tuple[str, ...]:
+        return self.needed + self.optional
+
+
+Law = Literal["hunt_crossley", "kelvin_voigt", "exponential"]
+LAWS: dict[Law, LawKeys] = {
+    "hunt_crossley": LawKeys(("damping",), ("exponent", "reference_depth")),
+    "kelvin_voigt": LawKeys(("damper", "touch_depth")),
+    "exponential": LawKeys(("damping", "stiffening")),
+}
+
+
+class Contact(Settings):
+    """[contact]: a surface, how it answers to being pressed in and rubbed, and how it moves.
+
+    Which law the stiffness and the keys of `LAWS` belong to: see `twin/robot/plant/contact_law.py`.
+
+    Attributes:
+        body: the file in bodies/ that filled this table in.
+        kind: for people; a law or shape is not tied to it.
+    """
+
+    body: str | None = setting(
+        default=None, examples=["back"], help="a file of bodies/ that fills in what this table does not say"
+    )
+    kind: Literal["scale", "skin"] = setting(into=None, help="for people")
+    height: float = setting("mm", field="z_s", help="z of the surface's highest point, or of the plane at x = y = 0")
+    tilt: float = setting("deg", gt=-45, lt=45, help="tilt about y")
+    tilt_x: float = setting("deg", default=0.0, gt=-45, lt=45, help="tilt about x")
+    radius: float | None = setting(
+        "mm", absent=math.inf, default=None, gt=0, examples=[60.0], help="radius of a sphere or cylinder"
+    )
+    shape: Literal["plane", "sphere", "cylinder_x", "cylinder_y"] = setting(
+        default="plane", help="shape of the surface"
+    )
+    stiffness: float = setting(
+        "N/m", field="K", broken_by=("stiffness_change",), ge=0, help="stiffness; the laws say at which depth"
+    )
+    damping: float | None = setting(
+        "s/m",
+        absent=0.0,
+        default=None,
+        ge=0,
+        examples=[3.0],
+        help="Hunt-Crossley and exponential: force grows by this share per speed of pressing in",
+    )
+    exponent: float | None = setting(
+        absent=1.0, default=None, ge=1, le=5, examples=[1.5], help="Hunt-Crossley: force over depth"
+    )
+    reference_depth: float | None = setting(
+        "mm",
+        absent=1e-3,
+        default=None,
+        gt=0,
+        examples=[4.0],
+        help="Hunt-Crossley with an exponent: depth at which the stiffness holds",
+    )
+    damper: float | None = setting(
+        "N s/m", absent=0.0, default=None, ge=0, examples=[10.0], help="Kelvin-Voigt: viscous damper"
+    )
+    touch_depth: float | None = setting(
+        "mm",
+        absent=1e-3,
+        default=None,
+        gt=0,
+        examples=[1.0],
+        help="Kelvin-Voigt: depth over which damper and spring take hold",
+    )
+    stiffening: float | None = setting(
+        "1/mm",
+        absent=0.0,
+        default=None,
+        gt=0,
+        examples=[0.2],
+        help="exponential: relative growth of the stiffness per depth",
+    )
+    # law and shape stand after the keys they decide on: a field's check sees the fields before it
+    law: Law = setting(default="hunt_crossley", help="law of the normal force")
+    friction: float = setting(field="mu", ge=0, help="Coulomb coefficient")
+    bristle: float = setting("N/m", field="sigma_0", gt=0, help="lateral stiffness while sticking")
+    bristle_damping: float = setting("N s/m", field="sigma_1", ge=0, help="lateral damping while sticking")
+    breathing: Breathing | None = None
+    shift: Shift | None = None
+
+    @property
+    def motions(self) -> list[Breathing | Shift]:
+        """The tables of its motions that there are."""
+        return [table for table in (self.breathing, self.shift) if table is not None]
+
+    @property
+    def law_constants(self) -> dict[str, Any]:
+        """What is said of the law, by attribute."""
+        return {name: getattr(self, name) for name in LAWS[self.law].all if getattr(self, name) is not None}
+
+    @field_validator("shape")
+    @classmethod
+    def _radius_where_it_belongs(cls, shape: str, info: ValidationInfo) -> str:
+        flat, has_radius = shape == "plane", info.data.get("radius") is not None
+        if flat and has_radius:
+            raise ValueError("has no radius; remove radius_mm or name the shape it belongs to")
+        if not flat and not has_radius and "radius" in info.data:
+            raise ValueError("missing key 'radius_mm'")
+        return shape
+
+    @field_validator("stiffness")
+    @classmethod
+    def _skin_resists(cls, stiffness: float, info: ValidationInfo) -> float:
+        if stiffness == 0.0 and info.data.get("kind") == "skin":
+            raise ValueError("a skin that does not resist is not there; expected a number > 0")
+        return stiffness
+
+    @field_validator("law")
+    @classmethod
+    def _keys_of_one_law(cls, law: Law, info: ValidationInfo) -> Law:
+        missing = [name for name in LAWS[law].needed if _is_missing(name, info.data)]
+        curved = law == "hunt_crossley" and (info.data.get("exponent") or 1.0) != 1.0
+        if curved and _is_missing("reference_depth", info.data):
+            missing.append("reference_depth")
+        if missing:
+            raise ValueError(f"needs {', '.join(_key(name) for name in missing)}")
+        others = {name for keys in LAWS.values() for name in keys.all} - set(LAWS[law].all)
+        foreign = sorted(_key(name) for name in others if info.data.get(name) is not None)
+        if foreign:
+            raise ValueError(f"does not know {', '.join(foreign)}; remove it or name the law it belongs to")
+        return law
+
+    @field_validator("breathing", "shift")
+    @classmethod
+    def _ends_after_it_starts(cls, table: Breathing | Shift | None) -> Breathing | Shift | None:
+        if table is not None and table.end is not None and table.end <= table.start:
+            raise ValueError(f"ends at {table.end:g} s, before it starts at {table.start:g} s")
+        return table
+
+
+def _is_missing(name: str, checked: dict[str, Any]) -> bool:
+    """Whether nothing was said of `name`; a value that was refused is told as a mistake of its own."""
+    return name in checked and checked[name] is None
+
+
+def _key(name: str) -> str:
+    return Contact.model_fields[name].alias or name

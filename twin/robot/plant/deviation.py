@@ -1,0 +1,73 @@
+"""How far force and position are from what they should be over a block of rows, added up by compiled code."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.compiled.function import carray, njit
+from twin.kernel.compiled.native import entry
+
+COLUMNS = 9
+"""Of a row that are looked at: F_z by the platform on what it touches, negative while it presses; p_B; p_ref_B;
+whether force is controlled; its reference."""
+FOUND = 7
+
+
+@njit(cache=True, inline="always")
+def _value(row, column):
+    return row[column] if column >= 0 else np.nan
+
+
+@entry("int", "doubles", "int", "int", "integers", "int", "doubles", "doubles")
+def _add_up(rows, count, width, columns, touched, found, off):
+    table, column = carray(rows, (count, width)), carray(columns, COLUMNS)
+    sums, squares = carray(found, FOUND), carray(off, count)
+    sums[:] = 0.0
+    sums[3] = -np.inf
+    sums[5] = sums[6] = -1.0
+    controlled = 0
+    for i in range(count):
+        row = table[i]
+        F_z = -_value(row, column[0])
+        if F_z > sums[3]:
+            sums[3], sums[4] = F_z, i
+        for axis in range(3):
+            astray = _value(row, column[1 + axis]) - _value(row, column[4 + axis])
+            sums[axis] += astray * astray
+        if F_z > 0.0 and sums[5] < 0.0:
+            sums[5] = i
+        if _value(row, column[7]) > 0.0:
+            if sums[6] < 0.0:
+                sums[6] = i
+            if touched or sums[5] >= 0.0:
+                error = _value(row, column[8]) - F_z
+                squares[controlled] = error * error
+                controlled += 1
+    return controlled
+
+
+class Deviation:
+    """What blocks of at most `size` rows come to, one at a time.
+
+    Attributes:
+        squares: sums of the squares of p_B - p_ref_B, added in the order of the rows, (3,) m^2.
+        off: squares of the pressing force less its reference where it is controlled, from the first touch on, (n,) N^2.
+        peak, place: largest pressing force (N), and in which row.
+        touch, trigger: the first row that presses, and the first in which force is controlled; -1: none.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._found, self._off = np.zeros(FOUND), np.empty(size)
+
+    def look(self, rows: NDArray[np.float64], columns: NDArray[np.int64], touched: bool = False) -> None:
+        """Take a block.
+
+        Args:
+            rows: (n, width), n at most `size`.
+            columns: where `COLUMNS` are in a row, (9,); below 0: nowhere, taken as nan.
+            touched: whether the platform has pressed in a block before.
+        """
+        rows = np.ascontiguousarray(rows)
+        controlled = _add_up(rows, *rows.shape, columns, touched, self._found, self._off)
+        self.squares, self.off = self._found[:3], self._off[:controlled]
+        self.peak, self.place = float(self._found[3]), int(self._found[4])
+        self.touch, self.trigger = int(self._found[5]), int(self._found[6])

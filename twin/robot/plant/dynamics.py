@@ -1,0 +1,369 @@
+"""The constants of the plant, and its acceleration: three series elastic joints, the mechanism, the contact.
+
+In platform coordinates, with J = d theta_l / d p (3 x 3), tau_l the torque of the springs on the joints, omega = J v,
+kappa = (dJ/dt) v, d_i = dA_i/d theta_i and d'_i = d^2 A_i/d theta_i^2 of knee i,
+
+    M(p) dv/dt = J^T (tau_l - b_j omega + g_a) - c - F_ee_B - (m_p + 3/2 m_b) g e_z,
+    M = (m_p + m_b) 1 + I_a J^T J + m_b/6 sum_i (d_i J_i + J_i^T d_i^T),
+    c = I_a J^T kappa + m_b/6 sum_i (d_i kappa_i + d'_i omega_i^2),
+    I_a = (m_a + m_b) l_a^2/3 + I_r,  g_a = (m_a/2 + m_b/2) g l_a cos theta_l:
+
+Lagrange's equations of uniform rods (P2 to P6 of docs/physics.md). Where the base is tilted, e_z is `contact.upward`;
+dry friction and hard stops add to the joints' torques (`contact.py`). One compiled function; the co-simulation
+component and the python-control system both integrate it.
+"""
+
+import math
+
+import numpy as np
+from pydantic import model_validator
+
+from twin.kernel.compiled.function import njit
+from twin.kernel.compiled.lanes import with_lane
+from twin.kernel.cosim.port import record_of
+from twin.kernel.settings import Triple, Values, setting, taken
+from twin.robot.mechanism.geometry import Model, coordinates_along, legs
+from twin.robot.mechanism.leg import angle_near, angles_near, leg_motion, leg_vectors, links
+from twin.robot.mechanism.statics import (
+    arm_weight,
+    dead_zone,
+    deflection,
+    directed_load_torque,
+    leg_inertia,
+    load_torque,
+    moving_mass,
+    platform_weight,
+)
+from twin.robot.plant.contact import (
+    ANCHORS,
+    apex_frame,
+    drag,
+    friction_torque,
+    gripped,
+    hanging,
+    stop_torque,
+    stopped,
+    touch,
+    upward,
+)
+from twin.robot.plant.contact_law import Contact
+
+ZEROS = (0.0, 0.0, 0.0)
+
+
+class Robot(Model):
+    """[robot]: a robot as it is, with what its controller does not model."""
+
+    name: str = setting(help="for people")
+    I_r: float = setting("kg m2", ge=0, help="inertia of pulley and encoder about the joint axis")
+    b_j: float = setting("N m s/rad", ge=0, help="viscous friction of a joint")
+    backlash: float = setting("deg", ge=0, help="half width of the dead zone, motor side")
+    eta_rate: float = setting("rad/s", ge=0, help="speed over which eta turns from driven to driving; 0: it does not")
+    motor_noise: float = setting(
+        "deg", into="encoders", default=0.0, ge=0, help="standard deviation of the motor encoders' noise"
+    )
+    joint_noise: float = setting(
+        "deg", into="encoders", default=0.0, ge=0, help="standard deviation of the joint encoders' noise"
+    )
+    motor_eccentricity: Triple = setting(
+        "deg", into="encoders", default=ZEROS, help="how much each motor encoder reads too much at most, once a turn"
+    )
+    motor_eccentric_at: Triple = setting(
+        "deg",
+        into="encoders",
+        default=ZEROS,
+        help="motor angle from which on that error grows, a quarter of a turn before it is most",
+    )
+    joint_eccentricity: Triple = setting(
+        "deg", into="encoders", default=ZEROS, help="how much each joint encoder reads too much at most, once a turn"
+    )
+    joint_eccentric_at: Triple = setting(
+        "deg",
+        into="encoders",
+        default=ZEROS,
+        help="joint angle from which on that error grows, a quarter of a turn before it is most",
+    )
+    encoder_latency: float = setting(
+        "ms", into=None, default=0.0, ge=0, le=1000, help="how old a count is when it is read"
+    )
+    belt_compliance: float = setting(
+        "rad/(N m)", default=0.0, ge=0, help="how far a joint turns by its belt alone, in series with the spring"
+    )
+    joint_friction: float = setting("N m", default=0.0, ge=0, help="dry friction of a joint")
+    joint_presliding: float = setting(
+        "deg", default=0.05, gt=0, help="how far a joint yields before its dry friction slides"
+    )
+    spring_hysteresis: float = setting(
+        default=0.0, ge=0, le=0.5, help="share of a spring's torque that its own dry friction adds and takes"
+    )
+    spring_stop: float | None = setting(
+        "deg",
+        absent=math.inf,
+        default=None,
+        gt=0,
+        examples=[15.0],
+        help="deflection at which a spring meets its hard stop, motor side",
+    )
+    joint_lower: float | None = setting(
+        "deg", absent=-math.inf, default=None, examples=[-60.0], help="hard stop of a joint, upwards"
+    )
+    joint_upper: float | None = setting(
+        "deg", absent=math.inf, default=None, examples=[90.0], help="hard stop of a joint, downwards"
+    )
+    stop: float = setting("N m/rad", default=100.0, gt=0, help="stiffness of hard stops")
+    mounting_tilt: float = setting("deg", default=0.0, ge=-180, le=180, help="tilt of the base about its y")
+    mounting_tilt_x: float = setting("deg", default=0.0, ge=-180, le=180, help="tilt of the base about its x")
+    head: Triple = setting("mm", default=ZEROS, help="where the head touches, seen from O_P")
+    ball_joint_limit: float | None = setting(
+        "deg",
+        into=None,
+        default=None,
+        gt=0,
+        examples=[30.0],
+        help="how far a rod may lean in its ball joints; without it, any",
+    )
+    link_diameter: float | None = setting(
+        "mm", into=None, default=None, gt=0, examples=[9.0], help="of the proximal links, which may not meet other legs"
+    )
+    rod_diameter: float | None = setting(
+        "mm", into=None, default=None, gt=0, examples=[4.0], help="of the distal rods, which may not meet other legs"
+    )
+    rod_spacing: float | None = setting(
+        "mm", into=None, default=None, gt=0, examples=[24.0], help="between the two rods of a pair"
+    )
+
+    @model_validator(mode="after")
+    def _in_order(self) -> "Robot":
+        if self.joint_lower is not None and self.joint_upper is not None and self.joint_lower >= self.joint_upper:
+            raise ValueError("joint_lower_deg: expected less than joint_upper_deg")
+        return self
+
+
+class TrueRobot(Robot):
+    """[plant]: [robot], where the real one differs from it; and how finely it is integrated."""
+
+    substeps: int = setting(into=None, ge=1, le=1000, help="Runge-Kutta steps per tick")
+
+
+WHOLE = (1.0, 1.0, 1.0)
+CONDITION = {
+    "k_s_share": setting(
+        default=WHOLE,
+        broken_by=("spring_softened", "spring_broken"),
+        help="what is left of k_s in the spring; 0: broken",
+    ),
+    "backlash_added": setting("rad", default=ZEROS, broken_by=("backlash_growth",), help="on top of backlash"),
+    "b_j_added": setting("N m s/rad", default=ZEROS, broken_by=("joint_friction",), help="on top of b_j"),
+    "slip": setting(
+        "rad", default=ZEROS, broken_by=("belt_slip",), help="how far the belt has slipped: deflection lost, motor side"
+    ),
+}
+"""Of each joint; in the beginning it is as it was built."""
+
+
+class PlantParameters(
+    Values,
+    parts=(taken(TrueRobot), taken(Contact), CONDITION),
+    # the oldest ones; whatever a table has besides follows
+    first="""a b l_a l_b m_a m_b m_p I_r b_j k_s N eta backlash eta_rate z_s tilt K damping mu sigma_0 sigma_1 tilt_x
+    shape radius law exponent reference_depth stiffening damper touch_depth k_s_share backlash_added b_j_added slip""",
+):
+    """The robot and what it presses on, as they really are (not as the controller believes), SI.
+
+    Every number of [plant] and [contact] by its name there, but for `z_s`, the height, `K`, the stiffness, `mu`, the
+    friction, and `sigma_0` and `sigma_1`, the bristle's stiffness and damping (see `contact_law.py` and
+    `contact.py`), and the CONDITION of each joint. What a table may leave out is a robot without that
+    effect: `eta_rate` 0, the paper's constant efficiency, and hard stops at infinity.
+    """
+
+
+PARAMETERS = record_of(PlantParameters)
+"""`PlantParameters` as a record: numbers, and arrays (3,) where the tuple holds three."""
+
+STATES = 8
+"""The state x: platform position p_B (m), velocity v_B (m/s), bristle deflection z_b in the surface (m)."""
+
+
+UNTOUCHED = np.full((3, ANCHORS), np.nan)
+"""Anchors of a robot that was nowhere yet: no angle is known, and no friction holds."""
+
+
+@njit(cache=True, forceinline=True)
+def spring_deflection(parameters, leg, theta_m, theta_l):
+    """Deflection that winds the spring of `leg` (rad, motor side): Eq. 19 less the belt's slip and the backlash."""
+    d = deflection(theta_m, theta_l, parameters.N) - parameters.slip[leg]
+    return dead_zone(d, parameters.backlash + parameters.backlash_added[leg])
+
+
+@njit(cache=True, forceinline=True)
+def spring_stiffness(parameters, leg):
+    """Stiffness (N m/rad) of the spring of `leg`: k_s as built, times what is left of it."""
+    return parameters.k_s * parameters.k_s_share[leg]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def series_share(parameters, leg):
+    """What a belt in series leaves of the stiffness of the spring of `leg` (1).
+
+    A belt without mass that yields by c per torque on the joint leaves 1/k = 1/k_s + N^2 c on the motor's side.
+    """
+    return 1.0 / (1.0 + spring_stiffness(parameters, leg) * parameters.N * parameters.N * parameters.belt_compliance)
+
+
+@njit(cache=True, forceinline=True)
+def has_effects(parameters):
+    """Whether the robot has any of the small effects that turn its joints; if not, nothing need be looked at again."""
+    p = parameters
+    springs = (p.belt_compliance > 0.0) | (p.spring_hysteresis > 0.0) | (p.spring_stop < math.inf)
+    joints = (p.joint_friction > 0.0) | (p.joint_lower > -math.inf) | (p.joint_upper < math.inf)
+    return springs | joints | (p.mounting_tilt != 0.0) | (p.mounting_tilt_x != 0.0)
+
+
+@njit(cache=True)
+def winding(parameters, anchors, leg, theta_m, theta_l):
+    """Deflection (rad, motor side) of an ideal spring that carries what the spring of `leg` does, which may be at its
+    stop, have hysteresis and be in series with a belt that yields."""
+    d = stopped(parameters, spring_deflection(parameters, leg, theta_m, theta_l))
+    if parameters.spring_hysteresis > 0.0:
+        d = gripped(parameters, anchors, leg, d)
+    return series_share(parameters, leg) * d
+
+
+@njit(cache=True)
+def _push(parameters, anchors, leg, theta_l):
+    """Torque (N m) of dry friction and hard stops on the joint of `leg`."""
+    push = stop_torque(parameters, theta_l)
+    return push - friction_torque(parameters, anchors, leg, theta_l) if parameters.joint_friction > 0.0 else push
+
+
+@njit(cache=True, forceinline=True)
+def head_sees(parameters, s_B):
+    """Where a surface that is displaced by the triple `s_B` (m) is for a platform that would touch in O_P."""
+    head = parameters.head
+    return s_B[0] - head[0], s_B[1] - head[1], s_B[2] - head[2]
+
+
+@njit(cache=True)
+def settle_friction(parameters, x, theta_m, anchors):
+    """Drag the anchors of dry friction, in place, to the state `x` at the motor angles `theta_m` (3) in rad."""
+    for leg in range(3):
+        k_r, k_z, _, _, _, _ = leg_vectors(parameters, leg, x[0], x[1], x[2])
+        theta_l = angle_near(anchors, leg, k_r, k_z)
+        d = stopped(parameters, spring_deflection(parameters, leg, theta_m[leg], theta_l))
+        drag(parameters, anchors, leg, theta_l, d)
+
+
+@njit(cache=True, forceinline=True)
+def joint_torque(parameters, leg, d, omega_l):
+    """tau_l (N m) that the spring of `leg` at deflection `d` puts on the joint (Eq. 20), efficiency as configured."""
+    k_s = spring_stiffness(parameters, leg)
+    if parameters.eta_rate > 0.0:
+        return directed_load_torque(k_s, parameters.N, parameters.eta, d, omega_l, parameters.eta_rate)
+    return load_torque(k_s, parameters.N, parameters.eta, d)
+
+
+@njit(cache=True, forceinline=True)
+def _joint(parameters, anchors, leg, theta_m, theta_l, omega_l, k_r, k_z, up, special):
+    """Torque (N m) on the joint of `leg` by its spring, damping, dry friction and stops, and the weight of its arm.
+
+    theta_l, omega_l, k_r, k_z are those of all legs, `compiled.lanes`; the rest as in `acceleration`.
+    """
+    angle, speed, hangs = theta_l[leg], omega_l[leg], arm_weight(parameters)
+    if special:
+        d = winding(parameters, anchors, leg, theta_m[leg], angle)
+        push = hangs * hanging(up, leg, k_r[leg], k_z[leg]) + _push(parameters, anchors, leg, angle)
+    else:
+        d, push = spring_deflection(parameters, leg, theta_m[leg], angle), hangs * k_r[leg]
+    tau_l = joint_torque(parameters, leg, d, speed)
+    return tau_l - (parameters.b_j + parameters.b_j_added[leg]) * speed + push
+
+
+@njit(cache=True, forceinline=True)
+def _summed(start, lanes):
+    return start + lanes[0] + lanes[1] + lanes[2]
+
+
+# numpy's division: a robot without mass has to give infinity, because an exception of compiled code that the master
+# calls by address is lost
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _solve_symmetric(a, b, c, d, e, f, x, y, z):
+    """Solve [[a, b, c], [b, d, e], [c, e, f]] s = (x, y, z) by cofactors."""
+    m11, m12, m13 = d * f - e * e, c * e - b * f, b * e - c * d
+    m22, m23, m33 = a * f - c * c, b * c - a * e, a * d - b * b
+    share = 1.0 / (a * m11 + b * m12 + c * m13)
+    return (
+        (m11 * x + m12 * y + m13 * z) * share,
+        (m12 * x + m22 * y + m23 * z) * share,
+        (m13 * x + m23 * y + m33 * z) * share,
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors, special=True):
+    """What the platform and the bristles do next: dv/dt (m/s^2) and dz_b/dt (m/s), two tuples.
+
+    Outside the workspace, where there are no joint angles, both are NaN.
+
+    Args:
+        parameters: `PlantParameters`, or a record of them.
+        p, v: position (m) and velocity (m/s) of the platform, triples.
+        z_b: bristle deflection (m), a pair.
+        theta_m: motor angles (rad), a triple.
+        s_B, v_s_B: displacement (m) and velocity (m/s) of the surface as the head sees it (`head_sees`), triples; it
+            does not turn.
+        apex: see `touch`.
+        anchors: of the joints' angles, see `robot.leg`, and of dry friction, see `contact.py`.
+        special: False where `has_effects` is, which is asked once and not in each evaluation.
+    """
+    x, y, z = p
+    vx, vy, vz = v
+    inertia, sixth = leg_inertia(parameters, parameters), parameters.m_b / 6.0
+    # the platform as the surface sees it
+    rx, ry, rz = x - s_B[0], y - s_B[1], z - s_B[2]
+    ux, uy, uz = vx - v_s_B[0], vy - v_s_B[1], vz - v_s_B[2]
+    contact_x, contact_y, contact_z, _, dz_1, dz_2 = touch(parameters, apex, rx, ry, rz, ux, uy, uz, z_b[0], z_b[1])
+    up, weight = (0.0, 0.0, 1.0), platform_weight(parameters)
+    fx, fy, fz = -contact_x, -contact_y, -contact_z - weight
+    if special:
+        up = upward(parameters)
+        fx, fy, fz = fx - weight * up[0], fy - weight * up[1], -contact_z - weight * up[2]
+    # all three legs at once, in their own frames: outward, sideways, up
+    C, S = legs()
+    u, w = coordinates_along(parameters, C, S, x, y)
+    k_r, k_z, r, w, h, q = links(parameters, u, w, z)
+    j_r, j_w, j_z, omega_l, kappa = leg_motion(parameters, k_r, k_z, r, w, h, q, C * vx + S * vy, C * vy - S * vx, vz)
+    square = omega_l * omega_l
+    theta_l = angles_near(anchors, k_r, k_z)
+    tau = omega_l
+    for leg in range(3):
+        own = _joint(parameters, anchors, leg, theta_m, theta_l, omega_l, k_r, k_z, up, special)
+        tau = with_lane(tau, leg, own)
+    tau = tau - inertia * kappa
+    f_r = j_r * tau - sixth * (k_z * kappa - k_r * square)
+    f_w = j_w * tau
+    fx, fy = _summed(fx, C * f_r - S * f_w), _summed(fy, S * f_r + C * f_w)
+    fz = _summed(fz, j_z * tau + sixth * (k_r * kappa + k_z * square))
+    # I_a/2 J_i + m_b/6 d_i, of which M has the product with J_i and its transpose
+    a_r, a_w, a_z = 0.5 * inertia * j_r + sixth * k_z, 0.5 * inertia * j_w, 0.5 * inertia * j_z - sixth * k_r
+    jx, jy = C * j_r - S * j_w, S * j_r + C * j_w
+    ax, ay = C * a_r - S * a_w, S * a_r + C * a_w
+    m, zero = moving_mass(parameters), 0.0
+    m11, m12, m13 = _summed(m, 2.0 * ax * jx), _summed(zero, ax * jy + ay * jx), _summed(zero, ax * j_z + a_z * jx)
+    m22, m23, m33 = _summed(m, 2.0 * ay * jy), _summed(zero, ay * j_z + a_z * jy), _summed(m, 2.0 * a_z * j_z)
+    return _solve_symmetric(m11, m12, m13, m22, m23, m33, fx, fy, fz), (dz_1, dz_2)
+
+
+@njit(cache=True)
+def derivative(parameters, x, theta_m, s_B, v_s_B, dx):
+    """dx/dt into `dx`, for the state `x` (8,) of STATES, without dry friction; else as `acceleration`."""
+    derivative_near(parameters, x, theta_m, s_B, v_s_B, UNTOUCHED, dx)
+
+
+@njit(cache=True)
+def derivative_near(parameters, x, theta_m, s_B, v_s_B, anchors, dx):
+    """As `derivative`, with dry friction that holds where `anchors` say."""
+    p, v, z_b, s_B = (x[0], x[1], x[2]), (x[3], x[4], x[5]), (x[6], x[7]), head_sees(parameters, s_B)
+    dx[0], dx[1], dx[2] = v
+    dv, dz = acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex_frame(parameters), anchors)
+    dx[3], dx[4], dx[5] = dv
+    dx[6], dx[7] = dz

@@ -1,0 +1,186 @@
+"""One run: an experiment assembled, stepped in slices, recorded as it goes."""
+
+import shlex
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.kernel.cosim.observers import Progress, simulate
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.errors import ComponentFailed
+from twin.kernel.recording.folder import RECORDING
+from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder
+from twin.kernel.recording.writer import Writer
+from twin.kernel.writing import made_folder, write_json
+from twin.robot.assembly.assemble import HERE, Assembly, assemble
+from twin.robot.assembly.build import DriveMaker
+from twin.robot.assembly.drives import DrivePlan
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.monitor.component import trip_reason
+from twin.robot.run.fastest_pole import too_fast
+from twin.robot.run.held_force import Held, HeldForce
+from twin.robot.run.outcome import RunOutcome, Tally
+from twin.robot.run.pacing import Pace, Punctuality
+from twin.robot.run.provenance import driven, provenance
+from twin.robot.run.trace import streams_of
+from twin.robot.run.tuning import Tuning
+from twin.robot.run.viewer import Shown, Viewer
+from twin.robot.run.watch import Watch
+from twin.robot.scene.scene import Scene
+
+SLICE_TICKS = BLOCK_TICKS
+SUMMARY = "summary.json"
+
+Report = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished run.
+
+    Attributes:
+        recording: the MCAP file.
+        simulated, stepping, writing: simulated time, wall time in the master and in the recorder (s).
+        events: (time in s, level, text).
+        trip: why the safety monitor tripped; "" if it did not.
+        drives: what stood behind each joint: file, FMI version, hash, mapping, warnings; nothing for a substitute.
+        substituted: what took the place of the experiment's own components, by their names.
+        outcome: what it came to.
+        microseconds: wall time per tick of each component, if it was measured.
+        changed: whether parameters were changed while it ran; the events say which and when.
+        punctuality: how its deadlines were kept; None if it was not paced.
+        parts: sentences on parts of another make, by their names.
+        held: what the pressing force of each task was.
+    """
+
+    recording: Path
+    simulated: float
+    stepping: float
+    writing: float
+    events: tuple[tuple[float, str, str], ...]
+    trip: str
+    drives: tuple[str, ...]
+    substituted: dict[str, str]
+    outcome: RunOutcome
+    microseconds: dict[str, float]
+    changed: bool
+    punctuality: Punctuality | None
+    parts: dict[str, str] = field(default_factory=dict)
+    held: tuple[Held, ...] = ()
+
+    @property
+    def real_time_factor(self) -> float:
+        return self.simulated / self.stepping
+
+
+def execute(
+    experiment: Experiment,
+    folder: str | Path,
+    progress: Report = lambda done, total: None,
+    substitutes: Mapping[str, Any] | None = None,
+    timed: bool = False,
+    maker: DriveMaker = HERE,
+    factor: float | None = None,
+    viewer: Viewer | None = None,
+) -> Run:
+    """Run `experiment` and record it as `folder`/run.mcap, with a summary beside it.
+
+    Args:
+        experiment: checked.
+        folder: the run's own folder, made if it is not there.
+        progress: told (ticks done, ticks in all) after every slice.
+        substitutes: see `assemble`. The recording, the summary and every report name them.
+        timed: measure each component.
+        maker: see `assemble`.
+        factor: simulated time per wall time, > 0; None: as fast as it goes. It leaves no trace in the recording.
+        viewer: who watches while it goes on, and may change parameters.
+
+    Raises:
+        InputRefused: a drive FMU does not fit.
+        ComponentFailed: a component failed; what was recorded stays as run.mcap.partial.
+        NotWritten: the disk is full; likewise.
+    """
+    path = made_folder(Path(folder)) / RECORDING
+    with assemble(experiment, substitutes, maker) as assembly:
+        pace = Pace(factor, assembly.system.tick) if factor else None
+        run = _recorded(experiment, assembly, path, progress, timed, pace, viewer)
+        summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
+        # before the FMUs are freed: one that crashes then shall take nothing with it
+        write_json(path.with_name(SUMMARY), summary)
+    return run
+
+
+def _recorded(
+    experiment: Experiment,
+    assembly: Assembly,
+    path: Path,
+    progress: Report,
+    timed: bool,
+    pace: Pace | None,
+    viewer: Viewer | None,
+) -> Run:
+    system, last_tick = assembly.system, experiment.duration_ticks
+    # at the rate "controller" nothing is recorded more often than the controller acts
+    streams = streams_of(system, experiment.controller_ticks if experiment.recording.rate == "controller" else 1)
+    scene, tuning, tally = Scene(experiment, system), Tuning(experiment, assembly), Tally(system)
+    topics = [stream.topic for stream in streams]
+    with Writer(path, topics, system.tick, provenance(experiment, assembly), scene.forms) as writer:
+        recorder = Recorder(writer, streams, scene.drawings, lambda: tuning.first)
+        held = HeldForce(system, experiment.tasks)
+        observers = [tuning, Watch(assembly, experiment), tally, held, recorder, Progress(progress, last_tick + 1)]
+        observers += [pace] if pace else []
+        observers += [Shown(viewer, streams, scene, tuning)] if viewer else []
+        slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
+        done = simulate(assembly, last_tick, observers, slice_ticks, timed)
+        tuning.close()
+        if done.failure:
+            raise _with_remedy(experiment, done.simulation, assembly, recorder.abandon(done.failure))
+        recording = recorder.finish()
+    return Run(
+        recording=recording,
+        simulated=last_tick * system.tick,
+        stepping=done.stepping,
+        writing=recorder.writing,
+        events=tuple((event.tick * system.tick, event.level, event.text) for event in recorder.events),
+        trip=trip_reason(done.simulation),
+        drives=tuple(_told(plan) for _, plan in driven(assembly)),
+        substituted=assembly.substituted,
+        outcome=tally.outcome,
+        microseconds={name: 1e6 * cost for name, cost in done.costs.items()},
+        changed=bool(tuning.first),
+        punctuality=pace.punctuality() if pace else None,
+        parts={role: part.sentence for role, part in assembly.others.items()},
+        held=held.held,
+    )
+
+
+def _told(plan: DrivePlan) -> str:
+    """A drive in a few lines: files, FMI versions and hashes, foreign names, warnings."""
+    lines = [f"{d.path.name}  {d.standard}  sha256 {d.sha256[:12]}" for d in plan.parts.values()]
+    lines += [f"  {binding}" for binding in plan.bindings if binding.name != binding.port.name]
+    return "\n".join([*lines, *(f"  warning: {text}" for text in plan.warnings())])
+
+
+def _with_remedy(experiment: Experiment, simulation: Simulation, assembly: Assembly, what: str) -> ComponentFailed:
+    """The error that says `what` has happened, and what to do about it."""
+    sentences = [what]
+    culprits = dict(zip(("drive_1", "drive_2", "drive_3"), assembly.drives, strict=True)) | {
+        "drive": assembly.drives[0]
+    }
+    known = {component.name: component for component in simulation.system.components}
+    given = simulation.inputs(known[simulation.culprit])
+    # an encoder fails by what it is given only
+    if simulation.culprit in ("plant", "encoder") or not np.isfinite(given).all():
+        hint = too_fast(experiment)
+        sentences += [hint] if hint else []
+    elif simulation.culprit in culprits:
+        fmus = [str(fmu.path) for fmu in culprits[simulation.culprit].parts.values()]
+        sentences += [f"Try: {shlex.join(['twin', 'drive', 'check', fmu])}" for fmu in fmus]
+    elif simulation.culprit in assembly.others:
+        table = experiment.stand_ins[simulation.culprit]
+        part = table.fmu or table.python or ""
+        sentences += [f"Try: {shlex.join(['twin', 'component', 'check', simulation.culprit, part])}"]
+    return ComponentFailed("\n".join(sentences))

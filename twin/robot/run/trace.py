@@ -1,0 +1,161 @@
+"""The topics of a run, and a run in memory: all of its rows or every n-th, all of its signals or some."""
+
+import math
+import re
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.cosim.observers import Observer, TickEvent, simulate
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.cosim.system import System
+from twin.kernel.errors import nearest
+from twin.kernel.recording.errors import UnknownSeries
+from twin.kernel.recording.layout import Field, Topic
+from twin.kernel.recording.messages import VALUE_TYPES
+from twin.kernel.recording.recorder import RowStream
+from twin.kernel.recording.series import NANOSECONDS
+from twin.robot.assembly.assemble import assemble
+from twin.robot.experiment.experiment import Experiment
+
+
+def streams_of(system: System, shortest: int = 1) -> list[RowStream]:
+    """One per component, in their order.
+
+    `drive_1` is the topic drive/1, `fault_1` is fault/1, everything else has its own name.
+
+    Args:
+        shortest: ticks from one message to the next, at least.
+    """
+    streams = []
+    for c, component in enumerate(system.components):
+        name = re.sub(r"^(drive|fault)_", r"\1/", component.name)
+        fields = tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in component.outputs)
+        columns = slice(int(system.y_start[c]), int(system.y_start[c + 1]))
+        streams.append(RowStream(Topic(name, fields, max(shortest, component.period)), columns))
+    return streams
+
+
+def fields_of(system: System) -> dict[str, Field]:
+    """`topic.field` -> the field, of all that a recording of `system` has."""
+    return {f"{s.topic.name}.{field.name}": field for s in streams_of(system) for field in s.topic.fields}
+
+
+class _Kept(NamedTuple):
+    """A signal that is kept: its field, the ticks between two of its values, its columns in memory."""
+
+    field: Field
+    period: int
+    columns: slice
+
+
+class Trace(Observer):
+    """Keeps a run, and is read like a recording of it: `trace["plant.F_ee_B"]`, `trace.time("drive/1")`.
+
+    Args:
+        every: rows are kept of every `every`-th tick, tick 0 first.
+        only: the signals that are kept, `topic.field` each; none: all of them.
+
+    Attributes:
+        metadata: a recording's; there is none.
+        tick: of the simulation (s).
+    """
+
+    def __init__(self, every: int = 1, only: Collection[str] = ()):
+        self.metadata: dict[str, dict[str, str]] = {}
+        self._every, self._only = every, only
+        self._signals: dict[str, _Kept] = {}
+
+    def begin(self, simulation: Simulation) -> None:
+        self.tick = simulation.system.tick
+        taken: list[int] = []
+        for stream in streams_of(simulation.system):
+            column = stream.columns.start
+            for field in stream.topic.fields:
+                name = f"{stream.topic.name}.{field.name}"
+                if not self._only or name in self._only:
+                    columns = slice(len(taken), len(taken) + field.size)
+                    self._signals[name] = _Kept(field, stream.topic.period, columns)
+                    taken += range(column, column + field.size)
+                column += field.size
+        self._taken = np.array(taken, dtype=np.intp) if self._only else slice(None)
+        self._memory = np.empty((simulation.last_tick // self._every + 1, len(taken)))
+        self._count = 0
+
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        kept = rows[-first % self._every :: self._every, self._taken]
+        self._memory[self._count : self._count + len(kept)] = kept
+        self._count += len(kept)
+
+    def __getitem__(self, key: str) -> NDArray:
+        """Values of `topic.field` when it was due, in every kept row: (n,) or, for a field of several values,
+        (n, size); float64, int64 or bool.
+
+        Raises:
+            UnknownSeries: no such signal was kept; it names the nearest ones.
+        """
+        return self.held(key)[:: self._stride(self._kept(key).period)]
+
+    def held(self, key: str) -> NDArray:
+        """Values of `topic.field` as they held at the times `t`, shaped as those of `[]`; raises the same."""
+        field, _, columns = self._kept(key)
+        values = self.values[:, columns] if field.size > 1 else self.values[:, columns.start]
+        return values != 0.0 if field.kind == "bool" else values.astype(VALUE_TYPES[field.kind], copy=False)
+
+    def of_drives(self, name: str) -> NDArray[np.float64]:
+        """The field `name` of all three drives at the times `t`, (n, 3); (n, 0) where they have none."""
+        keys = [key for key in self._signals if key.startswith("drive") and key.endswith(f".{name}")]
+        return np.column_stack([self.held(key) for key in keys]) if keys else np.zeros((self._count, 0))
+
+    @property
+    def t(self) -> NDArray[np.float64]:
+        """Times of the kept rows (s), (n,)."""
+        return np.arange(self._count, dtype=float) * (self._every * self.tick)
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """The kept rows, (n, numbers of all kept signals)."""
+        return self._memory[: self._count]
+
+    def time(self, topic: str) -> NDArray[np.float64]:
+        """When `topic` was due (s), (n,); rounded to nanoseconds, as in a recording.
+
+        Raises:
+            UnknownSeries: nothing of that topic was kept; it names the nearest ones.
+        """
+        periods = {key.rpartition(".")[0]: kept.period for key, kept in self._signals.items()}
+        if topic not in periods:
+            raise UnknownSeries(
+                f"run in memory: no topic {topic!r}; {nearest(topic, periods, 'it holds {}', 3)}", topic
+            )
+        ticks = np.arange(0, self._count, self._stride(periods[topic])) * self._every
+        return np.rint(ticks * (self.tick * NANOSECONDS)) / NANOSECONDS
+
+    def fields(self) -> dict[str, Field]:
+        """`topic.field` -> the field with its unit and meaning, in the order of the components."""
+        return {key: kept.field for key, kept in self._signals.items()}
+
+    def _kept(self, key: str) -> _Kept:
+        if key not in self._signals:
+            raise UnknownSeries(
+                f"run in memory: no series {key!r}; {nearest(key, self._signals, 'it holds {}', 3)}", key
+            )
+        return self._signals[key]
+
+    def _stride(self, period: int) -> int:
+        """Kept rows from one at which something of that `period` (ticks) is due to the next."""
+        return math.lcm(period, self._every) // self._every
+
+
+def run_in_memory(experiment: Experiment, every: int = 1, only: Collection[str] = ()) -> Trace:
+    """Run `experiment` in this process and keep what `Trace` is told to.
+
+    Raises:
+        InputRefused: a drive FMU does not fit. ComponentFailed: a component failed.
+    """
+    trace = Trace(every, only)
+    with assemble(experiment) as assembly:
+        simulate(assembly, experiment.duration_ticks, [trace]).completed()
+    return trace

@@ -1,0 +1,174 @@
+"""What happens in a run, for the time line: triggers, phases of tasks, trips, faults, messages of FMUs.
+
+What a run takes in time and on the disk, before it begins.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from twin.kernel.cosim.observers import Observer, TickEvent, messages
+from twin.kernel.errors import InputRefused
+from twin.kernel.process.limits import LONG, duration_text
+from twin.robot.assembly.assemble import Assembly
+from twin.robot.controller.program import PhaseKind
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.monitor.checks import trip_sentence
+from twin.robot.monitor.component import other_trip, own_monitor
+
+SECONDS_PER_TICK = 20e-6
+"""Stepping and recording with a drive of compiled code; one written in Python takes ten times as long."""
+BYTES_PER_TICK = 350
+"""Of a recording; the shipped experiments and drives take 300 to 410. Half of it at the controller's rate."""
+LARGE = 5e9
+"""Size (bytes) beyond which nobody starts without having been asked."""
+
+
+def estimate(experiment: Experiment) -> tuple[float, float]:
+    """(s, bytes) that a run of `experiment` takes, about."""
+    ticks = experiment.duration_ticks
+    shortest = experiment.controller_ticks if experiment.recording.rate == "controller" else 1
+    return ticks * SECONDS_PER_TICK, ticks / shortest * BYTES_PER_TICK
+
+
+def refuse_endless(experiments: Sequence[Experiment], factor: float | None = None) -> None:
+    """Ask whoever starts runs that take very long or fill the disk whether that is meant.
+
+    Args:
+        experiments: to be run one after the other.
+        factor: simulated time per wall time; None or 0: as fast as it goes.
+
+    Raises:
+        InputRefused: more than `LONG` or `LARGE`; it says how much.
+    """
+    costs = [estimate(experiment) for experiment in experiments]
+    seconds, size = (sum(cost[i] for cost in costs) for i in (0, 1))
+    if factor:
+        seconds = max(seconds, sum(one.duration_ticks * one.cosim.tick for one in experiments) / factor)
+    if seconds <= LONG and size <= LARGE:
+        return
+    ticks = sum(experiment.duration_ticks for experiment in experiments)
+    raise InputRefused(
+        f"{', '.join(experiment.name for experiment in experiments)}: {ticks:.3g} ticks take about "
+        f"{duration_text(seconds)} and {size / 1e9:,.0f} GB; shorten duration_s, or say --yes if that is meant"
+    )
+
+
+PRESSING = (PhaseKind.BUILD_UP, PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
+UNREACHED = "did not reach the force down to the floor of the approach"
+CUT_SHORT = {
+    PhaseKind.DESCEND: "felt nothing down to the floor of the approach",
+    PhaseKind.PROBE: UNREACHED,
+    PhaseKind.TAP: UNREACHED,
+    **dict.fromkeys(PRESSING, "lost contact"),
+}
+"""What it means if a phase is followed by the retraction that is not its turn."""
+
+
+class Watch(Observer):
+    """Finds the events of a run in its rows, slice by slice."""
+
+    def __init__(self, assembly: Assembly, experiment: Experiment):
+        self._system = assembly.system
+        self._experiment = experiment
+        self._tasks = [type(task).__name__.lower() for task in experiment.tasks]
+        told = (
+            *(("controller.task", "controller.phase") if self._tasks else ("controller.triggered",)),
+            "controller.F_z",
+        )
+        # one of another make need not tell
+        known = all(assembly.system.has(name) for name in told)
+        self._watched = [assembly.system.columns(name).start for name in told] if known else []
+        self._before = np.zeros(len(told) - 1)
+        of_touch = ("plant.F_ee_B", "controller.triggered")
+        self._of_touch = (
+            [assembly.system.columns(of_touch[0]).start + 2, assembly.system.columns(of_touch[1]).start]
+            if all(assembly.system.has(name) for name in of_touch)
+            else []
+        )
+        self._touched, self._early = False, -1
+        self._monitor = own_monitor(assembly.system)
+        self._tripped, self._power = False, True
+
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        if len(rows):
+            events += [
+                *self._faults(first, len(rows)),
+                *self._progress(first, rows),
+                *self._false_trigger(first, rows),
+                *self._trips(first, rows),
+                *messages(self._system),
+            ]
+            events.sort(key=lambda event: event.tick)
+
+    def _progress(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
+        if not self._watched:
+            return
+        *columns, pressing = self._watched
+        watched = np.concatenate([self._before[None, :], rows[:, columns]])
+        self._before = watched[-1]
+        for k in np.flatnonzero((watched[1:] != watched[:-1]).any(axis=1)):
+            before, after, tick = watched[k], watched[k + 1], first + int(k)
+            F_z = rows[k, pressing]
+            if self._tasks:
+                yield from self._phase(tick, before, after, F_z)
+            elif after[0] > before[0]:
+                yield TickEvent(tick, "INFO", f"force control triggered at F_z = {F_z:.3f} N", "controller")
+
+    def _false_trigger(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
+        """A force loop that is on before the robot truly touches: it controls the force of air."""
+        if self._touched or not self._of_touch:
+            return
+        F_ee_z, on = rows[:, self._of_touch].T
+        touching = np.flatnonzero(F_ee_z < 0.0)
+        touch = int(touching[0]) if len(touching) else len(rows)
+        triggered = np.flatnonzero(on[:touch])
+        if self._early < 0 and len(triggered):
+            self._early = first + int(triggered[0])
+            yield TickEvent(self._early, "WARNING", "the force loop is on before the first touch", "controller")
+        self._touched = len(touching) > 0
+        if self._touched and self._early >= 0:
+            lead = (first + touch - self._early) * self._system.tick
+            text = f"first touch: the force loop was triggered {lead:.3f} s before it"
+            yield TickEvent(first + touch, "WARNING", text, "controller")
+
+    def _phase(self, tick: int, before: np.ndarray, after: np.ndarray, F_z: float) -> Iterator[TickEvent]:
+        number, phase = int(after[0]), PhaseKind(int(after[1]))
+        name = f"task {number} ({self._tasks[number - 1]})"
+        if before[0] != number:
+            yield TickEvent(tick, "INFO", f"{name} of {len(self._tasks)} begins", "controller")
+        was = PhaseKind(int(before[1])) if before[1] else PhaseKind.DONE
+        # a probe is followed by a retraction either way; what tells them apart is the force
+        felt = was is PhaseKind.PROBE and F_z >= self._experiment.tasks[number - 1].force
+        if phase is PhaseKind.RETRACT and was in CUT_SHORT and not felt:
+            yield TickEvent(tick, "WARNING", f"{name} {CUT_SHORT[was]}", "controller")
+        yield TickEvent(tick, "DEBUG", f"{name}: {phase.phrase}", "controller")
+
+    def _trips(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
+        if self._monitor is None:
+            yield from self._other_trip(first, rows)
+            return
+        trip = self._monitor.trip
+        if trip is not None and not self._tripped:
+            self._tripped = True
+            yield TickEvent(trip.tick, "ERROR", trip_sentence(trip), "monitor")
+        off = self._monitor.power_off_tick
+        if off is not None and self._power:
+            self._power = False
+            yield TickEvent(off, "ERROR", "safety monitor: the motors do not retract; power taken away", "monitor")
+
+    def _other_trip(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
+        """That of a monitor of another make, of which it is known only that."""
+        if self._tripped or not self._system.has("monitor.tripped"):
+            return
+        at = np.flatnonzero(rows[:, self._system.columns("monitor.tripped").start])
+        if len(at):
+            self._tripped = True
+            yield TickEvent(first + int(at[0]), "ERROR", other_trip(self._system.component("monitor")), "monitor")
+
+    def _faults(self, first: int, count: int) -> Iterator[TickEvent]:
+        for number, fault in enumerate(self._experiment.faults, start=1):
+            name = f"fault {number} ({fault.kind} of {fault.target})"
+            for tick, verb in ((fault.onset, "begins"), (fault.end, "ends")):
+                if first <= tick < first + count:
+                    yield TickEvent(tick, "WARNING", f"{name} {verb}", f"fault_{number}")
