@@ -15,9 +15,9 @@ from benchmarks.measurement import Measurement, Rounds
 from benchmarks.start_up import process
 from twin.kernel.cosim.component import NativeComponent
 from twin.robot.assembly.load import load_experiment
+from twin.studies.build.fmu import build_fmu
 from twin.studies.build.linking import PLATFORMS
 from twin.studies.build.part import part_of
-from twin.studies.build.part_fmu import build_fmu
 
 TICKS = 20_000
 ROUNDS = 31

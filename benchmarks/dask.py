@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import median
 
 from benchmarks.measurement import Measurement
-from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.job import JobLimits
 from twin.studies.sweep.definition import short_definition
 from twin.studies.sweep.plan import Plan, plan_of
 from twin.studies.sweep.pool import Engine, Job, Pool
@@ -77,8 +77,7 @@ def batch_seconds(client) -> float:
 
 def bytes_per_second(client, job: Job) -> float:
     """From this process through the scheduler into a worker."""
-    from twin.studies.sweep.dask.bundle import Bundle
-    from twin.studies.sweep.dask.worker import SweepPlugin
+    from twin.studies.sweep.dask.worker import Bundle, SweepPlugin
 
     bundle = Bundle(job.experiment)
     bundle.contents["large.fmu"] = os.urandom(MEGABYTES * 1_000_000)

@@ -19,7 +19,7 @@ import numpy as np
 from benchmarks.figure_4 import stepped
 from benchmarks.report import _twin
 from benchmarks.sweep import KEY
-from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.job import JobLimits
 from twin.kernel.writing import made_folder, write_json, write_text
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment

@@ -11,7 +11,7 @@ from pathlib import Path
 from benchmarks.measurement import Measurement, Rounds
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.observers import simulate
-from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.job import JobLimits
 from twin.kernel.process.reporter import DirectReporter
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.drives import DrivePlan, Start, drive

@@ -21,7 +21,7 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.run import execute
 from twin.robot.run.tuning import Tuning
 from twin.robot.run.viewer import Viewer
-from twin.robot.scene.scene import Scene
+from twin.robot.scene import Scene
 
 ROUNDS = 15
 PACED_ROUNDS = 5

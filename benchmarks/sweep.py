@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.measurement import Measurement
-from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.job import JobLimits
 from twin.studies.sweep.definition import short_definition
 from twin.studies.sweep.plan import Plan, Task, plan_of
 from twin.studies.sweep.pool import Job, Pool, WorkerProcess

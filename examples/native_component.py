@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from twin.kernel.cosim.component import Component, NativeComponent
-from twin.kernel.cosim.native import step_function
+from twin.kernel.cosim.component import Component, NativeComponent, step_function
 from twin.kernel.cosim.port import Port
 
 INPUTS = (Port("omega_ref", 1, "rad/s", "commanded motor speed"),)

@@ -21,7 +21,7 @@ GUARDED = (
     "twin.kernel.process.guard.guarded",
     "twin.cli.ask.guarded",
     "twin.studies.check.job.guarded",
-    "twin.studies.qualify.lifecycle.guarded",
+    "twin.studies.qualify.qualification.guarded",
 )
 """Where the commands find the function that runs a job in a process of its own."""
 
@@ -71,7 +71,7 @@ def twin(*arguments: object, cwd: Path, env: Mapping[str, str] | None = None, is
             for place in GUARDED:
                 stack.enter_context(mock.patch(place, _unguarded))
             # nobody would ask the process that is started before it is known what for
-            stack.enter_context(mock.patch("twin.kernel.process.ahead.start_ahead"))
+            stack.enter_context(mock.patch("twin.kernel.process.process.start_ahead"))
         code = _exit_code(main)
     return Done(code, said.getvalue(), told.getvalue())
 

@@ -15,8 +15,7 @@ from tests.kernel.fmi.eventful import Maker, maker
 from tests.machine_code import call_compiled
 from tests.warm import WarmStart
 from twin.kernel import cache_folder
-from twin.kernel.recording.reader import read
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
 
@@ -42,8 +41,8 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 LONG = (
-    "kernel/process", "docs", "cli", "studies/sweep", "studies/check", "studies/identify", "studies/faults", "installed",
-    "browser",
+    "kernel/process", "docs", "cli", "studies/sweep", "studies/check", "studies/identify", "studies/faults",
+    "installed", "browser",
 )  # fmt: skip
 """Rooms whose files take longest: they go first, so that no process has one left to do when the others are done."""
 

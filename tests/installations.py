@@ -1,6 +1,6 @@
 """What a process remembers of the installation, forgotten: what is asked next is asked as by another process."""
 
-from twin.kernel import kept
+from twin.kernel import cache_folder as kept
 from twin.kernel.places import sources
 
 

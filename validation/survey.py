@@ -21,7 +21,7 @@ from twin.kernel.files import read_json, read_toml, xml_of
 from twin.kernel.fmi.description import DESCRIPTION, MOST_DESCRIPTION
 from twin.kernel.fmi.unpacked import CONTENT, HOME
 from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
-from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.job import JobLimits
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.writing import made_folder, write_json, write_text
 from twin.robot.assembly.drives import planned

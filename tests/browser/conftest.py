@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording
 from twin.report.page.page import write_report
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")

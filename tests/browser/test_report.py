@@ -9,7 +9,7 @@ from PIL import Image
 from playwright.sync_api import Browser, Locator, Page
 
 from tests.browser.conftest import Opened
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording
 
 pytestmark = pytest.mark.slow
 

@@ -6,7 +6,7 @@ from PIL import Image
 
 from tests.command_line import twin
 from tests.studies.paper.fig5_recordings import pressed, tapped
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from tests.command_line import twin
 from tests.kernel.recording import samples
 from twin.cli.commands import asking, declared
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording
 
 
 @pytest.fixture

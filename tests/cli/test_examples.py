@@ -9,7 +9,7 @@ import pytest
 from tests.cli.commands import COMMANDS, EXAMPLE, EXAMPLES, paragraphs
 from tests.command_line import twin
 from tests.studies.systems.archives import archive, component, structure, system
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording
 
 ENDS = {"falsify": 1}
 """Exit codes: what is shown is a requirement that does not hold."""

@@ -13,7 +13,7 @@ from tests.command_line import twin
 from tests.installations import forget_installation
 from twin.cli import app, starting
 from twin.cli import line as whole
-from twin.kernel import kept as keeping
+from twin.kernel import cache_folder as keeping
 from twin.kernel.cache_folder import VARIABLE
 
 NEEDED = ("typer", "pydantic", "numpy", "fmpy", "packaging")

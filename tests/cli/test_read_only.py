@@ -9,7 +9,7 @@ import pytest
 
 from twin.cli.app import app
 from twin.kernel.errors import TwinError
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording
 
 READ_ONLY = Path("/sys")
 

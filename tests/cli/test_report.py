@@ -7,7 +7,7 @@ import pytest
 from tests.cli.test_run import FIG4
 from tests.command_line import twin
 from tests.kernel.recording import samples
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording
 from twin.report.page.page import report_page
 from twin.report.page.run import report_runs
 

@@ -14,7 +14,7 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.build import plant_parameters
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.component import OUTPUTS
-from twin.studies.analyse.linear.plant_system import plant_system, signal_labels
+from twin.studies.analyse.linear.hand import plant_system, signal_labels
 from twin.studies.converge.monolith import applies, monolithic_rows, servos, within_limits
 
 LEGS = (1, 2, 3)

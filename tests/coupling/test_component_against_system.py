@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 from tests.laws.runs import PARAMETERS, Sampled
 from twin.robot.plant.component import STILL, Plant, resting, settle
 from twin.robot.plant.contact import apex_frame
-from twin.studies.analyse.linear.plant_system import plant_system
+from twin.studies.analyse.linear.hand import plant_system
 
 TICK = 1e-3
 TICKS = 120

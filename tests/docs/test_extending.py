@@ -16,8 +16,7 @@ import pytest
 
 from tests.command_line import twin_process
 from tests.conftest import ROOT
-from twin.kernel.recording.reader import read
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording, read
 
 PATCH = re.compile(r"^```diff\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMAND = re.compile(r"`(twin [^`]*)`")

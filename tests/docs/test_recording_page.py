@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording
 
 ROW = re.compile(r"^\| `([^`]+)` \| (\d+) \| ([^|]+) \| (.+) \|$", re.MULTILINE)
 

@@ -13,8 +13,7 @@ from fmpy import read_model_description
 from fmpy.validation import validate_fmu
 
 from tests.fmu.paper_law import parameters
-from twin.kernel.recording.reader import read
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.run import execute

@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from tests.installations import forget_installation
-from twin.kernel import kept as module
-from twin.kernel.cache_folder import VARIABLE, cache_folder
-from twin.kernel.kept import HOME, KEPT, contents, kept
+from twin.kernel import cache_folder as module
+from twin.kernel.cache_folder import HOME, KEPT, VARIABLE, cache_folder, contents, kept
 
 ANSWER = "what it is: 3 µm\n"
 

@@ -6,7 +6,8 @@ import pytest
 from twin.studies.analyse.linear import margins as disk
 from twin.studies.metrics import requirement as distance
 from twin.studies.metrics import response as step
-from twin.studies.sweep.statistics import claims, sensitivity
+from twin.studies.sweep.statistics import ranking as claims
+from twin.studies.sweep.statistics import sensitivity
 from validation.yardstick import Yardstick
 from validation.yardsticks import python_control, scipy_stats, temporal_logic
 

@@ -5,7 +5,7 @@ def main() -> None:
     """Entry point; ends the process with the exit code of what happened."""
     import sys
 
-    from twin.kernel.process.interrupt import INTERRUPTED, keep_interrupts
+    from twin.kernel.process.job import INTERRUPTED, keep_interrupts
 
     keep_interrupts()
     try:

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from twin.kernel.process.limits import cores
+from twin.kernel.process.job import cores
 from twin.report.page import DRAWN
 from twin.studies.sweep import SERVED
 
@@ -31,7 +31,7 @@ def job_expected() -> Iterator[None]:
         yield
         return
     # for every other command this would be half of what it imports
-    from twin.kernel.process.ahead import end_waiting, start_ahead
+    from twin.kernel.process.process import end_waiting, start_ahead
 
     # what is in the way is told when the process is needed
     with suppress(OSError):

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from twin import __version__
+from twin.kernel.cache_folder import kept
 from twin.kernel.compiled.store import CARRIED, VARIABLE, damaged_files, folder, object_files, refusal
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_toml
 from twin.kernel.fmi.unpacked import shelf
-from twin.kernel.kept import kept
 from twin.kernel.places import HOME, PACKAGE, is_clone
 from twin.studies.answer import Answer
 from twin.studies.command import Option, study

@@ -1,7 +1,7 @@
 """A command line from beginning to end: answered by its words alone or by Typer, with one message and exit code.
 
-What is answered before Typer, which takes longer to import than these answers all take, is kept (`twin.kernel.kept`), so
-that in the end hardly anything is imported.
+What is answered before Typer, which takes longer to import than these answers all take, is kept
+(`twin.kernel.cache_folder`), so that in the end hardly anything is imported.
 """
 
 import os
@@ -10,10 +10,9 @@ from collections.abc import Callable
 from functools import partial
 
 from twin.cli.streams import READER_GONE, Unread, guard_terminal, show, standard_streams
+from twin.kernel.cache_folder import kept
 from twin.kernel.errors import InputRefused, NotWritten, TwinError, plain, system_sentence
-from twin.kernel.kept import kept
-from twin.kernel.process.interrupt import INTERRUPTED
-from twin.kernel.process.job import function_called
+from twin.kernel.process.job import INTERRUPTED, function_called
 
 ROOMS = ("cli", "studies")
 """Whose source the help of `twin` is made with."""

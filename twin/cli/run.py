@@ -13,7 +13,7 @@ from twin.cli.streams import show
 from twin.cli.terminal import Display
 from twin.kernel.errors import InputRefused, plain
 from twin.kernel.process.guard import GRACE
-from twin.kernel.process.limits import LONG, JobLimits
+from twin.kernel.process.job import LONG, JobLimits
 from twin.studies.command import (
     JOB_ISOLATION,
     Argument,

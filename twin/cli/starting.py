@@ -4,7 +4,7 @@ import shlex
 from pathlib import Path
 from typing import Annotated
 
-from twin.kernel.kept import kept
+from twin.kernel.cache_folder import kept
 from twin.studies.answer import Answer
 from twin.studies.command import Argument, Option, study
 from twin.studies.first_look import find_logs

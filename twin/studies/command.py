@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from twin.kernel.errors import ComponentFailed, TwinError
-from twin.kernel.process.interrupt import INTERRUPTED
-from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.job import INTERRUPTED, JobLimits
 
 if TYPE_CHECKING:
     from twin.kernel.process.reporter import Reporter

@@ -19,7 +19,7 @@ from validation.engine.mechanism import Mechanism
 
 WEIGHTLESS = "rods, weightless"
 CLEAR = 0.1
-"""How far from a singularity, as the measures of `twin.robot.mechanism.kinematics` and `holding`: 0 there, at most 1."""
+"""How far from a singularity, as `twin.robot.mechanism.kinematics` and `holding` measure it: 0 there, at most 1."""
 WAY = 21
 """Points of a way that are looked at."""
 

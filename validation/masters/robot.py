@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import Trace, run_in_memory
-from twin.studies.build.part_fmu import build_fmu
+from twin.studies.build.fmu import build_fmu
 
 ROOT = Path(__file__).parents[2]
 PLACE = ROOT / "results" / "validation"

@@ -15,7 +15,7 @@ VERSIONS = ("2.0", "3.0")
 @cache
 def built() -> Mapping[str, Path]:
     """Plant and computer of the massage, which has all that a robot can have, in both versions of FMI."""
-    from twin.studies.build.part_fmu import build_fmu
+    from twin.studies.build.fmu import build_fmu
 
     folder = PLACE / "checked"
     folder.mkdir(parents=True, exist_ok=True)

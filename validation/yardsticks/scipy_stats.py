@@ -53,7 +53,7 @@ def beside_scipy() -> Mapping[str, float]:
 
 
 def beside_newcombe() -> Mapping[str, float]:
-    from twin.studies.sweep.statistics.claims import wilson_interval
+    from twin.studies.sweep.statistics.ranking import wilson_interval
 
     return {
         f"{k} of {n}, {end}": 1e4 * abs(ours - printed)

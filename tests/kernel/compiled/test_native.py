@@ -16,7 +16,7 @@ import pytest
 from twin.kernel.compiled import emission, machine, store
 from twin.kernel.compiled.function import Function, carray, njit
 from twin.kernel.compiled.native import Entry, Native, address_of
-from twin.kernel.cosim.native import doubles_at
+from twin.kernel.cosim.component import doubles_at
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.page import load
 

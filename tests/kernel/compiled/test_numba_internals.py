@@ -11,7 +11,8 @@ import numpy as np
 from packaging.requirements import Requirement
 from packaging.version import Version
 
-from twin.kernel.compiled import lanes, memory
+from twin.kernel.compiled import function as lanes
+from twin.kernel.compiled import function as memory
 from twin.kernel.compiled.emission import module_of
 from twin.kernel.compiled.function import Function, njit
 

@@ -5,10 +5,12 @@ from hypothesis import strategies as st
 
 from tests.kernel.cosim.models import sampled
 from twin.kernel.cosim.component import NativeComponent
-from twin.kernel.cosim.delay import MEMORY, delay, filled
+from twin.kernel.cosim.delay import MEMORY, columns, delay, filled, play
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
+from twin.robot.mechanism.statics import G_ACCELERATION
+from twin.robot.plant.encoder import Scale
 
 X = Port("x", 2)
 INITIAL = np.array([8.0, 9.0])
@@ -43,3 +45,21 @@ def test_what_is_taken_elsewhere_begins_with_what_it_is_given():
     told = sampled("told", lambda t, h, u: (5.0, 6.0), outputs=(X,))
     assert Simulation(System([told, begun], [("told.x", "late.x")], 1.0), 0).run()[0, 2:].tolist() == [5.0, 6.0]
     assert late.pointers["ring"].tolist() == [[5.0, 6.0], [5.0, 6.0]]
+
+
+def test_a_component_played_over_inputs_gives_what_it_would_give_in_a_run():
+    force = -np.linspace(-1.0, 6.0, 50)
+    u = np.zeros((50, 3))
+    u[:, 2] = force
+    scale = Scale(0.005 * G_ACCELERATION)
+    rows, status = play(scale, np.arange(50.0), np.ones(50), u)
+    steps = np.floor(-force / (0.005 * G_ACCELERATION) + 0.5)
+    assert status == 0
+    np.testing.assert_array_equal(columns(scale, rows)["F_z"], steps * (0.005 * G_ACCELERATION))
+
+
+def test_rows_are_taken_after_as_many_steps_as_asked_for():
+    u = np.zeros((6, 3))
+    u[:, 2] = -np.arange(6.0)
+    rows, _ = play(Scale(1.0), np.arange(6.0), np.ones(6), u, np.array([1, 3, 2]))
+    np.testing.assert_array_equal(rows[:, 0], [0.0, 3.0, 5.0])

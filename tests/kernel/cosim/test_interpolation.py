@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.kernel.cosim.component import NativeComponent
+from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.interpolation import input_weights
-from twin.kernel.cosim.native import step_function
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.cosim.simulation import Simulation

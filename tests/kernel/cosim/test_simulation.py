@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from tests.kernel.cosim.models import Part, U, continuous, sampled
-from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.native import step_function
+from twin.kernel.cosim.component import Component, step_function
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.cosim.simulation import Simulation

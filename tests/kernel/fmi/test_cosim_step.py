@@ -10,7 +10,7 @@ from tests.kernel.fmi.compiled import compiled_drive
 from tests.kernel.fmi.test_component import TICK, made, run
 from tests.kernel.fmi.test_event_step import stepped
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
-from twin.kernel.cosim.playback import play
+from twin.kernel.cosim.delay import play
 from twin.kernel.cosim.port import Port, width
 from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.cosim.simulation import Simulation

@@ -18,7 +18,7 @@ from twin.robot.assembly.drives import drive, planned
 from twin.robot.experiment.drive_files import lone_drive
 from twin.robot.experiment.schema import Drive
 from twin.studies.qualify import info as drive_info
-from twin.studies.qualify.lifecycle import lifecycle_findings
+from twin.studies.qualify.qualification import lifecycle_findings
 
 EVENTS = 'hasEventMode="true"'
 EARLY = 'mightReturnEarlyFromDoStep="true"'

@@ -26,8 +26,8 @@ from twin.kernel.recording.reader import read
 from twin.robot.assembly.drives import drive, planned
 from twin.robot.experiment.schema import Drive
 from twin.studies.qualify import info as drive_info
-from twin.studies.qualify.lifecycle import examined
 from twin.studies.qualify.proposal import proposal
+from twin.studies.qualify.qualification import examined
 
 IGNORED = "(void)tolerance_defined, (void)tolerance, (void)stop_time_defined, (void)stop_time;"
 SHORT = ("--set", "duration_s=0.7", "--set", "reference.t_s=[0, 0.7]", "--set", "reference.p_mm=[[0,0,-95],[0,0,-95]]")

@@ -12,7 +12,7 @@ import pytest
 from twin.kernel.errors import TwinError
 from twin.kernel.process import guard
 from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
-from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.job import JobLimits
 from twin.studies.identify.identification import NotIdentifiable
 
 JOBS = "tests.kernel.process.jobs"

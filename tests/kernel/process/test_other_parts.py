@@ -7,7 +7,7 @@ import pytest
 from tests.laws.runs import EXPERIMENTS, FORCE
 from twin.kernel.errors import TwinError
 from twin.kernel.process.guard import guarded
-from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.job import JobLimits
 
 JOB = "twin.robot.run.isolated_runs:recorded_runs"
 CLASS = """

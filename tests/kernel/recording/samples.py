@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from twin.kernel.recording.layout import Field, Topic
 from twin.kernel.recording.messages import BLANK_TIME, Form, blank
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording
 from twin.kernel.recording.writer import Writer
 
 TICK = 1e-3

@@ -22,8 +22,7 @@ from mcap.records import Message
 from mcap.writer import Writer as McapWriter
 from mcap_protobuf.decoder import DecoderFactory
 
-from twin.kernel.recording.errors import RecordingDamaged
-from twin.kernel.recording.layout import Field
+from twin.kernel.recording.layout import Field, RecordingDamaged, descriptor_set, descriptors_of
 from twin.kernel.recording.messages import (
     BLANK_TIME,
     HEAD_SIZE,
@@ -36,7 +35,6 @@ from twin.kernel.recording.messages import (
     varint,
 )
 from twin.kernel.recording.reader import read
-from twin.kernel.recording.schema import descriptor_set, descriptors_of
 from twin.kernel.recording.writer import Writer
 
 from .samples import DRIVE, TF, TF_ROWS, TICK, field_lists

@@ -1,12 +1,179 @@
 """Parameter files: what is in them is read, what is no value is refused."""
 
+import zipfile
+from pathlib import Path
+
 import pytest
 
 from tests.studies.reference.test_carried import real, ssv
+from tests.studies.systems.archives import (
+    archive,
+    bindings,
+    component,
+    connection,
+    connector,
+    line,
+    structure,
+    system,
+    values,
+)
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import xml_of
-from twin.kernel.ssp.parameters import MappingEntry, Transformation
-from twin.kernel.ssp.ssd import mapping_of, parameter_set
+from twin.kernel.ssp import ssd as package_module
+from twin.kernel.ssp.parameters import MappingEntry, Transformation, UnitDefinition
+from twin.kernel.ssp.ssd import mapping_of, parameter_set, read_package
+from twin.kernel.ssp.structure import Connection, Connector, End, SspComponent, SspSystem
+from twin.kernel.units import Dimension
+
+SSV = (
+    '<v:ParameterSet xmlns:v="http://ssp-standard.org/SSP1/SystemStructureParameterValues" version="1.0" name="p">'
+    '<v:Parameters><v:Parameter name="k"><v:Real value="2"/></v:Parameter></v:Parameters></v:ParameterSet>'
+)
+SSM = (
+    '<m:ParameterMapping xmlns:m="http://ssp-standard.org/SSP1/SystemStructureParameterMapping" version="1.0">'
+    '<m:MappingEntry source="k" target="droop"/></m:ParameterMapping>'
+)
+ONE = component("a", "a.fmu")
+
+
+def outside(source: str = "sub/p.ssv", mapping: str = "../m.ssm", more: str = "") -> str:
+    return bindings(
+        f'<ssd:ParameterBinding source="{source}" {more}><ssd:ParameterMapping source="{mapping}"/>'
+        "</ssd:ParameterBinding>"
+    )
+
+
+def test_all_that_a_structure_says_is_read(tmp_path: Path):
+    note = '<ssc:Annotation type="org.x"><oms:Step xmlns:oms="o" size="1"/></ssc:Annotation>'
+    parts = [
+        component(
+            "a", "resources/a%20b.fmu", [connector("u", "input", "rad/s"), connector("n", "output", type_="Integer")],
+            values("k=2.5 mm", "j=1", prefix="p."), 'implementation="CoSimulation"',
+        ),
+        system([component("inner", "b.fmu")], [connection("inner.y", "out")], [connector("out", "output")], name="sub"),
+    ]  # fmt: skip
+    wires = [
+        connection("a.n", "sub.x"),
+        connection("sub.out", "a.u", line(2.0, -1.0), 'suppressUnitConversion="true"'),
+    ]
+    unit = '<ssc:Unit name="mm"><ssc:BaseUnit m="1" factor="0.001"/></ssc:Unit>'
+    file = archive(
+        tmp_path / "x.ssp",
+        structure(system(parts, wires), 2.5, unit, notes=f"<ssd:Annotations>{note}</ssd:Annotations>"),
+        {"resources/a b.fmu": "fmu"},
+    )
+    package = read_package(file)
+    found = package.structure
+    a, sub = found.system.elements
+    assert isinstance(a, SspComponent) and isinstance(sub, SspSystem)
+    assert a.connectors == (Connector("u", "input", "Real", "rad/s"), Connector("n", "output", "Integer"))
+    assert a.implementation == "CoSimulation" and package.entry(a.source) == "resources/a b.fmu"
+    assert package.content("resources/a b.fmu") == b"fmu"
+    (binding,) = a.bindings
+    assert (binding.prefix, binding.mapping) == ("p.", None)
+    assert [(one.name, one.values, one.unit) for one in binding.parameters.parameters] == [
+        ("k", (2.5,), "mm"), ("j", (1.0,), ""),
+    ]  # fmt: skip
+    assert sub.connections == (Connection(End("inner", "y"), End("", "out")),)
+    assert found.system.connections[1] == Connection(End("sub", "out"), End("a", "u"), Transformation(2.0, -1.0), True)
+    assert found.units == (UnitDefinition("mm", Dimension(m=1), 0.001),)
+    assert (found.experiment.start, found.experiment.stop, found.version) == (0.0, 2.5, "1.0")
+    assert found.annotations[0].type == "org.x" and 'size="1"' in found.annotations[0].content
+
+
+def test_parameters_may_stand_in_files_of_the_archive(tmp_path: Path):
+    whole = system([component("a", "a.fmu", bindings=outside("sub/p.ssv", "m.ssm"))])
+    file = archive(tmp_path / "x.ssp", structure(whole, version="2.0"), {"sub/p.ssv": SSV, "m.ssm": SSM})
+    (part,) = read_package(file).structure.system.elements
+    (binding,) = part.bindings
+    assert binding.parameters.source == "sub/p.ssv" and binding.parameters.parameters[0].values == (2.0,)
+    assert binding.mapping is not None and binding.mapping.entries[0].target == "droop"
+
+
+DEEP = "".join(f'<ssd:System name="s{i}"><ssd:Elements>' for i in range(20)) + "</ssd:Elements></ssd:System>" * 20
+BAD = {
+    "entities": (structure(system([ONE]), head='<!DOCTYPE x [<!ENTITY a "b">]>'), "it has a document type (DOCTYPE)"),
+    "no XML": ("<x", "not valid XML"),
+    "another standard": (structure(system([ONE])).replace("/SSP1/SystemStructureD", "/d"), "of SSP 1.0 or 2.0"),
+    "another version": (structure(system([ONE]), version="3.0"), "version '3.0'; expected 1.0 or 2.0"),
+    "no system": (structure(""), "has no system"),
+    "too deep": (structure(DEEP), "nested too deeply"),
+    "dictionaries": (
+        structure(system([ONE]).replace("</ssd:System>", "<ssd:SignalDictionaries/></ssd:System>")),
+        "system 'system' has signal dictionaries, which are not read here",
+    ),
+    "a dictionary": (
+        structure(system([ONE, '<ssd:SignalDictionaryReference name="bus" dictionary="d"/>'])),
+        "element 'bus' is a signal dictionary reference, which is not read here",
+    ),
+    "names twice": (structure(system([ONE, ONE])), "two elements of system 'system' are called 'a'"),
+    "connectors twice": (
+        structure(system([component("a", "a.fmu", [connector("u", "input")] * 2)])),
+        "two connectors of 'a' are called 'u'",
+    ),
+    "no name": (structure(system([component("", "a.fmu")])), "a <Component> without name"),
+    "no kind": (structure(system([component("a", "a.fmu", [connector("u", "put")])])), "a.u: kind 'put'; expected"),
+    "elements of arrays": (
+        structure(system([ONE], [connection("a.y", "a.u", more='startIndices="1"')])),
+        "the connection from a.y to a.u picks elements of arrays",
+    ),
+    "a factor": (structure(system([ONE], [connection("a.y", "a.u", line("NaN"))])), "factor = 'NaN'; expected"),
+    "a unit": (structure(system([ONE]), units='<ssc:Unit name="N"/>'), "unit 'N' without a BaseUnit"),
+    "a unit of nothing": (
+        structure(system([ONE]), units='<ssc:Unit name="N"><ssc:BaseUnit factor="0"/></ssc:Unit>'),
+        "unit 'N' has the factor 0",
+    ),
+    "a missing file": (
+        structure(system([component("a", "a.fmu", bindings=outside("p.ssv"))])),
+        "parameters of 'a': 'p.ssv' is no file of this archive",
+    ),
+    "a file outside": (
+        structure(system([component("a", "a.fmu", bindings=outside("../../etc/passwd"))])),
+        "'../../etc/passwd' is no file of this archive",
+    ),
+    "a file inside the FMU": (
+        structure(system([component("a", "a.fmu", bindings=outside(more='sourceBase="component"'))])),
+        "to be found in the component itself",
+    ),
+    "other parameters": (
+        structure(system([component("a", "a.fmu", bindings=outside(more='type="text/csv"'))])),
+        "are of type 'text/csv'; expected application/x-ssp-parameter-set",
+    ),
+    "no parameters": (
+        structure(system([component("a", "a.fmu", bindings=bindings("<ssd:ParameterBinding/>"))])),
+        "neither a source nor values",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_a_structure_that_cannot_be_read_is_refused_with_what_is_wrong(tmp_path: Path, bad: str):
+    ssd, told = BAD[bad]
+    with pytest.raises(InputRefused) as refused:
+        read_package(archive(tmp_path / "x.ssp", ssd, {}))
+    assert str(refused.value).startswith(f"{tmp_path / 'x.ssp'}: SystemStructure.ssd: ") or "no file" in str(
+        refused.value
+    )
+    assert told in str(refused.value)
+
+
+def test_an_archive_that_is_none_or_leads_outside_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "text.ssp").write_text("x")
+    archive(tmp_path / "out.ssp", structure(system([ONE])), {"../../evil.fmu": "x"})
+    with zipfile.ZipFile(tmp_path / "empty.ssp", "w") as empty:
+        empty.writestr("a.fmu", "x")
+    for name, told in (
+        ("none.ssp", "no such SSP"),
+        ("text.ssp", "not a complete SSP"),
+        ("out.ssp", "entry '../../evil.fmu' points outside the archive"),
+        ("empty.ssp", "no SystemStructure.ssd inside; this is not an SSP"),
+    ):
+        with pytest.raises(InputRefused, match=f"{name}: {told}"):
+            read_package(tmp_path / name)
+    monkeypatch.setattr(package_module, "MOST_STRUCTURE", 1 << 10)
+    large = archive(tmp_path / "large.ssp", structure(system([ONE])) + " " * 1024, {})
+    with pytest.raises(InputRefused, match=r"SystemStructure\.ssd: 0 MB; expected at most"):
+        read_package(large)
 
 
 def test_whole_numbers_and_truth_values_are_numbers():

@@ -9,8 +9,7 @@ import pytest
 from tests.kernel.recording import samples
 from tests.kernel.recording.forgery import data_records, sealed, without_last
 from tests.studies.paper.fig5_recordings import pressed
-from twin.kernel.recording.reader import read
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording, read
 from twin.report.page.page import report_page, write_report
 from twin.report.page.panels import commanded_speed
 from twin.report.page.run import ReportRun

@@ -2,7 +2,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tests.studies.paper.fig5_recordings import pressed
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording
 from twin.report.page.run import ReportRun
 from twin.report.page.verdict import verdict
 

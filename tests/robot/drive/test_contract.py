@@ -14,11 +14,10 @@ from tests.kernel.fmi.archives import redescribed
 from tests.kernel.fmi.own_shafts import machine, position_servo, unit
 from tests.kernel.fmi.three_axes import three_axes_drive
 from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.playback import columns, play
+from twin.kernel.cosim.delay import columns, play
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
-from twin.kernel.recording.reader import read
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.drives import drive, planned
 from twin.robot.assembly.load import load_experiment
 from twin.robot.drive.contract import DriveRotor

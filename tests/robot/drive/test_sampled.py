@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.kernel.fmi.archives import altered
-from twin.kernel.cosim.playback import play
+from twin.kernel.cosim.delay import play
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.roles import CONTRACTS
 from twin.robot.drive.sampled import SampledFmu, sampled_fmu

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from tests.kernel.cosim.models import continuous, sampled
-from twin.kernel.cosim.component import Component, NativeComponent
-from twin.kernel.cosim.native import step_function
+from twin.kernel.cosim.component import Component, NativeComponent, step_function
 from twin.kernel.cosim.port import Port, width
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import End, Feeds, Scheme, Side, System, ends, wires

@@ -12,14 +12,12 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from websockets.exceptions import InvalidStatus
 
 from tests.robot.live.viewer import Viewer
-from twin.kernel.live.gate import Gate
-from twin.kernel.live.protocol import Channel, Message
-from twin.kernel.recording.schema import log_descriptor_set
+from twin.kernel.live import Channel, Gate, Message
+from twin.kernel.recording.layout import log_descriptor_set
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.live import broadcast as on_air
-from twin.robot.live.broadcast import Broadcast
-from twin.robot.live.client import BACKLOG
+from twin.robot.live.broadcast import BACKLOG, Broadcast
 from twin.robot.run.tuning import Tuning
 
 CHANNEL = Channel(1, "/words", "foxglove.Log", log_descriptor_set(), {})

@@ -17,8 +17,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 
 from tests.robot.live.viewer import Viewer
-from twin.kernel.recording.reader import read
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording, read
 from twin.robot.live.server import SPACING
 
 FIG4 = "experiments/fig4_force_position.toml"

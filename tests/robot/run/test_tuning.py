@@ -10,12 +10,11 @@ import pytest
 from tests.laws.runs import shipped
 from twin.kernel.cosim.observers import TickEvent
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.reader import read
+from twin.kernel.recording.reader import Recording, read
 from twin.kernel.recording.recorder import RowStream
-from twin.kernel.recording.recording import Recording
 from twin.robot.run.run import SLICE_TICKS, Run, execute
 from twin.robot.run.tuning import Tuning
-from twin.robot.scene.scene import Scene
+from twin.robot.scene import Scene
 
 REFERENCE = "controller.force.reference_N"
 TOUCHING = ("duration_s=2", "contact.height_mm=-85.5")

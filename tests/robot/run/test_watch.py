@@ -9,8 +9,7 @@ from tests.command_line import twin
 from tests.kernel.fmi.warning import warning_drive
 from tests.laws.runs import shipped
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.reader import read
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.program import PhaseKind
 from twin.robot.run.run import Run, execute

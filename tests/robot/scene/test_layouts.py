@@ -9,8 +9,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from twin.kernel.recording.reader import read
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
 

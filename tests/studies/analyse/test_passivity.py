@@ -13,11 +13,19 @@ from twin.robot.controller.pid import Gains
 from twin.robot.experiment.experiment import with_model, with_plant
 from twin.robot.run.trace import Trace
 from twin.studies.analyse.drive_response import Linearised
-from twin.studies.analyse.linear.hand import DRIFT, NOTHING, FreePlant, Hand, hand_of, hertz, power_share, robot_with
+from twin.studies.analyse.linear.hand import (
+    DRIFT,
+    NOTHING,
+    FreePlant,
+    Hand,
+    hand_of,
+    hertz,
+    linear_plant,
+    power_share,
+    robot_with,
+)
 from twin.studies.analyse.linear.loops import LOOPS, linear_law
-from twin.studies.analyse.linear.plant_system import linear_plant
-from twin.studies.analyse.nudge import NUDGED, held, undisturbed
-from twin.studies.analyse.operating_point import OperatingPoint, resting_point
+from twin.studies.analyse.operating_point import NUDGED, OperatingPoint, held, resting_point, undisturbed
 from twin.studies.analyse.passivity import RENDERED, WIDTH_FREQUENCIES, Passivity, largest_passive, passivity
 from twin.studies.analyse.text import passivity_result
 from twin.studies.steps import silent

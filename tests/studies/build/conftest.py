@@ -7,8 +7,8 @@ import pytest
 
 from twin.kernel.compiled.emission import Module
 from twin.studies.build import linking as emission
+from twin.studies.build.fmu import build_fmu
 from twin.studies.build.linking import Emitted, Form, Platform, emitted
-from twin.studies.build.part_fmu import build_fmu
 
 ROOT = Path(__file__).parents[3]
 FIG4 = ROOT / "experiments" / "fig4_force_position.toml"

@@ -12,17 +12,17 @@ import pytest
 from numba import carray
 
 from tests.studies.build.conftest import FIG4, MODULES, silent
-from twin.kernel.cosim.native import step_function
+from twin.kernel.cosim.component import step_function
 from twin.kernel.cosim.port import record
 from twin.kernel.errors import InputRefused, NotWritten
 from twin.robot.assembly.load import load_experiment
 from twin.studies.build import linking
+from twin.studies.build.fmu import build_fmu
 from twin.studies.build.layout import laid_out
 from twin.studies.build.library import build_c
 from twin.studies.build.linking import HERE, emitted
 from twin.studies.build.parameters import parameters
 from twin.studies.build.part import part_of
-from twin.studies.build.part_fmu import build_fmu
 from twin.studies.build.system import build_ssp
 
 SOFT = 'fault=[{kind="spring_broken", target="joint_1", onset_s=1.0}]'

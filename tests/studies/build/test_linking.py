@@ -13,9 +13,9 @@ from tests.studies.build.conftest import FIG4, MODULES, silent
 from twin.kernel.compiled.emission import MATHEMATICS
 from twin.kernel.compiled.native import Native
 from twin.kernel.errors import InputRefused
+from twin.studies.build.fmu import build_fmu
 from twin.studies.build.linking import PLATFORMS
 from twin.studies.build.part import PARTS
-from twin.studies.build.part_fmu import build_fmu
 
 KINDS = {"so": "ELF", "dll": "PE", "dylib": "Mach-O"}
 # what an instance needs beside mathematics

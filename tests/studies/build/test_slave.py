@@ -13,8 +13,8 @@ from twin.robot.assembly.build import plant_parameters
 from twin.robot.assembly.load import load_experiment
 from twin.robot.plant.component import Plant, resting
 from twin.studies.build import fmu
+from twin.studies.build.fmu import build_fmu
 from twin.studies.build.linking import HERE, c_files
-from twin.studies.build.part_fmu import build_fmu
 
 FORCE = "plant.F_ee_B"
 

@@ -9,7 +9,7 @@ import pytest
 
 from tests.command_line import twin
 from twin.kernel.recording.logs.log import Log, LogSeries
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording
 from twin.studies.compare.comparison import Comparison, compared, coverage, differences_lines, experiments_differ
 from twin.studies.compare.tolerance import ComparisonRefused, alignment, rules
 

@@ -10,8 +10,7 @@ from mcap.writer import Writer
 from tests.studies.identify.calibrations import identification
 from tests.studies.replay.logs import EXPERIMENTS, ran, write_log
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.reader import read
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
 from twin.studies.identify.study import identify

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.studies.metrics.response import Curve
-from twin.studies.paper.fig4_runs import BEFORE, FINAL, PARTS, SWEEP, Fig4Run, Fig4Runs
+from twin.studies.paper.fig4_measures import BEFORE, FINAL, PARTS, SWEEP, Fig4Run, Fig4Runs
 
 T = np.round(0.01 * np.arange(2001), 9)
 ON = (T >= SWEEP[0]) & (T <= SWEEP[1])

@@ -13,8 +13,7 @@ from tests.studies.paper.printed import PrintedEstimator
 from tests.studies.paper.test_fig4_claims import WHILE_SWEEPING
 from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.reader import read
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.computer import belief
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
@@ -23,7 +22,7 @@ from twin.studies.metrics.requirement import FIG4
 from twin.studies.metrics.response import first_time, rms, settling_time
 from twin.studies.paper.claim import judged
 from twin.studies.paper.fig4 import CLAIMS, Score, fig4_score, tally
-from twin.studies.paper.fig4_runs import FINAL, SWEEP, Fig4Run, Fig4Runs, draw_fig4, fig4_runs
+from twin.studies.paper.fig4_measures import FINAL, SWEEP, Fig4Run, Fig4Runs, draw_fig4, fig4_runs
 from twin.studies.paper.study import score_fig4
 from twin.studies.paper.text import fig4_result
 

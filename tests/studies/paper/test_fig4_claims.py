@@ -8,8 +8,7 @@ import pytest
 from tests.studies.paper.fig4_series import T, runs
 from twin.studies.paper.claim import ClaimFinding, judged
 from twin.studies.paper.fig4 import CLAIMS, QUALITY, fig4_score
-from twin.studies.paper.fig4_measures import disproportion, fluctuation, position_jump
-from twin.studies.paper.fig4_runs import SWEEP, Fig4Runs
+from twin.studies.paper.fig4_measures import SWEEP, Fig4Runs, disproportion, fluctuation, position_jump
 from twin.studies.paper.fig5 import CLAIMS as FIG5
 
 BY_KEY = {claim.key: claim for claim in (*CLAIMS, *QUALITY)}

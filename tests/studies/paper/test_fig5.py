@@ -10,8 +10,7 @@ import pytest
 
 from tests.studies.paper.fig5_recordings import pressed, pushed, rolled, tapped
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.reader import read
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
 from twin.studies.paper.claim import ClaimFinding

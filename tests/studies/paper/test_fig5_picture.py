@@ -9,7 +9,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from PIL import Image
 
 from tests.studies.paper.fig5_recordings import pressed, pushed, rolled, tapped
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording
 from twin.studies.paper import fig5_picture
 from twin.studies.paper.fig5 import MOVING, REFERENCE, TRACE, TRUTH, Fig5Score, fig5_score, shown_tasks
 from twin.studies.paper.fig5_picture import ESTIMATE, SHIFTED, draw_fig5

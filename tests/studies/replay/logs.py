@@ -8,8 +8,7 @@ from tempfile import TemporaryDirectory, mkdtemp
 import numpy as np
 
 from twin.kernel.recording.logs.reader import recorded
-from twin.kernel.recording.reader import read
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
 from twin.studies.replay.model import RobotModel, loaded_model

@@ -11,8 +11,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.reader import last_time, origin, read
 from twin.robot.experiment.source import COMMAND_LINE
-from twin.studies.results.kept import ExperimentsNow, KeptRun, kept_runs, told_differences
-from twin.studies.results.listing import doomed_runs
+from twin.studies.results.kept import ExperimentsNow, KeptRun, doomed_runs, kept_runs, told_differences
 
 SHORT = ("--set", "duration_s=0.01")
 

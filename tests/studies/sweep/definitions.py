@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.job import JobLimits
 from twin.studies.sweep.definition import Definition
 from twin.studies.sweep.plan import Plan, planned
 from twin.studies.sweep.pool import Job

@@ -17,7 +17,7 @@ from tests.kernel.process.conftest import drive as drive  # the hostile drive
 from tests.kernel.process.hostile import EXIT, HANG, HANG_IN_INITIALISATION, LEAK, SEGFAULT, SEGFAULT_IN_FREE
 from tests.studies.sweep.definitions import job, stiffnesses, written
 from twin.kernel.errors import TwinError
-from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.job import JobLimits
 from twin.studies.sweep.folder import kept
 from twin.studies.sweep.plan import Plan, Task, planned
 from twin.studies.sweep.pool import PATIENCE, Pool, WorkerProcess, raise_if_pressed, remembered

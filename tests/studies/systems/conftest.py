@@ -8,8 +8,7 @@ import pytest
 
 from tests.studies.systems.archives import archive
 from twin.kernel.process.reporter import DirectReporter
-from twin.kernel.recording.reader import read
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording, read
 from twin.studies.systems.recorded import recorded_system
 
 Ran = Callable[..., tuple[Recording, dict[str, Any]]]

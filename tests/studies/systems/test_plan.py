@@ -15,7 +15,7 @@ from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.ssp.flat import Hop
 from twin.kernel.ssp.parameters import Transformation, UnitDefinition
 from twin.kernel.units import Dimension
-from twin.studies.systems import coupled
+from twin.studies.systems import recorded as coupled
 from twin.studies.systems.plan import Way, spelt, way
 from twin.studies.systems.recorded import recorded_system
 

@@ -6,13 +6,15 @@ in the source of a function, it asks for its type, and only then there is someth
 """
 
 import importlib
+import math
+import operator
 from collections.abc import Callable
-from functools import cached_property, update_wrapper
+from functools import cache, cached_property, update_wrapper
 from typing import Any
 
 import numpy as np
 
-from twin.kernel.compiled.numba_internals import Typed, refresh
+from twin.kernel.compiled.numba_internals import Typed, declared, infer, refresh
 
 
 class _Module:
@@ -145,3 +147,119 @@ def pointer_to(item: Any) -> Any:
         return intrinsic(at)
 
     return Name(make)
+
+
+@cache
+def _made() -> tuple[Any, Any]:
+    """The type made known to numba, and what makes values of it."""
+    from numba.extending import intrinsic, lower_builtin, models, register_model
+
+    class Lanes(types.Type):  # type: ignore[misc, name-defined]
+        def __init__(self) -> None:
+            super().__init__("Lanes")
+
+    register = ir.VectorType(c.f64, 4)
+    root = ir.FunctionType(register, [register])
+    lanes, number = Lanes(), types.float64
+
+    @register_model(Lanes)
+    class Model(models.PrimitiveModel):  # type: ignore[misc]
+        def __init__(self, dmm: Any, fe_type: Any):
+            super().__init__(dmm, fe_type, register)
+
+    def placed(builder, value, lane, item):
+        return builder.insert_element(value, item, c.i32(lane))
+
+    def spread(builder, value, kind):
+        if kind is lanes:
+            return value
+        value = placed(builder, ir.Constant(register, ir.Undefined), 0, value)
+        return builder.shuffle_vector(value, value, ir.Constant(ir.VectorType(c.i32, 4), [0, 0, 0, 0]))
+
+    def two(function: Any, instruction: str) -> None:
+        def lowered(context, builder, sig, arguments):
+            return getattr(builder, instruction)(*map(spread, (builder, builder), arguments, sig.args))
+
+        cases = (lanes, lanes), (lanes, number), (number, lanes)
+        infer(function, *((lanes, *case) for case in cases))
+        for case in cases:
+            lower_builtin(function, *case)(lowered)
+
+    for function, instruction in (
+        (operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul"), (operator.truediv, "fdiv")
+    ):  # fmt: skip
+        two(function, instruction)
+
+    infer(operator.neg, (lanes, lanes))
+
+    @lower_builtin(operator.neg, lanes)
+    def negated(context, builder, sig, arguments):
+        return builder.fneg(arguments[0])
+
+    infer(math.sqrt, (lanes, lanes))
+
+    @lower_builtin(math.sqrt, lanes)
+    def rooted(context, builder, sig, arguments):
+        return builder.call(builder.module.declare_intrinsic("llvm.sqrt.v4f64", fnty=root), arguments)
+
+    infer(operator.getitem, (number, lanes, types.intp))
+
+    @lower_builtin(operator.getitem, lanes, types.Integer)
+    def indexed(context, builder, sig, arguments):
+        return builder.extract_element(*arguments)
+
+    @intrinsic
+    def with_lane(typingctx, value, k, item):
+        def codegen(context, builder, sig, arguments):
+            value, k, item = arguments
+            return builder.insert_element(value, item, k)
+
+        return lanes(lanes, types.intp, number), codegen
+
+    @intrinsic
+    def three(typingctx, a, b, c):
+        def codegen(context, builder, sig, arguments):
+            value = ir.Constant(register, ir.Undefined)
+            for k, item in enumerate((*arguments, arguments[-1])):
+                value = placed(builder, value, k, item)
+            return value
+
+        return lanes(number, number, number), codegen
+
+    return three, with_lane
+
+
+three: Any = Name(lambda: _made()[0])
+"""Three numbers, see above."""
+with_lane: Any = Name(lambda: _made()[1])
+"""`with_lane(lanes, k, number)`: the lanes with another number k."""
+
+
+@intrinsic
+def put(typingctx, address, value):
+    """Write the number `value`, as wide as its type is, to an address that may be no multiple of that."""
+
+    def codegen(context, builder, signature, arguments):
+        to, number = arguments
+        written = builder.store(number, builder.inttoptr(to, number.type.as_pointer()))
+        written.align = 1
+        return context.get_dummy_value()
+
+    return types.void(types.int64, value), codegen
+
+
+@intrinsic
+def copy(typingctx, to, source, count):
+    """Copy `count` bytes from address `source` to address `to`, which do not overlap.
+
+    As a loop it would be unrolled for far more than what is copied.
+    """
+
+    def codegen(context, builder, signature, arguments):
+        to_, source_, count_ = arguments
+        kind = ir.FunctionType(c.pointer, [c.pointer, c.pointer, c.i64])
+        memcpy = declared(builder.module, kind, "memcpy")
+        builder.call(memcpy, [builder.inttoptr(to_, c.pointer), builder.inttoptr(source_, c.pointer), count_])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, types.int64), codegen

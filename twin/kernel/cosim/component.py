@@ -1,13 +1,115 @@
 """What the master needs to know of a component."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from twin.kernel.cosim.port import Port, by_port, width
-from twin.kernel.cosim.rewind import Rewind, record_rewind
+from twin.kernel.compiled.function import c, copy, intrinsic, ir, pointer_to, types
+from twin.kernel.compiled.native import Kind, Native
+from twin.kernel.cosim.port import Port, by_port, port_record, width
+
+
+def step_function(
+    memory: np.dtype, inputs: tuple[Port, ...] = (), outputs: tuple[Port, ...] = ()
+) -> Callable[[Callable], Native]:
+    """Decorator: compile `f(m, t, h, u, y) -> int32` as a component's step.
+
+    `m` is the component's memory, a record of dtype `memory`. `u` and `y` are records with a field for each port, so
+    that a step reads `u.F_ee_B[2]` and writes `y.dp_z`, and a wrong name does not compile. The compiled step is kept
+    on disk. Dividing by zero gives NaN or infinity; functions that `f` calls need `error_model="numpy"` of their own
+    for that.
+
+    Args:
+        memory: of the component.
+        inputs, outputs: its ports. Where none are given, because there are none or because they are known only when a
+            component is made, `u` or `y` is a pointer to doubles, of which `carray` makes an array.
+    """
+    u, y = (port_record(ports) if ports else "doubles" for ports in (inputs, outputs))
+    takes: tuple[Kind, ...] = (memory, "double", "double", u, y)
+    return lambda function: Native("int32", takes, function)
+
+
+@intrinsic
+def call_step(typingctx, function, self, t, h, u, y):
+    """`int32 step(void *self, double t, double h, const double *u, double *y)` at address `function`."""
+    signature = types.int32(types.int64, types.int64, types.float64, types.float64, types.int64, types.int64)
+
+    def codegen(context, builder, signature, arguments):
+        f, self_, t_, h_, u_, y_ = arguments
+        kind = ir.FunctionType(c.i32, [c.pointer, c.f64, c.f64, c.pointer, c.pointer])
+        pointers = [builder.inttoptr(value, c.pointer) for value in (self_, u_, y_)]
+        target = builder.inttoptr(f, kind.as_pointer())
+        return builder.call(target, [pointers[0], t_, h_, pointers[1], pointers[2]])
+
+    return signature, codegen
+
+
+@intrinsic
+def address_of(typingctx, pointer):
+    """The address (int64) behind an argument of a compiled step that is a pointer or a record."""
+
+    def codegen(context, builder, signature, arguments):
+        return builder.ptrtoint(arguments[0], c.i64)
+
+    return types.int64(pointer), codegen
+
+
+doubles_at = pointer_to(np.float64)
+bytes_at = pointer_to(np.uint8)
+integers_at = pointer_to(np.uint64)
+"""Unsigned: an index read from it is never negative, which saves a check."""
+
+
+@intrinsic
+def clock_cycles(typingctx):
+    """The processor's cycle counter; differences are proportional to time."""
+
+    def codegen(context, builder, signature, arguments):
+        counter = builder.module.declare_intrinsic("llvm.readcyclecounter", fnty=ir.FunctionType(c.i64, []))
+        return builder.call(counter, [])
+
+    return types.int64(), codegen
+
+
+@dataclass(frozen=True)
+class Rewind:
+    """How a component goes back: two functions of a step's signature, which read neither time nor inputs.
+
+    Attributes:
+        save_address, restore_address: `restore` brings back what `save` last kept, as often as it is called.
+        self_address: memory that both are called with.
+        keep: whatever owns the memory behind the addresses.
+    """
+
+    save_address: int
+    restore_address: int
+    self_address: int
+    keep: Any = field(default=None, repr=False)
+
+
+_MEMORY = np.dtype([("record", "i8"), ("copy", "i8"), ("size", "i8")], align=True)
+
+
+@step_function(_MEMORY)
+def _save(m, t, h, u, y):
+    copy(m.copy, m.record, m.size)
+    return 0
+
+
+@step_function(_MEMORY)
+def _restore(m, t, h, u, y):
+    copy(m.record, m.copy, m.size)
+    return 0
+
+
+def record_rewind(record: np.ndarray) -> Rewind:
+    """Of a component whose whole state is `record`, (1,)."""
+    saved = record.copy()
+    memory = np.array([(record.ctypes.data, saved.ctypes.data, record.nbytes)], dtype=_MEMORY)
+    return Rewind(_save.address, _restore.address, memory.ctypes.data, (memory, saved))
+
 
 NOT_FINITE = 1 << 32
 """Status the master gives a component whose step returned NaN or infinity; beyond int32, so no step can return it."""
@@ -118,3 +220,25 @@ class NativeComponent(Component):
 
     def rewind(self) -> Rewind | None:
         return record_rewind(self.memory) if self._rewindable else None
+
+
+@dataclass(frozen=True)
+class Place:
+    """The `field` of a record in the memory of the component with the name `component`.
+
+    `record`: names of records in records, joined by "."; "" the memory itself.
+    """
+
+    component: str
+    record: str
+    field: str
+
+    def memory_of(self, owner: Component) -> np.ndarray | None:
+        """The numbers there, a view (1,) or (1, size); None if `owner` has no such memory."""
+        try:
+            memory = owner.memory[0:1]  # type: ignore[attr-defined]
+            for name in filter(None, (*self.record.split("."), self.field)):
+                memory = memory[name]
+            return memory
+        except (AttributeError, TypeError, ValueError, IndexError):
+            return None

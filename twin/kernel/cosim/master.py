@@ -13,11 +13,9 @@ of a tick whose end is known.
 
 import numpy as np
 
-from twin.kernel.compiled.function import carray, njit, pointer_to
-from twin.kernel.compiled.memory import copy
+from twin.kernel.compiled.function import carray, copy, njit, pointer_to
 from twin.kernel.compiled.native import entry
-from twin.kernel.cosim.component import NOT_FINITE
-from twin.kernel.cosim.native import call_step, clock_cycles, doubles_at, integers_at
+from twin.kernel.cosim.component import NOT_FINITE, call_step, clock_cycles, doubles_at, integers_at
 
 TABLE = np.dtype(
     [

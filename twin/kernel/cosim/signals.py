@@ -3,8 +3,7 @@
 import numpy as np
 
 from twin.kernel.compiled.function import carray
-from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.native import doubles_at, step_function
+from twin.kernel.cosim.component import Component, doubles_at, step_function
 from twin.kernel.cosim.port import Port, width
 
 MEMORY = np.dtype([("rows", "i8"), ("count", "i8"), ("size", "i8"), ("next", "i8")], align=True)

@@ -8,12 +8,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twin.kernel.compiled.function import carray, pointer_to
-from twin.kernel.compiled.memory import copy
-from twin.kernel.cosim.component import Component
+from twin.kernel.compiled.function import carray, copy, pointer_to
+from twin.kernel.cosim.component import Component, address_of, doubles_at, integers_at, step_function
 from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.cosim.master import LOOP, ticks
-from twin.kernel.cosim.native import address_of, doubles_at, integers_at, step_function
 from twin.kernel.cosim.port import Port, record, width
 from twin.kernel.cosim.simulation import failed_phrase
 from twin.kernel.cosim.system import System

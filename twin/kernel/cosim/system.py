@@ -10,11 +10,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.component import Component, Rewind
 from twin.kernel.cosim.interpolation import VALID, Inputs, Scheme, input_weights
 from twin.kernel.cosim.master import LOOP, TABLE
 from twin.kernel.cosim.port import Port, width
-from twin.kernel.cosim.rewind import Rewind
 from twin.kernel.errors import InputRefused, nearest
 
 Side = Literal["input", "output"]

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.component import Component, Rewind
 from twin.kernel.cosim.port import by_port
-from twin.kernel.cosim.rewind import Rewind
 from twin.kernel.errors import InputRefused, TwinError
 from twin.kernel.fmi.cosim_step import SHORTER
 from twin.kernel.fmi.description import FmuDescription

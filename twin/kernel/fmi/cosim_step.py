@@ -8,9 +8,8 @@ nothing, and over longer parts again as long as that goes well. To repeat a step
 
 import numpy as np
 
-from twin.kernel.compiled.function import carray, njit, pointer_to
-from twin.kernel.compiled.memory import copy
-from twin.kernel.cosim.native import address_of, bytes_at, step_function
+from twin.kernel.compiled.function import carray, copy, njit, pointer_to
+from twin.kernel.cosim.component import address_of, bytes_at, step_function
 from twin.kernel.cosim.port import record
 from twin.kernel.fmi.calls import (
     DISCARD,

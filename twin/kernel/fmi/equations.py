@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.compiled.function import carray, njit, pointer_to
-from twin.kernel.cosim.native import doubles_at
+from twin.kernel.cosim.component import doubles_at
 from twin.kernel.fmi.calls import (
     MOST_UPDATES,
     STATUSES,

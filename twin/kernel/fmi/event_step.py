@@ -7,10 +7,9 @@ are due are ticked, discrete inputs set, clocked outputs read.
 
 import numpy as np
 
-from twin.kernel.compiled.function import carray, njit, pointer_to
-from twin.kernel.compiled.memory import copy
+from twin.kernel.compiled.function import carray, copy, njit, pointer_to
 from twin.kernel.compiled.native import entry
-from twin.kernel.cosim.native import address_of, bytes_at, doubles_at, step_function
+from twin.kernel.cosim.component import address_of, bytes_at, doubles_at, step_function
 from twin.kernel.cosim.port import record
 from twin.kernel.fmi.calls import (
     DISCARD,

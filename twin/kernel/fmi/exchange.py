@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from twin.kernel.compiled.function import carray
-from twin.kernel.cosim.native import address_of, doubles_at, step_function
+from twin.kernel.cosim.component import address_of, doubles_at, step_function
 from twin.kernel.cosim.python_class import STEP
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.calls import MOST_UPDATES

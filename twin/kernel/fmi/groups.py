@@ -12,7 +12,7 @@ import numpy as np
 
 from twin.kernel.compiled.function import carray, njit, pointer_to
 from twin.kernel.compiled.native import Native
-from twin.kernel.cosim.native import address_of, doubles_at, integers_at
+from twin.kernel.cosim.component import address_of, doubles_at, integers_at
 from twin.kernel.cosim.port import record
 from twin.kernel.fmi.calls import DERIVATIVES, GET, SET, access_2, access_3, access_pairs
 

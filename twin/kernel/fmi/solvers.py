@@ -13,10 +13,9 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from twin.kernel.compiled.function import carray, njit
-from twin.kernel.compiled.memory import copy
+from twin.kernel.compiled.function import carray, copy, njit
 from twin.kernel.compiled.native import Native
-from twin.kernel.cosim.native import address_of, doubles_at
+from twin.kernel.cosim.component import address_of, doubles_at
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.calls import at_time, one_step, start_at, values_of
 from twin.kernel.fmi.equations import (

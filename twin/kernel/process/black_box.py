@@ -1,8 +1,8 @@
 """Memory that outlives the process which writes it: who was being called or stepped, when, with which inputs.
 
 A file without a name, open in two processes. The writer maps it and pays a store per value (see
-`twin.kernel.process.reporter.PipeReporter`), so the reader is not woken by what it need not know unless the writer dies; it
-asks the operating system for the bytes when it wants to know.
+`twin.kernel.process.reporter.PipeReporter`), so the reader is not woken by what it need not know unless the
+writer dies; it asks the operating system for the bytes when it wants to know.
 
 Layout, native byte order: tick int64, component int64; from byte `_COMPILED_AT` on how long the writer has compiled and
 since when it does so (ns, int64, of the system's clock; 0: it does not); from byte `_CALL_AT` on a call outside the
@@ -259,7 +259,7 @@ def _time(stepped: Stepped, box: BlackBox) -> str:
 
 
 def _last_inputs(participant: Participant, box: BlackBox) -> str:
-    """As `twin.kernel.cosim.component.named_values`, which would bring numpy into a supervisor that lives without it."""
+    """As `twin.kernel.cosim.component.named_values`, without numpy, which a supervisor does not load."""
     values = list(box.inputs(participant.first_input, sum(size for _, size, _ in participant.inputs)))
     texts = []
     for name, size, unit in participant.inputs:

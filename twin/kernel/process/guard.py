@@ -7,12 +7,10 @@ from itertools import groupby
 from typing import Any
 
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError, visible
-from twin.kernel.process.ahead import process_for
 from twin.kernel.process.black_box import Account, failure_sentence, manner
 from twin.kernel.process.child import STOP
-from twin.kernel.process.failure import error_of
-from twin.kernel.process.limits import PATIENCE, WAITING, JobLimits, duration_text
-from twin.kernel.process.process import GuardedProcess, resident_memory
+from twin.kernel.process.job import PATIENCE, WAITING, JobLimits, duration_text, error_of
+from twin.kernel.process.process import GuardedProcess, process_for, resident_memory
 
 POLL = 0.05
 """How often (s) limits are looked at and progress is shown."""

@@ -1,8 +1,18 @@
 """Functions that are called in another process: named there, because what they import is loaded there."""
 
+import _thread
 import importlib
+import math
+import os
+import signal
+import sys
+import threading
+import traceback
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
+
+from twin.kernel.errors import NotWritten, TwinError, system_sentence
 
 
 def function_called(name: str) -> Callable[..., Any]:
@@ -10,3 +20,100 @@ def function_called(name: str) -> Callable[..., Any]:
     module, _, function = name.partition(":")
     found: Callable[..., Any] = getattr(importlib.import_module(module), function)
     return found
+
+
+LONG = 3600.0
+"""Time (s) beyond which nobody starts without having been asked."""
+PATIENCE = 10.0
+"""How long (s) what is stepped is watched before anything is said of how long it will take."""
+
+WAITING = 4.0
+"""How many times longer than on a processor a call may wait for something else, which may want a processor itself."""
+
+
+@dataclass(frozen=True)
+class JobLimits:
+    """Limits that the supervisor enforces by ending the job.
+
+    Attributes:
+        step: longest time of one call into a component (s): on the clock, and of that much on a processor, so that a
+            busy machine accuses nobody; a call that waits for something else may take `WAITING` times as long. What
+            calls nobody, a compilation say, has no such limit.
+        wall: longest time of the whole job (s), less that in which it compiles.
+        memory: most resident memory (bytes); watched where the system has /proc, so on Linux.
+        expected: longest time that all ticks of one simulation may be expected to take (s), from what they have taken.
+    """
+
+    step: float = 10.0
+    wall: float = math.inf
+    memory: float = 4e9
+    expected: float = math.inf
+
+
+def cores() -> int:
+    """Processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def duration_text(seconds: float) -> str:
+    """`14 minutes`, `2.3 days`."""
+    for name, length in (("years", 365.25 * 86400.0), ("days", 86400.0), ("hours", 3600.0)):
+        if seconds >= 2.0 * length:
+            return f"{seconds / length:.2g} {name}"
+    return f"{seconds / 60.0:.0f} minutes" if seconds >= 90.0 else f"{seconds:.0f} s"
+
+
+def failure_report(problem: Exception) -> list[Any]:
+    """What `error_of` makes an error of again: module and class, text, exit code."""
+    if isinstance(problem, OSError):
+        return failure_report(NotWritten(system_sentence(problem)))
+    if not isinstance(problem, TwinError):
+        return failure_report(TwinError(traceback.format_exc()))
+    kind = type(problem)
+    return [kind.__module__, kind.__qualname__, str(problem), problem.exit_code]
+
+
+def error_of(report: list[Any]) -> TwinError:
+    """The error of a `failure_report`: of the same class, with the same text and exit code.
+
+    What else the error carried is not told: whoever needs that asks in the process itself.
+    """
+    module, name, text, exit_code = report
+    kind = getattr(importlib.import_module(module), name, TwinError) if module.startswith("twin.") else TwinError
+    # not called: what its __init__ wants is in the text already
+    error: TwinError = kind.__new__(kind, text)
+    error.exit_code = exit_code
+    return error
+
+
+INTERRUPTED = 130
+"""Exit code of a command that Ctrl-C has ended."""
+SOON = 0.01
+"""s. By then the finaliser is over: interrupted within it once more, the program would lose that one, too."""
+
+
+def keep_interrupts() -> None:
+    """From now on an interrupt that nobody can catch where it arrives comes again a moment later.
+
+    Compiling is full of such places: each piece of machine code is kept and let go by finalisers and callbacks.
+    """
+    before = sys.unraisablehook
+
+    def hear(lost: "sys.UnraisableHookArgs") -> None:
+        if issubclass(lost.exc_type, KeyboardInterrupt):
+            again = threading.Timer(SOON, interrupt_main)
+            again.daemon = True
+            again.start()
+        else:
+            before(lost)
+
+    sys.unraisablehook = hear
+
+
+def interrupt_main() -> None:
+    """Raise KeyboardInterrupt in the main thread; to be called by another one."""
+    if sys.platform == "win32":
+        _thread.interrupt_main()
+    else:
+        # a real signal, because it also ends a system call that waits
+        signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)

@@ -22,10 +22,10 @@ import numpy as np
 
 from twin.kernel.compiled.function import c, carray, intrinsic, ir, njit, pointer_to, types
 from twin.kernel.compiled.native import entry
-from twin.kernel.cosim.native import call_step, doubles_at, step_function
+from twin.kernel.cosim.component import call_step, doubles_at, step_function
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.black_box import INPUTS_AT
-from twin.kernel.process.limits import WAITING
+from twin.kernel.process.job import WAITING
 
 _NUMBERS = {"x86_64": (202, 247, 228), "aarch64": (98, 95, 113)}
 """By processor: numbers of the system calls futex, waitid and clock_gettime (asm/unistd_64.h, asm-generic/unistd.h)."""

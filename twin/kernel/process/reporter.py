@@ -11,10 +11,32 @@ from typing import Any, Protocol, TextIO
 
 import numpy as np
 
+from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.simulation import NOBODY, SimulationMemory
+from twin.kernel.cosim.subsystem import Subsystem
 from twin.kernel.cosim.system import System
+from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.process.black_box import INPUTS_AT, Announcer
-from twin.kernel.process.called import called_function
+
+
+class Elsewhere(Component):
+    """A component that stands for one in another process.
+
+    Attributes:
+        function: what `called_function` says of that one.
+    """
+
+    function: str
+
+
+def called_function(component: Component) -> str:
+    """The FMI function that a step of `component` calls, empty if it calls none."""
+    if isinstance(component, FmuComponent):
+        return component.called
+    if isinstance(component, Subsystem):
+        return ", ".join(dict.fromkeys(filter(None, map(called_function, component.system.components))))
+    return component.function if isinstance(component, Elsewhere) else ""
+
 
 Listen = Callable[[dict[str, Any]], None]
 Show = Callable[[int, int], None]

@@ -25,8 +25,7 @@ from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 from mcap.opcode import Opcode
 
-from twin.kernel.compiled.function import carray
-from twin.kernel.compiled.memory import copy, put
+from twin.kernel.compiled.function import carray, copy, put
 from twin.kernel.compiled.native import address_of, entry
 from twin.kernel.recording.layout import Field, Kind, check_stream
 

@@ -23,8 +23,7 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk, DataEnd, Header, Metadata, Statistics
 from mcap.writer import MCAP0_MAGIC
 
-from twin.kernel.compiled.function import carray, njit
-from twin.kernel.compiled.memory import copy
+from twin.kernel.compiled.function import carray, copy, njit
 from twin.kernel.compiled.native import entry
 from twin.kernel.files import LIMIT
 from twin.kernel.recording.messages import HEAD_OFFSETS, HEAD_SIZE, RECORD_PREFIX, SEQUENCE_AT

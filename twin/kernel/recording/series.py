@@ -10,10 +10,9 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Schema
 
-from twin.kernel.recording.layout import Field, check_stream
+from twin.kernel.recording.layout import Field, check_stream, described_fields
 from twin.kernel.recording.messages import RECORD_PREFIX, MessageLayout, message_layout
 from twin.kernel.recording.scan import CHANNEL, LENGTH, PLACE, SEQUENCE, Damage, Records
-from twin.kernel.recording.schema import described_fields
 
 NANOSECONDS = 1e9
 # message types for viewers, which hold no numbers that are not in the series too

@@ -29,14 +29,19 @@ from mcap.records import Channel, Header, Message, Metadata, MetadataIndex, Sche
 from mcap.writer import MCAP0_MAGIC
 
 from twin import __version__
-from twin.kernel.compiled.function import carray
-from twin.kernel.compiled.memory import copy
+from twin.kernel.compiled.function import carray, copy
 from twin.kernel.compiled.native import entry
 from twin.kernel.errors import disk_refusals
-from twin.kernel.recording.errors import RecordingFailed
-from twin.kernel.recording.layout import Field, Topic
+from twin.kernel.recording.layout import (
+    Field,
+    RecordingFailed,
+    Topic,
+    descriptor_set,
+    descriptors_of,
+    log_descriptor_set,
+    message_names,
+)
 from twin.kernel.recording.messages import Filling, Form, form_filling, message_layout, no_integer
-from twin.kernel.recording.schema import descriptor_set, descriptors_of, log_descriptor_set, message_names
 from twin.kernel.recording.summary import COMPRESSION_LEVEL, Summary, chunk, encoded
 
 PARTIAL = ".partial"

@@ -6,8 +6,8 @@ from typing import Any
 
 from twin.kernel.writing import write_text
 from twin.report.page.markup import Markup, element, joined, table
+from twin.report.page.page import plain_page
 from twin.report.page.picture import figure
-from twin.report.page.plain import plain_page
 from twin.studies.qualify.text import shown_value
 
 PAGE = "compare.html"

@@ -9,14 +9,12 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from twin.kernel.process.recorded import seen_from_here
+from twin.kernel.recording.recorder import seen_from_here
 from twin.kernel.writing import finite, made_folder, write_text
-from twin.report.page.dark import dark_filter
-from twin.report.page.markup import DataBlock, Markup, element, joined
-from twin.report.page.panels import curves
+from twin.report.page.markup import DataBlock, Markup, dark_filter, element, joined, section
+from twin.report.page.panels import curves, scene
 from twin.report.page.picture import picture
 from twin.report.page.run import ReportRun, report_runs
-from twin.report.page.scene import scene
 from twin.report.page.sections import sections, verdict_section
 from twin.report.page.verdict import verdict
 from twin.studies.answer import Answer
@@ -24,6 +22,7 @@ from twin.studies.steps import Say, silent
 
 if TYPE_CHECKING:
     from twin.studies.accuracy.budget import Budget
+
 
 ASSETS = files("twin.report.page") / "assets"
 SCRIPTS = ("data", "clock", "look", "plot", "plots", "scene", "player", "page")
@@ -142,3 +141,30 @@ def _chooser(runs: Sequence[ReportRun], scenes: Sequence[dict[str, Any] | None])
 def _json(data: object) -> str:
     """JSON that cannot end the script element it stands in, whatever texts it holds."""
     return json.dumps(finite(data), ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def plain_page(
+    title: str,
+    subtitle: str,
+    sections: Sequence[tuple[str, str, Markup]],
+    links: Sequence[tuple[str, str]],
+    made_of: str = "",
+) -> str:
+    """The HTML of a page.
+
+    Args:
+        title, subtitle: at its head.
+        sections: key, title and content of each.
+        links: key of a section and text, for the head.
+        made_of: what follows "Made by twin VERSION" at its foot.
+    """
+    return Template((ASSETS / "plain.html").read_text(encoding="utf-8")).substitute(
+        title=joined([title]),
+        subtitle=element("p", subtitle),
+        style=(ASSETS / "page.css").read_text(encoding="utf-8"),
+        dark=dark_filter(),
+        contents=joined([element("a", text, href=f"#{key}") for key, text in links]),
+        sections=joined([section(*one) for one in sections]),
+        version=joined([version("twin")]),
+        made_of=made_of,
+    )

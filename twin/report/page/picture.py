@@ -1,17 +1,66 @@
 """The figure of the paper that fits the runs, as a picture in the page."""
 
 import base64
+import pickle
 import struct
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
+from pathlib import Path
 
-from twin.report.page.drawer import drawing
+from twin.kernel.process.job import function_called
+from twin.kernel.process.process import GuardedProcess, taken
+from twin.report.page import DRAWN
 from twin.report.page.markup import Markup, element
 from twin.report.page.run import ReportRun
 from twin.report.page.verdict import PageVerdict
-from twin.studies.paper.fig4_runs import Fig4Run
+from twin.studies.paper.fig4_measures import Fig4Run
 from twin.studies.paper.fig5 import Fig5Score, shown_tasks
+
+POLL, PATIENCE = 0.05, 60.0
+"""How often (s) it is looked whether that process still lives, and for how long it is waited for."""
+
+LARGEST = 200_000_000
+"""Bytes that are handed over; to write and read more would take time and room, and a minute of drawing is ahead."""
+
+
+@contextmanager
+def drawing(draw: str, shown: object, size: int = 0) -> Iterator[Callable[[], bytes]]:
+    """What waits for a picture that is being drawn, and returns its content (PNG).
+
+    Args:
+        draw: "module:function", which is called as `draw(shown, path)`.
+        shown: what can be pickled.
+        size: of that (bytes), about.
+    """
+    waiting = taken(DRAWN) if size <= LARGEST else None
+    with tempfile.TemporaryDirectory() as folder, waiting or nullcontext() as process:
+        path, handed_over = Path(folder) / "picture.png", Path(folder) / "shown"
+        if process:
+            try:
+                with handed_over.open("wb") as file:
+                    # arrays go straight to the file
+                    pickle.dump(shown, file, protocol=5)
+                process.start({"draw": draw, "shown": handed_over, "path": path})
+            except OSError:
+                process = None
+
+        def content() -> bytes:
+            if process is None or not _is_finished(process):
+                function_called(draw)(shown, path)
+            return path.read_bytes()
+
+        yield content
+
+
+def _is_finished(process: GuardedProcess) -> bool:
+    """Whether it has done what it was asked for, which is waited for; whatever is in its way, there is another."""
+    while not process.gone and process.age < PATIENCE:
+        for report in process.reports(POLL):
+            return "finished" in report
+    return False
+
 
 CURVES = (
     "controller.F_z", "controller.F_z_ref", "controller.p_ref_B", "controller.p_cmd_B", "estimator.p_B",
@@ -29,7 +78,7 @@ def picture(runs: Sequence[ReportRun], verdict: PageVerdict) -> AbstractContextM
     if verdict.fig4 is not None:
         text = "Fig. 4 of the paper from these runs: A height, B pressing force, C, D force along x, y. "
         text += "Forces are the controller's estimates, dotted the truth."
-        return _figure(runs, "twin.studies.paper.fig4_runs:draw_fig4", verdict.fig4, text)
+        return _figure(runs, "twin.studies.paper.fig4_measures:draw_fig4", verdict.fig4, text)
     if verdict.fig5 is not None and (tasks := shown_tasks(verdict.fig5)):
         text = "Fig. 5 of the paper from these runs: the way of the platform, its position, the pressing force."
         # what was judged by cannot be pickled, and is not drawn

@@ -1,19 +1,187 @@
 """The sections of the page that are text, tables and a picture."""
 
+import base64
+import json
 import math
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+import shlex
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from twin.report.page.markup import Markup, element, joined, section, table
-from twin.report.page.measures import Measure, key_measures, number
-from twin.report.page.provenance import differences, drives, flat, parameters, provenance, timing
-from twin.report.page.run import ReportRun
+from twin.report.page.run import Measure, ReportRun, key_measures, number
 from twin.report.page.verdict import PageVerdict, RunGroup
+from twin.robot.assembly.declared import DECLARED
+from twin.robot.experiment.recorded import FROM_ROBOT, differing, flat, name_and_unit, options, recorded_facts, told
+from twin.robot.experiment.source import COMMAND_LINE
+from twin.studies.accuracy.budget import NOT_MODELLED, Budget, Contribution
+from twin.studies.accuracy.text import NUMBERS, details, headline, row
 from twin.studies.paper.claim import ClaimFinding
 from twin.studies.paper.fig4 import standing, tally
+from twin.studies.result import Cell, Column, Table
 
 if TYPE_CHECKING:
     from twin.studies.accuracy.budget import Budget
+
+
+HEAD = tuple(f"{column.name}, N" for column in NUMBERS)
+MEANING = "what it means"
+WHY = "why so much, assumed"
+
+
+def accuracy(budget: Budget, label: str) -> Markup:
+    """The sentence, what is in the run, and what is not: the twin's own error and beliefs that may be off.
+
+    Args:
+        budget: of the run's experiment.
+        label: of the run.
+    """
+    found, why = headline(budget), details(budget)
+    together = ("all of them", budget.bias, None, budget.together, "sum of biases, root of squares")
+    added = ("all of them", None, None, budget.parameters, "root of the sum of squares")
+    causes = [*map(_row, budget.of("imperfection")), together, _row(budget.as_is)]
+    beliefs = [*map(_row, budget.of("parameter")), added]
+    others = f"None of this is in the run: each line is another, whose controller believes otherwise. {_begun(why[1])}."
+    return joined(
+        [
+            element("p", f"{_begun(found)}. {_begun(why[0])}."),
+            _table("cause", MEANING, causes, f"causes of the force error of {label}"),
+            element("h3", "The twin itself"),
+            _table("cause", MEANING, map(_row, budget.of("twin")), f"error of the simulation of {label}"),
+            element("h3", "Left out; if the robot had"),
+            _table("effect", WHY, map(_row, budget.of("effect")), f"effects not in {label}"),
+            table(
+                ("not modelled", "at most, N", "why"),
+                [(what, f"{most:.3f}", why) for what, most, why in NOT_MODELLED],
+                f"what is not modelled in {label}",
+            ),
+            element("h3", "If the controller believed"),
+            element("p", others),
+            _table("belief", WHY, beliefs, f"what beliefs would add in {label}"),
+        ]
+    )
+
+
+def _table(cause: str, meaning: str, rows: Iterable[Sequence[Cell]], label: str) -> Markup:
+    cells = Table((Column(), *NUMBERS, Column()), [*rows]).cells
+    return table((cause, *HEAD, meaning), cells, label)
+
+
+def _begun(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+def _row(one: Contribution) -> tuple[Cell, ...]:
+    return (*row(one), one.meaning)
+
+
+def source(key: str, origins: Mapping[str, str]) -> str:
+    """Where the value of `key` comes from; the robot's own source where a table was filled from it."""
+    for filled in FROM_ROBOT:
+        if key not in origins and key.startswith(f"{filled}."):
+            said = origins.get(f"robot{key.removeprefix(filled)}")
+            return f"robot: {said}" if said else ""
+    item, _, field = key.rpartition(".")
+    return origins.get(key) or (origins.get(item, "") if field else "")
+
+
+def parameters(run: ReportRun) -> Markup:
+    """Every value of the experiment, table by table; those that were set on the command line are marked."""
+    rows = []
+    for key, value in flat(run.values):
+        name, unit = name_and_unit(DECLARED, key)
+        origin = source(key, run.origins)
+        said = element("mark", origin) if origin == COMMAND_LINE else origin
+        rows.append((name, told(value), unit, said))
+    return table(("value of", "is", "unit", "source"), rows, f"parameters of {run.label}")
+
+
+def differences(runs: Sequence[ReportRun]) -> list[tuple[str, ...]]:
+    """(what, unit, its value in each run ...) of every parameter, FMU and version that is not the same in all."""
+    return [
+        (*name_and_unit(DECLARED, key), *values) for key, values in differing([_facts(run) for run in runs]).items()
+    ]
+
+
+def _facts(run: ReportRun) -> dict[str, str]:
+    versions = {f"version of {name}": text for name, text in run.recording.metadata.get("versions", {}).items()}
+    return recorded_facts(DECLARED, run.recording.metadata, run.recording.path) | versions
+
+
+def command(run: ReportRun) -> str:
+    """What makes this recording again, from the repository: `twin run experiments/... --set ...`."""
+    words = ["twin", "run", f"experiments/{run.name}.toml", *options(run.values, run.origins)]
+    return shlex.join(words)
+
+
+def provenance(run: ReportRun) -> Markup:
+    """Command, seed, hash of the recording, versions; the whole experiment to take away."""
+    versions = run.recording.metadata.get("versions", {})
+    rows = [
+        ("command of its experiment" if run.recording.deviations else "command", element("code", command(run))),
+        ("seed of the noise", told(run.values.get("seed", 0))),
+        ("recording", run.recording.path.name),
+        ("its sha256", element("code", run.sha256)),
+        ("versions", ", ".join(f"{name} {text}" for name, text in versions.items())),
+    ]
+    values = json.dumps(run.values, indent=2, ensure_ascii=False)
+    link = "data:application/json;base64," + base64.b64encode(values.encode()).decode("ascii")
+    whole = element("details", element("summary", "The whole experiment, as it was checked"), element("pre", values))
+    save = element("a", "Save it as JSON", href=link, download=f"{run.name}.json")
+    same = ["The same versions on the same kind of machine give the same recording, byte for byte."]
+    said = [element("p", f"{text[0].upper()}{text[1:]}.") for text in run.recording.deviations or same]
+    return joined([table(("", "is"), rows, f"provenance of {run.label}"), *said, element("p", save), whole])
+
+
+def drives(run: ReportRun) -> Markup:
+    """Every FMU: which joint, file, model, FMI version, tool, hash, what was set, how its names were mapped."""
+    joints: dict[str, list[str]] = {}
+    for name, fmu in run.fmus.items():
+        joints.setdefault(json.dumps(fmu), []).append(name.removeprefix("drive_"))
+    rows = []
+    for text, names in joints.items():
+        fmu = json.loads(text)
+        given = fmu["set"] | ({"tolerance of its solver": fmu["tolerance"]} if fmu["tolerance"] else {})
+        given |= {"solver": fmu["solver"]} if fmu["solver"] else {}
+        given |= {"longest step of the solver (s)": fmu["solver_step"]} if fmu["solver_step"] else {}
+        settings = ", ".join(f"{key} = {told(value)}" for key, value in given.items())
+        rows.append(
+            (
+                ", ".join(names),
+                fmu["file"],
+                fmu["model"],
+                fmu["fmi"] + (" model exchange" if fmu["kind"] == "model_exchange" else ""),
+                fmu["generation_tool"] or "not said",
+                element("code", fmu["sha256"]),
+                settings or "nothing",
+                joined([element("div", text) for text in fmu["mapped"]]),
+            )
+        )
+    head = ("joint", "file", "model", "FMI", "made by", "sha256", "set", "signals")
+    return table(head, rows, f"drives of {run.label}")
+
+
+def timing(runs: Sequence[ReportRun]) -> Markup:
+    """How long the runs took, and each component's share where it was measured."""
+    rows = []
+    for text, key, unit in (
+        ("simulated", "simulated", "s"),
+        ("stepping", "stepping", "s"),
+        ("recording", "writing", "s"),
+        ("times as fast as the real robot", "real_time_factor", ""),
+    ):
+        rows.append((text, *(_told(run.summary.get(key), unit) for run in runs)))
+    measured = [run.summary.get("microseconds") for run in runs]
+    shares: list[dict[str, Any]] = [share if isinstance(share, dict) else {} for share in measured]
+    for name in dict.fromkeys(name for share in shares for name in share):
+        rows.append((f"{name}, per tick", *(_told(share.get(name), "us") for share in shares)))
+    text = "Time by component was not measured, or the run did not get to its end." if not any(shares) else ""
+    head = ("", *(run.label if len(runs) > 1 else "time" for run in runs))
+    return joined([table(head, rows, "time that the runs took"), element("p", text)])
+
+
+def _told(value: object, unit: str) -> str:
+    return number(value, unit) if isinstance(value, float) else "not recorded"
+
 
 MARKS = {
     "holds": ("✓ holds", "good"),
@@ -60,7 +228,6 @@ def sections(
 
 def _accuracies(runs: Sequence[ReportRun], budgets: Sequence["Budget"]) -> Markup | None:
     # few ask for it, and what runs experiments takes a while to load
-    from twin.report.page.accuracy import accuracy
 
     own = {run.label: one for run, one in zip(runs, budgets, strict=True)}
     return _of_each(runs, lambda run: accuracy(own[run.label], run.label))

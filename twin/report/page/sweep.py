@@ -5,8 +5,8 @@ from pathlib import Path
 
 from twin.kernel.writing import write_text
 from twin.report.page.markup import Markup, element, joined, table
+from twin.report.page.page import plain_page
 from twin.report.page.picture import figure
-from twin.report.page.plain import plain_page
 from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.show.parts import Asked, Part, headline, parts
 

@@ -9,16 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.recording import Recording
-from twin.report.page.measures import outcome, scored, unscored
-from twin.report.page.run import ReportRun
+from twin.kernel.recording.reader import Recording
+from twin.report.page.run import ReportRun, outcome, scored, unscored
 from twin.studies.figure import Axes, picture
 from twin.studies.metrics.requirement import standing
 from twin.studies.metrics.response import Curve
 from twin.studies.paper.claim import ClaimFinding, judged
 from twin.studies.paper.fig4 import QUALITY, failed, fig4_score, tally
 from twin.studies.paper.fig4 import standing as claims_standing
-from twin.studies.paper.fig4_runs import (
+from twin.studies.paper.fig4_measures import (
     FP_BASED,
     FP_REFERENCE,
     PRE_DEFINE,

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from twin.kernel.cosim.place import Place
+from twin.kernel.cosim.component import Place
 from twin.kernel.settings import FieldSource, Settings, Values, taken
 from twin.robot.controller.adaptive import Breath, Scheduling
 from twin.robot.controller.controller import Belief, Law

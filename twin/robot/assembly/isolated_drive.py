@@ -20,15 +20,15 @@ from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.port import width
 from twin.kernel.errors import InputRefused, TwinError
 from twin.kernel.process.black_box import manner
-from twin.kernel.process.called import Elsewhere
 from twin.kernel.process.guard import POLL, JobEnded, Watchdog, raise_failure
-from twin.kernel.process.limits import JobLimits
-from twin.kernel.process.page import CALLER, DIED, NAP, STUCK, Page, ask, kernel
+from twin.kernel.process.job import JobLimits
+from twin.kernel.process.page import CALLER, DIED, IDLE, NAP, STOPPED, STUCK, Page, ask, kernel, serve
 from twin.kernel.process.process import GuardedProcess, cpu_clock
-from twin.kernel.process.reporter import Reporter, own_reporter
-from twin.robot.assembly.drives import DrivePlan, Start
+from twin.kernel.process.reporter import Elsewhere, PipeReporter, Reporter, called_function, own_reporter
+from twin.robot.assembly.drives import DrivePlan, Start, drive, planned
+from twin.robot.experiment.schema import Drive
 
-JOB = "twin.robot.assembly.drive_host:hosted_drive"
+JOB = "twin.robot.assembly.isolated_drive:hosted_drive"
 _spare: list[GuardedProcess] = []
 """Processes that have been kept: starting one takes a second, and a study may need three of them a hundred times."""
 
@@ -205,3 +205,63 @@ class IsolatedDrive(Elsewhere):
                 self._watch.raise_if_over()
             except TwinError as failure:
                 raise JobEnded(str(failure)) from None
+
+
+def hosted_drive(
+    reporter: PipeReporter,
+    name: str,
+    table: Drive,
+    switched: bool,
+    ticks: int | None,
+    ramped: bool,
+    tick: float,
+    theta_m: Start,
+    tau_load: Start,
+    processor: int,
+) -> None:
+    """Make a drive and serve it.
+
+    Notes: {"ports"} when the drive can be asked, {"explained"} after a bad status.
+
+    Args:
+        name: see `drive`.
+        table: of its `DrivePlan`.
+        switched: see `DrivePlan`.
+        ticks: see `DrivePlan`.
+        ramped: see `DrivePlan`.
+        tick: see `drive`.
+        theta_m: see `drive`.
+        tau_load: see `drive`.
+        processor: to serve on.
+
+    Raises:
+        InputRefused: the drive cannot be made.
+    """
+    plan = planned(table).until(ticks)
+    plan = plan.switchable() if switched else plan
+    component = drive(name, plan.with_lines() if ramped else plan, tick, theta_m, tau_load)
+    page = Page(reporter.box, sum(p.size for p in component.inputs), sum(p.size for p in component.outputs))
+    page.clear()
+    # no question: compiles, or loads from the cache, before the first one comes
+    _served(page, component)
+    reporter.note(ports=_described(component))
+    os.sched_setaffinity(0, {processor})
+    status = IDLE
+    while status != STOPPED:
+        status = _served(page, component)
+        if status not in (IDLE, STOPPED):
+            reporter.note(explained=component.explain(status))
+    component.close()
+
+
+def _served(page: Page, component: Component) -> int:
+    return serve(
+        page.address, page.inputs, component.step_address, component.self_address, page.number,
+        page.kernel.ctypes.data, page.nap.ctypes.data,
+    )  # fmt: skip
+
+
+def _described(component: Component) -> str:
+    """What a component that stands for this one needs to know, packed."""
+    facts = (component.inputs, component.outputs, np.array(component.initial_outputs), called_function(component))
+    return base64.b64encode(pickle.dumps(facts)).decode()

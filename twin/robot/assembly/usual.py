@@ -13,11 +13,11 @@ from twin.kernel.fmi import cosim_step
 from twin.kernel.process.process import environment, module_command
 from twin.kernel.recording import messages as filling
 from twin.kernel.recording import writer as weave
+from twin.robot import scene as arrows
+from twin.robot import scene as frames
 from twin.robot.controller import controller
 from twin.robot.mechanism import kinematics, workspace
 from twin.robot.plant import component, deviation, encoder
-from twin.robot.scene import frames
-from twin.robot.scene import scene as arrows
 
 PATIENCE = 5.0
 """How long (s) the other process has to end when it is asked to."""

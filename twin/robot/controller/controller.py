@@ -19,8 +19,7 @@ from functools import cache
 import numpy as np
 
 from twin.kernel.compiled.function import carray, njit
-from twin.kernel.cosim.component import NativeComponent
-from twin.kernel.cosim.native import address_of, doubles_at, step_function
+from twin.kernel.cosim.component import NativeComponent, address_of, doubles_at, step_function
 from twin.kernel.cosim.port import Port, memory_of, port_record, record, record_of
 from twin.kernel.settings import FieldSource, Values, taken
 from twin.robot.controller.adaptive import ADAPTIVE_OUTPUTS, Adapting, adapt, tell, with_adaptive

@@ -29,8 +29,7 @@ import math
 import numpy as np
 
 from twin.kernel.compiled.function import njit
-from twin.kernel.cosim.component import NativeComponent
-from twin.kernel.cosim.native import step_function
+from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, by_port, memory_of, record, record_of, width
 from twin.kernel.settings import Settings, Values, setting, taken
 from twin.robot.controller.controller import OMEGA_REF

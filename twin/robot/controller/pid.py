@@ -34,8 +34,7 @@ from typing import Any, Literal, NamedTuple
 from pydantic import model_validator
 
 from twin.kernel.compiled.function import njit
-from twin.kernel.cosim.component import NativeComponent
-from twin.kernel.cosim.native import step_function
+from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, memory_of, record, record_of
 from twin.kernel.settings import Settings, Values, numbers, setting, taken
 from twin.robot.mechanism.geometry import Model

@@ -13,8 +13,7 @@ from functools import cache
 import numpy as np
 
 from twin.kernel.compiled.function import carray, njit, pointer_to
-from twin.kernel.cosim.component import NativeComponent
-from twin.kernel.cosim.native import step_function
+from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, memory_of, record
 from twin.kernel.settings import Settings, numbers, setting
 from twin.robot.controller.adaptive import Adapting, Breath, adapt, tell, with_adaptive

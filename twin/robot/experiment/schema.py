@@ -1,4 +1,6 @@
-"""The tables of an experiment file that no part declares. Keys carry units, attributes are SI (see `twin.kernel.settings`).
+"""The tables of an experiment file that no part declares. Keys carry units, attributes are SI.
+
+See `twin.kernel.settings`.
 
 Times of an experiment as whole ticks.
 """

@@ -19,7 +19,7 @@ from enum import IntEnum
 import numpy as np
 
 from twin.kernel.compiled.function import carray, njit, pointer_to
-from twin.kernel.cosim.native import doubles_at, step_function
+from twin.kernel.cosim.component import doubles_at, step_function
 from twin.kernel.cosim.port import Port, memory_of, record, width
 from twin.robot.faults.drive_fault import ACTIVE, WINDOW, FaultComponent, Span, tick_now, window, within
 

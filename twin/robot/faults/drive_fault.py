@@ -18,8 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.kernel.compiled.function import carray, njit
-from twin.kernel.cosim.component import Component, NativeComponent
-from twin.kernel.cosim.native import doubles_at, step_function
+from twin.kernel.cosim.component import Component, NativeComponent, doubles_at, step_function
 from twin.kernel.cosim.port import Port, memory_of, record
 
 WINDOW = record(next="i8", period="i8", onset="i8", end="i8")

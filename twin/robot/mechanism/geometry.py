@@ -17,8 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twin.kernel.compiled.function import njit
-from twin.kernel.compiled.lanes import three
+from twin.kernel.compiled.function import njit, three
 from twin.kernel.errors import InputRefused
 from twin.kernel.settings import Settings, Triple, setting
 

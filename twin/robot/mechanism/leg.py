@@ -16,8 +16,7 @@ import math
 
 import numpy as np
 
-from twin.kernel.compiled.function import njit
-from twin.kernel.compiled.lanes import three, with_lane
+from twin.kernel.compiled.function import njit, three, with_lane
 from twin.robot.mechanism.geometry import leg_coordinates
 
 SMALL = 1.0 / 64.0

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twin.kernel.compiled.function import njit
-from twin.kernel.cosim.component import Component, NativeComponent
-from twin.kernel.cosim.native import step_function
+from twin.kernel.cosim.component import Component, NativeComponent, step_function
 from twin.kernel.cosim.port import Port, by_port, memory_of, record, width
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System

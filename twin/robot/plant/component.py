@@ -22,8 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from twin.kernel.compiled.function import njit
 from twin.kernel.compiled.native import entry
-from twin.kernel.cosim.component import NativeComponent
-from twin.kernel.cosim.native import step_function
+from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, memory_of, port_record, record
 from twin.robot.mechanism.geometry import Geometry, coordinates_along, legs
 from twin.robot.mechanism.kinematics import jacobian, jacobian_row, joint_angles, leg_angle

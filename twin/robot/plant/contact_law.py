@@ -35,8 +35,7 @@ import numpy as np
 from pydantic import ValidationInfo, field_validator
 
 from twin.kernel.compiled.function import carray, njit, pointer_to
-from twin.kernel.cosim.component import NativeComponent
-from twin.kernel.cosim.native import step_function
+from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, record, record_of
 from twin.kernel.settings import Settings, Triple, numbers, setting
 

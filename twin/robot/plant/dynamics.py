@@ -18,8 +18,7 @@ import math
 import numpy as np
 from pydantic import model_validator
 
-from twin.kernel.compiled.function import njit
-from twin.kernel.compiled.lanes import with_lane
+from twin.kernel.compiled.function import njit, with_lane
 from twin.kernel.cosim.port import record_of
 from twin.kernel.settings import Triple, Values, setting, taken
 from twin.robot.mechanism.geometry import Model, coordinates_along, legs

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.compiled.function import njit
-from twin.kernel.cosim.component import NativeComponent
-from twin.kernel.cosim.native import step_function
+from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, memory_of, record
 from twin.kernel.settings import Settings, setting
 

@@ -1,6 +1,10 @@
 """Whoever watches a run while it goes on: what a run asks of one."""
 
+import math
+import time
+from array import array
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -9,7 +13,7 @@ from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.recording.recorder import RowStream
 from twin.robot.run.tuning import Tuning
-from twin.robot.scene.scene import Scene
+from twin.robot.scene import Scene
 
 
 class Viewer(Protocol):
@@ -46,3 +50,98 @@ class Shown(Observer):
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         self._viewer.show(first, rows, events)
+
+
+SLICE = 0.01
+"""Wall time (s) between two deadlines: short for whoever turns a knob, long compared with what a slice costs."""
+
+
+@dataclass(frozen=True)
+class Punctuality:
+    """How a paced run kept its deadlines.
+
+    Attributes:
+        factor: simulated time per wall time that was wanted.
+        achieved: what it came to.
+        deadlines: how many there were.
+        misses: at how many the work was not done yet.
+        worst: longest time by which one was missed (s).
+        jitter, jitter_99: standard deviation and 99th percentile of the time from a deadline to going on (s).
+    """
+
+    factor: float
+    achieved: float
+    deadlines: int
+    misses: int
+    worst: float
+    jitter: float
+    jitter_99: float
+
+    @property
+    def sentence(self) -> str:
+        """For people, less than 80 columns."""
+        missed = f"{self.misses} of {self.deadlines} deadlines missed"
+        if self.misses:
+            missed += f", by {1e3 * self.worst:.1f} ms at most"
+        return f"{self.achieved:.4g} x real time; {missed}; jitter {1e3 * self.jitter:.2f} ms"
+
+
+class Pace(Observer):
+    """Lets simulated time pass `factor` times as fast as the clock on the wall.
+
+    Deadlines are absolute: the slice that ends before tick k is due k tick/factor after the beginning, whatever came
+    before, so nothing adds up, and a run that was held up catches up.
+
+    Args:
+        factor: simulated time per wall time, > 0.
+        tick: duration of a tick (s).
+
+    Attributes:
+        tick_time: wall time of a tick (s).
+    """
+
+    def __init__(self, factor: float, tick: float):
+        self._factor = factor
+        self.tick_time = tick / factor
+        self._began = 0.0
+        self._last_tick = 0
+        self._lateness = array("d")
+        self._misses = array("d")
+
+    def slice_ticks(self, block: int) -> int:
+        """Ticks from one deadline to the next: at most `SLICE`, at least one tick, and a divisor of `block`."""
+        most = max(1, math.floor(SLICE / self.tick_time + 1e-9))
+        return max(n for n in range(1, block + 1) if n <= most and block % n == 0)
+
+    def ready(self, tick: int) -> None:
+        """Tick 0 is now."""
+        if tick == 0:
+            self._began = time.monotonic()
+
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        self.keep(first + len(rows))
+
+    def keep(self, tick: int) -> None:
+        """Wait until `tick` is due; go on at once if that is over."""
+        deadline = self._began + tick * self.tick_time
+        ahead = deadline - time.monotonic()
+        if ahead > 0.0:
+            time.sleep(ahead)
+        else:
+            self._misses.append(-ahead)
+        self._lateness.append(time.monotonic() - deadline)
+        self._last_tick = tick
+
+    def punctuality(self) -> Punctuality:
+        """Of every deadline so far, at least one."""
+        lateness = np.array(self._lateness)
+        taken = self._last_tick * self.tick_time + self._lateness[-1]
+        return Punctuality(
+            factor=self._factor,
+            achieved=self._factor * self._last_tick * self.tick_time / taken,
+            deadlines=len(lateness),
+            misses=len(self._misses),
+            worst=max(self._misses, default=0.0),
+            jitter=float(lateness.std()),
+            jitter_99=float(np.percentile(lateness, 99)),
+        )

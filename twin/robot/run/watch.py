@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.kernel.cosim.observers import Observer, TickEvent, messages
 from twin.kernel.errors import InputRefused
-from twin.kernel.process.limits import LONG, duration_text
+from twin.kernel.process.job import LONG, duration_text
 from twin.robot.assembly.assemble import Assembly
 from twin.robot.controller.program import PhaseKind
 from twin.robot.experiment.experiment import Experiment

@@ -35,6 +35,7 @@ from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.plant.contact import stopped
 from twin.robot.plant.dynamics import series_share, spring_stiffness
 from twin.studies.analyse.linear.drive_model import DriveModel, fitted_drive
+from twin.studies.analyse.linear.hand import linear_plant
 from twin.studies.analyse.linear.loops import (
     LOOPS,
     Estimation,
@@ -47,7 +48,6 @@ from twin.studies.analyse.linear.loops import (
     period_map,
     tick_map,
 )
-from twin.studies.analyse.linear.plant_system import linear_plant
 from twin.studies.analyse.operating_point import OperatingPoint
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify.bench import on_bench, refuse_impossible

@@ -32,13 +32,12 @@ from twin.studies.analyse.linear.hand import (
     along,
     hand_of,
     hertz,
+    linear_plant,
     power_share,
     robot_with,
 )
 from twin.studies.analyse.linear.loops import LOOPS, closed_poles, linear_law
-from twin.studies.analyse.linear.plant_system import linear_plant
-from twin.studies.analyse.nudge import NUDGED, nudged_path
-from twin.studies.analyse.operating_point import OperatingPoint, operating_points, resting_point
+from twin.studies.analyse.operating_point import NUDGED, OperatingPoint, nudged_path, operating_points, resting_point
 from twin.studies.steps import Say
 
 INSIDE, OUTSIDE = 0.85, 1.15

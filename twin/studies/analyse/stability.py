@@ -30,8 +30,7 @@ from twin.studies.analyse.linear.margins import (
     poles,
     worst_sensitivity,
 )
-from twin.studies.analyse.nudge import aftermath
-from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness, operating_points
+from twin.studies.analyse.operating_point import OperatingPoint, aftermath, on_stiffness, operating_points
 from twin.studies.steps import Say, Steps, silent
 
 HOLDS = 0.15

@@ -16,6 +16,7 @@ from twin.kernel.writing import made_folder, write_bytes
 from twin.robot.assembly.load import load_experiment
 from twin.robot.monitor.checks import Reason
 from twin.studies.answer import Answer
+from twin.studies.build.fmu import HOME
 from twin.studies.build.layout import STATUS, Layout, Variable, laid_out, sizes, tables
 from twin.studies.build.linking import (
     HERE,
@@ -31,7 +32,6 @@ from twin.studies.build.linking import (
 )
 from twin.studies.build.parameters import Limits, fixed, parameters
 from twin.studies.build.part import RobotPart, part_of, told_to_drives
-from twin.studies.build.part_fmu import HOME
 
 COUNTS = (
     Port("count_m", 3, "1", "motor encoders", "int"),

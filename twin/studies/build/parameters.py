@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twin.kernel.cosim.component import NativeComponent
-from twin.kernel.cosim.place import Place
+from twin.kernel.cosim.component import NativeComponent, Place
 from twin.kernel.settings import taken
 from twin.kernel.units import Unit, known_unit
 from twin.robot.assembly.declared import MEMORIES, PATHS, PLACES

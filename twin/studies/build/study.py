@@ -72,7 +72,7 @@ def build(
         from twin.studies.build.system import build_ssp
 
         return build_ssp(experiment, version, platforms, out, drive, settings, say)
-    from twin.studies.build.part_fmu import build_fmu
+    from twin.studies.build.fmu import build_fmu
 
     assert fmu is not None
     return build_fmu(experiment, fmu, version, platforms, out, settings, say)

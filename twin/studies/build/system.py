@@ -14,8 +14,8 @@ import numpy as np
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.description import FmuDescription
-from twin.kernel.ssp.parameters import NONE, Metadata
-from twin.kernel.ssp.structure import STRUCTURE, Connection
+from twin.kernel.ssp.parameters import NONE, Metadata, ParameterSet, ParameterValue, UnitDefinition
+from twin.kernel.ssp.structure import STRUCTURE, Connection, Connector, ConnectorKind
 from twin.kernel.ssp.writing import parameter_set_xml, structure_xml
 from twin.kernel.writing import json_text, made_folder, refuse_unwritable, write_bytes
 from twin.robot.assembly.load import load_experiment
@@ -23,15 +23,47 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.provenance import named_files
 from twin.studies.answer import Answer
 from twin.studies.build.drives import Element, JointDrive, travelling_drives
-from twin.studies.build.fmu import archive, packed
-from twin.studies.build.layout import laid_out
+from twin.studies.build.fmu import HOME, about, archive, packed, readme
+from twin.studies.build.layout import Kind, Variable, laid_out
 from twin.studies.build.linking import Platform, platforms_named, refuse_platform
-from twin.studies.build.ours import own_connectors, own_values
 from twin.studies.build.parameters import fixed, parameters
 from twin.studies.build.part import RobotPart, part_of
-from twin.studies.build.part_fmu import HOME, about, readme
-from twin.studies.build.structure import Member, structure
-from twin.studies.build.theirs import foreign_connectors, foreign_values
+from twin.studies.build.structure import Member, Told, defined, foreign_connectors, foreign_values, origin, structure
+
+KINDS: dict[Kind, ConnectorKind] = {
+    "parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output",
+}  # fmt: skip
+
+
+def own_connectors(variables: Sequence[Variable]) -> tuple[Told, ...]:
+    """One for each of its scalars."""
+    return tuple((Connector(v.name, KINDS[v.kind], "Real", v.text, (), v.meaning), _unit(v)) for v in variables)
+
+
+def own_values(
+    experiment: Experiment, name: str, variables: Sequence[Variable], source: str, metadata: Metadata
+) -> ParameterSet:
+    """The parameters of a part of ours, each with where it comes from.
+
+    Args:
+        experiment: whose values they are.
+        name: of the part.
+        variables: scalars.
+        source: entry of the archive.
+        metadata: of the file.
+    """
+    given = [v for v in variables if v.kind in ("parameter", "tunable")]
+    values = [
+        ParameterValue(v.name, "Real", v.start, v.text, origin(experiment, re.sub(r"\[\d+\]$", "", v.name)))
+        for v in given
+    ]
+    units = defined(_unit(v) for v in given)
+    return ParameterSet(name, tuple(values), tuple(units.values()), source, metadata)
+
+
+def _unit(variable: Variable) -> UnitDefinition:
+    return UnitDefinition(variable.text, variable.unit.dimension, variable.unit.scale)
+
 
 _SCHEME = {
     "gauss_seidel": (

@@ -18,7 +18,7 @@ from typing import Any
 
 from twin.kernel.cosim.observers import simulate
 from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
-from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.job import JobLimits
 from twin.kernel.writing import write_text
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment

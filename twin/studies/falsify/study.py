@@ -60,7 +60,7 @@ def falsify(
         ComponentFailed, SafetyTrip: the healthy run fails, or its monitor trips.
         NotWritten: the disk refuses.
     """
-    from twin.kernel.process.limits import cores
+    from twin.kernel.process.job import cores
     from twin.kernel.writing import made_folder, write_json, write_text
     from twin.robot.assembly.load import load_experiment
     from twin.robot.experiment.drive_files import experiment_file

@@ -194,8 +194,8 @@ class FaultOutcome:
         peak: largest true contact force (N).
         peak_delay: from the onset to that (s).
         above: how long the force was above the force limit (s).
-        reason: why the monitor tripped, a name of `twin.robot.monitor.checks.Reason`; FAILURE if the run ended at the fault
-            itself; "" if neither.
+        reason: why the monitor tripped, a name of `twin.robot.monitor.checks.Reason`; FAILURE if the run ended at the
+            fault itself; "" if neither.
         delay: from the onset to the trip (s).
         power_off_delay: from the onset to the loss of power (s).
         end: see `End`.

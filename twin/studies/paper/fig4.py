@@ -14,8 +14,7 @@ from operator import attrgetter
 from twin.studies.metrics.response import overshoot
 from twin.studies.paper import fig4_measures as measure
 from twin.studies.paper.claim import Claim, ClaimFinding, Miss, Verdict, as_facts, judged
-from twin.studies.paper.fig4_measures import in_x, while_sweeping
-from twin.studies.paper.fig4_runs import Fig4Runs
+from twin.studies.paper.fig4_measures import Fig4Runs, in_x, while_sweeping
 
 SMALL_Z = "ours: 0.6 mm, 3 % of the 20 mm that it comes down"
 CURVE = "ours: half of the last digit printed of a height, in the worst of descent, arrival, sweep and end"

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.kernel.recording.errors import UnknownSeries
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.layout import UnknownSeries
+from twin.kernel.recording.reader import Recording
 from twin.robot.controller.program import PhaseKind, Press, Push, Roll, Tap, Task
 from twin.studies.figure import BLUE, GREY, INK, VERMILION
 from twin.studies.metrics.response import overshoot, rms

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.controller.program import TASKS, PhaseKind, Press, Push, Roll, Tap, Task
 from twin.robot.experiment.recorded import recorded_values

@@ -5,11 +5,10 @@ from pathlib import Path
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.folder import recording_in
-from twin.kernel.recording.reader import read
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording, read
 from twin.studies.answer import judged
 from twin.studies.paper.fig4 import fig4_score
-from twin.studies.paper.fig4_runs import draw_fig4, fig4_runs
+from twin.studies.paper.fig4_measures import draw_fig4, fig4_runs
 from twin.studies.paper.fig5 import fig5_score
 from twin.studies.paper.fig5_picture import draw_fig5
 from twin.studies.paper.text import fig4_result, fig5_result

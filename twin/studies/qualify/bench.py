@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.playback import play
+from twin.kernel.cosim.delay import play
 from twin.kernel.cosim.port import by_port, width
 from twin.kernel.cosim.signals import playback
 from twin.kernel.cosim.simulation import Simulation

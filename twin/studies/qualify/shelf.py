@@ -5,10 +5,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from twin.kernel.cache_folder import cache_folder
+from twin.kernel.cache_folder import cache_folder, contents, kept
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi import COMPILED
-from twin.kernel.kept import contents, kept
 from twin.kernel.places import located
 from twin.studies.result import Column, Table, laid_out
 

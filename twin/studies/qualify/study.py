@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.job import JobLimits
 from twin.robot.experiment.drive_files import experiment_file, lone_drive
 from twin.studies.answer import Answer
 from twin.studies.command import (
@@ -187,9 +187,9 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Result | 
     """
     from twin.kernel.writing import made_folder
     from twin.studies.qualify.bench import told
+    from twin.studies.qualify.definitions import Workload
     from twin.studies.qualify.qualification import qualified
     from twin.studies.qualify.text import draw_drive_check, qualification_result
-    from twin.studies.qualify.workload import Workload
     from twin.studies.reference.outcome import came_with, no_drive, references_text
 
     say(Path(fmu).stem, 0.0)

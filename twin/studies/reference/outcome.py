@@ -23,7 +23,7 @@ from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Variable, number
 from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
-from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.job import JobLimits
 from twin.kernel.process.reporter import Reporter
 from twin.robot.assembly.drives import planned
 from twin.robot.experiment.schema import Drive

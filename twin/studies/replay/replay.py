@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.playback import columns, play
+from twin.kernel.cosim.delay import columns, play
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
 from twin.kernel.units import known_unit, weight_hint
@@ -28,8 +28,7 @@ from twin.studies.replay.drift import (
     residual,
     statistics,
 )
-from twin.studies.replay.model import RobotModel
-from twin.studies.replay.plant_model import motions
+from twin.studies.replay.model import RobotModel, motions
 
 
 def normal_time(text: str) -> tuple[float, float]:

@@ -13,11 +13,9 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Protocol
 
-from twin.kernel.process.ahead import process_for
 from twin.kernel.process.guard import POLL, JobEnded, JobEndedLoading, Watchdog, raise_failure
-from twin.kernel.process.interrupt import INTERRUPTED
-from twin.kernel.process.limits import JobLimits
-from twin.kernel.process.process import GuardedProcess
+from twin.kernel.process.job import INTERRUPTED, JobLimits
+from twin.kernel.process.process import GuardedProcess, process_for
 from twin.studies.left_behind import ORDERS, hold
 from twin.studies.sweep import SERVED
 from twin.studies.sweep.measures import failure

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.process.limits import LONG, JobLimits, cores
+from twin.kernel.process.job import LONG, JobLimits, cores
 from twin.studies.answer import Answer
 from twin.studies.command import Argument, AsJson, Interrupted, LimitStep, Option, confirmed, study
 from twin.studies.steps import Say

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.job import JobLimits
 from twin.studies.left_behind import SCRATCH, held_folder
 from twin.studies.sweep.folder import claim
 from twin.studies.sweep.measures import within

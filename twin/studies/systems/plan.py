@@ -26,8 +26,8 @@ from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.variable import Conversion, Variable, conversion, meant, number
 from twin.kernel.recording.writer import EVENTS
 from twin.kernel.ssp.flat import Assigned, FlatSystem, Hop, Lead
-from twin.kernel.ssp.package import Package
 from twin.kernel.ssp.parameters import UnitDefinition
+from twin.kernel.ssp.ssd import Package
 from twin.kernel.ssp.structure import FMU, Connector
 
 _ELEMENT = re.compile(r"(.+)\[(\d+)\]")

@@ -4,35 +4,241 @@ A topic for each component of a system: its outputs, elements of an array as one
 """
 
 import json
+import math
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from typing import Any, TypeVar
 
+import numpy as np
+
+from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.cosim.observers import Messages, Progress, Simulated, TickEvent, simulate
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
-from twin.kernel.fmi.description import build
-from twin.kernel.fmi.setting import told
+from twin.kernel.fmi.component import FmuComponent
+from twin.kernel.fmi.description import build, refuse_step
+from twin.kernel.fmi.instance import Instance
+from twin.kernel.fmi.lifecycle import CosimInstance
+from twin.kernel.fmi.setting import Setup, stop_time, told
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.unpacked import unpacked
+from twin.kernel.fmi.variable import Variable
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import RECORDING, claim_run_folder, create_run_folder
-from twin.kernel.recording.layout import Field, Topic
+from twin.kernel.recording.layout import Field, Topic, message_names
 from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, RowStream, versions
-from twin.kernel.recording.schema import message_names
 from twin.kernel.recording.writer import Writer
 from twin.kernel.ssp.flat import flattened
-from twin.kernel.ssp.package import Package, read_package
+from twin.kernel.ssp.ssd import Package, read_package
 from twin.kernel.writing import made_folder, write_bytes
-from twin.studies.result import Result
-from twin.studies.systems.coupled import Coupled, coupled
+from twin.studies.lines import counted
+from twin.studies.result import Result, note
 from twin.studies.systems.plan import Part, Plan, distinct, element, field, fmu_sources, planned
-from twin.studies.systems.text import facts, system_result
+
+_T = TypeVar("_T")
+
+
+@dataclass(frozen=True)
+class Coupled:
+    """A system ready to be run.
+
+    Attributes:
+        system: of components in the order of the plan.
+        settled: whether initial values agree with each other: an input has what feeds it, and that follows from it.
+    """
+
+    system: System
+    settled: bool
+
+
+@contextmanager
+def coupled(plan: Plan, folders: Mapping[str, Path]) -> Iterator[Coupled]:
+    """The system of a plan, whose FMUs are freed at the end.
+
+    All FMUs are in initialisation mode together, until their inputs have what feeds them; those of FMI 1.0, which has
+    no such mode, have their start values then.
+
+    Args:
+        plan: of the system.
+        folders: where FMUs are unpacked, by their SHA-256.
+
+    Raises:
+        InputRefused: an FMU cannot be loaded or initialised, or takes no such steps.
+    """
+    tick, ticks = plan.timing.tick, plan.timing.ticks
+    for part in plan.parts:
+        _refuse_step(part, tick)
+    with ExitStack() as made:
+        instances: dict[str, Instance] = {}
+        for part in plan.parts:
+            description = part.description
+            setup = Setup(description.tolerance, stop_time(ticks, tick, 1), tick, waiting=True)
+            folder = folders[description.sha256]
+            instances[part.name] = CosimInstance(part.path, description, folder, part.settings, (), setup)
+            made.callback(instances[part.name].close)
+        settled = _settle(plan, instances)
+        components: list[Component] = []
+        for part in plan.parts:
+            instance = instances[part.name]
+            instance.begin()
+            components.append(
+                FmuComponent(
+                    part.name,
+                    part.description,
+                    instance.folder,
+                    part.inputs,
+                    part.outputs,
+                    part.settings,
+                    setup=instance.setup,
+                    instance=instance,
+                )
+            )
+            made.callback(components[-1].close)
+        yield Coupled(System(components, plan.wires, tick, plan.scheme), settled)
+
+
+def _refuse_step(part: Part, tick: float) -> None:
+    try:
+        refuse_step(part.description, tick, 1)
+    except InputRefused as refusal:
+        raise InputRefused(f"{str(refusal).partition(': choose ')[0]}: choose another --tick-ms") from None
+
+
+def _settle(plan: Plan, instances: dict[str, Instance]) -> bool:
+    """Give every input what feeds it, again and again until nothing changes; False: it never ends."""
+    ports = {
+        f"{part.name}.{port.port.name}": (instances[part.name], port) for part in plan.parts for port in part.outputs
+    }
+    inputs = {
+        f"{part.name}.{port.port.name}": (instances[part.name], port) for part in plan.parts for port in part.inputs
+    }
+    led = [
+        (*ports[source], *inputs[target])
+        for source, target in plan.wires
+        if _readable(*ports[source], inputs[target][1])
+    ]
+    last: dict[int, bytes] = {}
+    for _ in range(len(plan.parts) + 2):
+        changed = False
+        for number, (source, output, target, port) in enumerate(led):
+            value = np.asarray(port.in_fmu(_read(source, output)), dtype=float)
+            if np.all(np.isfinite(value)) and last.get(number) != value.tobytes():
+                last[number], changed = value.tobytes(), True
+                _write(target, port, value)
+        if not changed:
+            return True
+    return False
+
+
+def _readable(source: Instance, output: FmuPort, port: FmuPort) -> bool:
+    """Whether there is something to be read, and to be set, in initialisation mode; a clock has not ticked there."""
+    return source.description.version > 1 and not output.variable.clocks and not port.variable.clocks
+
+
+def _read(instance: Instance, port: FmuPort) -> np.ndarray:
+    return _tried(instance, lambda: instance.read([port.variable]))
+
+
+def _write(instance: Instance, port: FmuPort, value: np.ndarray) -> None:
+    _tried(instance, lambda: instance.write([(port.variable, value if port.variable.size > 1 else float(value[0]))]))
+
+
+def _tried(instance: Instance, call: Callable[[], _T]) -> _T:
+    try:
+        return call()
+    # FMPy's FMICallException and whatever is below it
+    except Exception as problem:
+        said = f" (it said: {'; '.join(instance.messages)})" if instance.messages else ""
+        raise InputRefused(f"{instance.description.path}: cannot be initialised: {problem}{said}") from None
+
+
+MOST = 6
+"""Of a list that are told; programs get all."""
+MOST_EVENTS = 20
+UNSETTLED = "the initial values never agree: inputs at the start follow from each other in a circle"
+SCHEMES = {"gauss_seidel": "Gauss-Seidel in the order of the file", "jacobi": "Jacobi"}
+
+
+def facts(
+    plan: Plan, made: Coupled, done: Simulated, events: Sequence[TickEvent], writing: float, recording: Path
+) -> dict[str, Any]:
+    """For programs."""
+    simulated = plan.timing.ticks * plan.timing.tick
+    return {
+        "system": str(plan.package.file),
+        "ssp": plan.package.structure.version,
+        "scheme": plan.scheme,
+        "tick_s": plan.timing.tick,
+        "tick_from": plan.timing.source,
+        "simulated_s": simulated,
+        "stepping_s": done.stepping,
+        "recording_s": writing,
+        "real_time_factor": simulated / done.stepping,
+        "components": {
+            part.path: {
+                "topic": part.name,
+                "fmu": part.description.path.name,
+                "fmi": part.description.model.fmiVersion,
+                "sha256": part.description.sha256,
+                "microseconds_per_step": 1e6 * done.costs.get(part.name, 0.0),
+            }
+            for part in plan.parts
+        },
+        "connections": len(plan.wires),
+        "late": [f"{source}->{target}" for source, target in plan.late],
+        "kept": {f"{part.path}.{v.name}": _start(part, v) for part in plan.parts for v in part.kept},
+        "ignored": list(plan.ignored),
+        "settled": made.settled,
+        "events": [
+            {"t_s": e.tick * plan.timing.tick, "level": e.level, "text": e.text, "source": e.source} for e in events
+        ],
+        "recording": str(recording),
+    }
+
+
+def _start(part: Part, variable: Variable) -> Any:
+    """The value of an input that nobody feeds."""
+    given = next((told(value) for v, value in part.settings if v == variable), variable.start)
+    # of an array FMPy has the text
+    listed = [v.start for v in part.description.model.modelVariables if v.name == variable.name]
+    return listed[0] if isinstance(given, float) and math.isnan(given) else given
+
+
+def system_result(came: Mapping[str, Any]) -> Result:
+    """For people, at most 80 columns but for paths; for programs what `facts` gave."""
+    when = "the end of the last step" if came["scheme"] == "jacobi" else "the last step, leading back in the order"
+    kept = [f"{name} = {value:g}" if isinstance(value, float) else f"{name} = {value}"
+            for name, value in came["kept"].items()]  # fmt: skip
+    ignored, more = f"values that get to no variable: {_some(came['ignored'])}", len(came["events"]) - MOST_EVENTS
+    late = f"{counted(len(came['late']), 'connection')} with values of {when}: {_some(came['late'])}"
+    parts = [
+        note("system", f"SSP {came['ssp']}, {counted(came['connections'], 'connection')}", True),
+        note("coupling", f"{SCHEMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"),
+        *(note(path, _component(one), True) for path, one in came["components"].items()),
+        *([note("late", late, True)] if came["late"] else []),
+        *([note("not fed", _some(kept), True)] if kept else []),
+        *([note("ignored", ignored, True)] if came["ignored"] else []),
+        *([] if came["settled"] else [note("start", UNSETTLED)]),
+        *(note("event", f"{e['t_s']:.3f} s  {e['source']}: {e['text']}") for e in came["events"][:MOST_EVENTS]),
+        *([note("event", f"and {more} more, see the recording")] if more > 0 else []),
+    ]
+    headline = f"{Path(came['system']).stem}  {came['simulated_s']:g} s at {came['real_time_factor']:.3g} x real time"
+    return Result(headline, parts, came, {"recording": came["recording"]})
+
+
+def _component(one: Mapping[str, Any]) -> str:
+    return f"{one['fmu']}  FMI {one['fmi']}  sha256 {one['sha256'][:12]}  {one['microseconds_per_step']:.2f} us"
+
+
+def _some(names: Sequence[str]) -> str:
+    return ", ".join(names[:MOST]) + (f" and {len(names) - MOST} more" if len(names) > MOST else "")
 
 
 def streams(plan: Plan, system: System) -> list[RowStream]:

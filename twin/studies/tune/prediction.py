@@ -26,8 +26,7 @@ from twin.studies.analyse.drive_response import Linearised
 from twin.studies.analyse.linear.drive_model import Matrix
 from twin.studies.analyse.linear.loops import ESTIMATED, LOOPS, TRUE
 from twin.studies.analyse.linear.margins import LOWEST, Complex, response
-from twin.studies.analyse.nudge import undisturbed
-from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness, operating_points
+from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness, operating_points, undisturbed
 from twin.studies.metrics.response import overshoot, settling_time
 
 

@@ -16,6 +16,7 @@ from twin.robot.mechanism.leg import NO_ANCHOR
 from twin.robot.plant.component import STILL, integrate, resting
 from twin.robot.plant.contact import apex_frame
 from twin.studies.analyse.linear.drive_model import DriveModel
+from twin.studies.analyse.linear.hand import linear_plant
 from twin.studies.analyse.linear.loops import (
     STATES,
     LinearLaw,
@@ -27,7 +28,6 @@ from twin.studies.analyse.linear.loops import (
     runge_kutta_step,
     tick_map,
 )
-from twin.studies.analyse.linear.plant_system import linear_plant
 
 PERIOD = 2e-3
 POSITION, FORCE, CORNER = Gains(4.0, 3.0, 0.02, 30.0), Gains(2e-3, 5e-3, 1e-5, 20.0), 10.0

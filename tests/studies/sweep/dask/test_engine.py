@@ -12,7 +12,7 @@ from tests.kernel.process.hostile import EXIT, HANG, NONE, SEGFAULT, hostile_dri
 from tests.studies.sweep.dask import deadly
 from tests.studies.sweep.dask.running import Running, kill, running
 from tests.studies.sweep.definitions import stiffness_text, stiffnesses, written
-from twin.kernel.process.limits import JobLimits
+from twin.kernel.process.job import JobLimits
 from twin.studies.sweep.dask import engine as engine_module
 from twin.studies.sweep.dask import worker as worker_module
 from twin.studies.sweep.dask.engine import ClusterLost, Dask

@@ -20,8 +20,7 @@ from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
 from twin.kernel.recording.logs.reader import is_recording, read_log
 from twin.kernel.recording.messages import message_layout, message_records
-from twin.kernel.recording.reader import read
-from twin.kernel.recording.recording import Recording, Stream
+from twin.kernel.recording.reader import Recording, Stream, read
 from twin.kernel.recording.series import NANOSECONDS
 
 Format = Literal["csv", "parquet", "mat", "ros2"]

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.kernel.errors import InputRefused, visible
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording
 from twin.kernel.writing import write_bytes, written
 
 NANOSECONDS = 10**9

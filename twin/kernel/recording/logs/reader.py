@@ -15,8 +15,7 @@ from twin.kernel.recording.logs.bag import MAGIC, SQLITE, is_bag, read_bag, read
 from twin.kernel.recording.logs.column_map import MappedColumn
 from twin.kernel.recording.logs.csv_file import read_csv
 from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
-from twin.kernel.recording.reader import read
-from twin.kernel.recording.recording import Recording
+from twin.kernel.recording.reader import Recording, read
 
 WALL_CLOCK = 1e8
 """Later than three years (s) no log starts; such a time counts from 1970."""

@@ -1,8 +1,8 @@
 """Robot and controller as one sampled system, whose loops can be opened one at a time.
 
 The robot's computer as a linear difference equation: estimator, force-position law, damping. Nothing of the law is
-written here a second time: the equations are those of `twin/robot/controller/`, called as they are. Within its limits the law
-is linear, so its matrices are its values at the unit vectors, without any error. The estimator is not, and is
+written here a second time: the equations are those of `twin/robot/controller/`, called as they are. Within its limits
+the law is linear, so its matrices are its values at the unit vectors, without any error. The estimator is not, and is
 differentiated at the operating point.
 
 Drives, springs, mechanism and contact from one call of the controller to the next, as the master steps them. The map of
@@ -146,7 +146,7 @@ def linear_law(settings: Settings, estimation: Estimation) -> LinearLaw:
 
 
 def _call(settings: Settings, estimation: Estimation, state: Matrix, inputs: Matrix) -> Matrix:
-    """(state, outputs) after one call of the controller, as `twin/robot/controller/task_controller.py` puts it together."""
+    """(state, outputs) after one call of the controller, as `task_controller.py` puts it together."""
     angles, u_in, dp_in, p_ref, F_ref = np.split(inputs, [6, 9, 10, 13])
     h = settings.period
     p, F_ee_B = estimation.p_B @ angles, estimation.F_ee_B @ angles

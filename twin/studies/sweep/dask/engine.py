@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from twin.kernel.errors import ComponentFailed, InputRefused, NotWritten, TwinError
 from twin.kernel.writing import made_folder, write_bytes
-from twin.studies.sweep.dask.bundle import Bundle
 from twin.studies.sweep.dask.cluster import ANSWER, END, TRANSFER, ClusterLost, connected, ended_within, within
+from twin.studies.sweep.dask.worker import Bundle
 from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task
 from twin.studies.sweep.pool import Job, Result, raise_if_pressed

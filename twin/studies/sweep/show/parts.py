@@ -12,13 +12,14 @@ from twin.studies.result import Block, Column, Note, Table, laid_out
 from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.rows import Column as Values
 from twin.studies.sweep.rows import Columns, Positions
-from twin.studies.sweep.statistics.claims import Likelihood, likelihoods
 from twin.studies.sweep.statistics.ranking import (
     BINS,
     QUANTILES,
+    Likelihood,
     best,
     drive_ranking,
     drives_in,
+    likelihoods,
     metrics_in,
     numeric_labels,
     of_drive,

@@ -30,8 +30,9 @@ from twin.studies.lines import counted
 from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.rows import Columns, Numbers, Positions
 from twin.studies.sweep.show.parts import Asked, axes_of, short
-from twin.studies.sweep.statistics.claims import Bands, bands
 from twin.studies.sweep.statistics.ranking import (
+    Bands,
+    bands,
     best,
     claims_in,
     drives_in,
@@ -302,7 +303,7 @@ def draw_bands(bands: Bands, kept: KeptRows, path: Path) -> None:
         NotWritten: the disk refuses.
     """
     # takes a while to import, and few sweeps judge claims
-    from twin.studies.paper.fig4_runs import FP_BASED, FP_REFERENCE, P_BASED
+    from twin.studies.paper.fig4_measures import FP_BASED, FP_REFERENCE, P_BASED
 
     runs = (("position", P_BASED, "P-based"), ("force_position", FP_BASED, "F&P-based"))
     with picture(path, 12, 10.5) as figure:

@@ -1,0 +1,380 @@
+"""Where every part of the robot is: a frame each, relative to the base frame B.
+
+    link_i              origin B_i, x along the proximal link to A_i, y along the joint's axis
+    rod_i_minus, _plus  origin at A_i, half the parallelogram's width to either side along the axis; x along the rod
+                        to the platform. It turns about y with the link's joint and swings about its own z
+    platform            origin O_P, axes those of B: the parallelograms keep it so (Sec. II.A)
+    surface             origin at the surface's apex, z its normal there
+
+All are the truth: joints of `twin.robot.mechanism.geometry`, the surface of `twin.robot.plant.contact`.
+
+Unit quaternions (x, y, z, w) as tuples, Hamilton's product; each turns vectors, not axes. Compiled; where one is drawn
+once only, Python takes `py_func`, for which nothing is compiled.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from foxglove_schemas_protobuf.ArrowPrimitive_pb2 import ArrowPrimitive
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
+from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from numpy.typing import ArrayLike, NDArray
+
+from twin.kernel.compiled.function import carray, njit
+from twin.kernel.compiled.native import entry
+from twin.kernel.cosim.system import System
+from twin.kernel.recording.messages import BLANK_TIME, Form, blank
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.mechanism.geometry import AXIS, OUTWARD, Geometry, geometry_of, skeleton
+from twin.robot.plant.contact_law import Contact
+
+X, Y, Z = 0, 1, 2
+IDENTITY = (0.0, 0.0, 0.0, 1.0)
+
+
+@njit(cache=True)
+def turn(axis, angle):
+    """Right-handed turn by `angle` (rad) about the axis X, Y or Z."""
+    sin, cos = math.sin(0.5 * angle), math.cos(0.5 * angle)
+    return (sin if axis == X else 0.0, sin if axis == Y else 0.0, sin if axis == Z else 0.0, cos)
+
+
+@njit(cache=True)
+def product(p, q):
+    """First the turn `q`, then `p`, both about fixed axes."""
+    p_x, p_y, p_z, p_w = p
+    q_x, q_y, q_z, q_w = q
+    return (
+        p_w * q_x + p_x * q_w + p_y * q_z - p_z * q_y,
+        p_w * q_y - p_x * q_z + p_y * q_w + p_z * q_x,
+        p_w * q_z + p_x * q_y - p_y * q_x + p_z * q_w,
+        p_w * q_w - p_x * q_x - p_y * q_y - p_z * q_z,
+    )
+
+
+@njit(cache=True)
+def leaning(azimuth, lowered):
+    """The right-handed turn about y by `lowered`, then about z by `azimuth` (rad)."""
+    return product(turn(Z, azimuth), turn(Y, lowered))
+
+
+@njit(cache=True)
+def pointing(x, y, z):
+    """A turn that takes e_x to the direction of (x, y, z): about y, then about z; none where that is 0."""
+    # a right-handed turn about y lowers e_x
+    return leaning(math.atan2(y, x), math.atan2(-z, math.hypot(x, y)))
+
+
+BASE = "base"
+LEGS = (1, 2, 3)
+LINKS = tuple(f"link_{leg}" for leg in LEGS)
+RODS = tuple(f"rod_{leg}_{side}" for leg in LEGS for side in ("minus", "plus"))
+PLATFORM = "platform"
+SURFACE = "surface"
+FRAMES = (*LINKS, *RODS, PLATFORM, SURFACE)
+"""In the order of `poses`."""
+HALF_WIDTH = 0.012
+"""Of the parallelograms (m), for drawing only: it does not enter Eq. 3-6."""
+
+POSE = 7
+"""Numbers of a position and a quaternion."""
+
+# angle phi_i of each leg about z
+PHI = np.arctan2(OUTWARD[:, 1], OUTWARD[:, 0])
+
+
+def poses(
+    geometry: Geometry, theta_l: NDArray[np.float64], p_B: NDArray[np.float64], surface_B: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Position (m) and unit quaternion (x, y, z, w) of each of `FRAMES` in B, (n, len(FRAMES), POSE).
+
+    Args:
+        geometry: lengths of Fig. 2.
+        theta_l: angles of the proximal links in rad, (n, 3).
+        p_B: platform position in m, (n, 3).
+        surface_B: pose of the surface, (n, POSE).
+
+    Raises:
+        InputRefused: theta_l or p_B is not finite or not of shape (n, 3).
+    """
+    joints = skeleton(geometry, theta_l, p_B)
+    found = np.empty((len(p_B), len(FRAMES), POSE))
+    _put_poses(*map(np.ascontiguousarray, (*joints, theta_l, p_B, surface_B)), len(p_B), found)
+    return found
+
+
+@njit(cache=True)
+def put_pose(to, at, x, y, z, q):
+    """Put position and quaternion where numbers of `to` begin, `at` of them, and say where the next begin."""
+    to[at], to[at + 1], to[at + 2] = x, y, z
+    to[at + 3], to[at + 4], to[at + 5], to[at + 6] = q
+    return at + POSE
+
+
+@entry("nothing", "doubles", "doubles", "doubles", "doubles", "doubles", "doubles", "int", "doubles")
+def _put_poses(base_joints, ends, platform_joints, theta_l, p_B, surface_B, count, found):
+    B, to = carray(base_joints, (3, 3)), carray(found, count * len(FRAMES) * POSE)
+    A, P = carray(ends, (count, 3, 3)), carray(platform_joints, (count, 3, 3))
+    angle, p, surface = carray(theta_l, (count, 3)), carray(p_B, (count, 3)), carray(surface_B, (count, POSE))
+    at = 0
+    for i in range(count):
+        for leg in range(3):
+            at = put_pose(to, at, B[leg, 0], B[leg, 1], B[leg, 2], leaning(PHI[leg], angle[i, leg]))
+        for leg in range(3):
+            x, y, z = A[i, leg]
+            q = _rod_turn(leg, P[i, leg, 0] - x, P[i, leg, 1] - y, P[i, leg, 2] - z)
+            for side in (-HALF_WIDTH, HALF_WIDTH):
+                at = put_pose(to, at, x + side * AXIS[leg, 0], y + side * AXIS[leg, 1], z + side * AXIS[leg, 2], q)
+        at = put_pose(to, at, p[i, 0], p[i, 1], p[i, 2], IDENTITY)
+        for k in range(POSE):
+            to[at + k] = surface[i, k]
+        at += POSE
+
+
+@njit(cache=True)
+def _rod_turn(leg, x, y, z):
+    """A turn that takes e_x to the rod A_iP_i, (x, y, z), and leaves e_z in the plane of the link."""
+    outward = x * OUTWARD[leg, 0] + y * OUTWARD[leg, 1]
+    sideways = x * AXIS[leg, 0] + y * AXIS[leg, 1]
+    swing = turn(Z, math.atan2(sideways, math.hypot(outward, z)))
+    return product(leaning(PHI[leg], math.atan2(-z, outward)), swing)
+
+
+# told apart by every kind of colour vision (Okabe and Ito, https://jfly.uni-koeln.de/color), and by lightness
+GREY = Color(r=0.35, g=0.35, b=0.35, a=1.0)
+BLUE = Color(r=0.0, g=114 / 255, b=178 / 255, a=1.0)
+SKY = Color(r=86 / 255, g=180 / 255, b=233 / 255, a=1.0)
+YELLOW = Color(r=240 / 255, g=228 / 255, b=66 / 255, a=1.0)
+# seen through, so that the arrows of the force that go into it are not hidden
+SURFACES = {
+    "scale": Color(r=0.6, g=0.6, b=0.6, a=0.4),
+    "skin": Color(r=204 / 255, g=121 / 255, b=167 / 255, a=0.4),
+}
+
+PLATE = 0.003
+"""Thickness of base, platform and a flat surface (m)."""
+SURFACE_EXTENT = 0.2
+"""Length of a flat surface's sides and of a cylinder that is pressed on (m)."""
+MOTOR, LINK, AXLE, ROD = 0.018, 0.009, 0.006, 0.004
+"""Diameters (m)."""
+
+# turns that lay a cylinder, whose axis is z, along another axis
+ALONG_X, ALONG_Y = turn(Y, 0.5 * math.pi), turn(X, 0.5 * math.pi)
+
+
+def scene_update(geometry: Geometry, contact: Contact) -> SceneUpdate:
+    """All parts of the robot, and what it presses on."""
+    links = [_link(name, geometry) for name in LINKS]
+    rods = [_entity(name, cylinders=[_bar(geometry.l_b, ROD, SKY)]) for name in RODS]
+    return SceneUpdate(entities=[_base(geometry), *links, *rods, _platform(geometry), _surface(contact)])
+
+
+def pose(position: ArrayLike, q: Sequence[float] = IDENTITY) -> Pose:
+    """Pose of a position (m, (3,)) and a quaternion (x, y, z, w)."""
+    x, y, z = np.asarray(position)
+    return Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=q[0], y=q[1], z=q[2], w=q[3]))
+
+
+def _entity(frame: str, **primitives: Any) -> SceneEntity:
+    """What stands still in `frame`, for ever; its id is the frame's name."""
+    return SceneEntity(frame_id=frame, id=frame, frame_locked=True, **primitives)
+
+
+def _base(geometry: Geometry) -> SceneEntity:
+    """A disc through the base joints, and a motor at each."""
+    plate = _disc(geometry.a, 0.5 * PLATE, GREY)
+    return _entity(BASE, cylinders=[plate, *_axles(geometry.a, MOTOR, GREY)])
+
+
+def _link(name: str, geometry: Geometry) -> SceneEntity:
+    """A proximal link, with the axle at A_i that carries both rods."""
+    axle = _cylinder(AXLE, 2.0 * HALF_WIDTH, BLUE, pose((geometry.l_a, 0.0, 0.0), ALONG_Y))
+    return _entity(name, cylinders=[_bar(geometry.l_a, LINK, BLUE), axle])
+
+
+def _platform(geometry: Geometry) -> SceneEntity:
+    """A disc that stands on O_P, the point that touches, and the three axles at P_i."""
+    plate = _disc(geometry.b, 0.5 * PLATE, YELLOW)
+    return _entity(PLATFORM, cylinders=[plate, *_axles(geometry.b, AXLE, YELLOW)])
+
+
+def _surface(contact: Contact) -> SceneEntity:
+    """What the robot presses on: a plate, a sphere or a cylinder below its apex."""
+    color = SURFACES[contact.kind]
+    if contact.radius is None:
+        size = Vector3(x=SURFACE_EXTENT, y=SURFACE_EXTENT, z=PLATE)
+        return _entity(SURFACE, cubes=[CubePrimitive(pose=pose((0.0, 0.0, -0.5 * PLATE)), size=size, color=color)])
+    diameter, middle = 2.0 * contact.radius, (0.0, 0.0, -contact.radius)
+    if contact.shape == "sphere":
+        size = Vector3(x=diameter, y=diameter, z=diameter)
+        return _entity(SURFACE, spheres=[SpherePrimitive(pose=pose(middle), size=size, color=color)])
+    lying = pose(middle, ALONG_X if contact.shape == "cylinder_x" else ALONG_Y)
+    return _entity(SURFACE, cylinders=[_cylinder(diameter, SURFACE_EXTENT, color, lying)])
+
+
+def _axles(radius: float, diameter: float, color: Color) -> list[CylinderPrimitive]:
+    """A cylinder along each leg's joint axis, as wide as a parallelogram, `radius` away from the frame's origin."""
+    lying = [product(turn(Z, phi), ALONG_Y) for phi in PHI]
+    return [_cylinder(diameter, 2.0 * HALF_WIDTH, color, pose(radius * OUTWARD[leg], lying[leg])) for leg in range(3)]
+
+
+def _bar(length: float, diameter: float, color: Color) -> CylinderPrimitive:
+    """A cylinder along x from the frame's origin on."""
+    return _cylinder(diameter, length, color, pose((0.5 * length, 0.0, 0.0), ALONG_X))
+
+
+def _disc(radius: float, height: float, color: Color) -> CylinderPrimitive:
+    """A flat cylinder with its middle at `height` on z."""
+    return _cylinder(2.0 * radius, PLATE, color, pose((0.0, 0.0, height)))
+
+
+def _cylinder(diameter: float, length: float, color: Color, where: Pose) -> CylinderPrimitive:
+    size = Vector3(x=diameter, y=diameter, z=length)
+    return CylinderPrimitive(pose=where, size=size, bottom_scale=1.0, top_scale=1.0, color=color)
+
+
+LENGTH = 0.01
+"""Of an arrow of 1 N (m)."""
+BESIDE = 0.008
+"""From the true force to the estimate along x (m), so that both are seen where they agree."""
+# shares of an arrow's length: shaft, its diameter, head, its diameter
+SHARES = (0.75, 0.06, 0.25, 0.13)
+ARROWS = {
+    "true": Color(r=213 / 255, g=94 / 255, b=0.0, a=1.0),
+    "estimated": Color(r=0.0, g=158 / 255, b=115 / 255, a=1.0),
+}
+NUMBERS = POSE + len(SHARES)
+"""Of one arrow: pose and sizes."""
+WIDTH = NUMBERS * len(ARROWS)
+
+
+def force_example() -> SceneUpdate:
+    """Both arrows with blanks in the order of `arrows`."""
+    entities = []
+    for arrow, (name, color) in enumerate(ARROWS.items()):
+        x, y, z, *q, shaft, shaft_width, head, head_width = (blank(NUMBERS * arrow + i) for i in range(NUMBERS))
+        primitive = ArrowPrimitive(
+            pose=pose((x, y, z), q),
+            shaft_length=shaft,
+            shaft_diameter=shaft_width,
+            head_length=head,
+            head_diameter=head_width,
+            color=color,
+        )
+        entities.append(SceneEntity(timestamp=BLANK_TIME, frame_id=BASE, id=name, arrows=[primitive]))
+    return SceneUpdate(entities=entities)
+
+
+def arrows(
+    p_B: NDArray[np.float64], F_ee_B: NDArray[np.float64], estimate_B: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Numbers for the blanks of `force_example`, (n, WIDTH).
+
+    Args:
+        p_B: true platform position in m, (n, 3).
+        F_ee_B: true force by the robot on the environment in N, (n, 3).
+        estimate_B: what the estimator takes it for, likewise.
+    """
+    found = np.empty((len(p_B), WIDTH))
+    _put_arrows(*map(np.ascontiguousarray, (p_B, F_ee_B, estimate_B)), len(p_B), found)
+    return found
+
+
+@entry("nothing", "doubles", "doubles", "doubles", "int", "doubles")
+def _put_arrows(p_B, F_ee_B, estimate_B, count, found):
+    p, to = carray(p_B, (count, 3)), carray(found, count * WIDTH)
+    true, estimate = carray(F_ee_B, (count, 3)), carray(estimate_B, (count, 3))
+    at = 0
+    for i in range(count):
+        for aside, force in ((0.0, true[i]), (BESIDE, estimate[i])):
+            x, y, z = force
+            at = put_pose(to, at, p[i, 0] + aside, p[i, 1], p[i, 2], pointing(x, y, z))
+            length = LENGTH * math.sqrt(x * x + y * y + z * z)
+            for share in SHARES:
+                to[at] = share * length
+                at += 1
+
+
+PICTURE_RATE = 50.0
+"""Pictures per second (Hz)."""
+
+
+class Drawing(NamedTuple):
+    """Rows for one of the scene's forms: its name, the tick of the first row, (n, width)."""
+
+    name: str
+    first_tick: int
+    rows: NDArray[np.float64]
+
+
+class Scene:
+    """Draws the rows of a run.
+
+    Attributes:
+        forms: what its drawings are written as: `scene`, `tf` and `force`.
+    """
+
+    def __init__(self, experiment: Experiment, system: System):
+        """Of the run of `experiment` by `system`, which has a plant and an estimator, and perhaps a moving body."""
+        self._period = max(1, round(1.0 / (PICTURE_RATE * system.tick)))
+        self._geometry = geometry_of(experiment.plant)
+        self._surface = surface_pose(experiment.contact)
+        moves = any(component.name == "body" for component in system.components)
+        self._s_B = system.columns("body.s_B") if moves else None
+        self._theta_l, self._p_B = system.columns("plant.theta_l"), system.columns("plant.p_B")
+        self._F_ee_B, self._estimate_B = system.columns("plant.F_ee_B"), system.columns("estimator.F_ee_B")
+        self.forms = (
+            Form("scene", scene_update(self._geometry, experiment.contact), 0, experiment.duration_ticks + 1),
+            Form("tf", transforms_example(), POSE * len(FRAMES), self._period),
+            Form("force", force_example(), WIDTH, self._period),
+        )
+
+    def drawings(self, first: int, rows: NDArray[np.float64]) -> Iterator[Drawing]:
+        """What is to be seen of `rows` of the run, (n, outputs of the system), the first of which is tick `first`."""
+        if first == 0:
+            yield Drawing("scene", 0, np.empty((1, 0)))
+        start = -first % self._period
+        shown = rows[start :: self._period]
+        if len(shown):
+            p_B = shown[:, self._p_B]
+            surface = np.repeat(self._surface[None], len(shown), axis=0)
+            if self._s_B is not None:
+                surface[:, :3] += shown[:, self._s_B]
+            frames = poses(self._geometry, shown[:, self._theta_l], p_B, surface)
+            yield Drawing("tf", first + start, frames.reshape(len(shown), -1))
+            yield Drawing("force", first + start, arrows(p_B, shown[:, self._F_ee_B], shown[:, self._estimate_B]))
+
+
+def surface_pose(contact: Contact) -> NDArray[np.float64]:
+    """Position and quaternion of the surface at rest in B, (7,): its apex, R_y(tilt) R_x(tilt_x) as in the plant."""
+    q = product(turn(Y, contact.tilt), turn(X, contact.tilt_x))
+    return np.concatenate([[0.0, 0.0, contact.height], q])
+
+
+def transforms_example() -> FrameTransforms:
+    """A `foxglove.FrameTransforms` of all `FRAMES` with blanks in the order of `poses`."""
+    transforms = []
+    for number, frame in enumerate(FRAMES):
+        x, y, z, *q = (blank(POSE * number + i) for i in range(POSE))
+        where = pose((x, y, z), q)
+        transforms.append(
+            FrameTransform(
+                timestamp=BLANK_TIME,
+                parent_frame_id=BASE,
+                child_frame_id=frame,
+                translation=where.position,
+                rotation=where.orientation,
+            )
+        )
+    return FrameTransforms(transforms=transforms)
