@@ -14,11 +14,11 @@ ALONE = {
     "kernel/fmi/unpacked.py": "a cache",
     "kernel/fmi/compiling.py": "a cache",
     "kernel/compiled/store.py": "a cache",
-    "studies/sweep/dask/bundle.py": "a folder of its own in a worker, gone with the sweep",
+    "studies/sweep/dask/worker.py": "a folder of its own in a worker, gone with the sweep",
     "kernel/recording/folder.py": "the folder of a run must be new",
     "kernel/process/child.py": "pipes to the guard",
     "cli/streams.py": "standard streams",
-    "report/page/drawer.py": "what one process hands to another, in a folder of its own that goes with the page",
+    "report/page/picture.py": "what one process hands to another, in a folder of its own that goes with the page",
 }
 """Those who write by themselves, and why."""
 METHODS = {"write_text", "write_bytes", "savefig", "mkdir", "makedirs", "touch", "symlink_to", "write_table", "tofile"}

@@ -46,7 +46,7 @@ class Head(Settings):
 NEEDED: dict[str, type[Settings]] = {"cosim": schema.Cosim}
 OPTIONAL: dict[str, type[Settings]] = {
     "reference": Reference,
-    "recording": schema.Recording,
+    "recording": schema.Recorded,
     "estimator": StandIn,
     "body": StandIn,
 }
@@ -101,7 +101,7 @@ class Experiment:
     changes: tuple[Change, ...]
     measures: tuple[Measure, ...]
     drives: tuple[schema.Drive, schema.Drive, schema.Drive]
-    recording: schema.Recording
+    recording: schema.Recorded
     values: dict[str, Any]
     origins: dict[str, str]
     stand_ins: dict[str, StandIn] = field(default_factory=dict)
@@ -200,7 +200,7 @@ def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source
         changes=tables.changes,
         measures=tables.measures,
         drives=(one, two, three),
-        recording=found.get("recording", schema.Recording()),
+        recording=found.get("recording", schema.Recorded()),
         values=source.values,
         origins=source.origins,
         stand_ins=tables.stand_ins,

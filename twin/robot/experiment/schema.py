@@ -27,7 +27,7 @@ class Cosim(Settings):
     iterations: int = setting(default=1, ge=1, le=100, help="how often plant and drives make each step")
 
 
-class Recording(Settings):
+class Recorded(Settings):
     """[recording]: how often the plant, the drives and whatever else has values every tick are recorded."""
 
     rate: Literal["tick", "controller"] = setting(

@@ -47,7 +47,7 @@ class Variable(NamedTuple):
     limits: Limits = UNLIMITED
 
 
-class Place(NamedTuple):
+class Slot(NamedTuple):
     """memory[offset] = value * factor / divisor * times, see `part.h`."""
 
     value: int
@@ -84,7 +84,7 @@ class Layout:
 
     variables: tuple[Variable, ...]
     rows: tuple[Row, ...]
-    places: tuple[Place, ...]
+    places: tuple[Slot, ...]
     pointers: tuple[tuple[int, int], ...]
     sources: tuple[int, ...]
     image: bytes
@@ -174,7 +174,7 @@ def _image(part: RobotPart, blocks: Sequence[_Block]) -> bytes:
     return bytes(image)
 
 
-def _places(blocks: Sequence[_Block], parameter: Parameter, first: int, destination: Destination) -> Iterator[Place]:
+def _places(blocks: Sequence[_Block], parameter: Parameter, first: int, destination: Destination) -> Iterator[Slot]:
     memory, unit = destination.memory, parameter.unit
     factor, divisor = (unit.scale, 1.0) if unit.pi else (float(unit.factor.numerator), float(unit.factor.denominator))
     for n, index in enumerate(np.ndindex(memory.shape)):
@@ -182,7 +182,7 @@ def _places(blocks: Sequence[_Block], parameter: Parameter, first: int, destinat
         value = first + (n if len(parameter.start) > 1 else 0)
         # one of both is 1 wherever a place has a divisor
         assert destination.divisor == 1.0 or divisor == 1.0
-        yield Place(value, _offset(blocks, address), factor, divisor * destination.divisor, destination.times)
+        yield Slot(value, _offset(blocks, address), factor, divisor * destination.divisor, destination.times)
 
 
 def _variables(part: RobotPart, parameters: Sequence[Parameter]) -> Iterator[Variable]:

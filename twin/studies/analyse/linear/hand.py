@@ -50,8 +50,8 @@ def plant_system(parameters: PlantParameters) -> control.NonlinearIOSystem:
 
     The equations are those of `twin/robot/plant/dynamics.py` and `twin/robot/plant/contact.py`. Between the component
     and this system there is one difference: the component scales its bristle back onto the friction cone after each
-    step (`twin.robot.plant.component.settle`), a jump that a differential equation cannot make. While the robot slides the
-    state z_b may therefore be longer here; the friction force is inside the cone in both.
+    step (`twin.robot.plant.component.settle`), a jump that a differential equation cannot make. While the robot slides
+    the state z_b may therefore be longer here; the friction force is inside the cone in both.
 
     Args:
         parameters: what is true. They become the system's `params`, a dictionary of the same names, so that one value
