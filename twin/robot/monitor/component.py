@@ -125,7 +125,7 @@ POWER = Port("power", 1, "1", "whether the drives may have power", "bool")
 OUTPUTS = (
     Port("omega_ref", 3, "rad/s", "motor speeds for the drives: the controller's, after a trip the retraction's"),
     Port("tripped", 1, "1", "whether the monitor has tripped; stays", "bool"),
-    Port("reason", 1, "1", "why, a code of twin.robot.monitor.checks; 0: not tripped", "int"),
+    Port("reason", 1, "1", "why, a code of docs/safety.md; 0: not tripped", "int"),
     POWER,
     Port("F_z", 1, "N", "pressing force by the monitor's own estimate, low-passed"),
     Port("speed", 1, "m/s", "speed of the platform, low-passed"),
