@@ -8,8 +8,7 @@ from twin.cli.streams import show
 from twin.cli.terminal import Display
 from twin.kernel.errors import ComponentFailed
 from twin.kernel.process.guard import JobEnded, guarded
-from twin.kernel.process.job import JobLimits, function_called
-from twin.kernel.recording.recorder import left_behind, recorded_until_then
+from twin.kernel.process.job import JobLimits, function_called, left_behind, recorded_until_then
 from twin.studies.answer import Answer, answer_of
 from twin.studies.command import SHARED, Interrupted, Isolation, JobIsolation, Study, answer_apart
 

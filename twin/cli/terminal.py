@@ -14,9 +14,8 @@ from typing import Any
 
 from twin.kernel.compiled.store import compiled_pieces
 from twin.kernel.errors import plain, visible
-from twin.kernel.process.job import duration_text
+from twin.kernel.process.job import duration_text, seen_from_here
 from twin.kernel.recording.folder import LATEST
-from twin.kernel.recording.recorder import seen_from_here
 from twin.kernel.writing import json_text
 from twin.report.run_text import run_facts, run_text
 

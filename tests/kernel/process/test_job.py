@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -14,7 +15,7 @@ import pytest
 from twin.kernel.process import guard
 from twin.kernel.process.black_box import Announcer, BlackBox, Call
 from twin.kernel.process.guard import JobEndedLoading, Watchdog
-from twin.kernel.process.job import WAITING, JobLimits
+from twin.kernel.process.job import WAITING, JobLimits, left_behind
 from twin.kernel.process.process import GuardedProcess, processor_time
 
 STEP = 10.0
@@ -146,7 +147,7 @@ def test_a_process_that_computes_gets_older_on_its_processor():
 
 LOST = """
 import sys, time
-from twin.kernel.process.interrupt import keep_interrupts
+from twin.kernel.process.job import keep_interrupts
 
 class Kept:
     def __del__(self):
@@ -200,8 +201,23 @@ main()
 
 @pytest.mark.skipif(os.name != "posix", reason="Ctrl-C is sent as a signal")
 def test_a_waiting_main_thread_is_woken():
-    code = "import threading, time\nfrom twin.kernel.process.interrupt import interrupt_main\n"
+    code = "import threading, time\nfrom twin.kernel.process.job import interrupt_main\n"
     code += "threading.Timer(0.1, interrupt_main).start()\ntime.sleep(30)"
     began = time.monotonic()
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert said.returncode == -signal.SIGINT and time.monotonic() - began < 20.0
+
+
+def test_what_was_recorded_is_named_and_an_empty_folder_goes(tmp_path: Path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "run.mcap").touch()
+    assert left_behind(folder) == f"interrupted; the recording is complete: {folder}/run.mcap"
+    (folder / "run.mcap").rename(folder / "run.mcap.partial")
+    assert left_behind(folder) == f"interrupted; recorded until then: {folder}/run.mcap.partial"
+    (folder / "run.mcap.partial").unlink()
+    (folder / "notes").touch()
+    assert left_behind(folder) == "interrupted before the first step; nothing is recorded" and folder.exists()
+    (folder / "notes").unlink()
+    left_behind(folder)
+    assert not folder.exists()

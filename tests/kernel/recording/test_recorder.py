@@ -1,13 +1,11 @@
 """Blocks: slices put together again."""
 
-from pathlib import Path
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.kernel.cosim.observers import TickEvent
-from twin.kernel.recording.recorder import RowBlock, left_behind
+from twin.kernel.recording.recorder import RowBlock
 
 SIZE = 12
 
@@ -25,18 +23,3 @@ def test_blocks_are_the_same_however_the_run_was_sliced(length: int):
     assert np.array_equal(np.concatenate([each for _, each, _ in blocks]), rows)
     assert [tick for _, _, ticks in blocks for tick in ticks] == sorted([*range(0, 2 * SIZE, length)] * 2)
     assert len(block.rows) == len(block.events) == 0
-
-
-def test_what_was_recorded_is_named_and_an_empty_folder_goes(tmp_path: Path):
-    folder = tmp_path / "run"
-    folder.mkdir()
-    (folder / "run.mcap").touch()
-    assert left_behind(folder) == f"interrupted; the recording is complete: {folder}/run.mcap"
-    (folder / "run.mcap").rename(folder / "run.mcap.partial")
-    assert left_behind(folder) == f"interrupted; recorded until then: {folder}/run.mcap.partial"
-    (folder / "run.mcap.partial").unlink()
-    (folder / "notes").touch()
-    assert left_behind(folder) == "interrupted before the first step; nothing is recorded" and folder.exists()
-    (folder / "notes").unlink()
-    left_behind(folder)
-    assert not folder.exists()

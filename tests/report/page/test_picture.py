@@ -46,7 +46,7 @@ def test_one_that_was_killed_meanwhile_is_not_waited_for(pid: int):
 
 
 def test_one_that_stands_still_is_not_waited_for_for_ever(pid: int, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("twin.report.page.drawer.PATIENCE", 0.2)
+    monkeypatch.setattr("twin.report.page.picture.PATIENCE", 0.2)
     os.kill(pid, signal.SIGSTOP)
     with drawing(HERE + "sign", "it") as content:
         assert content() == f"it {os.getpid()}".encode()

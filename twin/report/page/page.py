@@ -9,7 +9,7 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-from twin.kernel.recording.recorder import seen_from_here
+from twin.kernel.process.job import seen_from_here
 from twin.kernel.writing import finite, made_folder, write_text
 from twin.report.page.markup import DataBlock, Markup, dark_filter, element, joined, section
 from twin.report.page.panels import curves, scene

@@ -6,10 +6,9 @@ from pathlib import Path
 
 from twin.kernel.errors import ComponentFailed, SafetyTrip
 from twin.kernel.process.guard import JobEnded
-from twin.kernel.process.job import JobLimits
+from twin.kernel.process.job import JobLimits, recorded_until_then
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import claim_run_folder, create_run_folder
-from twin.kernel.recording.recorder import recorded_until_then
 from twin.robot.assembly.build import need_processes, planned_drives
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
