@@ -12,7 +12,6 @@ ALONE = {
     "studies/sweep/rows.py": "rows are only ever appended to",
     "kernel/cache_folder.py": "a cache",
     "kernel/fmi/unpacked.py": "a cache",
-    "kernel/fmi/compiling.py": "a cache",
     "kernel/compiled/store.py": "a cache",
     "studies/sweep/dask/worker.py": "a folder of its own in a worker, gone with the sweep",
     "kernel/recording/folder.py": "the folder of a run must be new",

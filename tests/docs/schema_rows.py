@@ -16,8 +16,8 @@ from twin.robot.assembly.declared import DECLARED
 from twin.robot.controller.program import TASKS
 from twin.robot.experiment import change, fault, measure, schema
 from twin.robot.experiment import drive_files as stand_in
-from twin.robot.experiment.declared import nested
 from twin.robot.experiment.experiment import Head
+from twin.robot.experiment.schema import nested
 
 PAGE = ROOT / "docs/keys.md"
 ELSEWHERE = ("controller.model", "estimator", "body")

@@ -13,9 +13,9 @@ from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused
-from twin.kernel.fmi.calls import DO_STEP
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import described
+from twin.kernel.fmi.groups import DO_STEP
 from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.lifecycle import CosimInstance
 from twin.kernel.fmi.stepping import Stepping

@@ -11,7 +11,7 @@ from tests.kernel.fmi.commanded import stepped
 from tests.kernel.fmi.eventful import KINDS, Maker
 from tests.kernel.fmi.test_component import TICK, made, run
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.fmi import calls
+from twin.kernel.fmi import groups as calls
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.event_step import CHANGING, COUNTDOWN, PERIODIC, settle
 from twin.robot.assembly.drives import drive, planned

@@ -19,8 +19,8 @@ from tests.kernel.fmi.test_event_step import stepped
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.description import described
 from twin.kernel.fmi.lifecycle import CosimInstance, FMU2Drive, FMU3Drive
-from twin.kernel.fmi.setting import Setup
 from twin.kernel.fmi.unpacked import unpacked
+from twin.kernel.fmi.variable import Setup
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.drives import drive, planned

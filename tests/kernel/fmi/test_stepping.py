@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.robot.drive.test_sampled import planned
+from tests.robot.assembly.test_roles import planned
 from twin.kernel.fmi.stepping import FmuPort, Stepping, placed
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.kernel.compiled.native import compiling
-from twin.kernel.fmi.calls import announced
+from twin.kernel.fmi.groups import announced
 from twin.kernel.process.reporter import Reporter
 from twin.studies.identify.identification import NotIdentifiable
 

@@ -7,8 +7,7 @@ from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from hypothesis import strategies as st
 
-from twin.kernel.recording.layout import Field, Topic
-from twin.kernel.recording.messages import BLANK_TIME, Form, blank
+from twin.kernel.recording.messages import BLANK_TIME, Field, Form, Topic, blank
 from twin.kernel.recording.reader import Recording
 from twin.kernel.recording.writer import Writer
 

@@ -25,7 +25,7 @@ from tests.kernel.recording.forgery import (
 )
 from tests.memory import growth
 from twin.kernel.files import LIMIT
-from twin.kernel.recording.layout import RecordingDamaged, RecordingRefused
+from twin.kernel.recording.messages import RecordingDamaged, RecordingRefused
 from twin.kernel.recording.reader import read
 from twin.kernel.recording.summary import FEW_BYTES, allowance, encoded, unpacked
 from twin.kernel.recording.writer import Writer

@@ -11,7 +11,7 @@ from mcap.writer import Writer as McapWriter
 
 from tests.conftest import examples
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.layout import Field, RecordingRefused, Topic, UnknownSeries, descriptor_set
+from twin.kernel.recording.messages import Field, RecordingRefused, Topic, UnknownSeries, descriptor_set
 from twin.kernel.recording.reader import Recording, last_time, read
 from twin.kernel.recording.series import Event
 from twin.kernel.recording.writer import Writer

@@ -12,7 +12,7 @@ from twin.kernel.errors import InputRefused
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import recorded_experiment
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.run.provenance import provenance
+from twin.robot.run.run import provenance
 
 
 def metadata_of(experiment: Experiment) -> dict[str, dict[str, str]]:

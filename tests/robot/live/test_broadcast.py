@@ -13,12 +13,12 @@ from websockets.exceptions import InvalidStatus
 
 from tests.robot.live.viewer import Viewer
 from twin.kernel.live import Channel, Gate, Message
-from twin.kernel.recording.layout import log_descriptor_set
+from twin.kernel.recording.messages import log_descriptor_set
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.live import broadcast as on_air
 from twin.robot.live.broadcast import BACKLOG, Broadcast
-from twin.robot.run.tuning import Tuning
+from twin.robot.run.watch import Tuning
 
 CHANNEL = Channel(1, "/words", "foxglove.Log", log_descriptor_set(), {})
 MOTTO = Channel(2, "/motto", "foxglove.Log", log_descriptor_set(), {}, constant=True)

@@ -14,8 +14,7 @@ from tests.laws.runs import shipped
 from tests.robot.live.viewer import Viewer
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.reporter import DirectReporter
-from twin.kernel.recording.layout import Field, Topic
-from twin.kernel.recording.messages import HEAD_SIZE, message_layout, message_records
+from twin.kernel.recording.messages import HEAD_SIZE, Field, Topic, message_layout, message_records
 from twin.kernel.recording.recorder import RowStream
 from twin.robot.live.runs import served_runs
 from twin.robot.live.server import Encoder, LiveServer

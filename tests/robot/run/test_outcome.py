@@ -11,7 +11,7 @@ import pytest
 from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.program import TASKS, PhaseKind, Press, Tap
-from twin.robot.experiment.task import checked_tasks
+from twin.robot.experiment.schema import checked_tasks
 from twin.robot.run.outcome import SIGNALS, Held, HeldForce, Tally
 from twin.robot.run.run import execute
 from twin.studies.metrics.response import rms

@@ -15,7 +15,7 @@ from tests.kernel.fmi.archives import redescribed
 from tests.kernel.ssp.test_writing import complaints
 from tests.studies.build.conftest import FIG4, ROOT, silent
 from twin.kernel.errors import InputRefused
-from twin.kernel.fmi.setting import FilePath
+from twin.kernel.fmi.variable import FilePath
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import read
 from twin.kernel.ssp.parameters import Transformation

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.layout import Field
+from twin.kernel.recording.messages import Field
 from twin.robot.experiment.measure import AtMost, Formula, Joined, Not, Term, Until, Within, requirement
 from twin.studies.metrics.requirement import SAME, Standing, checked_requirement, distance, overall, standing
 from validation.yardsticks.temporal_logic import Curves, formula

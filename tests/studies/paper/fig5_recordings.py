@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.kernel.recording.layout import Field, Topic
+from twin.kernel.recording.messages import Field, Topic
 from twin.kernel.recording.reader import Recording, read
 from twin.kernel.recording.writer import Writer
 from twin.robot.controller.program import PhaseKind

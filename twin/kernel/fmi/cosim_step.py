@@ -11,7 +11,7 @@ import numpy as np
 from twin.kernel.compiled.function import carray, copy, njit, pointer_to
 from twin.kernel.cosim.component import address_of, bytes_at, step_function
 from twin.kernel.cosim.port import record
-from twin.kernel.fmi.calls import (
+from twin.kernel.fmi.groups import (
     DISCARD,
     DO_STEP,
     EARLY,
@@ -27,11 +27,14 @@ from twin.kernel.fmi.calls import (
     TOO_MANY,
     access_2,
     ask_status,
+    begin_ramp,
     do_step_2,
     do_step_3,
+    get_all,
     on_pointer,
+    set_all,
+    set_ramp,
 )
-from twin.kernel.fmi.groups import begin_ramp, get_all, set_all, set_ramp
 
 SHORTER = record(
     real_status="i8",  # fmiNGetRealStatus

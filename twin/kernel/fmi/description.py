@@ -19,9 +19,8 @@ from fmpy import platform, read_model_description, sharedLibraryExtension
 from twin.kernel.archive import entries, sha256
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import xml_of
-from twin.kernel.fmi.compiling import Compiled, brings, compile_sources, compiled, source_sets
-from twin.kernel.fmi.setting import Setting, Value, set_to
-from twin.kernel.fmi.variable import Variable, number, variable_of
+from twin.kernel.fmi.unpacked import Compiled, brings, compile_sources, compiled, source_sets
+from twin.kernel.fmi.variable import Setting, Value, Variable, number, set_to, variable_of
 
 DESCRIPTION = "modelDescription.xml"
 NUMBERS = ("intervalDecimal", "shiftDecimal", "intervalCounter", "shiftCounter", "resolution")

@@ -10,7 +10,7 @@ import numpy as np
 
 from twin.kernel.compiled.function import carray, njit, pointer_to
 from twin.kernel.cosim.component import doubles_at
-from twin.kernel.fmi.calls import (
+from twin.kernel.fmi.groups import (
     MOST_UPDATES,
     STATUSES,
     TERMINATE,
@@ -20,10 +20,10 @@ from twin.kernel.fmi.calls import (
     on_doubles,
     on_pointer,
     plain,
+    set_all,
     start_at,
     update_3,
 )
-from twin.kernel.fmi.groups import set_all
 
 FUNCTIONS = {
     "set_time": "SetTime",

@@ -11,7 +11,7 @@ from twin.kernel.compiled.function import carray, copy, njit, pointer_to
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import address_of, bytes_at, doubles_at, step_function
 from twin.kernel.cosim.port import record
-from twin.kernel.fmi.calls import (
+from twin.kernel.fmi.groups import (
     DISCARD,
     DO_STEP,
     EARLY,
@@ -35,13 +35,21 @@ from twin.kernel.fmi.calls import (
     TERMINATE,
     TOO_MANY,
     UPDATE,
+    access,
     access_2,
     access_pairs,
+    begin_ramp,
     do_step_3,
+    drain,
+    fill,
+    get_all,
+    groups_at,
     plain,
+    ramp_status,
+    set_all,
+    set_ramp,
     update_3,
 )
-from twin.kernel.fmi.groups import access, begin_ramp, drain, fill, get_all, groups_at, ramp_status, set_all, set_ramp
 
 PERIODIC, CHANGING, COUNTDOWN, OUTPUT = 0, 1, 2, 3
 """What a clock is: its next tick is known from its period, from what the FMU says when it ticks, or in any event; or

@@ -11,12 +11,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.fmi.calls import announced
 from twin.kernel.fmi.description import FmuDescription, clocks
 from twin.kernel.fmi.event_step import CLOCK
-from twin.kernel.fmi.groups import RAMP
-from twin.kernel.fmi.setting import Setting, Setup
-from twin.kernel.fmi.variable import TEXTS, Variable
+from twin.kernel.fmi.groups import RAMP, announced
+from twin.kernel.fmi.variable import TEXTS, Setting, Setup, Variable
 
 MOST_UNHEARD = 100
 """An FMU that complains in every step is believed after so many."""

@@ -22,10 +22,9 @@ from fmpy.fmi3 import FMU3Model, FMU3Slave
 
 from twin.kernel.cosim.python_class import STEP
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.fmi.calls import explain_status
 from twin.kernel.fmi.description import STRUCTURAL, clocks, stated_interval
 from twin.kernel.fmi.event_step import CHANGING, CLOCK, COUNTDOWN, EVENTS, NEVER, OUTPUT, PERIODIC, settle
-from twin.kernel.fmi.groups import intermediate_update
+from twin.kernel.fmi.groups import explain_status, intermediate_update
 from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.stepping import Stepping
 from twin.kernel.fmi.variable import KINDS, Variable

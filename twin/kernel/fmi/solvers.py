@@ -17,7 +17,6 @@ from twin.kernel.compiled.function import carray, copy, njit
 from twin.kernel.compiled.native import Native
 from twin.kernel.cosim.component import address_of, doubles_at
 from twin.kernel.errors import InputRefused
-from twin.kernel.fmi.calls import at_time, one_step, start_at, values_of
 from twin.kernel.fmi.equations import (
     FAILED,
     MANY_STEPS,
@@ -30,6 +29,7 @@ from twin.kernel.fmi.equations import (
     slack,
     step_completed,
 )
+from twin.kernel.fmi.groups import at_time, one_step, start_at, values_of
 
 USUAL_TOLERANCE = 1e-6
 """Relative, of CVODE, where neither the experiment nor the FMU says anything."""

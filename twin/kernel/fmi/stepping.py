@@ -8,9 +8,19 @@ import numpy as np
 
 from twin.kernel.cosim.port import Port
 from twin.kernel.fmi import cosim_step, event_step
-from twin.kernel.fmi.calls import DO_STEP, ENDLESS, INTERVAL, PAST, PERIOD, RESTORE, SAVE, explain_status
 from twin.kernel.fmi.cosim_step import SHORTER
-from twin.kernel.fmi.groups import AT_END, GROUP
+from twin.kernel.fmi.groups import (
+    AT_END,
+    DO_STEP,
+    ENDLESS,
+    GROUP,
+    INTERVAL,
+    PAST,
+    PERIOD,
+    RESTORE,
+    SAVE,
+    explain_status,
+)
 from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.variable import ITEM_SIZES, Variable
 

@@ -4,20 +4,319 @@ A folder has the files of the archive in `fmu`, and in `seal.json` how they were
 size, times, inode. What is still found so is not read again."""
 
 import contextlib
+import importlib.util
 import json
+import math
 import os
+import posixpath
+import re
 import shutil
+import signal
 import stat
+import subprocess
 import sys
 import tempfile
+import time
 import zipfile
+from collections.abc import Collection, Sequence
 from functools import lru_cache
-from pathlib import Path
-from typing import NamedTuple
+from pathlib import Path, PurePosixPath
+from typing import Any, NamedTuple
 
 from twin.kernel.archive import place
-from twin.kernel.cache_folder import REMEDY, cache_folder, discard_foreign, evict, hold, remove
+from twin.kernel.cache_folder import PRIVATE, REMEDY, cache_folder, discard_foreign, evict, hold, remove
 from twin.kernel.errors import InputRefused, disk_refusals
+from twin.kernel.fmi import COMPILED
+
+FACTS = "compiler.json"
+ZIG = "ziglang"
+BINARY_PARTS = 3
+"""Of the place of a library: binaries/linux64/name.so."""
+PATIENCE = 300.0
+"""s. Honest sources of thousands of lines take some ten."""
+MOST_MEMORY, MOST_WRITTEN = 4 << 30, 1 << 30
+"""Bytes, of a process and of a file. Honest sources of 10 MB need a tenth of either."""
+PLAIN_C = (".c",)
+CPLUSPLUS = (".cpp", ".cc", ".cxx")
+MACRO = re.compile(r"[A-Za-z_]\w*(\([\w ,.]*\))?", re.ASCII)
+"""What a macro may be called (C11, 6.10.3). gcc hands the name to cc1 as a word, and `@file` is a file of options."""
+READ, SHOWN = 1 << 20, 300
+"""Of what a compiler says: bytes that are looked at, and characters that are shown."""
+WRITES_BESIDES = ("DEPENDENCIES_OUTPUT", "SUNPRO_DEPENDENCIES", "GCC_COMPARE_DEBUG", "CCC_OVERRIDE_OPTIONS")
+"""Environment variables by which a compiler writes other files, or takes other options, than it is asked to."""
+
+# of each process: no core, time on a processor (s), data (kB), what it writes (512 bytes); a lower one is left as it is
+_LIMITED = "for o in '-c 0' '-t {time}' '-d {memory}' '-f {written}'; do ulimit $o 2>/dev/null; done; exec \"$@\""
+
+# FMI 2.0's header has no way to leave out the prefix that sources for static linking define
+_WITHOUT_PREFIX = """#undef FMI2_FUNCTION_PREFIX
+#include_next <fmi2Functions.h>
+"""
+
+
+class Compiled(NamedTuple):
+    """A library that was compiled here.
+
+    Attributes:
+        library: where it is kept.
+        compiler: what made it, with its version.
+    """
+
+    library: Path
+    compiler: str
+
+
+def compiled(digest: str, binary: str) -> Compiled | None:
+    """The library of the FMU with SHA-256 `digest`, if it was compiled for this platform.
+
+    Args:
+        digest: of the archive.
+        binary: its place in the archive, as it would be.
+    """
+    folder = _kept(digest)
+    library = folder / binary
+    try:
+        facts = json.loads((folder / FACTS).read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return None
+    return Compiled(library, str(facts.get("compiler"))) if library.is_file() else None
+
+
+def _kept(digest: str) -> Path:
+    """The folder of what was compiled of the FMU with SHA-256 `digest`; what lies there is the user's own.
+
+    Raises:
+        InputRefused: see `cache_folder`.
+    """
+    folder = cache_folder(COMPILED) / digest
+    with disk_refusals(folder, "cannot be removed", InputRefused, REMEDY):
+        discard_foreign(folder)
+    return folder
+
+
+def source_sets(model: Any, identifier: str) -> list[Any]:
+    """The sources of an FMU and how they are compiled, as FMPy reads that; none, if it does not say."""
+    return [
+        one
+        for configuration in model.buildConfigurations
+        if configuration.modelIdentifier in (None, identifier)
+        for one in configuration.sourceFileSets
+        if one.sourceFiles
+    ]
+
+
+def brings(names: Collection[str], sets: Sequence[Any]) -> bool:
+    """Whether an archive with entries `names` holds all that these source sets name, and they name something."""
+    return bool(sets) and all(
+        posixpath.normpath(f"sources/{source}") in names for one in sets for source in one.sourceFiles
+    )
+
+
+def supply(digest: str, content: Path) -> None:
+    """Put what was compiled of the FMU with that SHA-256 into the folder `content` of its unpacked files.
+
+    Raises:
+        OSError: it cannot be written there.
+    """
+    folder = _kept(digest)
+    for library in folder.glob("binaries/*/*"):
+        target = content / library.relative_to(folder)
+        if not target.is_file() or target.stat().st_mtime_ns != library.stat().st_mtime_ns:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            beside = target.with_name(f".{os.getpid()}-{target.name}")
+            shutil.copy2(library, beside)
+            os.replace(beside, target)
+
+
+def compile_sources(file: Path, digest: str, model: Any, binary: str) -> Compiled:
+    """Compile the sources of `file` for this platform, unless that was done before.
+
+    Args:
+        file: the FMU, its archive checked.
+        digest: its SHA-256.
+        model: its description by FMPy, with the build configurations.
+        binary: where its library would be in the archive.
+
+    Raises:
+        InputRefused: it has no sources that say how to be compiled, there is no compiler, or the compiler refuses.
+    """
+    done = compiled(digest, binary)
+    if done is not None:
+        return done
+    # below the folder in which it is built, too
+    if len(PurePosixPath(binary).parts) != BINARY_PARTS:
+        identifier = binary.split("/", BINARY_PARTS - 1)[-1]
+        raise InputRefused(f"{file}: modelIdentifier leads to '{identifier}'; expected a name. Do not trust this file")
+    sets = source_sets(model, PurePosixPath(binary).stem)
+    if not sets:
+        raise InputRefused(f"{file}: holds no sources that it tells how to compile; export it for this platform")
+    home = cache_folder(COMPILED)
+    with (
+        disk_refusals(file, f"cannot be compiled in {home}", InputRefused, REMEDY),
+        tempfile.TemporaryDirectory(dir=home, prefix=f".{digest[:12]}-") as scratch,
+    ):
+        made = _linked(file, sets, Path(scratch).absolute(), binary)
+        with (Path(scratch) / "kept" / FACTS).open("w") as facts:
+            json.dump({"compiler": made.compiler}, facts)
+        try:
+            os.rename(Path(scratch) / "kept", home / digest)
+        # somebody else was faster
+        except OSError:
+            if compiled(digest, binary) is None:
+                raise
+    return Compiled(home / digest / binary, made.compiler)
+
+
+def _linked(file: Path, sets: Sequence[Any], scratch: Path, binary: str) -> Compiled:
+    with zipfile.ZipFile(file) as archive:
+        for entry in archive.infolist():
+            name = place(entry)
+            if name.startswith("sources/") and not name.endswith("/"):
+                target = scratch / name
+                target.parent.mkdir(parents=True, exist_ok=True)
+                target.write_bytes(archive.read(entry))
+    library = scratch / "kept" / binary
+    (scratch / "kept").mkdir(PRIVATE)
+    library.parent.mkdir(parents=True)
+    headers = scratch / "headers"
+    headers.mkdir()
+    (headers / "fmi2Functions.h").write_text(_WITHOUT_PREFIX)
+    # gcc loads a header that was compiled before, a picture of its own memory, in place of the first that is included
+    first = headers / "first.h"
+    first.touch()
+    includes = ["-include", str(first), f"-I{headers}", f"-I{scratch / 'sources'}", f"-I{fmi_headers()}"]
+    said = (
+        f"{file}: its sources do not compile",
+        f"{file}: its sources still compile after {PATIENCE:g} s; build it elsewhere",
+    )
+    end = time.monotonic() + PATIENCE
+    objects: list[str] = []
+    plus = False
+    for number, one in enumerate(sets):
+        options = [_macro(file, d.name, d.value) for d in one.preprocessorDefinitions]
+        options += [f"-I{_inside(file, scratch, name)}" for name in one.includeDirectories]
+        for source in one.sourceFiles:
+            target = scratch / f"{number}_{len(objects)}.o"
+            where = _inside(file, scratch, source)
+            is_plus = where.suffix.lower() in CPLUSPLUS
+            if not is_plus and where.suffix.lower() not in PLAIN_C:
+                known = ", ".join((*PLAIN_C, *CPLUSPLUS))
+                raise InputRefused(f"{file}: its source '{source}' is neither C nor C++ ({known}); build it elsewhere")
+            plus |= is_plus
+            call_compiler(
+                [*compiler(file, is_plus), "-c", "-O2", "-fPIC", "-w", "-DFMI3_OVERRIDE_FUNCTION_PREFIX",
+                 *options, *includes, str(where), "-o", str(target)], *said, scratch, end,
+            )  # fmt: skip
+            objects.append(str(target))
+    linker = compiler(file, plus)
+    # objects may claim to be unfinished and bring options with which a linker's plugin finishes them
+    call_compiler([*linker, "-shared", "-fno-lto", *objects, "-lm", "-o", str(library)], *said, scratch, end)
+    version = call_compiler([*linker, "--version"], *said, scratch, end)
+    return Compiled(library, (version.splitlines() or [linker[0]])[0].strip())
+
+
+def _macro(file: Path, name: str | None, value: str | None) -> str:
+    """The option that defines a macro."""
+    if not MACRO.fullmatch(name or "") or not (value or "").isprintable():
+        text = f"{name}={value}" if value else name
+        raise InputRefused(
+            f"{file}: its sources ask for the macro '{text}'; expected an identifier, or one with a list of arguments, "
+            "and a value on one line. Do not trust this file"
+        )
+    return f"-D{name}" + (f"={value}" if value else "")
+
+
+def _inside(file: Path, scratch: Path, name: str | None) -> Path:
+    """The place of a source or folder that the FMU names, which is below its sources."""
+    home = (scratch / "sources").resolve()
+    path = (home / (name or "?")).resolve()
+    if not path.is_relative_to(home) or not path.exists():
+        raise InputRefused(f"{file}: its sources hold no '{name}', which it says to compile; export it again")
+    return path
+
+
+def compiler(wanted: Path, plus: bool = False) -> list[str]:
+    """The platform's compiler, else that of ziglang.
+
+    Args:
+        wanted: what is to be built, for the sentence.
+        plus: whether it has C++ in it.
+
+    Raises:
+        InputRefused: there is none.
+    """
+    for name in ("c++", "g++", "clang++") if plus else ("cc", "gcc", "clang"):
+        found = shutil.which(name)
+        if found:
+            # it is run in another folder
+            return [os.path.abspath(found)]
+    if importlib.util.find_spec(ZIG) is not None:
+        return [*zig(), "c++" if plus else "cc"]
+    raise InputRefused(f"{wanted}: there is no C compiler to build it with; install one (cc), or pip install {ZIG}")
+
+
+def zig() -> list[str]:
+    """The command that runs what comes with the package ziglang."""
+    # -P: the folder in which it runs is no place to import from
+    return [sys.executable, "-P", "-m", ZIG]
+
+
+def fmi_headers() -> Path:
+    """The folder of FMI's C headers, which come with FMPy."""
+    # found, not imported: that takes longer than what most commands do
+    fmpy = importlib.util.find_spec("fmpy")
+    assert fmpy is not None and fmpy.origin is not None, "a dependency of this package"
+    return Path(fmpy.origin).absolute().parent / "c-code"
+
+
+def call_compiler(command: Sequence[str], refused: str, late: str, folder: Path, end: float | None = None) -> str:
+    """Run a compiler, with limits of time, memory and what it writes; nothing of it is left afterwards.
+
+    Args:
+        command: the compiler first.
+        refused: begins the sentence if it refuses.
+        late: the sentence if it takes too long.
+        folder: in which, for its temporary files too.
+        end: of `time.monotonic`, until which it may take (s); None: `PATIENCE` from now.
+
+    Returns:
+        The beginning of what it says.
+
+    Raises:
+        InputRefused: it refuses, or takes too long.
+    """
+    patience = PATIENCE if end is None else max(end - time.monotonic(), 0.0)
+    limits = _LIMITED.format(time=math.ceil(PATIENCE), memory=MOST_MEMORY >> 10, written=MOST_WRITTEN >> 9)
+    told = {name: value for name, value in os.environ.items() if name not in WRITES_BESIDES}
+    # in a file: what a compiler says may have no end
+    with tempfile.TemporaryFile(dir=folder) as words:
+        process = subprocess.Popen(
+            ["/bin/sh", "-c", limits, "sh", *command],
+            cwd=folder,
+            env={**told, "TMPDIR": str(folder)},
+            stdin=subprocess.DEVNULL,
+            stdout=words,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        try:
+            status = process.wait(patience)
+        except subprocess.TimeoutExpired:
+            raise InputRefused(late) from None
+        finally:
+            # what it started too, after Ctrl-C as well; its number is nobody else's so soon
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+        words.seek(0)
+        text = words.read(READ).decode(errors="replace")
+    if status:
+        lines = text.splitlines()
+        errors = [line for line in lines if "error" in line or "undefined" in line]
+        said = (errors or lines or ["without a word"])[0][:SHOWN]
+        raise InputRefused(f"{refused} with {Path(command[0]).name}: {said}")
+    return text
+
 
 HOME = "unpacked"
 CONTENT, SEAL = "fmu", "seal.json"
@@ -107,7 +406,6 @@ def unpacked(file: Path, digest: str) -> Path:
             hold(folder)
             mended = ["all"]
         # who only looks at what is kept does not wait for what reads FMUs
-        from twin.kernel.fmi.compiling import supply
 
         supply(digest, folder / CONTENT)
     if mended:

@@ -112,7 +112,7 @@ class Announcer:
         _COMPILED.pack_into(self._memory, _COMPILED_AT, self._compiled, self._since)
 
     def tell(self, file: str, instance: str, function: str) -> None:
-        """A call begins; with function "" it has returned. Fits `twin.kernel.fmi.calls.listen`."""
+        """A call begins; with function "" it has returned. Fits `twin.kernel.fmi.groups.listen`."""
         _CALL.pack_into(self._memory, _CALL_AT, self._number, 0)
         if function:
             text = b"\0".join(part.encode()[:_LONGEST] for part in (file, instance, function))

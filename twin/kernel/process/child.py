@@ -43,7 +43,7 @@ def main() -> None:
                 # after the job's own imports: what it needs of them is loaded while the arguments are still being made
                 from twin.kernel.compiled.native import watch_compiling
                 from twin.kernel.cosim.simulation import let_watch
-                from twin.kernel.fmi.calls import listen
+                from twin.kernel.fmi.groups import listen
                 from twin.kernel.process.reporter import PipeReporter, let_speak
 
                 reporter = PipeReporter(reports, box)

@@ -22,8 +22,14 @@ from mcap.writer import MCAP0_MAGIC
 from twin.kernel.errors import InputRefused, disk_refusals, nearest, visible
 from twin.kernel.files import LIMIT, json_of
 from twin.kernel.recording.folder import recording_in
-from twin.kernel.recording.layout import Field, RecordingDamaged, RecordingRefused, UnknownSeries
-from twin.kernel.recording.messages import RECORD_PREFIX, MessageLayout
+from twin.kernel.recording.messages import (
+    RECORD_PREFIX,
+    Field,
+    MessageLayout,
+    RecordingDamaged,
+    RecordingRefused,
+    UnknownSeries,
+)
 from twin.kernel.recording.scan import Damage, Scan
 from twin.kernel.recording.series import NANOSECONDS, Contents, Event
 from twin.kernel.recording.writer import PARTIAL

@@ -17,7 +17,7 @@ import numpy as np
 from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import ComponentFailed
-from twin.kernel.recording.layout import Topic
+from twin.kernel.recording.messages import Topic
 from twin.kernel.recording.writer import Writer
 
 Drawings = Callable[[int, np.ndarray], Iterable[tuple[Any, ...]]]

@@ -10,8 +10,14 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Schema
 
-from twin.kernel.recording.layout import Field, check_stream, described_fields
-from twin.kernel.recording.messages import RECORD_PREFIX, MessageLayout, message_layout
+from twin.kernel.recording.messages import (
+    RECORD_PREFIX,
+    Field,
+    MessageLayout,
+    check_stream,
+    described_fields,
+    message_layout,
+)
 from twin.kernel.recording.scan import CHANNEL, LENGTH, PLACE, SEQUENCE, Damage, Records
 
 NANOSECONDS = 1e9

@@ -32,16 +32,20 @@ from twin import __version__
 from twin.kernel.compiled.function import carray, copy
 from twin.kernel.compiled.native import entry
 from twin.kernel.errors import disk_refusals
-from twin.kernel.recording.layout import (
+from twin.kernel.recording.messages import (
     Field,
+    Filling,
+    Form,
     RecordingFailed,
     Topic,
     descriptor_set,
     descriptors_of,
+    form_filling,
     log_descriptor_set,
+    message_layout,
     message_names,
+    no_integer,
 )
-from twin.kernel.recording.messages import Filling, Form, form_filling, message_layout, no_integer
 from twin.kernel.recording.summary import COMPRESSION_LEVEL, Summary, chunk, encoded
 
 PARTIAL = ".partial"

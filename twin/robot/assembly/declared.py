@@ -13,8 +13,8 @@ from twin.robot.controller.pid import Believed, Damping, ForceLoop, PositionLoop
 from twin.robot.controller.program import TASKS, Approach
 from twin.robot.controller.task_controller import Computer, Touch
 from twin.robot.controller.tissue import Sensing
-from twin.robot.experiment.declared import Changeable, Declared, nested
 from twin.robot.experiment.experiment import NEEDED, OPTIONAL
+from twin.robot.experiment.schema import Changeable, Declared, nested
 from twin.robot.mechanism.statics import G_ACCELERATION
 from twin.robot.monitor.checks import Monitor
 from twin.robot.monitor.observation import MonitorBelief

@@ -17,11 +17,10 @@ from twin.kernel.cosim.subsystem import INLET, Subsystem
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import FmuDescription, described, refuse_step
-from twin.kernel.fmi.setting import Setting, Setup, stop_time
 from twin.kernel.fmi.solvers import USUAL_TOLERANCE, Solver
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.unpacked import unpacked
-from twin.kernel.fmi.variable import Conversion, Variable
+from twin.kernel.fmi.variable import Conversion, Setting, Setup, Variable, stop_time
 from twin.kernel.settings import numbers
 from twin.kernel.units import NUMBER
 from twin.robot.controller.pid import DriveSpeedIntegrator, DriveSpeedLoop, Gains, Servo

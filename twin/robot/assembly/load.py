@@ -24,9 +24,8 @@ from twin.robot.experiment.drive_files import experiment_file, shelved
 from twin.robot.experiment.experiment import Experiment, Tables, checked_tables, experiment_of
 from twin.robot.experiment.mistakes import unit_hints
 from twin.robot.experiment.recorded import Metadata, recorded_fmus, recorded_name, recorded_values
-from twin.robot.experiment.schema import Drive
+from twin.robot.experiment.schema import Chirp, Circle, Drive, JointStep, Reference, WayPoints
 from twin.robot.experiment.source import KEPT, Source, override, read_source, refuse_other_files
-from twin.robot.experiment.task import Chirp, Circle, JointStep, Reference, WayPoints
 from twin.robot.mechanism.geometry import Geometry, geometry_of
 from twin.robot.mechanism.kinematics import joint_angles, position
 

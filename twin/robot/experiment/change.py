@@ -6,9 +6,8 @@ from typing import Any
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.settings import Settings, setting
-from twin.robot.experiment.declared import Declared
 from twin.robot.experiment.mistakes import checked, numbered, unknown
-from twin.robot.experiment.schema import whole_ticks
+from twin.robot.experiment.schema import Declared, whole_ticks
 from twin.robot.experiment.source import at
 
 FORCE_LOOP = "controller.force."

@@ -22,9 +22,8 @@ from twin.kernel.files import meant
 from twin.kernel.places import HOME, located
 from twin.kernel.settings import Settings
 from twin.robot.experiment import schema
-from twin.robot.experiment.declared import Declared
 from twin.robot.experiment.mistakes import checked, keys, sentences
-from twin.robot.experiment.schema import TOLERANCE, Parameter
+from twin.robot.experiment.schema import TOLERANCE, Declared, Parameter
 from twin.robot.experiment.source import KEPT, NAMING, Source, laid_over, names_stand_in, read_source, rules_for
 
 SWEEPS = "experiments/sweeps"

@@ -16,14 +16,12 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.settings import Settings, Triple, setting
 from twin.robot.experiment import schema
 from twin.robot.experiment.change import Change, checked_changes
-from twin.robot.experiment.declared import Declared
 from twin.robot.experiment.drive_files import StandIn, checked_apart, fill_from_body, joint_tables, role_named
 from twin.robot.experiment.fault import Fault, checked_faults
 from twin.robot.experiment.measure import Measure, checked_measures
 from twin.robot.experiment.mistakes import checked, keys, unknown
-from twin.robot.experiment.schema import MOST_TICKS, whole_ticks
+from twin.robot.experiment.schema import MOST_TICKS, Declared, Reference, WayPoints, checked_tasks, whole_ticks
 from twin.robot.experiment.source import KEPT, Source, with_numbers
-from twin.robot.experiment.task import Reference, WayPoints, checked_tasks
 
 if TYPE_CHECKING:
     # what the tables of parts are called, for the type checker alone

@@ -21,12 +21,12 @@ from twin.kernel.files import json_of
 from twin.kernel.settings import Settings
 from twin.kernel.writing import made_folder, write_text
 from twin.robot.experiment import schema
-from twin.robot.experiment.declared import Declared, nested
 from twin.robot.experiment.drive_files import known_experiments
 from twin.robot.experiment.experiment import ARRAYS, Head
 from twin.robot.experiment.fault import CATALOGUE, FaultTable
 from twin.robot.experiment.json_schema import SCHEMA_FILE, commented_experiment, schema_text
 from twin.robot.experiment.mistakes import sentences, type_mistakes
+from twin.robot.experiment.schema import Declared, nested
 from twin.robot.experiment.source import COMMAND_LINE, Source, toml_value
 
 Metadata = Mapping[str, Mapping[str, str]]
@@ -37,7 +37,7 @@ MANY = 3
 
 
 class RecordedFmu(BaseModel):
-    """An FMU as `twin.robot.run.provenance` tells of it."""
+    """An FMU as `twin.robot.run.run` tells of it."""
 
     file: str
     sha256: str

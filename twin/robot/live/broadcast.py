@@ -29,7 +29,7 @@ from twin.kernel.live import (
     status,
     time_now,
 )
-from twin.robot.run.tuning import Tuning
+from twin.robot.run.watch import Tuning
 
 BACKLOG = 1024
 """Messages that wait for a viewer that is too slow; after that it loses the oldest."""

@@ -12,12 +12,22 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from twin.kernel.cosim.observers import TickEvent
 from twin.kernel.errors import InputRefused
 from twin.kernel.live import Channel, Gate, Message
-from twin.kernel.recording.layout import Kind, descriptor_set, descriptors_of, log_descriptor_set, message_names
-from twin.kernel.recording.messages import HEAD_SIZE, VALUE_TYPES, form_filling, form_records, message_layout
+from twin.kernel.recording.messages import (
+    HEAD_SIZE,
+    VALUE_TYPES,
+    Kind,
+    descriptor_set,
+    descriptors_of,
+    form_filling,
+    form_records,
+    log_descriptor_set,
+    message_layout,
+    message_names,
+)
 from twin.kernel.recording.recorder import RowStream
 from twin.kernel.recording.writer import EVENTS, NANOSECONDS
 from twin.robot.live.broadcast import HOST, Broadcast
-from twin.robot.run.tuning import Tuning
+from twin.robot.run.watch import Tuning
 from twin.robot.scene import Scene
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.recording.recorder import RowStream
-from twin.robot.run.tuning import Tuning
+from twin.robot.run.watch import Tuning
 from twin.robot.scene import Scene
 
 

@@ -17,7 +17,7 @@ from twin.robot.controller.controller import Controller
 from twin.robot.controller.program import Phase, PhaseKind, Push, Tap
 from twin.robot.controller.task_controller import TaskController
 from twin.robot.experiment.experiment import Experiment, exactly_measured, with_plant
-from twin.robot.experiment.task import WayPoints
+from twin.robot.experiment.schema import WayPoints
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.plant.component import resting

@@ -16,8 +16,7 @@ from twin.kernel.cosim.system import Feeds
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import KIND_NAMES, FmuDescription
-from twin.kernel.fmi.setting import FilePath, Setting
-from twin.kernel.fmi.variable import Variable
+from twin.kernel.fmi.variable import FilePath, Setting, Variable
 from twin.robot.assembly.assemble import HERE
 from twin.robot.assembly.build import Build, at_rest, joint_drives, motions, need_processes, planned_drives, turns_all
 from twin.robot.assembly.declared import BROKEN, PLACES

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from twin.kernel.fmi.compiling import fmi_headers
+from twin.kernel.fmi.unpacked import fmi_headers
 from twin.kernel.units import Unit, known_unit
 from twin.kernel.writing import made_folder, refuse_unwritable, write_bytes
 from twin.robot.assembly.load import load_experiment

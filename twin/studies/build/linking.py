@@ -31,7 +31,7 @@ import llvmlite.binding as llvm
 from twin.kernel.compiled.emission import Module, bare
 from twin.kernel.compiled.machine import OLDEST, X86_64, Form
 from twin.kernel.errors import InputRefused, disk_refusals, nearest
-from twin.kernel.fmi.compiling import PATIENCE, ZIG, call_compiler, compiler, zig
+from twin.kernel.fmi.unpacked import PATIENCE, ZIG, call_compiler, compiler, zig
 from twin.studies.build.layout import Layout
 
 ALL = "all"

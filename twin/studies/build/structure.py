@@ -11,8 +11,7 @@ from importlib.metadata import version
 import numpy as np
 
 from twin.kernel.fmi.description import FmuDescription
-from twin.kernel.fmi.setting import Setting
-from twin.kernel.fmi.variable import Variable
+from twin.kernel.fmi.variable import Setting, Variable
 from twin.kernel.ssp.parameters import (
     Annotation,
     Metadata,

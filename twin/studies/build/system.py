@@ -20,7 +20,7 @@ from twin.kernel.ssp.writing import parameter_set_xml, structure_xml
 from twin.kernel.writing import json_text, made_folder, refuse_unwritable, write_bytes
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.run.provenance import named_files
+from twin.robot.run.run import named_files
 from twin.studies.answer import Answer
 from twin.studies.build.drives import Element, JointDrive, travelling_drives
 from twin.studies.build.fmu import HOME, about, archive, packed, readme

@@ -115,7 +115,7 @@ def _term(term: Term, run: Run) -> Curve:
 
 
 class Signal(Protocol):
-    """What is known of a recorded signal before a run, as `twin.kernel.recording.layout.Field` has it."""
+    """What is known of a recorded signal before a run, as `twin.kernel.recording.messages.Field` has it."""
 
     @property
     def size(self) -> int: ...

@@ -21,7 +21,7 @@ from twin.kernel.recording.reader import Recording
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.controller.program import TASKS, PhaseKind, Press, Push, Roll, Tap, Task
 from twin.robot.experiment.recorded import recorded_values
-from twin.robot.experiment.task import checked_tasks
+from twin.robot.experiment.schema import checked_tasks
 from twin.robot.monitor.checks import MEANINGS, Reason
 from twin.studies.metrics.requirement import FIG5, lacking
 from twin.studies.metrics.response import (

@@ -13,7 +13,7 @@ WIDTH = 80
 
 def facts(plan: "DrivePlan") -> dict[str, object]:
     from twin.kernel.fmi.description import abilities
-    from twin.kernel.fmi.setting import told
+    from twin.kernel.fmi.variable import told
 
     return {
         "command": plan.table.command,
@@ -57,7 +57,7 @@ def _parameter(v: "Variable") -> dict[str, object]:
 
 def text(plan: "DrivePlan") -> str:
     from twin.kernel.fmi.description import KIND_NAMES, abilities
-    from twin.kernel.fmi.setting import told
+    from twin.kernel.fmi.variable import told
     from twin.robot.assembly.drives import qualified
 
     lines: list[str] = []

@@ -11,9 +11,8 @@ from twin.kernel.errors import ComponentFailed, TwinError
 from twin.kernel.fmi.component import instances_left, opened
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.fmi.instance import Instance
-from twin.kernel.fmi.setting import Setting, Setup
 from twin.kernel.fmi.unpacked import unpacked
-from twin.kernel.fmi.variable import Variable
+from twin.kernel.fmi.variable import Setting, Setup, Variable
 from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
 from twin.kernel.process.reporter import Reporter
 from twin.robot.assembly.drives import DrivePlan, belongs, planned

@@ -16,7 +16,7 @@ from twin.kernel.archive import content_of, entries, entry_of
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_bytes, xml_of
 from twin.kernel.fmi.description import FmuDescription
-from twin.kernel.fmi.setting import Value, given_values
+from twin.kernel.fmi.variable import Value, given_values
 from twin.kernel.recording.logs.csv_file import table_of
 from twin.kernel.ssp.ssd import parameter_set
 from twin.studies.metrics.response import Curve

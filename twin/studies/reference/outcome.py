@@ -18,10 +18,9 @@ from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import FmuDescription, described
-from twin.kernel.fmi.setting import Setup
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.unpacked import unpacked
-from twin.kernel.fmi.variable import Variable, number
+from twin.kernel.fmi.variable import Setup, Variable, number
 from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
 from twin.kernel.process.job import JobLimits
 from twin.kernel.process.reporter import Reporter

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.port import Port
-from twin.kernel.recording.layout import Field, Topic
+from twin.kernel.recording.messages import Field, Topic
 from twin.kernel.recording.writer import Writer
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS as ESTIMATES
 from twin.robot.plant.component import OUTPUTS as MOTION

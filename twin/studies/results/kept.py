@@ -31,8 +31,7 @@ from twin.robot.experiment.recorded import (
     recorded_name,
     recorded_values,
 )
-from twin.robot.run.provenance import named_files
-from twin.robot.run.run import SUMMARY
+from twin.robot.run.run import SUMMARY, named_files
 from twin.studies.answer import Answer
 from twin.studies.lines import counted, cut, wrapped
 from twin.studies.steps import Say, Steps

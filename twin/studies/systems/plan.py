@@ -21,9 +21,19 @@ from twin.kernel.cosim.port import Port
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import xml_of
 from twin.kernel.fmi.description import FmuDescription, described, stated_step
-from twin.kernel.fmi.setting import Setting, Value, given_values, set_to, stated_unit
 from twin.kernel.fmi.stepping import FmuPort
-from twin.kernel.fmi.variable import Conversion, Variable, conversion, meant, number
+from twin.kernel.fmi.variable import (
+    Conversion,
+    Setting,
+    Value,
+    Variable,
+    conversion,
+    given_values,
+    meant,
+    number,
+    set_to,
+    stated_unit,
+)
 from twin.kernel.recording.writer import EVENTS
 from twin.kernel.ssp.flat import Assigned, FlatSystem, Hop, Lead
 from twin.kernel.ssp.parameters import UnitDefinition

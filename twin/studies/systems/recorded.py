@@ -26,13 +26,12 @@ from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import build, refuse_step
 from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.lifecycle import CosimInstance
-from twin.kernel.fmi.setting import Setup, stop_time, told
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.unpacked import unpacked
-from twin.kernel.fmi.variable import Variable
+from twin.kernel.fmi.variable import Setup, Variable, stop_time, told
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import RECORDING, claim_run_folder, create_run_folder
-from twin.kernel.recording.layout import Field, Topic, message_names
+from twin.kernel.recording.messages import Field, Topic, message_names
 from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, RowStream, versions
 from twin.kernel.recording.writer import Writer
 from twin.kernel.ssp.flat import flattened

@@ -25,7 +25,7 @@ from twin.robot.assembly.assemble import FORCE_REFERENCE, assemble
 from twin.robot.assembly.declared import PLACES
 from twin.robot.assembly.roles import refuse_other_parts
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.task import WayPoints
+from twin.robot.experiment.schema import WayPoints
 from twin.robot.monitor.component import trip_reason
 from twin.robot.run.outcome import RunOutcome, Tally
 from twin.robot.run.trace import Trace

@@ -14,12 +14,11 @@ from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.recording.export.ros_bag import write_ros_bag
 from twin.kernel.recording.export.table import table, write_csv, write_matlab, write_parquet
 from twin.kernel.recording.folder import recording_in
-from twin.kernel.recording.layout import FIELD_NAME, TOPIC_NAME, Field
 from twin.kernel.recording.logs.bag import is_bag
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
 from twin.kernel.recording.logs.reader import is_recording, read_log
-from twin.kernel.recording.messages import message_layout, message_records
+from twin.kernel.recording.messages import FIELD_NAME, TOPIC_NAME, Field, message_layout, message_records
 from twin.kernel.recording.reader import Recording, Stream, read
 from twin.kernel.recording.series import NANOSECONDS
 

@@ -23,8 +23,7 @@ from mcap.writer import MCAP0_MAGIC
 from twin import __version__
 from twin.kernel.errors import InputRefused, disk_refusals
 from twin.kernel.recording.export.table import NANOSECONDS, time_base
-from twin.kernel.recording.layout import Field
-from twin.kernel.recording.messages import HEAD_SIZE, NO_PLACES, Filling, record_template
+from twin.kernel.recording.messages import HEAD_SIZE, NO_PLACES, Field, Filling, record_template
 from twin.kernel.recording.reader import Recording
 from twin.kernel.recording.summary import COMPRESSION_LEVEL, Summary, encoded
 from twin.kernel.recording.writer import Output, Pending, append_chunks

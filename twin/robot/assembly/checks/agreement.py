@@ -22,7 +22,7 @@ from twin.robot.controller.pid import low_pass_share
 from twin.robot.controller.task_controller import Computer
 from twin.robot.experiment.experiment import Tables
 from twin.robot.experiment.fault import CATALOGUE
-from twin.robot.experiment.task import WayPoints
+from twin.robot.experiment.schema import WayPoints
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import jacobian
 from twin.robot.monitor.checks import Monitor

@@ -20,7 +20,7 @@ from twin.kernel.errors import Unreachable
 from twin.kernel.settings import Triple
 from twin.robot.controller.program import Approach, Push, Roll, Tap, Task
 from twin.robot.controller.task_controller import Computer
-from twin.robot.experiment.task import WayPoints
+from twin.robot.experiment.schema import WayPoints
 from twin.robot.mechanism.geometry import Geometry, geometry_of
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.mechanism.workspace import BARS, Bars, ball_joint_angles, clearances

@@ -14,7 +14,7 @@ from distributed import Scheduler, SchedulerPlugin, Worker, WorkerPlugin, get_wo
 
 from twin.kernel.errors import InputRefused, disk_refusals
 from twin.kernel.files import read_bytes
-from twin.kernel.fmi.setting import MOST_BYTES
+from twin.kernel.fmi.variable import MOST_BYTES
 from twin.kernel.places import located
 from twin.robot.experiment.drive_files import FILE, FOLDERS, MAPPING, completed, shelved
 from twin.robot.experiment.source import KEPT, read_source, source_text

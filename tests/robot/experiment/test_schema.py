@@ -5,7 +5,7 @@ import pytest
 from tests.laws.runs import shipped
 from twin.kernel.errors import InputRefused
 from twin.robot.controller.program import TASKS, Press, Push, Roll, Tap
-from twin.robot.experiment.task import checked_tasks
+from twin.robot.experiment.schema import checked_tasks
 
 PRESS = {"kind": "press", "point_mm": (0.0, 5.0), "force_N": 8.0, "build_up_s": 3.5, "hold_s": 5.0}
 TAP = {
