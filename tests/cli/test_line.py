@@ -93,10 +93,16 @@ from twin.cli import ahead, {module}
 from twin.studies.qualify import shelf
 before = {{*sys.modules}}
 {makes}
-print(*{{name.split(".")[1] for name in {{*sys.modules}} - before if name.startswith("twin.") and name.count(".") > 1}})
+for name in {{*sys.modules}} - before:
+    if name.startswith("twin.") and not hasattr(sys.modules[name], "__path__"):
+        print("/".join(name.split(".")[1:-1]))
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert set(done.stdout.split()) == rooms
+    folders = set(done.stdout.splitlines())
+    inside = {(room, folder) for room in rooms for folder in folders if f"{folder}/".startswith(f"{room}/")}
+    assert {room for room, _ in inside} == rooms
+    # files above a room count, too
+    assert folders - {folder for _, folder in inside} <= {"", "kernel"}
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def test_every_link_leads_to_a_place_of_the_site(site: Path):
 
 @pytest.mark.slow
 def test_a_link_into_the_code_shows_the_code(site: Path, root: Path):
-    page = (site / "repository" / "twin" / "robot" / "statics.py.html").read_text()
+    page = (site / "repository" / "twin" / "robot" / "mechanism" / "statics.py.html").read_text()
     text = re.sub(r"<[^>]+>", "", page)
     assert "def dead_zone(d, half_width):" in text
     assert 'href="repository/twin/robot/mechanism/statics.py.html"' in (site / "physics.html").read_text()

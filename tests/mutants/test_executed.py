@@ -45,13 +45,15 @@ def not_called():
 
 @pytest.fixture
 def repository(tmp_path: Path) -> Path:
-    path = tmp_path / "twin" / "robot" / "part.py"
+    path = tmp_path / "twin" / "robot" / "mechanism" / "part.py"
     path.parent.mkdir(parents=True)
     path.write_text(SOURCE)
     (tmp_path / "twin" / "__init__.py").touch()
+    (tmp_path / "twin" / "robot" / "__init__.py").touch()
     # a process that knows nothing of the other one's files
-    (tmp_path / "twin" / "compiled").mkdir()
-    (tmp_path / "twin" / "compiled" / "function.py").write_text("def njit(**options):\n    return lambda f: f\n")
+    compiled = tmp_path / "twin" / "kernel" / "compiled"
+    compiled.mkdir(parents=True)
+    (compiled / "function.py").write_text("def njit(**options):\n    return lambda f: f\n")
     return tmp_path
 
 

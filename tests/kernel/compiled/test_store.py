@@ -39,9 +39,8 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A package of the same name whose modules can be edited."""
     folder = tmp_path / "twin"
     (folder / "deep").mkdir(parents=True)
-    for file in SOURCE.glob("*.py"):
-        shutil.copy(file, folder)
-    shutil.copytree(SOURCE / "compiled", folder / "compiled", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(SOURCE / "kernel", folder / "kernel", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(SOURCE / "__init__.py", folder)
     (folder / "deep" / "__init__.py").write_text("")
     (folder / "deep" / "kernel.py").write_text("from twin.deep.part import (\n    x,\n)\nfrom twin.deep import far\n")
     (folder / "deep" / "part.py").write_text("def f():\n    import twin.deep.lazy as l\n\n\nx = y = 1\n")

@@ -3,9 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from twin.kernel.errors import InputRefused
+from twin.kernel.errors import InputRefused, RecordingRefused
 from twin.kernel.recording.folder import LATEST, claim_run_folder, create_run_folder, recording_in
-from twin.kernel.recording.messages import RecordingRefused
 
 NOON = datetime(2026, 1, 2, 12, 0, 0)
 

@@ -24,8 +24,8 @@ from tests.kernel.recording.forgery import (
     with_metadata,
 )
 from tests.memory import growth
+from twin.kernel.errors import RecordingDamaged, RecordingRefused
 from twin.kernel.files import LIMIT
-from twin.kernel.recording.messages import RecordingDamaged, RecordingRefused
 from twin.kernel.recording.reader import read
 from twin.kernel.recording.summary import FEW_BYTES, allowance, encoded, unpacked
 from twin.kernel.recording.writer import Writer

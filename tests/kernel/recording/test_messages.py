@@ -22,13 +22,13 @@ from mcap.records import Message
 from mcap.writer import Writer as McapWriter
 from mcap_protobuf.decoder import DecoderFactory
 
+from twin.kernel.errors import RecordingDamaged
 from twin.kernel.recording.messages import (
     BLANK_TIME,
     HEAD_SIZE,
     LARGEST_FIELD,
     Field,
     Form,
-    RecordingDamaged,
     Topic,
     blank,
     described_fields,

@@ -10,8 +10,8 @@ from hypothesis.extra.numpy import arrays
 from mcap.writer import Writer as McapWriter
 
 from tests.conftest import examples
-from twin.kernel.errors import InputRefused
-from twin.kernel.recording.messages import Field, RecordingRefused, Topic, UnknownSeries, descriptor_set
+from twin.kernel.errors import InputRefused, RecordingRefused, UnknownSeries
+from twin.kernel.recording.messages import Field, Topic, descriptor_set
 from twin.kernel.recording.reader import Recording, last_time, read
 from twin.kernel.recording.series import Event
 from twin.kernel.recording.writer import Writer

@@ -13,7 +13,7 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 
 from tests.kernel.recording.forgery import FRONT, joined
-from twin.kernel.recording.messages import RecordingDamaged, RecordingRefused
+from twin.kernel.errors import RecordingDamaged, RecordingRefused
 from twin.kernel.recording.reader import Recording, read
 from twin.kernel.recording.scan import CHANNEL, LENGTH, OPCODE, PLACE, SEQUENCE, Records
 

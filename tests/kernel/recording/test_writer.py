@@ -19,7 +19,8 @@ from mcap.records import Chunk, MessageIndex
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap_protobuf.decoder import DecoderFactory
 
-from twin.kernel.recording.messages import Field, RecordingFailed, Topic
+from twin.kernel.errors import RecordingFailed
+from twin.kernel.recording.messages import Field, Topic
 from twin.kernel.recording.reader import read
 from twin.kernel.recording.writer import LARGEST_CHUNK, ROOM, Output, Pending, Shape, Woven, Writer, woven
 

@@ -9,8 +9,8 @@ import pytest
 from tests.studies.sweep.statistics.rows import kept, row
 from twin.kernel.errors import InputRefused, NotWritten
 from twin.report.page.sweep import sweep_page, write_sweep_page
+from twin.studies.sweep.fig4 import packed
 from twin.studies.sweep.folder import KeptRows
-from twin.studies.sweep.measures import packed
 from twin.studies.sweep.show.parts import Asked
 from twin.studies.sweep.show.pictures import write_pictures
 

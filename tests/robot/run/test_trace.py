@@ -8,8 +8,7 @@ import pytest
 from tests.kernel.fmi.faulty import faulty_drive
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
 from twin.kernel.cosim.observers import simulate
-from twin.kernel.errors import ComponentFailed
-from twin.kernel.recording.messages import UnknownSeries
+from twin.kernel.errors import ComponentFailed, UnknownSeries
 from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment

@@ -6,9 +6,8 @@ import re
 from datetime import datetime
 from pathlib import Path
 
-from twin.kernel.errors import disk_refusals
+from twin.kernel.errors import RecordingRefused, disk_refusals
 from twin.kernel.files import meant
-from twin.kernel.recording.messages import RecordingRefused
 from twin.kernel.writing import made_folder, write_text
 
 RESULTS = Path("results")

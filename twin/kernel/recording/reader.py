@@ -19,17 +19,18 @@ from mcap.opcode import Opcode
 from mcap.records import Metadata
 from mcap.writer import MCAP0_MAGIC
 
-from twin.kernel.errors import InputRefused, disk_refusals, nearest, visible
-from twin.kernel.files import LIMIT, json_of
-from twin.kernel.recording.folder import recording_in
-from twin.kernel.recording.messages import (
-    RECORD_PREFIX,
-    Field,
-    MessageLayout,
+from twin.kernel.errors import (
+    InputRefused,
     RecordingDamaged,
     RecordingRefused,
     UnknownSeries,
+    disk_refusals,
+    nearest,
+    visible,
 )
+from twin.kernel.files import LIMIT, json_of
+from twin.kernel.recording.folder import recording_in
+from twin.kernel.recording.messages import RECORD_PREFIX, Field, MessageLayout
 from twin.kernel.recording.scan import Damage, Scan
 from twin.kernel.recording.series import NANOSECONDS, Contents, Event
 from twin.kernel.recording.writer import PARTIAL

@@ -31,12 +31,11 @@ from mcap.writer import MCAP0_MAGIC
 from twin import __version__
 from twin.kernel.compiled.function import carray, copy
 from twin.kernel.compiled.native import entry
-from twin.kernel.errors import disk_refusals
+from twin.kernel.errors import RecordingFailed, disk_refusals
 from twin.kernel.recording.messages import (
     Field,
     Filling,
     Form,
-    RecordingFailed,
     Topic,
     descriptor_set,
     descriptors_of,

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from twin.kernel.cosim.observers import Observer, TickEvent, simulate
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
-from twin.kernel.errors import nearest
-from twin.kernel.recording.messages import VALUE_TYPES, Field, Topic, UnknownSeries
+from twin.kernel.errors import UnknownSeries, nearest
+from twin.kernel.recording.messages import VALUE_TYPES, Field, Topic
 from twin.kernel.recording.recorder import RowStream
 from twin.kernel.recording.series import NANOSECONDS
 from twin.robot.assembly.assemble import assemble

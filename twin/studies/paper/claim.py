@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from twin.kernel.recording.messages import UnknownSeries
+from twin.kernel.errors import UnknownSeries
 
 Verdict = Literal["holds", "fails", "trivial", "not reproduced", "reproduced after all", "not scored"]
 """"Not reproduced" and "reproduced after all" are of claims with a `Miss`; "fails" is what nobody expected."""

@@ -13,8 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from twin.kernel.errors import InputRefused
-from twin.kernel.recording.messages import UnknownSeries
+from twin.kernel.errors import InputRefused, UnknownSeries
 from twin.kernel.recording.reader import Recording
 from twin.studies.figure import GREY, INK, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLOW, Axes, picture
 from twin.studies.metrics import response as tracking

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.kernel.recording.messages import UnknownSeries
+from twin.kernel.errors import UnknownSeries
 from twin.kernel.recording.reader import Recording
 from twin.robot.controller.program import PhaseKind, Press, Push, Roll, Tap, Task
 from twin.studies.figure import BLUE, GREY, INK, VERMILION

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.patches import Circle
 
-from twin.kernel.recording.messages import UnknownSeries
+from twin.kernel.errors import UnknownSeries
 from twin.robot.controller.program import PhaseKind, Push, Roll, Tap
 from twin.robot.experiment.source import names_stand_in
 from twin.robot.monitor.checks import Monitor

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.job import JobLimits
-from twin.robot.experiment.drive_files import experiment_file, lone_drive
 from twin.studies.answer import Answer
 from twin.studies.command import (
     JOB_ISOLATION,
@@ -58,6 +57,7 @@ def drive_info(
     """
     from twin.robot.assembly.drives import fmus, planned
     from twin.robot.drive.mapping import RolesUnclear
+    from twin.robot.experiment.drive_files import lone_drive
     from twin.studies.qualify import info
     from twin.studies.qualify.bench import variables_facts, variables_text
 
@@ -147,6 +147,8 @@ def drive_check(
         InputRefused, ComponentFailed, NotWritten: see `qualify`.
     """
 
+    from twin.robot.experiment.drive_files import lone_drive
+
     # a misspelt one is told before any is checked
     tables = [lone_drive(fmu, Path.cwd()) for fmu in fmus]
     answers = []
@@ -186,6 +188,7 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Result | 
         NotWritten: the disk refuses.
     """
     from twin.kernel.writing import made_folder
+    from twin.robot.experiment.drive_files import lone_drive
     from twin.studies.qualify.bench import told
     from twin.studies.qualify.definitions import Workload
     from twin.studies.qualify.qualification import qualified
@@ -234,6 +237,7 @@ def compare_drives(
         NotWritten: the disk refuses.
     """
     from twin.kernel.writing import made_folder
+    from twin.robot.experiment.drive_files import experiment_file
     from twin.studies.qualify.comparison import COMPARED, comparison_facts, draw_drive_compare, trials, verdict
     from twin.studies.qualify.text import compare_blocks
 

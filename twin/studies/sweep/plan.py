@@ -286,7 +286,7 @@ class _Files:
         from twin.robot.assembly.drives import planned as planned_drive
         from twin.robot.assembly.load import load_experiment
         from twin.robot.assembly.roles import digest
-        from twin.studies.sweep.measures import refuse_unfit
+        from twin.studies.sweep.fig4 import refuse_unfit
 
         where = ", ".join(filter(None, [f"drive {drive}" if drive else "", *settings])) or "as it stands"
         try:

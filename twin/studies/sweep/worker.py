@@ -23,7 +23,8 @@ from twin.robot.run.run import execute
 from twin.robot.run.trace import Trace
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
-from twin.studies.sweep.measures import COMPANION, RunFinding, findings, metrics_of
+from twin.studies.sweep.fig4 import COMPANION, findings
+from twin.studies.sweep.measures import RunFinding, metrics_of
 
 
 def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:

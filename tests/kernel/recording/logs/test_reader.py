@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from tests.kernel.recording import samples
+from twin.kernel.errors import RecordingDamaged, RecordingRefused
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.logs.reader import read_log
-from twin.kernel.recording.messages import RecordingDamaged, RecordingRefused
 from twin.kernel.recording.reader import read
 from twin.kernel.recording.writer import Writer
 

@@ -14,7 +14,7 @@ from twin.robot.assembly.load import load_experiment
 from twin.studies.paper.claim import as_facts
 from twin.studies.paper.fig4 import fig4_score
 from twin.studies.paper.fig4_measures import fig4_runs
-from twin.studies.sweep.measures import PERIOD, packed, unpacked
+from twin.studies.sweep.fig4 import PERIOD, packed, unpacked
 from twin.studies.sweep.plan import planned
 from twin.studies.sweep.worker import trial
 
