@@ -16,9 +16,9 @@ from typer.testing import CliRunner
 from tests.kernel.fmi.archives import DESCRIPTION, altered
 from twin.cli.app import app
 from twin.kernel.cache_folder import cache_folder
-from twin.kernel.compiled.native import compiling
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi import COMPILED
+from twin.kernel.fmi import unpacked as compiling
 from twin.kernel.fmi.description import build, described
 from twin.kernel.fmi.unpacked import FACTS, compiled, supply, unpacked
 from twin.kernel.recording.reader import read
