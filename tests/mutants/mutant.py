@@ -13,6 +13,9 @@ ROOMS = (
     "robot/mechanism", "robot/plant", "robot/controller", "robot/monitor", "robot/drive", "robot/faults", "kernel/fmi",
     "studies/paper", "studies/metrics",
 )  # fmt: skip
+"""Folders of twin/ whose files are changed."""
+FORMER = ("robot", "plant", "controller", "monitor", "drive", "faults", "studies/paper", "studies/metrics")
+"""Those of commits in which twin/ had no kernel, whose draws go on."""
 COMPILERS = ("njit", "step_function", "entry")
 """Decorators of functions that are compiled."""
 
@@ -60,8 +63,8 @@ class Mutant:
 
     @property
     def room(self) -> str:
-        """Which of `ROOMS` `file` is in."""
-        return next(room for room in ROOMS if self.file.is_relative_to(Path("twin", room)))
+        """Which of `ROOMS`, or of `FORMER`, `file` is in."""
+        return next(room for room in (*ROOMS, *FORMER) if self.file.is_relative_to(Path("twin", room)))
 
     def applied(self, source: str) -> str:
         """`source` with the change.
@@ -79,7 +82,7 @@ def possible_mutants(root: Path) -> list[Mutant]:
     """Every change that can be drawn in the rooms of the repository at `root`, in a fixed order."""
     operators = {name: get_operator(name)() for name in sorted(operator_names()) if _is_drawn_from(name)}
     found = []
-    for room in ROOMS:
+    for room in ROOMS if (root / "twin" / "kernel").is_dir() else FORMER:
         for path in sorted((root / "twin" / room).rglob("*.py")):
             source = path.read_text()
             compiled, idle = _lines(source)
