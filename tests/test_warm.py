@@ -14,6 +14,7 @@ from twin.kernel.process.guard import guarded
 JOB = "tests.kernel.process.jobs:surroundings"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere all are started")
 def test_a_forked_process_finds_what_a_started_one_finds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     # what they are forked from has begun elsewhere

@@ -41,6 +41,7 @@ def writing(tree: ast.Module) -> Iterator[ast.Call]:
                 yield call
 
 
+@pytest.mark.slow
 def test_nobody_else_writes_files(root: Path):
     found = {
         f"{path.relative_to(root / 'twin').as_posix()}:{call.lineno}"

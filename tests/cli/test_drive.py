@@ -78,6 +78,7 @@ def test_check_as_json_has_every_check_and_measure_with_its_unit(root: Path, tmp
     assert (tmp_path / facts["picture"]).is_file()
 
 
+@pytest.mark.slow
 def test_a_drive_that_fails_the_check_is_exit_code_1_and_the_picture_says_so(root: Path, tmp_path: Path):
     faulty_drive(root, tmp_path)
     (tmp_path / "mapping.toml").write_text('fmu = "faulty.fmu"\n[parameters]\ndroop = 2.0\n')
@@ -108,6 +109,7 @@ def test_new_writes_a_mapping_that_the_check_takes_and_never_overwrites_it(root:
     assert (tmp_path / "mapping.toml").read_text() == written
 
 
+@pytest.mark.slow
 def test_compare_says_first_who_is_better_and_draws_a_picture_and_a_page_of_each_experiment(root: Path, tmp_path: Path):
     experiments = ("--experiment", root / FIG4, "--experiment", "step_z_air", "--set", "duration_s=2", "--body", "back")
     words = ("velocity_servo", "stepper", *experiments, "--out", tmp_path / "x", "--html", "--json")

@@ -48,6 +48,7 @@ def integrated_states(parameters, x, inputs):
     return np.array(states)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("parameters", "height", "substeps"),
     [

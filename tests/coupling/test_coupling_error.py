@@ -29,6 +29,7 @@ def force_error(reference, name, *overrides):
     return rows.t[due], rows["plant.F_ee_B"][due, 2] - reference["F_ee_B_z"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scheme", "limit"), [("gauss_seidel", 0.0015), ("jacobi", 0.003)])
 def test_without_force_loop_the_coupling_costs_millinewtons_over_the_whole_run(position_reference, scheme, limit):
     _, error = force_error(position_reference, POSITION, f"cosim.scheme={scheme}")
@@ -37,6 +38,7 @@ def test_without_force_loop_the_coupling_costs_millinewtons_over_the_whole_run(p
     assert np.abs(error).max() < limit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["gauss_seidel", "jacobi"])
 def test_with_force_loop_the_coupling_costs_a_hundredth_of_a_newton(force_reference, scheme):
     t, error = force_error(force_reference, FORCE, *SCHEDULED, f"cosim.scheme={scheme}")

@@ -23,6 +23,7 @@ def reference():
     return monolithic_run(shipped(POSITION, *SMOOTH), DURATION)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["gauss_seidel", "jacobi"])
 def test_error_of_the_pressing_force_is_of_order_one(reference, scheme):
     errors = []
@@ -46,6 +47,7 @@ def jump_reference():
     return monolithic_run(shipped(FORCE, *JUMP), JUMP_DURATION)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["gauss_seidel", "jacobi"])
 @pytest.mark.parametrize(
     ("inputs", "iterations", "expected"), [("hold", 1, 1.0), ("linear", 1, 2.0), ("linear", 2, 2.0), ("linear", 3, 2.0)]

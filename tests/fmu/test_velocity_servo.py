@@ -73,6 +73,7 @@ def integrated(omega_m: float, omega_ref: float, tau_load: float, h: float) -> t
     return float(x[0]), float(x[1])
 
 
+@pytest.mark.slow
 @examples(60)
 @given(omega_ref=commands, tau_load=loads, omega_m=speeds, h=steps)
 @example(omega_ref=0.0, tau_load=0.25, omega_m=10.0, h=0.0164)  # leaves the acceleration limit on the way

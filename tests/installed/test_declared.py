@@ -34,6 +34,7 @@ def imported(package: Path) -> set[str]:
     return found - set(sys.stdlib_module_names) - {package.name}
 
 
+@pytest.mark.slow
 def test_every_package_that_is_imported_is_declared(root: Path, project: dict[str, Any]):
     extras = [text for extra in PURPOSES for text in project["optional-dependencies"][extra]]
     declared = {canonicalize_name(Requirement(text).name) for text in project["dependencies"] + extras}

@@ -53,6 +53,7 @@ def cases(root: Path) -> list[dict[str, Any]]:
     return [asdict(case) for case in chosen]
 
 
+@pytest.mark.slow
 def test_the_wheel_has_every_function_that_runs_use(root: Path):
     done = subprocess.run([sys.executable, "-c", USED], input=json.dumps(cases(root)), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

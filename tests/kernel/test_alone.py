@@ -28,6 +28,7 @@ def without_robot(root: Path, tmp_path: Path) -> Path:
     return home
 
 
+@pytest.mark.slow
 def test_without_the_robots_folder_systems_run_and_record_the_same(root: Path, tmp_path: Path, without_robot: Path):
     fmu = root / "fmus/ideal_velocity/ideal_velocity.fmu"
     two = system(

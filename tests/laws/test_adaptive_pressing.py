@@ -60,6 +60,7 @@ def test_with_a_schedule_the_force_is_held_closer_on_soft_and_stiff_than_with_on
     assert ratio("pressing", [f"contact.stiffness_N_per_m={K}"], drive=drive) <= 0.7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("drive", "K"), [
     ("smart_servo", 5000),
     *(pytest.param(*at, marks=pytest.mark.endurance) for at in (("xl330", 300), ("mx106", 1225), ("mx106", 5000))),
@@ -130,6 +131,7 @@ def refuse_more_than_one_set_makes(drive, task, K, factor, ramp):
         assert off_scheduled <= max(1.5 * off_one, ROUNDING)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("drive", "task", "K", "factor", "ramp"), [
     ("velocity_servo", "rolling", 400, 12, 0.2), ("velocity_servo", "rolling", 400, 6, 2.0),
     ("velocity_servo", "pushing", 400, 12, 1.0), ("velocity_servo", "pushing", 4000, 0.1, 0.5),

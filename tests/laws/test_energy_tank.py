@@ -166,6 +166,7 @@ def combinations(draw: st.DrawFn) -> tuple[str, str | None, float, list[str]]:
 
 
 # the worst that were found while the tank was made: a motor that cannot follow, a gain that is far too high
+@pytest.mark.slow
 @example(("pushing", "upper_arm", 0.02, [
     'fault=[{kind="drive_saturation",target="drive_1",onset_s=21.55,magnitude_rad_per_s=0.05},'
     '{kind="sample_delay",target="encoder",onset_s=16.64,magnitude_ms=10}]',

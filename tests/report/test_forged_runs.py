@@ -95,6 +95,7 @@ def _each(good: Path, forged: Path, number: int, draw: Random, commands: dict[st
     return len(commands) - refused, refused
 
 
+@pytest.mark.slow
 def test_forged_runs_are_read_or_refused_in_a_sentence(good: Path, tmp_path: Path) -> None:
     through, refused = attacked(good, tmp_path, FEW, COMMANDS)
     # an attack that everything refuses, or nothing, would show nothing

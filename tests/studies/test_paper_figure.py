@@ -39,6 +39,7 @@ def test_a_picture_fills_the_columns_and_has_one_size_of_letters_and_two_weights
     assert len(lefts) == columns
 
 
+@pytest.mark.slow
 def test_the_same_picture_has_the_same_bytes(tmp_path: Path):
     found = []
     for name in ("a", "b"):

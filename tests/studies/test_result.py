@@ -113,6 +113,7 @@ def test_who_asks_a_study_gets_its_text_facts_and_exit_code():
     assert answer == {"text": failing(None).text, "facts": to_json(failing(None)), "exit_code": 1}
 
 
+@pytest.mark.slow
 def test_what_says_text_only_loads_no_matplotlib():
     names = ("check", "compare", "converge", "falsify", "identify", "qualify", "paper")
     code = (

@@ -41,6 +41,7 @@ def test_a_loop_of_which_python_control_has_the_same_sensitivity_is_given_to_it(
     np.testing.assert_allclose(found, ours, atol=1e-8 * np.abs(ours).max())
 
 
+@pytest.mark.slow
 def test_times_and_sizes_of_steps_hold_and_other_definitions_do_not(monkeypatch: pytest.MonkeyPatch):
     times, sizes = python_control.YARDSTICKS[3:]
     assert worst(times) <= times.bound and worst(sizes) <= sizes.bound

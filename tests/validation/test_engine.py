@@ -33,6 +33,7 @@ def given() -> list[State]:
     return states(parameters(), 5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "more", "noticed"),
     [

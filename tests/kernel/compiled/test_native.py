@@ -189,6 +189,7 @@ print("numba" in sys.modules, sorted({n.name for n in usual()} ^ _loaded))
 """
 
 
+@pytest.mark.slow
 def test_a_run_of_fig_4_needs_what_is_usual_and_no_numba():
     ran = [subprocess.run([sys.executable, "-c", USES], capture_output=True, text=True, check=True) for _ in range(2)]
     assert ran[1].stdout.split() == ["False", "[]"], ran[1].stdout

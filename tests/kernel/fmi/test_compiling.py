@@ -222,6 +222,7 @@ def test_a_header_compiled_by_others_is_not_loaded(root: Path, tmp_path: Path):
     assert build(good) is not None
 
 
+@pytest.mark.slow
 def test_nothing_of_a_compiler_is_left_when_its_time_is_up(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     with_gcc()
     pipe = tmp_path / "pipe"

@@ -18,6 +18,7 @@ from twin.studies.identify.identification import NotIdentifiable
 JOBS = "tests.kernel.process.jobs"
 
 
+@pytest.mark.slow
 def test_a_job_gives_back_its_result_and_its_notes():
     notes: list[dict[str, Any]] = []
     # a float that has no short decimal form comes back as it went
@@ -54,15 +55,18 @@ def test_exit_code_0_without_a_result_is_a_death():
     assert str(died.value) == f"{said} It printed last: 'so long'."
 
 
+@pytest.mark.slow
 def test_a_job_is_ended_at_its_time_limit():
     with pytest.raises(JobEndedLoading, match="the time limit of 2 s was over"):
         guarded(f"{JOBS}:linger", {"farewell": ""}, JobLimits(wall=2.0))
 
 
+@pytest.mark.slow
 def test_what_is_compiled_within_a_call_is_not_charged_to_it():
     assert guarded(f"{JOBS}:compile_within_a_call", {"seconds": 2.0}, JobLimits(step=0.2)) == "done"
 
 
+@pytest.mark.slow
 def test_a_call_that_waits_for_ever_is_ended_too():
     with pytest.raises(JobEndedLoading, match=r"^a.fmu \(it\) did not return within 0.25 s in fmi2DoStep, before"):
         guarded(f"{JOBS}:sleep_within_a_call", {}, JobLimits(step=0.25))

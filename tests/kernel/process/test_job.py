@@ -129,6 +129,7 @@ def test_the_writer_of_the_box_tells_how_long_it_compiles():
     box.close()
 
 
+@pytest.mark.slow
 def test_a_process_that_computes_gets_older_on_its_processor():
     with GuardedProcess("tests.kernel.process.jobs:spin") as process:
         process.start({})
@@ -173,6 +174,7 @@ def test_an_interrupt_in_a_finaliser_ends_the_program_and_prints_nothing():
     assert (said.stdout, said.stderr) == ("interrupted\n", "")
 
 
+@pytest.mark.slow
 def test_other_errors_of_a_finaliser_are_printed_as_ever():
     said = _said("ValueError('odd')")
     assert said.stdout == "went on\n" and "ValueError: odd" in said.stderr

@@ -84,6 +84,7 @@ def test_each_of_several_runs_has_its_own_budget(force_position: Recording, posi
     assert "causes of the force error of without" in page
 
 
+@pytest.mark.slow
 def test_a_budget_is_made_of_the_experiment_as_it_was_recorded(root: Path, tmp_path: Path):
     settings = ["duration_s=8", "plant.backlash_deg=0.2"]
     experiment = load_experiment(root / "experiments/fig4_force_position.toml", settings)

@@ -17,6 +17,7 @@ def shaft(kind: str, drive: int, magnitude: float = 0.0, robot: Robot | None = N
     return run(Fault(kind, f"drive_{drive}", ONSET, end, magnitude), robot=robot)["plant.seen"][:, drive - 1]
 
 
+@pytest.mark.slow
 @BOTH
 def test_a_runaway_turns_at_the_stated_speed_whatever_is_commanded(three_axes):
     speed = np.diff(shaft("drive_runaway", 2, -3.0, Robot(three_axes))) / TICK

@@ -91,6 +91,7 @@ def _has_come_to(viewer: Viewer, moment: int) -> bool:
     return viewer.times[-1:] == [moment]
 
 
+@pytest.mark.slow
 def test_a_broadcast_ends_though_a_viewer_does_not_read(served: Broadcast):
     # not one of ours, which would go when its pings are not answered: a tab that is stopped does nothing
     with socket.create_connection(("127.0.0.1", served.port)) as stopped:

@@ -187,6 +187,7 @@ def watched_run(run: Served, folder: Path) -> Watched:
         return Watched(facts, stderr, watcher, second, stranger, loud, kept_out, before, recording)
 
 
+@pytest.mark.slow
 def test_every_recorded_topic_is_announced_with_its_schema_and_units(watched: Watched):
     channels = watched.watcher.channels
     recorded = {signal_name.partition(".")[0] for signal_name in watched.recording.fields()}

@@ -119,6 +119,7 @@ def test_what_a_surface_does_not_store_it_takes(name, depth, rate):
     assert lost >= 0.0
 
 
+@pytest.mark.slow
 @given(laws, st.floats(0.0, 0.006), st.tuples(share, share), st.tuples(share, share), st.floats(0.5, 50.0))
 def test_no_closed_cycle_of_pressing_gains_energy(name, middle, waves, phases, omega):
     """The loop of force over depth runs clockwise, also where the cycle lifts off."""

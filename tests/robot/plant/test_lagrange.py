@@ -141,6 +141,7 @@ def acceleration(parameters, x, theta_m):
 UNSHRUNK = examples(12, phases=[Phase.explicit, Phase.generate])
 
 
+@pytest.mark.slow
 @UNSHRUNK
 @given(moving())
 def test_acceleration_is_that_of_lagrange(state):
@@ -152,6 +153,7 @@ def test_acceleration_is_that_of_lagrange(state):
     assert acceleration(PARAMETERS, x, theta_m) == pytest.approx(expected, rel=0, abs=1e-9 * scale)
 
 
+@pytest.mark.slow
 @UNSHRUNK
 @given(moving())
 def test_acceleration_is_that_of_lagrange_for_another_robot(state):

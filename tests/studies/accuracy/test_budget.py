@@ -83,6 +83,7 @@ def line(budget: Budget, start: str) -> Contribution:
     return next(one for one in budget.contributions if one.label.startswith(start))
 
 
+@pytest.mark.slow
 def test_the_imperfections_together_are_the_error_of_the_experiment_as_it_is(budget: Budget):
     # 0.5 % measured; roundings and backlash are not quite independent of each other
     assert budget.together == pytest.approx(budget.as_is.rms, rel=0.03)
@@ -142,6 +143,7 @@ def test_the_coupling_adds_less_than_the_scale_can_show(budget: Budget):
     assert line(budget, "coupling").rms < 0.005 * G_ACCELERATION
 
 
+@pytest.mark.slow
 def test_a_wrong_belief_of_the_experiment_itself_has_a_line_of_its_own(experiment):
     model = experiment.controller.model
     wrong = accuracy_budget(with_model(experiment, k_s=1.02 * model.k_s))

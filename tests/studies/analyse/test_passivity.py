@@ -47,6 +47,7 @@ def test_the_force_loop_is_passive_along_z_and_the_position_law_nowhere(fig4: Pa
             assert found is not None and found.low < 0.03 and 2.0 < found.high < 12.0
 
 
+@pytest.mark.slow
 def test_no_more_than_the_springs_is_rendered_passively_and_nearly_that_is(fig4: Passivity):
     assert fig4.width is not None
     rendered, virtual, damping = fig4.width.largest

@@ -39,6 +39,7 @@ def test_an_unstable_point_has_no_margins_and_a_limit_below_one(too_much):
         assert point.poles[0].zeta < 0.0
 
 
+@pytest.mark.slow
 def test_a_stable_point_has_disks_at_its_laws_at_its_motors_and_smaller_ones_at_both(fig4):
     for point in fig4.points:
         laws, motors, both = (point.disks[where].alpha for where in ("laws", "motors", "both"))
@@ -52,6 +53,7 @@ def test_a_stable_point_has_disks_at_its_laws_at_its_motors_and_smaller_ones_at_
     assert f"{pressing.disks['laws'].gain:.3g}" in analysis_result(fig4).text
 
 
+@pytest.mark.slow
 def test_the_limit_is_a_gain_not_a_factor(fig4, too_much):
     one, other = (done.critical("position").limits["position"] for done in (fig4, too_much))
     # both are bisected to 1e-4

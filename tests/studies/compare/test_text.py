@@ -42,6 +42,7 @@ def test_a_signal_outside_is_told_with_time_value_and_bounds(tmp_path: Path):
     assert "out at 5 s: 1, not in 0 .. 0 N" in text
 
 
+@pytest.mark.slow
 def test_the_picture_is_drawn_and_is_the_same_every_time(comparison: Comparison, tmp_path: Path):
     pictures = [tmp_path / name for name in ("one.png", "two.png")]
     for path in pictures:

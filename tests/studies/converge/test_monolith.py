@@ -21,6 +21,7 @@ print(Sampled(Scale(0.005 * 9.81))(np.array([0.0, 0.0, -5.0]))[0])
 """
 
 
+@pytest.mark.slow
 def test_without_asserts_a_component_moves_all_the_same(root: Path):
     command = [sys.executable, "-O", "-c", STEPPED]
     done = subprocess.run(command, cwd=root, capture_output=True, text=True, check=True)

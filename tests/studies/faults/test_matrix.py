@@ -91,6 +91,7 @@ def test_a_run_without_contact_asks_for_an_onset():
         default_onsets(healthy([0, 0], [1, 0]))
 
 
+@pytest.mark.slow
 def test_the_matrix_of_pressing_is_as_it_was_said_before():
     assert [row for row in pressing() if row.fails] == []
 
@@ -196,6 +197,7 @@ def documented(root: Path, title: str) -> dict[str, list[str]]:
     return {cells[0]: cells for line in lines[2:] if (cells := [c.strip() for c in line.strip("| ").split(" | ")])}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("title", "measured"),
     [

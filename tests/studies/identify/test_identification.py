@@ -31,6 +31,7 @@ def changed(log: Log, name: str, change) -> Log:
     return replace(log, series=series)
 
 
+@pytest.mark.slow
 def test_27_presses_find_the_springs_to_two_parts_in_a_thousand():
     assert identification().estimate("k_s_eta").value == pytest.approx(1.07, rel=2e-3)
     # and say so: 0.1 %
@@ -42,6 +43,7 @@ def test_zeros_of_the_wind_up_are_found_to_a_hundredth_of_a_degree():
         assert degrees(identification().estimate(f"wind_up_zero_{i}").value) == pytest.approx(true, abs=0.01)
 
 
+@pytest.mark.slow
 def test_on_a_level_scale_of_known_height_the_joints_zeros_are_found_to_a_hundredth_of_a_degree():
     level = identification(height=-0.101)
     for i, true in enumerate((0.15, -0.1, 0.2), start=1):
@@ -71,6 +73,7 @@ def test_a_constant_efficiency_leaves_only_the_product():
     assert not one.apart
 
 
+@pytest.mark.slow
 def test_losses_by_direction_part_k_s_from_eta_on_a_tilted_scale_too():
     one = identification("calibration", *LOSSES)
     # the belt's own form (P1) is what is fitted: as good as the springs of the constant one
@@ -79,6 +82,7 @@ def test_losses_by_direction_part_k_s_from_eta_on_a_tilted_scale_too():
     assert degrees(one.estimate("slope_x").value) == pytest.approx(-1.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_motor_torque_parts_k_s_from_eta():
     settings = ("plant.eta=0.9", NINE_PRESSES)
     one = identified(run("calibration", *settings), model(), motor_torque=True)
@@ -115,6 +119,7 @@ def refused(
     return sentence
 
 
+@pytest.mark.slow
 def test_what_cannot_be_told_apart_is_named_and_nothing_else_is():
     # that a belt without losses does not say how fast they turn over is no news
     assert identification().alike == ()
@@ -123,6 +128,7 @@ def test_what_cannot_be_told_apart_is_named_and_nothing_else_is():
     assert "viscous friction of a joint" not in zeros
 
 
+@pytest.mark.slow
 def test_intervals_hold_with_noisy_encoders():
     for seed in (1, 2):
         one = identification("calibration", NINE_PRESSES, *NOISE, f"seed={seed}")
@@ -134,6 +140,7 @@ def test_intervals_hold_with_noisy_encoders():
         assert one.estimate("k_s_eta").half_width < 5e-3
 
 
+@pytest.mark.slow
 def test_skin_in_place_of_the_scale_gives_the_springs_and_says_what_it_does_not():
     # stiffens by a fifth for each millimetre
     one = identification("calibration", NINE_PRESSES, "contact.law='exponential'", "contact.stiffening_per_mm=0.2")
@@ -149,6 +156,7 @@ def test_a_scale_with_the_other_sign_is_refused():
     assert "a press is positive" in refused(changed(run(), "scale.F_z", lambda F: -F))
 
 
+@pytest.mark.slow
 def test_a_scale_in_grams_that_calls_itself_newton_is_refused():
     assert "is the scale in N" in refused(changed(run(), "scale.F_z", lambda F: F / 9.81e-3))
 
@@ -173,10 +181,12 @@ def test_a_force_that_is_no_number_is_left_out_or_is_no_force():
     assert "never recorded at the same time" in refused(changed(log, "scale.F_z", lambda F: np.full_like(F, np.nan)))
 
 
+@pytest.mark.slow
 def test_motors_that_count_the_other_way_are_refused():
     refused(changed(run(), "encoder.count_m", lambda count: -count))
 
 
+@pytest.mark.slow
 def test_joints_that_count_the_other_way_are_refused():
     refused(changed(run(), "encoder.count_l", lambda count: -count))
 
@@ -197,6 +207,7 @@ def test_a_step_in_free_air_has_no_number():
     assert "cannot tell k_s eta" in sentence or "never moves slowly" in sentence
 
 
+@pytest.mark.slow
 def test_slow_motion_without_contact_gives_the_springs_by_weight_alone():
     one = identification("calibration", NINE_PRESSES, "contact.height_mm=-130")
     # 260 g do what they can: 1.6 %
@@ -206,12 +217,14 @@ def test_slow_motion_without_contact_gives_the_springs_by_weight_alone():
     assert one.one_pose is None
 
 
+@pytest.mark.slow
 def test_a_motor_torque_that_is_not_there_is_named():
     log = run()
     without = replace(log, series={k: one for k, one in log.series.items() if k != "drive/2.tau_motor"})
     assert "'drive/2.tau_motor' is not there" in refused(without, motor_torque=True)
 
 
+@pytest.mark.slow
 def test_a_scale_that_shows_its_force_late_is_found_out():
     log = run()
     F = log.series["scale.F_z"]

@@ -21,6 +21,7 @@ NINE_PRESSES = "duration_s=55"
 SIDES = (("m", "motor"), ("l", "arm"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["calibration", "fig4_force_position", "calibration_one_pose"])
 def test_the_answer_comes_first_in_80_columns_and_the_files_last(name: str, tmp_path: Path):
     report = identify(ran(name).path, out=tmp_path / "out")
@@ -63,6 +64,7 @@ def own_mcap(path: Path, rows: np.ndarray) -> list[str]:
     return [*angles, "scale.F_z=-/state.display[gf]"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "written"), [("monday.csv", own_csv), ("monday.mcap", own_mcap)])
 def test_a_robots_own_file_with_a_map_gives_what_the_recording_gave(
     name: str, written: Callable[[Path, np.ndarray], list[str]], tmp_path: Path
@@ -87,6 +89,7 @@ def test_a_log_that_does_not_name_its_robot_is_refused(tmp_path: Path):
         identify(log, out=tmp_path / "out")
 
 
+@pytest.mark.slow
 def test_the_model_to_paste_is_an_experiments_and_makes_the_estimate_right(tmp_path: Path):
     fragment = model_fragment(identification(height=-0.101), 'run "1".mcap')
     controller = tomllib.loads(fragment)["controller"]
@@ -109,6 +112,7 @@ def errors_of_the_estimate(experiment: Path) -> np.ndarray:
     return errors
 
 
+@pytest.mark.slow
 def test_the_model_pasted_into_the_experiment_takes_the_bias_out_of_the_estimated_force(tmp_path: Path):
     (tmp_path / "believed.toml").write_text(f'extends = "{ROBOT}"\n')
     fragment = model_fragment(identification(), "run.mcap")

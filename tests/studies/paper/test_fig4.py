@@ -167,6 +167,7 @@ def test_with_gravity_compensation_both_readings_of_the_trigger_are_one(runs: Fi
     assert run.F_z[run.t < run.trigger_time].min() == pytest.approx(-0.22, abs=0.005)
 
 
+@pytest.mark.slow
 def test_equation_23_as_printed_fails(root: Path, tmp_path: Path):
     assert {"reference_returns", "true_force"} <= set(sabotaged(root, tmp_path, printed=True).failed)
 
@@ -174,6 +175,7 @@ def test_equation_23_as_printed_fails(root: Path, tmp_path: Path):
 SIGNS = list(itertools.product((0.05, -0.05), repeat=6))
 
 
+@pytest.mark.slow
 def test_over_all_signs_of_the_encoders_zeros_the_force_in_x_is_small_and_mostly_smaller_without_force_control(
     root: Path,
 ):

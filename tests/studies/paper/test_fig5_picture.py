@@ -84,6 +84,7 @@ def test_the_picture_of_one_task_has_its_axes_and_its_legend_whole(kind: str, tm
     assert all(np.all(edge == 255) for edge in edges)
 
 
+@pytest.mark.slow
 def test_the_same_runs_give_the_same_picture(score: Fig5Score, tmp_path: Path):
     for name in ("a.png", "b.png"):
         draw_fig5(score, tmp_path / name)

@@ -22,6 +22,7 @@ def crashing(function: str):
     return edit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("function", "noted"), [("fmi2Reset", {"reset"}), ("fmi2FreeInstance", {"reset", "state"})])
 def test_a_crash_in_reset_or_when_it_is_freed_does_not_disqualify(
     root: Path, tmp_path: Path, function: str, noted: set[str]

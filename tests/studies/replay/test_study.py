@@ -54,6 +54,7 @@ def test_with_nothing_independent_to_compare_the_report_claims_nothing(tmp_path:
     assert report.facts["next"] == f"twin replay {log} --plant --experiment {ROBOT} {maps}"
 
 
+@pytest.mark.slow
 def test_the_same_log_gives_the_same_files(tmp_path: Path):
     for name in "ab":
         replay(ran(FIG4).path, plant=True, out=tmp_path / name)

@@ -67,6 +67,7 @@ def undisturbed(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> list[di
     return kept(folder).rows
 
 
+@pytest.mark.slow
 @examples(25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.permutations(range(RUNS)), st.integers(1, RUNS), st.lists(st.integers(0, RUNS), max_size=3))
 def test_rows_do_not_depend_on_order_batches_and_interruptions(
@@ -107,6 +108,7 @@ def test_an_interruption_by_whoever_is_shown_the_state_lets_the_engine_go(plan: 
     assert [row["run"] for row in kept(tmp_path).rows] == [1, 2, 3]
 
 
+@pytest.mark.slow
 def test_a_full_disk_loses_nothing_finished(plan: Plan, undisturbed: list[dict], tmp_path: Path):
     engine = Pretender()
     run_sweep(plan, tmp_path / "all", Pretender())

@@ -311,6 +311,7 @@ VIEW = f"CREATE VIEW {{name}} AS SELECT 'a' topic_type, 'x' encoding, {COMPUTED}
 LYING = "INSERT INTO sqlite_master VALUES('table', 'message_definitions', 'message_definitions', 0, '{text}')"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("statements", "said"),
     [

@@ -202,6 +202,7 @@ def test_what_is_no_log_is_told_for_what_it_is(tmp_path: Path, content: bytes, s
         read_table(tmp_path / "a.csv")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [20_000, pytest.param(200_000, marks=pytest.mark.endurance)])
 @pytest.mark.parametrize("last", ["1.5", "x"])
 def test_a_long_log_of_36_columns_takes_little_time_and_memory(tmp_path: Path, rows: int, last: str):

@@ -24,6 +24,7 @@ def names(faults: list[Fault], robot: Robot | None = None) -> list[str]:
     return [component.name for component in injected(faults, robot)[0]]
 
 
+@pytest.mark.slow
 def test_what_is_given_stays_as_it_is():
     components, feeds = Robot().parts()
     given = (list(components), dict(feeds))
