@@ -18,6 +18,8 @@ from tests.robot.controller.soft_floor import (
 )
 from tests.robot.controller.soft_floor import TOUCH as NOT_LEARNING
 from twin.robot.controller.adaptive import Adapting
+from twin.robot.controller.machine import MACHINE, TAPS, _tapping
+from twin.robot.controller.program import PHASE
 from twin.robot.controller.program import PhaseKind as Kind
 from twin.robot.controller.tissue import Sensing
 
@@ -61,3 +63,13 @@ def test_nothing_of_it_is_on_by_default():
     assert UNDAMPED.gain == 0.0 and FORWARD.lag == 0.0
     plain = carried_out([TAP], 5.0, law=LAW, force=FORCE_GAINS, approach=APPROACH)
     assert "k_hat" not in plain
+
+
+@pytest.mark.parametrize(("F_before", "surface"), [(0.5, -0.101), (2.0, -0.105 + 2.0 / 400.0)])
+def test_the_surface_is_where_the_force_of_its_touch_was_or_as_far_up_as_the_stiffness_says(F_before, surface):
+    """From 0.5 N at -0.1 m to 3.0 N at -0.105 m; 1 N was felt where the probe began, at a fifth of the way."""
+    taps, machine, phase = (np.zeros(1, kind)[0] for kind in (TAPS, MACHINE, PHASE))
+    taps["kind"], taps["k"], taps["depth"] = Kind.TAP, 400.0, 0.004
+    taps["F_begun"], taps["z_before"], taps["F_before"] = 1.0, -0.1, F_before
+    _tapping(taps, machine, phase, 0.1, -0.105, 3.0)
+    assert machine["z_turn"] == pytest.approx(surface - 0.004, rel=1e-12)

@@ -6,6 +6,7 @@ import pytest
 from tests.laws.runs import Sampled
 from tests.robot.controller.soft_floor import (
     APPROACH,
+    CONTACT,
     FLOOR,
     FORCE_GAINS,
     FORWARD,
@@ -16,14 +17,18 @@ from tests.robot.controller.soft_floor import (
     ROLL,
     STIFFNESS,
     TAP,
+    TOUCH,
+    UNDAMPED,
     T_s,
     World,
     carried_out,
     phases_of,
     task_controller,
 )
-from twin.robot.controller.pid import REST_SPEED, low_pass_share
+from twin.robot.controller.pid import REST_SPEED, Gains, low_pass_share
 from twin.robot.controller.program import PhaseKind as Kind
+from twin.robot.controller.program import program
+from twin.robot.controller.task_controller import TaskController
 
 J = J_HOME.reshape(3, 3)
 
@@ -147,3 +152,28 @@ def test_the_rate_of_the_force_is_low_passed_as_the_force_is():
     # the same sums in the same order
     assert component.memory["F_rate"][0] == pytest.approx(rate, rel=1e-12)
     assert 0.5 * slope < rate < slope
+
+
+@pytest.mark.parametrize(("off", "moved"), [((0.0, 0.0, 1e-3), True), ((1e-3, 1e-3, -1e-3), False)])
+def test_what_a_tank_holds_back_moves_the_force_integral_by_the_error_in_z_alone(off, moved):
+    def dp_z(share):
+        """Of the call after one in which the platform was `off` its command (m), all of it passed on until then."""
+        start = (*PRESS.point, APPROACH.height)
+        phases = program(APPROACH, CONTACT, [PRESS])
+        controller = Sampled(
+            TaskController(LAW, Gains(0.0), FORCE_GAINS, FORWARD, UNDAMPED, TOUCH, phases, start, tank=True)
+        )
+        p, pressed = np.array(start), 0
+        for k in range(3000):
+            F_z = STIFFNESS * max(0.0, FLOOR - p[2])
+            at = p + off if pressed == 1 else p
+            estimates = np.concatenate([at, J_HOME, [0.0, 0.0, -F_z], np.zeros(3), [share if pressed == 2 else 1.0]])
+            outputs = controller(estimates, k * T_s, T_s).copy()
+            if pressed == 2:
+                return outputs[9]
+            pressed += bool(outputs[10])
+            p = outputs[6:9]
+        raise AssertionError("it never pressed")
+
+    # held back, the head is not pushed down as far
+    assert dp_z(0.5) > dp_z(1.0) if moved else dp_z(0.5) == dp_z(1.0)

@@ -245,6 +245,15 @@ def test_nothing_is_sure_that_would_leave_the_robot_no_load_to_put_on():
     assert joins(whole) == [Join("gear.tau_in", "machine.tau"), Join("machine.w", "gear.w_in")]
 
 
+def test_an_input_that_two_outputs_measure_is_sure_of_neither():
+    parts = of(
+        machine__u=("input", "V"), machine__tau=("input", "N.m"), machine__n=("output", "rpm"),
+        gear__n_in=("input", "rpm"), wheel__n_out=("output", "rpm"), gear__tau_load=("input", "N.m"),
+    )  # fmt: skip
+    found = [join for join in joins(parts) if join.target == "gear.n_in"]
+    assert found == [Join("machine.n", "gear.n_in", False), Join("wheel.n_out", "gear.n_in", False)]
+
+
 def test_a_part_feeds_neither_itself_nor_what_measures_something_else():
     parts = of(a__x=("input", "V"), a__y=("output", "V"), b__z=("output", "A"), b__load=("input", "N.m"))
     assert joins(parts) == []
