@@ -7,7 +7,7 @@ What they need is imported when they are asked for.
 from importlib import import_module
 from typing import Any
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 _PUBLIC = {
     "Experiment": "twin.robot.experiment.experiment:Experiment",

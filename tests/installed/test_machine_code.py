@@ -68,10 +68,10 @@ def test_machine_code_makes_it_a_wheel_for_one_platform(root: Path, tmp_path: Pa
     command = [sys.executable, "-c", BUILD, "build_wheel", str(tmp_path)]
     subprocess.run(command, cwd=root, env={**os.environ, OBJECTS: str(objects)}, capture_output=True, check=True)
     (wheel,) = tmp_path.glob("*.whl")
-    assert wheel.name == "twin-0.1.0-py3-none-linux_x86_64.whl"
+    assert wheel.name == "twin-1.0.0-py3-none-linux_x86_64.whl"
     inside = zipfile.ZipFile(wheel)
     assert inside.read("twin/kernel/compiled/objects/twin.a.o") == (objects / "twin.a.o").read_bytes()
-    assert "Root-Is-Purelib: false" in inside.read("twin-0.1.0.dist-info/WHEEL").decode()
+    assert "Root-Is-Purelib: false" in inside.read("twin-1.0.0.dist-info/WHEEL").decode()
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from pathlib import Path
 from set_up import EXPECTED, Progress
 
 SAID = """Obtaining file:///home/somebody/twin
-Collecting numpy>=2.0 (from twin==0.1.0)
+Collecting numpy>=2.0 (from twin==1.0.0)
   Downloading numpy-2.4.6-cp311-cp311-manylinux_2_27_x86_64.whl.metadata (6.6 kB)
   Downloading numpy-2.4.6-cp311-cp311-manylinux_2_27_x86_64.whl (16.4 MB)
   Using cached mcap-1.2.2-py3-none-any.whl (500 kB)

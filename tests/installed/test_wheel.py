@@ -76,7 +76,7 @@ def test_the_wheel_carries_every_experiment_drive_and_baseline(root: Path, wheel
     wanted = {f"twin/carried/{file.as_posix()}" for file in files if not set(file.parts) & {*BUILDING, ".build"}}
     assert len(wanted) > 200
     assert {name for name in inside if name.startswith("twin/carried/")} == wanted
-    assert {"twin/report/page/assets/page.css", "twin-0.1.0.dist-info/licenses/LICENSE"} <= inside
+    assert {"twin/report/page/assets/page.css", "twin-1.0.0.dist-info/licenses/LICENSE"} <= inside
 
 
 def test_what_git_does_not_know_is_not_carried(root: Path, tmp_path: Path):
