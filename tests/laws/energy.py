@@ -12,7 +12,7 @@ from twin.robot.run.trace import Trace
 Numbers = NDArray[np.float64]
 
 
-def wind_up(parameters: PlantParameters, theta_m: Numbers, theta_l: Numbers) -> Numbers:
+def deflection(parameters: PlantParameters, theta_m: Numbers, theta_l: Numbers) -> Numbers:
     """Deflection of the springs beyond their backlash (n, 3), rad."""
     d = theta_m - parameters.N * theta_l
     return np.sign(d) * np.maximum(np.abs(d) - parameters.backlash, 0.0)
@@ -37,5 +37,5 @@ def gained_with_motors_held(parameters: PlantParameters, rows: Trace, scheme: st
         + stored(parameters, depth)
         + parameters.sigma_0 * np.sum(rows["plant.z_b"] ** 2, axis=1) / 2.0
     )
-    before, after = (wind_up(parameters, held, theta_l[part]) for part in (slice(-1), slice(1, None)))
+    before, after = (deflection(parameters, held, theta_l[part]) for part in (slice(-1), slice(1, None)))
     return np.diff(without_springs) + parameters.k_s * np.sum(after**2 - before**2, axis=1) / 2.0

@@ -31,9 +31,9 @@ def predicted_force_error(experiment, rows, tick):
     true, believed = plant_parameters(experiment.plant, experiment.contact), belief(experiment)
     theta_l, tau_l = rows["plant.theta_l"][tick], rows["plant.tau_l"][tick]
     J = jacobian(Geometry(*true[:4]), rows["plant.p_B"][tick])
-    # the backlash hides in the wind-up that the encoders see
-    wind_up = rows["plant.tau_load"][tick] / true.k_s
-    seen = wind_up + np.sign(wind_up) * true.backlash
+    # the backlash hides in the deflection that the encoders see
+    deflection = rows["plant.tau_load"][tick] / true.k_s
+    seen = deflection + np.sign(deflection) * true.backlash
     torque_error = believed.k_s * believed.N * believed.eta * seen - tau_l
     for leg in range(3):
         torque_error[leg] += arm_gravity_torque(believed, believed, theta_l[leg])

@@ -169,7 +169,7 @@ def radii(*overrides):
 def predicted_radii(experiment, knows_friction, knows_lag):
     """Radii (m) of the rolls by the linear law of the position loop.
 
-    On a circle r e^(i w t) the friction turns along, F = i mu F_n e^(i w t), and winds the springs up by F/K_xy, seen
+    On a circle r e^(i w t) the friction turns along, F = i mu F_n e^(i w t), and deflects the springs by F/K_xy, seen
     from the platform, with K_xy = k_s N^2 eta (J^T J)_xx (Eq. 20, virtual work). So the motors have to move the
     platform at i w (r - e + F/K_xy), and a first-order drive that is to move so has to be told 1 + i w T as much. It is
     told i w r (+ i w F/K_xy) (exp(i w T)) by the feed-forward, kp e by the position loop, and to give way to the swing
@@ -182,12 +182,14 @@ def predicted_radii(experiment, knows_friction, knows_lag):
     found = []
     for task in experiment.tasks:
         w = 2.0 * np.pi * task.rate
-        winding = 1j * experiment.contact.friction * task.force / K_xy
-        told = 1j * w * (task.radius + (winding if knows_friction else 0.0)) * (np.exp(1j * w * T) if knows_lag else 1)
+        deflection = 1j * experiment.contact.friction * task.force / K_xy
+        told = (
+            1j * w * (task.radius + (deflection if knows_friction else 0.0)) * (np.exp(1j * w * T) if knows_lag else 1)
+        )
         high_pass = 1j * w / (1j * w + 2.0 * np.pi * c.damping.corner)
-        told -= c.damping.gain * plant.k_s * winding * high_pass
+        told -= c.damping.gain * plant.k_s * deflection * high_pass
         drive = 1.0 + 1j * w * T
-        e = (drive * 1j * w * (task.radius + winding) - told) / (c.position.kp + drive * 1j * w)
+        e = (drive * 1j * w * (task.radius + deflection) - told) / (c.position.kp + drive * 1j * w)
         found.append(abs(task.radius - e))
     return np.array(found)
 

@@ -21,6 +21,7 @@ from twin.robot.run.trace import run_in_memory
 
 RELEASED = Path(__file__).parent / "v1_0"
 
+
 def missing(then: Any, now: Any, where: str = "") -> list[str]:
     """What is not `now` as it was `then`; keys that have come since are no difference."""
     if isinstance(then, dict) and isinstance(now, dict):

@@ -82,7 +82,7 @@ def test_a_topic_needs_fields_of_different_names(fields: tuple[Field, ...]) -> N
         Topic("scale", fields, 1)
 
 
-TEMPERATURE = Field("T", 1, "double", "K", "winding temperature")
+TEMPERATURE = Field("T", 1, "double", "K", "deflection temperature")
 
 
 @given(field_lists)

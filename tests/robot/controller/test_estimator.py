@@ -19,12 +19,12 @@ from twin.robot.mechanism.statics import Masses, deflection, end_effector_force,
 BELIEF = belief(shipped())._replace(motor_zero=(0.01, -0.02, 0.03), joint_zero=(-0.005, 0.002, 0.001))
 GEOMETRY = Geometry(BELIEF.a, BELIEF.b, BELIEF.l_a, BELIEF.l_b)
 MASSES = Masses(BELIEF.m_a, BELIEF.m_b, BELIEF.m_p, 0.0)
-wind_ups = st.tuples(*[st.floats(-0.2, 0.2)] * 3).map(np.array)
+deflecteds = st.tuples(*[st.floats(-0.2, 0.2)] * 3).map(np.array)
 
 
-def counts(p_B, wind_up):
+def counts(p_B, deflected):
     theta_l = joint_angles(GEOMETRY, p_B)
-    theta_m = BELIEF.N * theta_l + wind_up
+    theta_m = BELIEF.N * theta_l + deflected
     count_m = np.round((theta_m + BELIEF.motor_zero) * BELIEF.motor_counts / (2.0 * np.pi))
     count_l = np.round((theta_l + BELIEF.joint_zero) * BELIEF.joint_counts / (2.0 * np.pi))
     return np.concatenate([count_m, count_l])
@@ -35,9 +35,9 @@ def angles(count):
     return theta_m, count[3:] * 2.0 * np.pi / BELIEF.joint_counts - BELIEF.joint_zero
 
 
-@given(positions(), wind_ups)
-def test_estimate_is_what_the_robot_package_makes_of_the_counts(p_B, wind_up):
-    count = counts(p_B, wind_up)
+@given(positions(), deflecteds)
+def test_estimate_is_what_the_robot_package_makes_of_the_counts(p_B, deflected):
+    count = counts(p_B, deflected)
     theta_m, theta_l = angles(count)
     found = Sampled(Estimator(BELIEF)).named(count)
     at = position(GEOMETRY, theta_l)
@@ -52,9 +52,9 @@ def test_estimate_is_what_the_robot_package_makes_of_the_counts(p_B, wind_up):
     np.testing.assert_allclose(found["F_ee_B"], expected, rtol=0, atol=1e-11)
 
 
-@given(positions(), wind_ups)
-def test_without_compensation_the_force_is_that_of_the_papers_statics(p_B, wind_up):
-    count = counts(p_B, wind_up)
+@given(positions(), deflecteds)
+def test_without_compensation_the_force_is_that_of_the_papers_statics(p_B, deflected):
+    count = counts(p_B, deflected)
     found = Sampled(Estimator(BELIEF, gravity_compensation=False)).named(count)
     # Eq. 21-27; rounding of forces below 20 N
     expected = end_effector_force(GEOMETRY, found["theta_l"], found["tau_l"])
@@ -75,19 +75,19 @@ HALF_WIDTH = np.deg2rad(0.1)
 torques = st.tuples(*[st.integers(-300, 300).filter(bool).map(lambda whole: whole / 1000.0)] * 3).map(np.array)
 
 
-def estimated_force(believed, p_B, wind_up):
-    """F_ee_B (3,) N at `p_B` with the springs wound up by `wind_up` (3,) rad, as the encoders see it."""
+def estimated_force(believed, p_B, deflected):
+    """F_ee_B (3,) N at `p_B` with the springs deflected by `deflected` (3,) rad, as the encoders see it."""
     theta_l = joint_angles(GEOMETRY, p_B)
-    angle = np.concatenate([FINE.N * theta_l + wind_up + FINE.motor_zero, theta_l + FINE.joint_zero])
+    angle = np.concatenate([FINE.N * theta_l + deflected + FINE.motor_zero, theta_l + FINE.joint_zero])
     return Sampled(Estimator(believed)).named(np.round(angle * 2.0**40 / (2.0 * np.pi)))["F_ee_B"]
 
 
 @given(positions(), torques, st.sampled_from([1.0, 0.5, 0.0]))
 def test_a_dead_zone_believed_too_narrow_leaves_the_missing_width_as_torque(p_B, tau_l, share):
-    # on either flank the encoders see the dead zone besides the wind-up
+    # on either flank the encoders see the dead zone besides the deflection
     stiffness = FINE.k_s * FINE.N * FINE.eta
-    wind_up = tau_l / stiffness + np.sign(tau_l) * HALF_WIDTH
-    found = estimated_force(FINE._replace(backlash=share * HALF_WIDTH), p_B, wind_up)
+    deflected = tau_l / stiffness + np.sign(tau_l) * HALF_WIDTH
+    found = estimated_force(FINE._replace(backlash=share * HALF_WIDTH), p_B, deflected)
     theta_l = joint_angles(GEOMETRY, p_B)
     true = environment_force(GEOMETRY, MASSES, theta_l, p_B, tau_l)
     missing = stiffness * (1.0 - share) * HALF_WIDTH * np.sign(tau_l)

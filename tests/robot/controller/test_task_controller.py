@@ -60,7 +60,7 @@ def test_feed_forward_is_ahead_of_the_reference_by_the_lag_of_the_drives():
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.02])
-def test_wind_up_on_a_circle_is_the_derivative_of_the_load(lag):
+def test_deflection_on_a_circle_is_the_derivative_of_the_load(lag):
     forward = FORWARD._replace(mu=0.22, k_s=1.3, eta=0.9, lag=lag)
     rows = carried_out([ROLL], 7.0, forward=forward)
     first = next(k for _, kind, k in phases_of(rows) if kind == Kind.CIRCLE)
@@ -74,10 +74,10 @@ def test_wind_up_on_a_circle_is_the_derivative_of_the_load(lag):
     angle = angle + 0.5 * omega * T_s
     dF = -omega * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
     dF *= 0.22 * ROLL.force * speed / np.hypot(speed, REST_SPEED)
-    winding = np.linalg.solve(J.T, dF.T).T / (1.3 * LAW.N * 0.9)
-    assert np.abs(winding).max() > 0.1
+    deflection = np.linalg.solve(J.T, dF.T).T / (1.3 * LAW.N * 0.9)
+    assert np.abs(deflection).max() > 0.1
     # the difference over a call is off by (omega T_s)^2/24, 7e-6 of it, and the force by what the loop leaves
-    np.testing.assert_allclose(rows["omega_ref"][full], LAW.N * v @ J.T + winding, rtol=0, atol=2e-5)
+    np.testing.assert_allclose(rows["omega_ref"][full], LAW.N * v @ J.T + deflection, rtol=0, atol=2e-5)
 
 
 def test_nothing_is_wound_up_where_the_robot_does_not_press():

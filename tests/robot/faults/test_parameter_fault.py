@@ -73,7 +73,7 @@ def test_a_ramp_grows_evenly_from_the_nominal_value():
 
 
 def test_a_joint_that_gets_play_at_rest_lets_go_of_its_load_and_sinks_until_the_spring_carries_it_again():
-    """At once the spring loses what the play takes of its wind-up; the motors stand, so the joint follows by play/N."""
+    """At once the play takes its share of the deflection; the motors stand, so the joint follows by play/N."""
     play, onset, home = np.radians(0.5), 10, (0.0, 0.0, -0.090)
     x, theta_m = resting(REAL, home)
     held = sampled("held", lambda t, h, u: theta_m, outputs=(Port("theta_m", 3, "rad"),))
@@ -88,7 +88,7 @@ def test_a_joint_that_gets_play_at_rest_lets_go_of_its_load_and_sinks_until_the_
     # within the first tick nothing has moved by more than a t^2/2, 1 um
     lost = REAL.k_s * REAL.N * REAL.eta * play
     np.testing.assert_allclose(np.abs(tau_l[0]) - np.abs(tau_l[onset + 1]), lost, rtol=0.02)
-    # as wound up as before but for the weight, which pulls a little less in the lower pose
+    # as deflected as before but for the weight, which pulls a little less in the lower pose
     worn = REAL._replace(backlash_added=(play, play, play))
     end = rows[-1, system.columns("plant.p_B")]
     np.testing.assert_allclose(resting(worn, end)[1], theta_m, rtol=0, atol=1e-9)

@@ -30,8 +30,8 @@ def angles(p_B, F_ee_B) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     theta_l = joint_angles(GEOMETRY, p_B)
     still = [environment_force(GEOMETRY, MASSES, t, p, np.zeros(3)) for t, p in zip(theta_l, p_B, strict=True)]
     tau_l = np.linalg.solve(np.swapaxes(jacobian(GEOMETRY, p_B), -1, -2), (F_ee_B - np.array(still))[..., None])[..., 0]
-    wind_up = tau_l / (BELIEF.k_s * BELIEF.N * BELIEF.eta)
-    return BELIEF.N * theta_l + wind_up + np.sign(wind_up) * BELIEF.backlash, theta_l
+    deflection = tau_l / (BELIEF.k_s * BELIEF.N * BELIEF.eta)
+    return BELIEF.N * theta_l + deflection + np.sign(deflection) * BELIEF.backlash, theta_l
 
 
 def counts(theta_m, theta_l) -> NDArray[np.float64]:

@@ -23,8 +23,8 @@ def test_a_sentence_names_who_what_and_the_limit_in_units_for_people():
     assert trip_sentence(jammed) == (
         "safety monitor: joint 2: the motor does not follow its command: for 102 ms, limit 100 ms"
     )
-    wound = Trip(tick=7, reason=Reason.DEFLECTION, value=math.radians(21.0), limit=math.radians(20.0), joint=1)
-    assert trip_sentence(wound).endswith("wind-up 21 deg, limit 20 deg")
+    deflection = Trip(tick=7, reason=Reason.DEFLECTION, value=math.radians(21.0), limit=math.radians(20.0), joint=1)
+    assert trip_sentence(deflection).endswith("deflection 21 deg, limit 20 deg")
     bent = Trip(tick=7, reason=Reason.NO_POSE, value=1.0, limit=1.0, joint=0)
     assert trip_sentence(bent) == (
         "safety monitor: the joint angles fit no pose of the robot: unfit samples 1, limit 1"

@@ -17,7 +17,7 @@ from twin.robot.monitor.observation import (
     low_pass_share,
     observe_joints,
     observe_platform,
-    press_wind_up,
+    press_deflection,
     resolution,
 )
 
@@ -36,7 +36,7 @@ def test_one_count_on_every_encoder_is_worth_at_most_the_resolution(p_B, sign):
     # rounding
     assert np.linalg.norm(end_effector_force(GEOMETRY, theta_l, tau_l)) <= one.force * (1.0 + 1e-12)
     motor = 2.0 * np.pi / BELIEF.motor_counts
-    per_sample = (one.motor_speed, motor), (one.jump, one.wind_up), (one.force_rate, one.force)
+    per_sample = (one.motor_speed, motor), (one.jump, one.deflection), (one.force_rate, one.force)
     for rate, count in (*per_sample, (one.velocity, one.position)):
         assert rate * DT == pytest.approx(count, rel=1e-12)
 
@@ -45,8 +45,8 @@ def test_one_count_on_every_encoder_is_worth_at_most_the_resolution(p_B, sign):
 def test_a_press_winds_the_springs_up_as_the_robot_at_rest_has_them(p_B, F_z):
     theta_m, theta_l = angles(p_B[None], np.array([[0.0, 0.0, -F_z]]))
     # rounding; where a spring is unloaded the dead zone's side is open
-    assert press_wind_up(BELIEF, p_B, F_z) >= np.abs(theta_m - BELIEF.N * theta_l).max() - 1e-12
-    assert press_wind_up(BELIEF, p_B, F_z) <= np.abs(theta_m - BELIEF.N * theta_l).max() + BELIEF.backlash + 1e-12
+    assert press_deflection(BELIEF, p_B, F_z) >= np.abs(theta_m - BELIEF.N * theta_l).max() - 1e-12
+    assert press_deflection(BELIEF, p_B, F_z) <= np.abs(theta_m - BELIEF.N * theta_l).max() + BELIEF.backlash + 1e-12
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
@@ -61,8 +61,8 @@ def seen_at_rest(theta_m, theta_l) -> np.void:
     """A monitor that has seen nothing yet, with the joints that stand so."""
     seen = np.zeros(1, dtype=SEEN)[0]
     seen["theta_m"], seen["theta_l"] = theta_m, theta_l
-    wind_up = np.array([dead_zone(d, BELIEF.backlash) for d in theta_m - BELIEF.N * theta_l])
-    seen["tau_l"] = [load_torque(BELIEF.k_s, BELIEF.N, BELIEF.eta, d) for d in wind_up]
+    deflection = np.array([dead_zone(d, BELIEF.backlash) for d in theta_m - BELIEF.N * theta_l])
+    seen["tau_l"] = [load_torque(BELIEF.k_s, BELIEF.N, BELIEF.eta, d) for d in deflection]
     return seen
 
 

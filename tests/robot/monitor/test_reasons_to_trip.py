@@ -134,13 +134,13 @@ def test_joint_angles_without_a_pose_trip_at_once():
     assert trip_row(told(BELIEF.N * theta_l, theta_l), Reason.NO_POSE) == 0
 
 
-def test_a_wind_up_at_its_limit_trips_at_once():
+def test_a_deflection_at_its_limit_trips_at_once():
     theta_m, theta_l = angles(np.tile((0.0, 0.0, -0.1), (500, 1)), np.zeros((500, 3)))
     theta_m[:, 1] = BELIEF.N * theta_l[:, 1] + np.linspace(0.0, 0.4, 500)
     # the joint encoder really stands still here
     u, limits = told(theta_m, theta_l), LIMITS._replace(frozen_travel=1.0)
-    wind_up = MOTOR_COUNT * u[:, 1] - BELIEF.N * 0.25 * MOTOR_COUNT * u[:, 4]
-    assert trip_row(u, Reason.DEFLECTION, limits, joint=2) == np.argmax(wind_up >= LIMITS.deflection_limit)
+    deflection = MOTOR_COUNT * u[:, 1] - BELIEF.N * 0.25 * MOTOR_COUNT * u[:, 4]
+    assert trip_row(u, Reason.DEFLECTION, limits, joint=2) == np.argmax(deflection >= LIMITS.deflection_limit)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -64,7 +64,7 @@ def test_in_air_the_springs_carry_the_weight_through_the_backlash(p_B):
 
 @given(positions(), st.floats(0.5, 1.0), st.floats(0.02, 2.0))
 def test_losses_in_the_direction_of_the_flow_carry_nothing_at_rest(p_B, eta, eta_rate):
-    """(P1) at speed zero: the springs are wound up as those of a lossless belt."""
+    """(P1) at speed zero: the springs are deflected as those of a lossless belt."""
     _, theta_m = resting(PARAMETERS._replace(eta=eta, eta_rate=eta_rate), p_B)
     np.testing.assert_array_equal(theta_m, resting(PARAMETERS._replace(eta=1.0), p_B)[1])
 

@@ -128,7 +128,7 @@ def test_a_lifted_body_presses_like_one_that_was_higher_from_the_start():
     higher = PARAMETERS._replace(z_s=PARAMETERS.z_s + LIFT[2])
     expected = Plant(higher, *resting(higher, p_B))
     assert F_n > rows["F_n"][0, 0] + 1.0
-    # the springs are wound up as far as this position and force need: rad, at rest to 1e-9 m
+    # the springs are deflected as far as this position and force need: rad, at rest to 1e-9 m
     np.testing.assert_allclose(resting(higher, p_B)[1], theta_m, rtol=0, atol=1e-7)
     assert expected.initial("F_n")[0] == pytest.approx(F_n, abs=1e-5)
 

@@ -31,7 +31,7 @@ from twin.robot.plant.contact import (
     touch,
     unstopped,
 )
-from twin.robot.plant.dynamics import UNTOUCHED, joint_torque, settle_friction, winding
+from twin.robot.plant.dynamics import UNTOUCHED, joint_torque, loaded_deflection, settle_friction
 
 GEOMETRY = Geometry(*PARAMETERS[:4])
 TAU_C, A = 0.01, 2e-4
@@ -133,13 +133,13 @@ def test_dry_friction_brings_a_robot_without_any_other_loss_to_rest():
     assert E[0] - E[-1] > 3e-3
 
 
-def test_a_spring_with_hysteresis_carries_more_while_it_is_wound_and_less_while_it_unwinds():
+def test_a_spring_with_hysteresis_carries_more_while_its_deflection_grows_and_less_while_it_shrinks():
     d = np.concatenate([np.linspace(0.0, 0.1, 2000), np.linspace(0.1, 0.0, 2000)])
-    anchors, wound = UNTOUCHED.copy(), []
+    anchors, deflection = UNTOUCHED.copy(), []
     for one in d:
-        wound.append(winding(GRIPPING, anchors, 0, one, 0.0))
+        deflection.append(loaded_deflection(GRIPPING, anchors, 0, one, 0.0))
         drag(GRIPPING, anchors, 0, 0.0, one)
-    h, up, down = GRIPPING.spring_hysteresis, wound[:2000], wound[2000:]
+    h, up, down = GRIPPING.spring_hysteresis, deflection[:2000], deflection[2000:]
     np.testing.assert_allclose(up[1:], (1.0 + h) * d[1:2000], rtol=1e-12)
     # unwinding it turns over within 2 h of the deflection, and carries nothing where it is slack
     late = d[2000:] < (1.0 - 2.0 * h) * 0.1
@@ -194,12 +194,12 @@ def test_a_belt_that_yields_is_a_second_spring_in_series():
     soft = PARAMETERS._replace(belt_compliance=0.1, backlash=0.0)
     stiff = soft._replace(belt_compliance=0.0)
     theta_l = joint_angles(GEOMETRY, AIR)
-    wound_soft, wound = (resting(p, AIR)[1] - p.N * theta_l for p in (soft, stiff))
+    deflection_soft, deflection = (resting(p, AIR)[1] - p.N * theta_l for p in (soft, stiff))
     # on the motor's side: 1/k = 1/k_s + N^2 c
-    np.testing.assert_allclose(wound_soft / wound, 1.0 + stiff.k_s * stiff.N**2 * 0.1, rtol=1e-12)
+    np.testing.assert_allclose(deflection_soft / deflection, 1.0 + stiff.k_s * stiff.N**2 * 0.1, rtol=1e-12)
     # the joint itself gives way by c per torque on it
     tau = Plant(soft, *resting(soft, AIR)).initial("tau_l")
-    np.testing.assert_allclose((wound_soft - wound) / soft.N, 0.1 * tau / soft.eta, rtol=1e-9)
+    np.testing.assert_allclose((deflection_soft - deflection) / soft.N, 0.1 * tau / soft.eta, rtol=1e-9)
 
 
 def swung(parameters, step: float, duration: float = 0.1) -> np.ndarray:

@@ -35,10 +35,10 @@ def acceleration(parameters, x, theta_m):
 @given(positions(highest=-0.102))
 def test_half_a_spring_winds_up_twice_as_far_under_the_same_load(p_B):
     stiff = PARAMETERS._replace(backlash=0.0)
-    wound = resting(stiff, p_B)[1] - resting(stiff._replace(k_s=1e9), p_B)[1]
+    deflection = resting(stiff, p_B)[1] - resting(stiff._replace(k_s=1e9), p_B)[1]
     soft = resting(stiff._replace(k_s_share=(1.0, 0.5, 1.0)), p_B)[1] - resting(stiff._replace(k_s=1e9), p_B)[1]
     # rounding, and 1e-9 of a turn left by the stiffest spring
-    np.testing.assert_allclose(soft, wound * [1.0, 2.0, 1.0], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(soft, deflection * [1.0, 2.0, 1.0], rtol=0, atol=1e-8)
 
 
 @given(moving())

@@ -82,7 +82,7 @@ def test_a_drive_that_does_at_once_what_it_is_told_is_a_tick_late():
 
 @pytest.mark.parametrize("experiment", [f"step_force_{on}{pose}" for on in ("scale", "skin") for pose in ("", "_side")])
 def test_wherever_it_presses_the_force_is_short_by_what_the_play_of_the_springs_hides(experiment: str):
-    """The controller takes the play b of a loaded spring for wind-up, and reads sum |J_iz| k_s N eta b too much."""
+    """The controller takes the play b of a loaded spring for deflection, and reads sum |J_iz| k_s N eta b too much."""
     loaded = load_experiment(ROOT / f"experiments/{experiment}.toml", drive="ideal_velocity")
     plant = plant_parameters(loaded.plant, loaded.contact)
     rows = co_simulated(loaded, 45.0)
@@ -90,7 +90,7 @@ def test_wherever_it_presses_the_force_is_short_by_what_the_play_of_the_springs_
     late = rows.t >= 40.0
     J_z = jacobian(Geometry(*plant[:4]), rows["plant.p_B"][late].mean(axis=0))[:, 2]
     hidden = np.abs(J_z).sum() * plant.k_s * plant.N * plant.eta * plant.backlash
-    # what the encoders' counts add to the wind-up, as large as half of that
+    # what the encoders' counts add to the deflection, as large as half of that
     seen = [np.mean(rows.held(f"encoder.count_{side}")[late], axis=0) * 2.0 * np.pi / counts for side, counts in COUNTS]
     true = [np.mean(column, axis=0) for column in (rows.of_drives("theta_m")[late], rows["plant.theta_l"][late])]
     rounding = (seen[0] - true[0]) - plant.N * (seen[1] - true[1])

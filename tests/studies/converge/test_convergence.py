@@ -59,7 +59,7 @@ def test_interpolated_values_create_a_hundredth_of_that_and_iterated_ones_next_t
 
 
 def test_a_motor_end_that_is_turned_at_once_takes_half_of_k_s_times_the_turn_squared(descent: Experiment):
-    # Gauss-Seidel: the drive turns against tau_load(t_k), the spring is wound up from there by the whole turn
+    # Gauss-Seidel: the drive turns against tau_load(t_k), the spring is deflected from there by the whole turn
     held = Coupling("gauss_seidel", "hold").of(descent, descent.cosim.tick)
     rows = run_in_memory(held)
     for joint, residual in enumerate(power_residuals(held), start=1):

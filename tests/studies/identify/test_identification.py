@@ -38,9 +38,9 @@ def test_27_presses_find_the_springs_to_two_parts_in_a_thousand():
     assert identification().estimate("k_s_eta").half_width < 2e-3 * 1.07
 
 
-def test_zeros_of_the_wind_up_are_found_to_a_hundredth_of_a_degree():
+def test_zeros_of_the_deflection_are_found_to_a_hundredth_of_a_degree():
     for i, true in enumerate((0.5, -0.3, -0.1), start=1):
-        assert degrees(identification().estimate(f"wind_up_zero_{i}").value) == pytest.approx(true, abs=0.01)
+        assert degrees(identification().estimate(f"deflection_zero_{i}").value) == pytest.approx(true, abs=0.01)
 
 
 @pytest.mark.slow
@@ -133,7 +133,7 @@ def test_intervals_hold_with_noisy_encoders():
     for seed in (1, 2):
         one = identification("calibration", NINE_PRESSES, *NOISE, f"seed={seed}")
         true = truth(one.model)
-        for name in ("k_s_eta", "wind_up_zero_1", "wind_up_zero_2", "wind_up_zero_3", "backlash", "stiffness"):
+        for name in ("k_s_eta", "deflection_zero_1", "deflection_zero_2", "deflection_zero_3", "backlash", "stiffness"):
             found = one.estimate(name)
             # nine presses, noise of two counts: half a per cent
             assert abs(found.value - true[name]) <= found.half_width, name

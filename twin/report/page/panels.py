@@ -142,7 +142,7 @@ def surface_height(run: ReportRun) -> Samples | None:
     return run.times["body"], run.values["contact"]["height_mm"] + MM * run.column("body.s_B", 2)
 
 
-def wind_up(joint: int, motor: str, load: str) -> Reader:
+def spring_deflection(joint: int, motor: str, load: str) -> Reader:
     """Reads a spring's deflection theta_m - N theta_l (Eq. 20, before the dead zone), deg, motor side."""
 
     def samples(run: ReportRun) -> Samples | None:
@@ -219,9 +219,10 @@ PANELS = (
          *_of_joints("true", "truth", lambda joint: series("plant.tau_l", joint))),
     ),
     Panel(
-        "Spring wind-up, motor side", "deg",
-        (*_of_joints("true", "truth", lambda i: wind_up(i, f"drive/{i + 1}.theta_m", "plant.theta_l")),
-         *_of_joints("measured", "belief", lambda i: wind_up(i, "estimator.theta_m", "estimator.theta_l"), False)),
+        "Spring deflection, motor side", "deg",
+        (*_of_joints("true", "truth", lambda i: spring_deflection(i, f"drive/{i + 1}.theta_m", "plant.theta_l")),
+         *_of_joints("measured", "belief",
+                     lambda i: spring_deflection(i, "estimator.theta_m", "estimator.theta_l"), False)),
     ),
     Panel(
         "Motor speed", "rad/s",

@@ -29,7 +29,7 @@ def usual() -> tuple[Native, ...]:
     """The functions of a run of Fig. 4, in the order in which it asks for them."""
     return (
         kinematics._angles.native, workspace._nearest.native, component._load.native, kinematics._rows.native,
-        component._wind.native, component._begin.native, component.step_over(False, False), encoder.step,
+        component._deflect.native, component._begin.native, component.step_over(False, False), encoder.step,
         controller.estimator_step, controller.step_over(False, False), encoder.scale_step, cosim_step.plain_step,
         master.advance.native, filling._fill.native, deviation._add_up.native, frames._put_poses.native,
         arrows._put_arrows.native, weave._scatter.native,

@@ -11,7 +11,7 @@ the stiffness they are taken at and the share that the table has in them change 
 estimate does not fit the force any more, the safe set is back in the same call. A change of kp moves the integral by
 what the error makes of it, so that the output does not move (Åström and Hägglund 2006, Advanced PID Control, Sec. 9.4).
 
-A change of the reference is fed forward: the tissue gives way by dF/k, and the springs wind up by dF/k_spring.
+A change of the reference is fed forward: the tissue gives way by dF/k, and the springs deflect by dF/k_spring.
 
 A swing of the reference while the tissue is not known well enough: a quiet press teaches `tissue` nothing. It costs
 force, so it asks what there is to be gained (dual control; Åström and Wittenmark 1995, Adaptive Control, Ch. 7). While

@@ -88,8 +88,8 @@ def estimate(belief, gravity_compensation, count_m, count_l, y):
         theta_l = y.theta_l[i]
         jx, jy, jz = jacobian_row(belief, i, theta_l, px, py, pz)
         y.J[3 * i], y.J[3 * i + 1], y.J[3 * i + 2] = jx, jy, jz
-        wound = dead_zone(deflection(y.theta_m[i], theta_l, belief.N), belief.backlash)
-        tau = load_torque(belief.k_s, belief.N, belief.eta, wound)
+        loaded = dead_zone(deflection(y.theta_m[i], theta_l, belief.N), belief.backlash)
+        tau = load_torque(belief.k_s, belief.N, belief.eta, loaded)
         y.tau_l[i] = tau
         if gravity_compensation:
             tau += arm_gravity_torque(belief, belief, theta_l)

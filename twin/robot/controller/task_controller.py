@@ -1,8 +1,8 @@
 """The controller that carries out tasks: the machine of phases in front of the force-position law of Fig. 3 B.
 
 As `controller.py`, with four differences: the reference is a machine that feels its way (`machine.py`), velocity and
-the wind-up of the springs are fed forward, swings of the platform on its springs are damped, and the force loop acts in
-the phases that press, from the force that is there, so that neither it nor the reference ever jumps.
+the deflection of the springs are fed forward, oscillations of the platform on its springs are damped, and the force
+loop acts in the phases that press, from the present force on, so that neither it nor the reference ever jumps.
 
 [controller]: all tables of the robot's computer.
 """
@@ -97,7 +97,7 @@ _phases_at = pointer_to(PHASE)
 
 @njit(cache=True)
 def fed_forward(m, phase, J, t, h, v_shift):
-    """Motor speeds (rad/s) into `m.lead` for the reference's motion and the springs' wind-up, ahead of `t` by `lag`,
+    """Motor speeds (rad/s) into `m.lead` for the reference's motion and the springs' deflection, ahead of `t` by `lag`,
     and for a velocity `v_shift` (m/s) in z besides.
     """
     machine, forward = m.machine, m.forward

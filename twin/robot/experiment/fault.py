@@ -195,7 +195,7 @@ _PARAMETER_KINDS = {
     ),
     "stiffness_change": Kind(
         "parameter", ("contact",), "the surface has this factor of its stiffness", UNSEEN,
-        "where the robot presses, the force is there in the same tick, before the springs have wound up by it; it is "
+        "where the robot presses, the force is there in the same tick, before the springs have deflected by it; it is "
         "seen when the worst is over. A body that takes 20 ms to stiffen trips the force rate in time",
         "factor", (1.5, 3.0, 10.0), POSITIVE, beyond=3.0,
     ),
@@ -214,7 +214,7 @@ _PARAMETER_KINDS = {
         "parameter", _JOINTS, "the belt slips by this angle of the motor shaft and stays there", Seen(-10.0, -30.0),
         f"in free air the platform is thrown, which looks like a force; in contact the body holds it; afterwards "
         f"{_SAME_ENCODER}",
-        # a negative slip winds the spring up: the platform presses harder
+        # a negative slip deflects the spring: the platform presses harder
         "deg", (-2.0, -10.0, -30.0), beyond=-30.0,
     ),
     "belief_k_s": Kind(

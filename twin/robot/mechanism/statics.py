@@ -2,7 +2,7 @@
 
 Series elastic actuator: motor, spring, belt, load (Fig. 3 A), Eq. 18-20.
 
-The spring sits between motor and belt, so d = theta_m - N theta_l is its wind-up on the motor's side.
+The spring sits between motor and belt, so d = theta_m - N theta_l is its deflection on the motor's side.
 
 The robot's own weight and inertia, which the paper's statics leave out.
 
@@ -37,18 +37,18 @@ from twin.robot.mechanism.kinematics import (
 
 @njit(cache=True)
 def deflection(theta_m, theta_l, N):
-    """Spring wind-up theta_s = theta_m - N theta_l in rad on the motor's side, Eq. 19."""
+    """Spring deflection theta_s = theta_m - N theta_l in rad on the motor's side, Eq. 19."""
     return theta_m - N * theta_l
 
 
 @njit(cache=True, forceinline=True)
 def dead_zone(d, half_width):
-    """Wind-up in rad left after backlash: 0 for |d| <= half_width, beyond that d reduced by half_width."""
+    """Deflection in rad left after backlash: 0 for |d| <= half_width, beyond that d reduced by half_width."""
     if d > half_width:
         return d - half_width
     if d < -half_width:
         return d + half_width
-    # not 0.0: a wind-up that is not a number has to stay one
+    # not 0.0: a deflection that is not a number has to stay one
     return 0.0 * d
 
 
@@ -78,7 +78,7 @@ def directed_load_torque(k_s, N, eta, d, thetadot_l, rate):
         k_s: spring stiffness in N m/rad.
         N: belt ratio.
         eta: efficiency, 0 < eta <= 1.
-        d: spring wind-up after backlash in rad.
+        d: spring deflection after backlash in rad.
         thetadot_l: speed of the proximal link in rad/s.
         rate: speed in rad/s over which the direction blends; 0.76 of the loss is reached at this speed.
     """

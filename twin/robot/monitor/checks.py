@@ -72,7 +72,7 @@ MEANINGS = {
     ),
     Reason.NO_POSE: Meaning("the joint angles fit no pose of the robot", "unfit samples", "", 1.0),
     Reason.DEFLECTION: Meaning(
-        "joint {joint}: the spring is wound up too far, or an encoder is wrong", "wind-up", "deg", _DEG
+        "joint {joint}: the spring is deflected too far, or an encoder is wrong", "deflection", "deg", _DEG
     ),
     Reason.FROZEN_MOTOR: Meaning(
         "joint {joint}: the motor encoder stands still although the motor is commanded to move", "for", "ms", 1e3
@@ -137,9 +137,9 @@ class Monitor(Settings):
     workspace_radius: float = setting("mm", default=40.0, gt=0, help="distance from the z axis that trips")
     z_min: float = setting("mm", default=-135.0, lt=0, help="lowest z")
     z_max: float = setting("mm", default=-75.0, lt=0, help="highest z")
-    deflection_limit: float = setting("deg", default=20.0, gt=0, help="spring wind-up that trips")
+    deflection_limit: float = setting("deg", default=20.0, gt=0, help="spring deflection that trips")
     jump_limit: float = setting(
-        "rad/s", default=25.0, gt=0, help="change of a spring's wind-up that no motion explains"
+        "rad/s", default=25.0, gt=0, help="change of a spring's deflection that no motion explains"
     )
     stale_time: float = setting("ms", default=10.0, gt=0, help="time without a new encoder message that trips")
     frozen_demand: float = setting("rad/s", default=0.5, gt=0, help="commanded speed at which a shaft has to move")
@@ -248,7 +248,7 @@ def time_joints(limits, seen, timers, sent, ticks):
 def value_sample(seen, timers, values, joints, tick):
     """The values of all checks on encoder messages; `tick` in s."""
     put_largest(values, joints, JUMP, seen.fastest, 1.0)
-    put_largest(values, joints, DEFLECTION, seen.wind_up, 1.0)
+    put_largest(values, joints, DEFLECTION, seen.deflection, 1.0)
     put_largest(values, joints, FROZEN_MOTOR, timers.still, tick)
     put_largest(values, joints, FOLLOW, timers.unfollowed, tick)
     worst = 0

@@ -46,16 +46,16 @@ class Resolution(NamedTuple):
     """Worst case of one count on every encoder at once, SI.
 
     Attributes:
-        wind_up: of a spring on the motor's side (rad).
+        deflection: of a spring on the motor's side (rad).
         motor_speed: one motor count from one sample to the next (rad/s).
-        jump: the same of a wind-up: motor and joint count together (rad/s).
+        jump: the same of a deflection: motor and joint count together (rad/s).
         force: length of the force (N).
         force_rate: that per sample (N/s).
         position: of the platform (m).
         velocity: that per sample (m/s).
     """
 
-    wind_up: float
+    deflection: float
     motor_speed: float
     jump: float
     force: float
@@ -75,13 +75,13 @@ def resolution(belief: MonitorBelief, p_B: ArrayLike, dt: float) -> Resolution:
     """
     J = jacobian(geometry(belief), p_B)
     motor, joint = 2.0 * np.pi / belief.motor_counts, 2.0 * np.pi / belief.joint_counts
-    wind_up = motor + belief.N * joint
-    force = float(load_torque(belief.k_s, belief.N, belief.eta, wind_up)) * float(np.linalg.norm(J, axis=1).sum())
+    deflected = motor + belief.N * joint
+    force = float(load_torque(belief.k_s, belief.N, belief.eta, deflected)) * float(np.linalg.norm(J, axis=1).sum())
     position = joint * float(np.linalg.norm(np.linalg.inv(J), axis=0).sum())
     return Resolution(
-        wind_up=wind_up,
+        deflection=deflected,
         motor_speed=motor / dt,
-        jump=wind_up / dt,
+        jump=deflected / dt,
         force=force,
         force_rate=force / dt,
         position=position,
@@ -89,8 +89,8 @@ def resolution(belief: MonitorBelief, p_B: ArrayLike, dt: float) -> Resolution:
     )
 
 
-def press_wind_up(belief: MonitorBelief, p_B: ArrayLike, force: float) -> float:
-    """Largest wind-up (rad, motor side) of a spring while the robot at `p_B` (3,), m, presses down with `force` (N).
+def press_deflection(belief: MonitorBelief, p_B: ArrayLike, force: float) -> float:
+    """Largest deflection (rad, motor side) of a spring while the robot at `p_B` (3,), m, presses down with `force` (N).
 
     tau_l = J^-T (F_ee_B + own weight) with F_ee_B = (0, 0, -force), and Eq. 20; the dead zone comes on top.
 
@@ -100,8 +100,8 @@ def press_wind_up(belief: MonitorBelief, p_B: ArrayLike, force: float) -> float:
     shape = geometry(belief)
     theta_l, J = joint_angles(shape, p_B), jacobian(shape, p_B)
     masses = Masses(belief.m_a, belief.m_b, belief.m_p, 0.0)
-    unwound = force_on_environment(shape, masses, theta_l, p_B, np.zeros(3))
-    tau_l = np.linalg.solve(J.T, np.array([0.0, 0.0, -force]) - unwound)
+    unloaded = force_on_environment(shape, masses, theta_l, p_B, np.zeros(3))
+    tau_l = np.linalg.solve(J.T, np.array([0.0, 0.0, -force]) - unloaded)
     return float(np.abs(tau_l).max() / load_torque(belief.k_s, belief.N, belief.eta, 1.0) + belief.backlash)
 
 
@@ -116,7 +116,7 @@ SEEN = record(
     theta_l="3f8",
     moved_m="3i8",
     moved_l="3i8",
-    wind_up="3f8",
+    deflection="3f8",
     tau_l="3f8",
     fastest="3f8",
     omega_m="3f8",
@@ -133,7 +133,7 @@ SEEN = record(
     depth="f8",
     contact_ticks="i8",
 )
-"""The last observation: angles (rad), whether an encoder moved a count, wind-up (rad), joint torques (N m), the fastest
+"""The last observation: angles (rad), whether an encoder moved a count, deflection (rad), joint torques (N m), fastest
 change since the sample before on the motor's side (rad/s); low-passed: motor speed, joint speed on the motor's side and
 commanded speed (rad/s), velocity (m/s), speed (m/s), force (N) and the growth of its length (N/s); position (m); the
 contact: height where it began (m), depth below that (m), duration (ticks)."""
@@ -171,8 +171,8 @@ def observe_joints(belief, seen, share, dt, count_m, count_l, sent):
             seen.omega_l[i] += share * (rate_l - seen.omega_l[i])
             seen.omega_cmd[i] += share * (sent[i] - seen.omega_cmd[i])
         seen.theta_m[i], seen.theta_l[i] = theta_m, theta_l
-        seen.wind_up[i] = deflection(theta_m, theta_l, belief.N)
-        seen.tau_l[i] = load_torque(belief.k_s, belief.N, belief.eta, dead_zone(seen.wind_up[i], belief.backlash))
+        seen.deflection[i] = deflection(theta_m, theta_l, belief.N)
+        seen.tau_l[i] = load_torque(belief.k_s, belief.N, belief.eta, dead_zone(seen.deflection[i], belief.backlash))
 
 
 @njit(cache=True, error_model="numpy")

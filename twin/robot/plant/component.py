@@ -11,7 +11,7 @@ The right-hand side and the outputs are those that the component steps: nothing 
 
 What a plant that is taken elsewhere works out for itself before its first step, compiled as its steps are.
 
-Where the robot rests: the springs wound up so far that they carry its weight and the contact.
+Where the robot rests: the springs deflected so far that they carry its weight and the contact.
 """
 
 import math
@@ -50,11 +50,11 @@ from twin.robot.plant.dynamics import (
     has_effects,
     head_sees,
     joint_torque,
+    loaded_deflection,
     series_share,
     settle_friction,
     spring_deflection,
     spring_stiffness,
-    winding,
 )
 
 LEFT_WORKSPACE = 2
@@ -196,7 +196,7 @@ def outputs_near(parameters, x, theta_m, s_B, v_s_B, apex, anchors, y):
         theta_l, omega_l = angles[leg], speeds[leg]
         inside = inside and not math.isnan(theta_l)
         if special:
-            d = winding(parameters, anchors, leg, theta_m[leg], theta_l)
+            d = loaded_deflection(parameters, anchors, leg, theta_m[leg], theta_l)
         else:
             d = spring_deflection(parameters, leg, theta_m[leg], theta_l)
         y.theta_l[leg] = theta_l
@@ -357,7 +357,7 @@ class Equations:
 _REST = record(
     parameters=PARAMETERS, **dict.fromkeys(("p_B", "theta_l", "wrench", "arms", "stops", "tau_l", "d"), "3f8")
 )
-"""Wrench (N) that joints carry at p_B, what arms' weights and stops take of it (N m), springs' torque and wind-up."""
+"""Wrench (N) that joints carry at p_B, what weights and stops take of it (N m), springs' torque and deflection."""
 
 
 @entry("nothing", _REST)
@@ -371,7 +371,7 @@ def _load(m):
 
 
 @entry("nothing", _REST)
-def _wind(m):
+def _deflect(m):
     for leg in range(3):
         d = m.tau_l[leg] / joint_torque(m.parameters, leg, 1.0, 0.0)
         m.d[leg] = unstopped(m.parameters, d / series_share(m.parameters, leg))
@@ -381,7 +381,7 @@ def resting(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray, np
     """State x (8,) and motor angles theta_m (3,) at which the platform rests at `p_B` (3,), in m.
 
     The net force on the platform is zero with velocities and bristle zero; a loaded spring sits at the far side of
-    its backlash, an unloaded one in the middle. Springs are as wound up as `joint_torque` asks at speed zero, where
+    its backlash, an unloaded one in the middle. Springs are as deflected as `joint_torque` asks at speed zero, where
     losses in the direction of the power flow (P1) vanish. Dry friction carries nothing yet, in the middle of what it
     can. No spring may be broken: nothing else would carry its share.
 
@@ -394,7 +394,7 @@ def resting(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray, np
     rest = memory_of(_REST, parameters=tuple(parameters), p_B=p, theta_l=theta_l)
     _load(rest)
     rest["tau_l"] = np.linalg.solve(jacobian(geometry, p).T, rest["wrench"][0]) - rest["arms"][0] - rest["stops"][0]
-    _wind(rest)
+    _deflect(rest)
     d = rest["d"][0]
     backlash = parameters.backlash + np.array(parameters.backlash_added)
     theta_m = parameters.N * theta_l + d + np.sign(d) * backlash + np.array(parameters.slip)

@@ -29,8 +29,8 @@ anchor along once it carries all that it can:
     spring   w = d + (d - d_0),  the bracket within +-h |d|                    (P15)
 
 a is the angle over which a joint yields before it breaks loose. A spring with the hysteresis h carries k_s w: (1 + h)
-k_s d while it is wound up, (1 - h) k_s d while it unwinds, and nothing in its backlash. Within a step the anchors stand
-still, so both are forces with a potential; after it they are dragged along, which only lowers what is stored. So
+k_s d while its deflection grows, (1 - h) k_s d while it shrinks, and nothing in its backlash. Within a step the anchors
+stand still, so both are forces with a potential; after it they are dragged along, which only lowers what is stored. So
 friction sticks truly, takes energy, and never makes any.
 
 A hard stop is an elastic one, of stiffness k_e: beyond a deflection d_e a spring has k_s + k_e, and a joint is pushed

@@ -189,7 +189,7 @@ UNTOUCHED = np.full((3, ANCHORS), np.nan)
 
 @njit(cache=True, forceinline=True)
 def spring_deflection(parameters, leg, theta_m, theta_l):
-    """Deflection that winds the spring of `leg` (rad, motor side): Eq. 19 less the belt's slip and the backlash."""
+    """Deflection that loads the spring of `leg` (rad, motor side): Eq. 19 less the belt's slip and the backlash."""
     d = deflection(theta_m, theta_l, parameters.N) - parameters.slip[leg]
     return dead_zone(d, parameters.backlash + parameters.backlash_added[leg])
 
@@ -219,7 +219,7 @@ def has_effects(parameters):
 
 
 @njit(cache=True)
-def winding(parameters, anchors, leg, theta_m, theta_l):
+def loaded_deflection(parameters, anchors, leg, theta_m, theta_l):
     """Deflection (rad, motor side) of an ideal spring that carries what the spring of `leg` does, which may be at its
     stop, have hysteresis and be in series with a belt that yields."""
     d = stopped(parameters, spring_deflection(parameters, leg, theta_m, theta_l))
@@ -269,7 +269,7 @@ def _joint(parameters, anchors, leg, theta_m, theta_l, omega_l, k_r, k_z, up, sp
     """
     angle, speed, hangs = theta_l[leg], omega_l[leg], arm_weight(parameters)
     if special:
-        d = winding(parameters, anchors, leg, theta_m[leg], angle)
+        d = loaded_deflection(parameters, anchors, leg, theta_m[leg], angle)
         push = hangs * hanging(up, leg, k_r[leg], k_z[leg]) + _push(parameters, anchors, leg, angle)
     else:
         d, push = spring_deflection(parameters, leg, theta_m[leg], angle), hangs * k_r[leg]

@@ -257,8 +257,8 @@ def _loads(point: OperatingPoint) -> np.ndarray:
     p = point.parameters
     geometry = Geometry(p.a, p.b, p.l_a, p.l_b)
     d = point.theta_m - p.N * joint_angles(geometry, point.p_B) - np.array(p.slip)
-    wound = np.sign(d) * np.maximum(np.abs(d) - p.backlash - np.array(p.backlash_added), 0.0)
-    return np.array([spring_stiffness(p, leg) * series_share(p, leg) * stopped(p, wound[leg]) for leg in range(3)])
+    loaded = np.sign(d) * np.maximum(np.abs(d) - p.backlash - np.array(p.backlash_added), 0.0)
+    return np.array([spring_stiffness(p, leg) * series_share(p, leg) * stopped(p, loaded[leg]) for leg in range(3)])
 
 
 def _stepping(experiment: Experiment) -> Stepping:

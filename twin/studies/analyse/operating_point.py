@@ -30,8 +30,8 @@ CLEARANCE = 1e-3
 """Height (m) over the surface at which a pose is looked at in free air, too."""
 DEEPEST = 0.1
 """Depth (m) beyond which no surface is pressed."""
-SMALLEST_WINDING = 2e-5
-"""Least wind-up (rad) of a spring with backlash: ten times the steps by which the plant is differentiated."""
+SMALLEST_DEFLECTION = 2e-5
+"""Least deflection (rad) of a spring with backlash: ten times the steps by which the plant is differentiated."""
 
 
 @dataclass(frozen=True)
@@ -105,8 +105,8 @@ def resting_point(
         raise InputRefused(f"no operating point at {where}: {refusal}") from None
     theta_l = joint_angles(Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b), p_B)
     backlash = parameters.backlash + np.array(parameters.backlash_added)
-    wound = np.abs(theta_m - parameters.N * theta_l - np.array(parameters.slip)) - backlash
-    slack = np.flatnonzero((wound < SMALLEST_WINDING) & (backlash > 0.0))
+    loaded = np.abs(theta_m - parameters.N * theta_l - np.array(parameters.slip)) - backlash
+    slack = np.flatnonzero((loaded < SMALLEST_DEFLECTION) & (backlash > 0.0))
     if len(slack):
         raise InputRefused(
             f"no linear model at {where}: the spring of leg {slack[0] + 1} carries nothing there and hangs free in its "

@@ -1,7 +1,7 @@
 """What statics asks of every window: three equations per pose in free air, two on the scale.
 
-With the wind-up w = motor - N joint - w_0 as the encoders read it, w_0 its zero, k = k_s eta, b the half width of the
-dead zone and s = sign(w) tanh(theta_l'/rate), the spring's torque is (18)-(20) with the losses of (P1)
+With the deflection w = motor - N joint - w_0 as the encoders read it, w_0 its zero, k = k_s eta, b the half width of
+the dead zone and s = sign(w) tanh(theta_l'/rate), the spring's torque is (18)-(20) with the losses of (P1)
 
     tau_l = k N e^(loss s) dead_zone(w, b)
 
@@ -11,7 +11,7 @@ and the slow robot obeys (P5), docs/physics.md, without the terms in the square 
 
 In free air F_ee = 0: three equations. On the scale F_ee,z = -F is measured, but the bristles of friction pull sideways
 by up to mu F and nobody measures it: only the z row holds, whatever they do. All are divided by k N (and by the length
-of the z column of J), so that residuals are wind-ups in rad: the rounding of the encoders is then the error of the
+of the z column of J), so that residuals are deflections in rad: the rounding of the encoders is then the error of the
 response and not of the regressor, which would bias k low. The second equation on the scale is its own law, Hunt and
 Crossley's at a slow speed, on a plane of slopes m_x and m_y:
 
@@ -23,7 +23,7 @@ The paper's own calibration (Sec. III.A), and why it is biased. "We allow the ma
 of the electronic scale, gradually increasing the z-axis position. Comparing the force calculated via the proposed
 static force model with the force measured by the electronic scale": one place, one press, and k_s eta scaled until F_z
 of (27) is what the scale shows, a line through the origin. (27) has no weight in it, the encoders' zeros are what they
-are, and the dead zone takes some of the wind-up; each of them is put right in turn here.
+are, and the dead zone takes some of the deflection; each of them is put right in turn here.
 """
 
 from typing import NamedTuple
@@ -107,19 +107,19 @@ def pose(belief: Belief, theta_l: NDArray[np.float64]) -> Pose:
     return Pose(p_B, J, arms, inverse[:, 2])
 
 
-def wind_up(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.float64]:
+def deflections(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.float64]:
     """motor - N joint - zero (n, 3), rad."""
     return seen.motor - N * seen.joint - x[OFFSET : OFFSET + 3]
 
 
-def wound(w: NDArray[np.float64], half_width: float) -> NDArray[np.float64]:
-    """Wind-up less the dead zone, of the shape of `w`: `sea.dead_zone` for arrays."""
+def loaded(w: NDArray[np.float64], half_width: float) -> NDArray[np.float64]:
+    """Deflection less the dead zone, of the shape of `w`: `sea.dead_zone` for arrays."""
     return np.sign(w) * np.maximum(np.abs(w) - half_width, 0.0)
 
 
 def clear(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.bool_]:
-    """Windows (n,) in which no wind-up comes near the edges of its dead zone, where means and the law do not swap."""
-    return np.all(np.abs(wind_up(x, seen, N)) > max(x[BACKLASH], 0.0) + seen.spread, axis=1)
+    """Windows (n,) in which no deflection comes near the edges of its dead zone, where mean and law do not swap."""
+    return np.all(np.abs(deflections(x, seen, N)) > max(x[BACKLASH], 0.0) + seen.spread, axis=1)
 
 
 def in_air(seen: Windows) -> NDArray[np.bool_]:
@@ -134,7 +134,7 @@ def on_scale(seen: Windows) -> NDArray[np.bool_]:
 
 def joint_torques(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.float64]:
     """tau_l - b_j theta_l' (n, 3), N m: what the joints pass on to the links."""
-    d = wound(wind_up(x, seen, N), x[BACKLASH])
+    d = loaded(deflections(x, seen, N), x[BACKLASH])
     direction = np.sign(d) * np.tanh(seen.speed / x[RATE])
     return x[KAPPA] * N * np.exp(x[LOSS] * direction) * d - x[FRICTION] * seen.speed
 
@@ -248,7 +248,7 @@ def one_pose(seen: Windows, belief: Belief, x: NDArray[np.float64]) -> OnePose |
     k, F = belief.k_s * belief.eta, press.force
     printed, weight = _pressing(k, w - offset, belief, press, np.array(belief.joint_zero))
     zeroed, own_weight = _pressing(k, w - x[OFFSET : OFFSET + 3], belief, press, x[JOINT_ZERO : JOINT_ZERO + 3])
-    d = wound(w - x[OFFSET : OFFSET + 3], x[BACKLASH])
+    d = loaded(w - x[OFFSET : OFFSET + 3], x[BACKLASH])
     freed, _ = _pressing(k, d, belief, press, x[JOINT_ZERO : JOINT_ZERO + 3])
     steps = (
         OnePoseStep("as printed", k * _slope(printed, F)),
@@ -281,7 +281,7 @@ def _press(seen: Windows, belief: Belief) -> Windows | None:
 
 
 def _pressing(k, w, belief, press, joint_zero) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """-F_ee,z of (27) without weight for wind-ups w (n, 3), and what the weight adds to it (n,), N."""
+    """-F_ee,z of (27) without weight for deflections w (n, 3), and what the weight adds to it (n,), N."""
     at = pose(belief, press.joint - joint_zero)
     J_z = at.J[:, :, 2]
     return -np.sum(J_z * (k * belief.N * w), axis=1), platform_weight(belief) - np.sum(J_z * at.g_a, axis=1)

@@ -5,7 +5,7 @@ edge of the cone of (P10). F_t comes from the identified springs by statics, F f
 F_t is the same in both directions of a sweep, so it is a constant of its own: F_t = mu F v/|v| + beta.
 
 k_s by itself, from the torque of the motors: the one measurement that parts it from eta. A motor that turns slowly
-holds the spring and its own friction, tau_motor = k_s d + f sign(theta_m') + beta, with the wind-up d less its dead
+holds the spring and its own friction, tau_motor = k_s d + f sign(theta_m') + beta, with the deflection d less its dead
 zone (18). eta is then k_s eta / k_s.
 """
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from twin.kernel.recording.logs.log import Log, LogRefused
 from twin.robot.controller.controller import Belief
-from twin.studies.identify.balance import on_scale, pose, pressing_force, wind_up, wound
+from twin.studies.identify.balance import deflections, loaded, on_scale, pose, pressing_force
 from twin.studies.identify.fit import Fit, line
 from twin.studies.identify.windows import BACKLASH, JOINT_ZERO, Estimate, Windows
 
@@ -93,7 +93,7 @@ def spring_stiffness(springs: Fit, belief: Belief, log: Log) -> Estimate | None:
 
     def equations(x: NDArray[np.float64]) -> NDArray[np.float64]:
         A = np.zeros((3 * len(seen.t), 7))
-        A[:, 0] = wound(wind_up(x, seen, belief.N), x[BACKLASH]).ravel()
+        A[:, 0] = loaded(deflections(x, seen, belief.N), x[BACKLASH]).ravel()
         for i in range(3):
             A[i::3, 1 + i] = np.sign(seen.speed[:, i])
             A[i::3, 4 + i] = 1.0

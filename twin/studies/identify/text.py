@@ -14,7 +14,7 @@ from twin.studies.identify.identification import Identification, Quantity
 from twin.studies.identify.windows import JOINTS_PER_METRE, Estimate, decimals, shown, shown_unit
 from twin.studies.result import Block, Column, Note, Result, Table, note
 
-ALL_THREE = {"zero of joint": "zeros of the joints", "zero of wind-up": "zeros of the wind-ups"}
+ALL_THREE = {"zero of joint": "zeros of the joints", "zero of deflection": "zeros of the deflections"}
 COLUMNS = (Column("", 27, left=True), Column("found", 9), Column("+- 95 %", 9), Column("", 10, left=True),
            Column("believed", 9))  # fmt: skip
 STEPS = (Column("", 20, left=True), Column("", 8, ".3f"), Column("", 6, "+.1f", gap=2), Column(""))
@@ -173,10 +173,10 @@ def model_fragment(one: Identification, log: str) -> str:
     joints = [q[f"joint_zero_{i}"].found for i in (1, 2, 3)]
     believed = np.array(belief.joint_zero)
     zero = np.array([j.value if j else b for j, b in zip(joints, believed, strict=True)]) if all(joints) else believed
-    winds = [q[f"wind_up_zero_{i}"].found for i in (1, 2, 3)]
-    if all(winds):
-        motor = np.array([w.value for w in winds if w]) + belief.N * zero
-        model["motor_zero_deg"] = _zeros(motor, f"identified from {log}: within {_width(winds)} of N joint zeros")
+    zeros = [q[f"deflection_zero_{i}"].found for i in (1, 2, 3)]
+    if all(zeros):
+        motor = np.array([w.value for w in zeros if w]) + belief.N * zero
+        model["motor_zero_deg"] = _zeros(motor, f"identified from {log}: within {_width(zeros)} of N joint zeros")
     if all(joints):
         model["joint_zero_deg"] = _zeros(zero, f"identified from {log}: +- {_width(joints)}")
     controller: dict[str, Any] = {"model": model}
@@ -247,7 +247,7 @@ def _draw_air(axes: Axes, one: Identification) -> None:
     t = one.fit.seen.t[window[::3]]
     for i, color in enumerate(JOINTS):
         axes.plot(t, np.degrees(r[i::3]), ".", ms=3, color=color, alpha=0.7, label=f"joint {i + 1}")
-    axes.set_title("in free air: wind-up less that of the robot's weight", fontsize="medium", loc="left")
+    axes.set_title("in free air: deflection less that of the robot's weight", fontsize="medium", loc="left")
     axes.set(xlabel="time (s)", ylabel="residual (deg, motor side)")
     if len(t):
         axes.legend(fontsize="small", loc="best", ncols=3)

@@ -28,7 +28,7 @@ def truth(model: RobotModel) -> Mapping[str, float]:
         "k_s_eta": k_s if directed else k,
         "k_s": k_s,
         "eta": plant.eta,
-        **{f"wind_up_zero_{i + 1}": float(motor[i] - plant.N * joint[i]) for i in range(3)},
+        **{f"deflection_zero_{i + 1}": float(motor[i] - plant.N * joint[i]) for i in range(3)},
         **{f"joint_zero_{i + 1}": float(joint[i]) for i in range(3)},
         "backlash": plant.backlash,
         "b_j": plant.b_j - k * plant.N**2 * early,

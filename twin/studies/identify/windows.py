@@ -69,7 +69,7 @@ class Windows(NamedTuple):
         motor, joint: what the encoders read, zeros included (n, 3), rad.
         speed: of the joints (n, 3), rad/s.
         acceleration: of the joints (n, 3), rad/s2.
-        spread: half of the range that the wind-up motor - N joint runs through (n, 3), rad.
+        spread: half of the range that the deflection motor - N joint runs through (n, 3), rad.
         force: of the scale, pressing positive (n,), N.
         force_rate: its slope (n,), N/s.
         lowest, highest: force in the window and for `GUARD` after it (n,), N.
@@ -205,7 +205,7 @@ def parameters(belief: Belief, height: float) -> tuple[Parameter, ...]:
         Parameter("k_s_eta", "k_s eta", "N m/rad", k, k),
         Parameter("loss", "ln(eta) of a belt that loses by direction", "1", 0.0, 0.5),
         Parameter("loss_rate", "speed at which its losses turn over", "rad/s", 0.01, 0.05),
-        *(Parameter(f"wind_up_zero_{i + 1}", f"zero of wind-up {i + 1}", "rad", float(offsets[i]), degree)
+        *(Parameter(f"deflection_zero_{i + 1}", f"zero of deflection {i + 1}", "rad", float(offsets[i]), degree)
           for i in range(3)),
         *(Parameter(f"joint_zero_{i + 1}", f"zero of joint {i + 1}", "rad", belief.joint_zero[i], degree)
           for i in range(3)),

@@ -25,7 +25,7 @@ def test_a_monitor_that_is_not_enabled_contradicts_nothing():
         ({"z_min_mm": -75.0, "z_max_mm": -80.0}, "z_min_mm = -75 is not below z_max_mm = -80"),
         (
             {"deflection_limit_deg": 8.0},
-            "force_limit_N = 15 is never reached: at z = -105 mm it winds a spring up by 9.3 deg "
+            "force_limit_N = 15 is never reached: at z = -105 mm it deflects a spring by 9.3 deg "
             "(k_s N eta = 2 N m/rad), and deflection_limit_deg = 8 trips before",
         ),
         ({"contact_force_N": 16.0}, "contact_force_N = 16 is not below force_limit_N = 15"),

@@ -143,8 +143,8 @@ def joints(damping: float = 0.0) -> control.StateSpace:
     """Three joints, as `linear_plant` gives a robot."""
     A = np.block([[NONE, ONE], [-K / MASS * ONE, -damping / MASS * ONE]])
     B = np.vstack([NONE, K / MASS * ONE])
-    wound, still = np.hstack([-K * ONE, NONE]), np.zeros((3, 6))
-    C = np.vstack([np.hstack([ONE, NONE]), wound, wound, np.hstack([ONE, NONE]), still])
+    deflection, still = np.hstack([-K * ONE, NONE]), np.zeros((3, 6))
+    C = np.vstack([np.hstack([ONE, NONE]), deflection, deflection, np.hstack([ONE, NONE]), still])
     D = np.vstack([NONE, K * ONE, K * ONE, NONE, NONE])
     outputs = [*MEASURED[3:], "tau_l_1", "tau_l_2", "tau_l_3", *LOADS, *TRUE[:3], "F_ee_B_x", "F_ee_B_y", "F_ee_B_z"]
     return control.ss(A, B, C, D, inputs=["theta_m_1", "theta_m_2", "theta_m_3"], outputs=outputs)

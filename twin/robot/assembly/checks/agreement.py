@@ -27,7 +27,7 @@ from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import jacobian
 from twin.robot.monitor.checks import Monitor
 from twin.robot.monitor.component import retreat
-from twin.robot.monitor.observation import MonitorBelief, Resolution, geometry, press_wind_up, resolution
+from twin.robot.monitor.observation import MonitorBelief, Resolution, geometry, press_deflection, resolution
 from twin.robot.monitor.observation import low_pass_share as monitor_share
 from twin.robot.plant.dynamics import TrueRobot
 
@@ -95,15 +95,15 @@ def _against_robot(monitor: Monitor, belief: MonitorBelief, sample_period: float
     p_B = (0.0, 0.0, 0.5 * (monitor.z_min + monitor.z_max))
     at = f"at z = {1e3 * p_B[2]:g} mm"
     try:
-        wind_up = press_wind_up(belief, p_B, monitor.force_limit)
+        deflection = press_deflection(belief, p_B, monitor.force_limit)
         one_count = resolution(belief, p_B, sample_period)
     except Unreachable as problem:
         return [f"[monitor] the middle of z_min_mm and z_max_mm: {problem}"]
     told = []
-    if wind_up >= monitor.deflection_limit:
+    if deflection >= monitor.deflection_limit:
         told.append(
-            f"[monitor] force_limit_N = {monitor.force_limit:g} is never reached: {at} it winds a spring up by "
-            f"{math.degrees(wind_up):.1f} deg (k_s N eta = {belief.k_s * belief.N * belief.eta:g} N m/rad), and "
+            f"[monitor] force_limit_N = {monitor.force_limit:g} is never reached: {at} it deflects a spring by "
+            f"{math.degrees(deflection):.1f} deg (k_s N eta = {belief.k_s * belief.N * belief.eta:g} N m/rad), and "
             f"deflection_limit_deg = {math.degrees(monitor.deflection_limit):g} trips before; lower the force limit "
             "or raise the other"
         )
@@ -123,8 +123,8 @@ def _resolved(one_count: Resolution, share: float) -> list[tuple[str, str, float
         ("force_limit", "N", 1.0, one_count.force),
         ("contact_force", "N", 1.0, one_count.force),
         ("penetration_limit", "mm", 1e3, one_count.position),
-        ("deflection_limit", "deg", math.degrees(1.0), one_count.wind_up),
-        ("frozen_travel", "deg", math.degrees(1.0), one_count.wind_up),
+        ("deflection_limit", "deg", math.degrees(1.0), one_count.deflection),
+        ("frozen_travel", "deg", math.degrees(1.0), one_count.deflection),
         ("jump_limit", "rad_per_s", 1.0, one_count.jump),
         ("speed_limit", "mm_per_s", 1e3, share * one_count.velocity),
         ("force_rate_limit", "N_per_s", 1.0, share * one_count.force_rate),

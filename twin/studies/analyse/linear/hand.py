@@ -150,8 +150,8 @@ class FreePlant:
     def mass(self) -> Matrix:
         """(3, 3), kg: what the springs' torques accelerate."""
         rows = self._rows
-        jacobian, wound = self.linear.C[rows["theta_l_1"] :][:3, :3], self.linear.D[rows["tau_l_1"] :][:3]
-        return np.linalg.solve(self.linear.B[3:6].T, (jacobian.T @ wound).T).T
+        jacobian, spring_torque = self.linear.C[rows["theta_l_1"] :][:3, :3], self.linear.D[rows["tau_l_1"] :][:3]
+        return np.linalg.solve(self.linear.B[3:6].T, (jacobian.T @ spring_torque).T).T
 
     @cached_property
     def force(self) -> Matrix:
