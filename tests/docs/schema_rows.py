@@ -30,7 +30,7 @@ TABLES: dict[str, type[Settings]] = {
     "[drive]": schema.Drive,
     "[drive.velocity_loop]": schema.VelocityLoop,
     "[drive.parts.NAME]": schema.Part,
-    "a part of another make": stand_in.StandIn,
+    "a third-party part": stand_in.StandIn,
     **{f'[[task]] kind = "{kind}"': table for kind, table in TASKS.items()},
     "[[fault]]": fault.FaultTable,
     "[[change]]": change.ChangeTable,

@@ -66,3 +66,29 @@ def test_classes_of_the_same_name_never_meet_in_a_file(root: Path):
     for name, homes in classes.items():
         for pair in combinations(sorted(homes), 2):
             assert not [module for module, seen in imported.items() if seen.issuperset(pair)], f"{name} of {pair}"
+
+
+PRIVATE = re.compile(r"\b(told|whoever|nobody|of another make|they part)\b", re.IGNORECASE)
+"""Words that a reader of the field stumbles over."""
+
+
+def prose(page: Path) -> Iterator[str]:
+    """Lines of a page but its fenced blocks and what a command writes."""
+    fenced = False
+    for line in page.read_text().partition("<!-- from here on written by ")[0].splitlines():
+        fenced ^= line.startswith("```")
+        if not fenced:
+            yield line
+
+
+def test_pages_use_the_words_of_the_field(root: Path):
+    pages = [*(root / "docs").glob("*.md"), *(root / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md"))]
+    found = [f"{page.name}: {line}" for page in pages for line in prose(page) if PRIVATE.search(line)]
+    assert len(pages) > 60
+    assert not found
+
+
+def test_a_private_word_in_prose_is_noticed_and_one_that_a_program_prints_is_not(tmp_path: Path):
+    page = tmp_path / "page.md"
+    page.write_text("It is Told.\n```text\nnobody\n```\n")
+    assert [line for line in prose(page) if PRIVATE.search(line)] == ["It is Told."]

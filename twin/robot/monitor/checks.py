@@ -126,7 +126,7 @@ class Monitor(Settings):
     A command counts as saturated at `command_limit`, by default the controller's own limit.
     """
 
-    enabled: bool = setting(default=True, help="false: nobody watches")
+    enabled: bool = setting(default=True, help="false: no monitor")
     period: float = setting("ms", into=None, default=2.0, gt=0, help="time between two looks")
     force_limit: float = setting("N", default=15.0, gt=0, help="length of the force, in any direction, that trips")
     force_rate_limit: float = setting("N/s", default=300.0, gt=0, help="force rate that trips")
