@@ -1,4 +1,4 @@
-"""docs/roles_reference.md has the ports of every part that may be of another make, as the robot's table has them."""
+"""docs/roles_reference.md has the ports of every part that may be third-party, as the robot's table has them."""
 
 import re
 from pathlib import Path

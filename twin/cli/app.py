@@ -43,7 +43,7 @@ class TwinCommands(Commands):
     GROUPS: Mapping[str, Group] = {
         "sweep": Group("Run one experiment many times: twin sweep SWEEP, or twin sweep run SWEEP.", default="run"),
         "drive": Group("Look at drive FMUs, qualify, compare and bring them in."),
-        "component": Group("Look at and check parts of the robot of another make."),
+        "component": Group("Look at and check third-party parts of the robot."),
         "log": Group("Bring in the log of a robot: which column is which signal."),
     }
 

@@ -30,7 +30,7 @@ def drive_names(incomplete: str) -> list[str]:
 
 
 def role_names(incomplete: str) -> list[str]:
-    """Parts of the robot that may be of another make."""
+    """Parts of the robot that may be third-party."""
     from twin.robot.experiment.source import KEPT
 
     return _starting_with(incomplete, KEPT)

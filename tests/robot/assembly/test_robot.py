@@ -17,7 +17,7 @@ from twin.robot.experiment.experiment import Experiment
 
 ALONE = ["encoder", "estimator", "controller", "scale", "drive_1", "drive_2", "drive_3", "plant"]
 TOLD = "reference"
-"""Only a controller of another make is told of the way: tests/robot/assembly/test_roles.py."""
+"""Only a third-party controller is told of the way: tests/robot/assembly/test_roles.py."""
 EVERYTHING = (
     "controller.delay_ticks=1", "controller.bus_delay_ticks=1", "monitor.enabled=true", "cosim.inputs='linear'",
     "contact.shift={by_mm=[0,0,1],start_s=1,rise_s=1}", "plant.encoder_latency_ms=1",

@@ -1,4 +1,4 @@
-"""Parts of another make in the robot: ports, wires, recordings, and who refuses them."""
+"""Third-party parts in the robot: ports, wires, recordings, and who refuses them."""
 
 import hashlib
 import re
@@ -416,7 +416,7 @@ def test_studies_of_twins_own_law_refuse_another(mine: Path, study: Callable[[Ex
 
 def test_a_replay_refuses_an_estimator_of_another_make(mine: Path, tmp_path: Path):
     run = execute(shipped(FORCE, SHORT, named("estimator", "Estimator", mine)), tmp_path / "run")
-    with pytest.raises(InputRefused, match=r"\[estimator\] of another make; twin's own alone can be replayed"):
+    with pytest.raises(InputRefused, match=r"\[estimator\] is third-party; only the twin's own can be replayed"):
         model_for(run.recording, None)
     run = execute(shipped(FORCE, SHORT, named("controller", "Still", mine)), tmp_path / "other")
     assert model_for(run.recording, None).belief.N == 2.0

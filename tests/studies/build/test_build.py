@@ -99,7 +99,7 @@ def test_the_same_experiment_gives_the_same_bytes(built: Callable[..., Path], tm
         ("drive_1", (), "a drive is an FMU already"),
         ("body", (), "its body does not move"),
         ("plant", ("cosim.inputs=linear",), "holds its inputs over a step"),
-        ("computer", ("controller.fmu=fmus/parts/paper_law",), "of another make"),
+        ("computer", ("controller.fmu=fmus/parts/paper_law",), "third-party"),
         (
             "plant",
             (SOFT,),

@@ -197,7 +197,7 @@ def test_a_position_command_of_ours_travels_as_an_fmu_in_front_of_each_drive() -
         (["cosim.scheme=jacobi"], "which is a bus of 1 tick; build it with --set controller.bus_delay_ticks=1"),
         (["cosim.iterations=2"], "build it with --set cosim.iterations=1"),
         (["cosim.inputs=linear"], "build the plant with --set cosim.inputs=hold"),
-        ([f"controller.python={ROOT}/examples/my_controller.py:Controller"], "of another make, which does not travel"),
+        ([f"controller.python={ROOT}/examples/my_controller.py:Controller"], "third-party and does not travel"),
         # which no part of ours would miss
         (['fault=[{kind="drive_runaway", onset_s=6.0, magnitude_rad_per_s=2.0}]'], "--set fault=[]"),
         (['change=[{t_s=1.0, key="controller.force.reference_N", value=4.0}]'], "--set change="),

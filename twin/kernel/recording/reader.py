@@ -117,7 +117,7 @@ class Recording:
 
     @property
     def other_parts(self) -> tuple[str, ...]:
-        """Sentences on parts of the robot that were of another make."""
+        """Sentences on third-party parts of the robot."""
         return tuple(visible(text) for text in self.metadata.get("part", {}).values())
 
     def fields(self) -> dict[str, Field]:

@@ -198,7 +198,7 @@ class Assembly:
         drives: what stands behind the three joints.
         substituted: what took the place of the experiment's own components, by their names.
         home: of drives that live elsewhere; it goes last.
-        others: the experiment's parts of another make, by their names.
+        others: the experiment's third-party parts, by their names.
     """
 
     system: System
@@ -232,7 +232,7 @@ def assemble(
         maker: of the drives. What cannot live in one process gets processes of its own in any case.
 
     Raises:
-        InputRefused: a drive FMU or a part of another make does not fit; all are checked before any is loaded. Or a
+        InputRefused: a drive FMU or a third-party part does not fit; all are checked before any is loaded. Or a
             substitute for which there is no place.
     """
     plans = planned_drives(experiment)
@@ -294,7 +294,7 @@ def _at_end(feeds: Feeds, components: Sequence[Component]) -> Feeds:
 
 
 def _parts(build: Build) -> dict[str, Makers]:
-    """What makes the components of each row; of a part of another make, that alone."""
+    """What makes the components of each row; of a third-party part, that alone."""
     experiment = build.experiment
     periods = {"monitor": experiment.monitor_ticks, "scale": experiment.scale_ticks, "body": 1}
     return {

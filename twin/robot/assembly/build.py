@@ -111,7 +111,7 @@ class Build:
         maker: of the drives.
         plant: at rest.
         theta_m: the motor angles that hold it there (3,), rad.
-        others: parts of another make, by their names.
+        others: third-party parts, by their names.
     """
 
     experiment: Experiment
@@ -189,7 +189,7 @@ def at_rest(experiment: Experiment, moved: bool = False) -> tuple[Plant, np.ndar
     """The plant in static equilibrium at the first way point of its reference, and the motor angles (3,), rad, there.
 
     Args:
-        moved: whether a body of another make moves the surface.
+        moved: whether a third-party body moves the surface.
 
     Raises:
         Unreachable: the robot cannot be there.

@@ -157,7 +157,7 @@ def controllers(build: Build) -> Makers:
 
 
 def references(build: Build) -> Makers:
-    """What makes the pre-defined way, if a controller of another make wants to be told of it.
+    """What makes the pre-defined way, if a third-party controller wants to be told of it.
 
     Raises:
         InputRefused: there is none.

@@ -210,7 +210,7 @@ def recorded_experiment(metadata: Metadata, where: Path) -> Experiment:
 
 
 def _find_parts(values: dict[str, Any], metadata: Metadata, fmus: Mapping[str, str], where: Path, folder: Path) -> None:
-    """Let parts of another make name the very files that the recording was made with."""
+    """Let third-party parts name the very files that the recording was made with."""
     for role in KEPT:
         table = values.get(role)
         if not isinstance(table, dict):

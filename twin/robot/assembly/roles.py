@@ -1,4 +1,4 @@
-"""Parts of the robot that may be of another make: the ports that each has to have, and how one is made.
+"""Parts of the robot that may be third-party: the ports that each has to have, and how one is made.
 
 An FMU and a Python class take their place in the same way; whether a part is twin's own nobody downstream can tell but
 by its name.
@@ -266,7 +266,7 @@ CONTRACTS = {
 
 @dataclass(frozen=True)
 class OtherPart:
-    """A part of another make, checked as far as that goes before it is made.
+    """A third-party part, checked as far as that goes before it is made.
 
     Attributes:
         role: of `CONTRACTS`.
@@ -303,7 +303,7 @@ def other_part(role: str, table: StandIn) -> OtherPart:
 
 
 def other_parts(experiment: Experiment) -> dict[str, OtherPart]:
-    """All parts of another make of an experiment, by their names; none of what a study has taken out of it.
+    """All third-party parts of an experiment, by their names; none of what a study has taken out of it.
 
     Raises:
         InputRefused: see `other_part`.
@@ -348,7 +348,7 @@ def refuse_other_parts(experiment: Experiment, asker: str, roles: Sequence[str])
         roles: of the parts that it knows.
 
     Raises:
-        InputRefused: one of them is of another make.
+        InputRefused: one of them is third-party.
     """
     for role in roles:
         if role in experiment.stand_ins:

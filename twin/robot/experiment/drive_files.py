@@ -1,4 +1,4 @@
-"""Files that an experiment is, or names: experiments, bodies, drives, parts of another make.
+"""Files that an experiment is, or names: experiments, bodies, drives, third-party parts.
 
 Experiments that come with twin, and the file that is meant by a name or a path.
 
@@ -6,7 +6,7 @@ From [contact] body = "back" to a complete [contact]: the body's file fills in w
 
 From [drive] to one complete table per joint: drive folders bring their own mapping, joints their differences.
 
-A part of the robot of another make: an FMU or a Python class where twin has a component of its own.
+A third-party part of the robot: an FMU or a Python class where twin has a component of its own.
 """
 
 import copy
@@ -268,7 +268,7 @@ Names = dict[str, str | tuple[str, ...]]
 
 
 class StandIn(Settings):
-    """[controller], [estimator], [monitor], [scale], [body]: a part of another make.
+    """[controller], [estimator], [monitor], [scale], [body]: a third-party part.
 
     Either `fmu`, with names and units of the FMU's own, or `python`, whose class names its ports itself.
     """
@@ -312,7 +312,7 @@ class StandIn(Settings):
 
 
 class Apart(NamedTuple):
-    """A table of a part of another make: what is said of that, and what of the table still acts."""
+    """A table of a third-party part: what is said of that, and what of the table still acts."""
 
     stand_in: StandIn | None
     rest: Settings | None
@@ -347,7 +347,7 @@ def checked_apart(declared: Declared, role: str, table: Mapping[str, Any], folde
 
 
 def rest_of(declared: Declared, role: str, table: Mapping[str, Any]) -> Settings:
-    """What of the checked table [role] of a part of another make still acts."""
+    """What of the checked table [role] of a third-party part still acts."""
     return declared.rest(role).model_validate({key: value for key, value in table.items() if key in KEPT[role]})
 
 

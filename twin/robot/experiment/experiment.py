@@ -73,7 +73,7 @@ class Experiment:
         recording: what of the run is kept.
         values: the merged file as it was checked, keys with units.
         origins: where each value comes from.
-        stand_ins: parts of another make by the name of their table; of [controller], [monitor] and [scale] only what
+        stand_ins: third-party parts by the name of their table; of [controller], [monitor] and [scale] only what
             acts all the same is in their own.
     The tables are those that the parts declare, and those of `schema.py` and `task.py`.
     """
@@ -236,7 +236,7 @@ def _whole(known: dict[str, Any], own: dict[str, Any], table: str) -> dict[str, 
 def _by_name(
     declared: Declared, values: dict[str, Any], folder: Path, mistakes: list[str]
 ) -> tuple[dict[str, Any], dict[str, StandIn]]:
-    """The tables that are right, and parts of another make; what is wrong with the others goes to `mistakes`."""
+    """The tables that are right, and third-party parts; what is wrong with the others goes to `mistakes`."""
     right: dict[str, Any] = {}
     stand_ins: dict[str, StandIn] = {}
     known = declared.tables

@@ -58,7 +58,7 @@ class Declared:
         return {**self.needed, **self.optional}
 
     def rest(self, role: str) -> type[Settings]:
-        """The table [role] where the part is of another make: of twin's own only what acts all the same is needed."""
+        """The table [role] where the part is third-party: of twin's own only what acts all the same is needed."""
         model = self.tables[role]
         idle: dict[str, Any] = {
             name: (Any, None)

@@ -70,7 +70,7 @@ KEPT = {
     "monitor": ("enabled", "period_ms"),
     "scale": ("period_ms",),
 }  # fmt: skip
-"""Parts of the robot that may be of another make, and the keys of their tables that act all the same."""
+"""Parts of the robot that may be third-party, and the keys of their tables that act all the same."""
 
 
 NAMING = ("fmu", "python")
@@ -78,7 +78,7 @@ NAMING = ("fmu", "python")
 
 
 def names_stand_in(table: Mapping[str, Any]) -> bool:
-    """Whether a table of a part says that it is of another make."""
+    """Whether a table of a part says that it is third-party."""
     return any(key in table for key in NAMING)
 
 
@@ -238,7 +238,7 @@ def override(source: Source, texts: Iterable[str]) -> None:
         InputRefused: not of the form key=value.
     """
     nodes = [_node(text) for text in texts]
-    # what names a part of another make takes out what is said of twin's own, and nothing that is set with it
+    # what names a third-party part takes out what is said of twin's own, and nothing that is set with it
     for node in sorted(nodes, key=lambda node: not any(rules_for(name, node[name], by_key=True) for name in node)):
         source.lay(node, COMMAND_LINE, by_key=True)
 

@@ -51,7 +51,7 @@ class HeldForce(Observer):
 
     def __init__(self, system: System, tasks: Sequence[Task]):
         self._tick, self._tasks = system.tick, tasks
-        # a controller of another make need not tell
+        # a third-party controller need not tell
         known = bool(tasks) and all(system.has(name) for name in SIGNALS)
         F, task, phase = (system.columns(name).start if known else 0 for name in SIGNALS)
         self._columns = [F + 2, task, phase] if known else []
@@ -132,7 +132,7 @@ class RunOutcome:
         force_error: rms of the pressing force off its reference while the force loop is on, from the first touch on
             (N): a robot that moves through air is held to no force. None: the loop never was on, or nothing touched.
         lateral_error, z_error: rms of the position off the pre-defined reference, in x and y together, and in z (m);
-            None: the controller, one of another make, tells of no reference.
+            None: the controller, a third-party one, tells of no reference.
         early_trigger: how long the force loop was on before the first touch (s), until the end if there was none; 0: it
             came on in contact; None: never.
     """

@@ -173,7 +173,7 @@ class Run:
         microseconds: wall time per tick of each component, if it was measured.
         changed: whether parameters were changed while it ran; the events say which and when.
         punctuality: how its deadlines were kept; None if it was not paced.
-        parts: sentences on parts of another make, by their names.
+        parts: sentences on third-party parts, by their names.
         held: what the pressing force of each task was.
     """
 

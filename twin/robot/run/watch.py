@@ -157,7 +157,7 @@ class Watch(Observer):
             *(("controller.task", "controller.phase") if self._tasks else ("controller.triggered",)),
             "controller.F_z",
         )
-        # one of another make need not tell
+        # a third-party one need not tell
         known = all(assembly.system.has(name) for name in told)
         self._watched = [assembly.system.columns(name).start for name in told] if known else []
         self._before = np.zeros(len(told) - 1)
@@ -239,7 +239,7 @@ class Watch(Observer):
             yield TickEvent(off, "ERROR", "safety monitor: the motors do not retract; power taken away", "monitor")
 
     def _other_trip(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
-        """That of a monitor of another make, of which it is known only that."""
+        """That of a third-party monitor, of which it is known only that."""
         if self._tripped or not self._system.has("monitor.tripped"):
             return
         at = np.flatnonzero(rows[:, self._system.columns("monitor.tripped").start])

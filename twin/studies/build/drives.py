@@ -42,7 +42,7 @@ def refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> N
         if role in experiment.stand_ins and name != "plant":
             label = experiment.stand_ins[role].label
             raise InputRefused(
-                f"{experiment.name}: its {role} is {label}, of another make; only twin's own can be built"
+                f"{experiment.name}: its {role} is {label}; it is third-party, and only twin's own can be built"
             )
     if "plant" in wanted and experiment.cosim.inputs == "linear":
         raise InputRefused(

@@ -119,7 +119,7 @@ def part_of(experiment: Experiment, name: str) -> RobotPart:
 
 
 def _made(row: Row, build: Build) -> list[Component]:
-    """The components of a row; of drives, and of what is of another make, nothing but the ports."""
+    """The components of a row; of drives and third-party parts nothing but the ports."""
     if row.name == DRIVE:
         return [Component(DRIVE, COMMANDS, SHAFTS, False, 0, 0, build.theta_m)]
     if row.name in build.experiment.stand_ins:

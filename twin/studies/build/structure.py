@@ -209,7 +209,7 @@ THEIRS: dict[str, ConnectorKind] = {
 
 
 def foreign_connectors(description: FmuDescription, variables: Sequence[Variable]) -> tuple[Told, ...]:
-    """Of an FMU of another make, for some of its variables."""
+    """Of a third-party FMU, for some of its variables."""
     found = []
     for v in variables:
         kind, unit = _type(v), _unit(v, description)

@@ -199,7 +199,7 @@ def _refuse_bound(experiment: Experiment) -> None:
     """Refuse what an SSP cannot say, before anything is compiled or loaded."""
     for role, part in experiment.stand_ins.items():
         raise InputRefused(
-            f"{experiment.name}: its {role} is {part.label}, of another make, which does not travel; only twin's own do"
+            f"{experiment.name}: its {role} is {part.label}; it is third-party and does not travel; only twin's own do"
         )
     for found, table in ((experiment.faults, "fault"), (experiment.changes, "change")):
         if found:
@@ -310,7 +310,7 @@ class _Makers:
         self.members.append(member)
 
     def _taken(self, fmu: FmuDescription) -> str:
-        """The entry of an FMU of another make, which is there once."""
+        """The entry of a third-party FMU, which is there once."""
         if fmu.sha256 not in self._foreign:
             stem = re.sub(r"[^A-Za-z0-9_.-]", "_", fmu.path.stem)
             # names of ours are taken, or will be

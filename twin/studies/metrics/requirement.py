@@ -7,7 +7,7 @@ time proportional to the run's length (Donze, Ferrere and Maler 2013).
 
 Whether a formula can be evaluated: of signals that a run has, in units that fit together.
 
-Which series each verdict rests on: what a part of another make has to put out for a run to be scored in full.
+Which series each verdict rests on: what a third-party part has to put out for a run to be scored in full.
 
 Which of two is better, measure by measure, in words.
 """

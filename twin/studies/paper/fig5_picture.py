@@ -147,7 +147,7 @@ def _draw_force(axes: Axes, run: TaskRun) -> None:
 
 
 def _force_limit(run: TaskRun) -> float | None:
-    """Force (N) at which the safety monitor trips; None without one, or with one of another make."""
+    """Force (N) at which the safety monitor trips; None without one, or with a third-party one."""
     table = settings(run.recording).get("monitor")
     if table is None or names_stand_in(table):
         return None

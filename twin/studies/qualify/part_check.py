@@ -1,4 +1,4 @@
-"""A part of another make: whether it can take its place in the robot, called with what twin's own gets."""
+"""A third-party part: whether it can take its place in the robot, called with what twin's own gets."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
@@ -184,7 +184,7 @@ def _apart(
 def part_check(
     role: str, part: str | None, experiment: Path, settings: Sequence[str], say: Callable[[str], None]
 ) -> Result:
-    """Whether a part of another make can take its place in the robot, called with what twin's own gets.
+    """Whether a third-party part can take its place in the robot, called with what twin's own gets.
 
     Exit code 1: it cannot.
 
@@ -200,7 +200,7 @@ def part_check(
         ComponentFailed: another component failed in the run.
     """
     if role not in CONTRACTS:
-        raise InputRefused(f"{role}: no part that may be of another make; these are {', '.join(CONTRACTS)}")
+        raise InputRefused(f"{role}: no part that may be third-party; these are {', '.join(CONTRACTS)}")
     named = [] if part is None else [f"{role}.{'python' if '.py:' in part else 'fmu'}={_absolute(part)!r}"]
     other = load_experiment(experiment, [*named, *settings])
     if role not in other.stand_ins:
@@ -216,7 +216,7 @@ def part_check(
 
 
 def contracts() -> Result:
-    """The ports of every part that may be of another make."""
+    """The ports of every part that may be third-party."""
     facts = {
         role: {
             side: [

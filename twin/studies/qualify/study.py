@@ -273,7 +273,7 @@ def _build(table: "Drive") -> None:
 
 @study("component list")
 def component_list() -> Result:
-    """List the parts that may be of another make, and the ports of each.
+    """List the parts that may be third-party, and the ports of each.
 
     Exit code: 0 in any case.
 
@@ -293,7 +293,7 @@ def component_check(
     settings: Settings = (),
     isolate: Isolate = JOB_ISOLATION,
 ) -> Answer:
-    """Check a part of another make: ports, units, finite, repeatable, reset, state, when it answers, cost.
+    """Check a third-party part: ports, units, finite, repeatable, reset, state, when it answers, cost.
 
     Mapping and parameters are set as in an experiment:
     --set controller.parameters.kp=3

@@ -115,7 +115,7 @@ def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, setti
     mistakes = [f"[{table}] {unknown(table, list(TABLES))}" for table in source.values if table not in TABLES]
     checked: dict[str, Any] = {}
     mistakes += [
-        f"[{role}] of another make; twin's own alone can be replayed" for role in OWN if role_named(values, role)
+        f"[{role}] is third-party; only the twin's own can be replayed" for role in OWN if role_named(values, role)
     ]
     for table, schema in TABLES.items():
         if table in source.values or table != "scale":

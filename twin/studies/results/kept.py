@@ -222,7 +222,7 @@ class ExperimentsNow:
     def differences(self, run: KeptRun) -> dict[str, tuple[str, str]]:
         """What of `run` would be otherwise if it were run again with the same options: (then, now) by key.
 
-        A controller of another make leaves no gains in a recording, so there nothing can differ.
+        A third-party controller leaves no gains in a recording, so there nothing can differ.
 
         Raises:
             TwinError: the run says of no experiment, or there is none of that name any more, or a mistake in it.

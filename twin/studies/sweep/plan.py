@@ -263,7 +263,7 @@ class _Files:
         return _hash([self._version, self._known(point, settings)[0], point.drive, settings])[:16]
 
     def pins(self, point: Point, settings: tuple[str, ...]) -> tuple[str, ...]:
-        """Settings by which a run takes no other file for a part of another make than the one that was planned with."""
+        """Settings by which a run takes no other file for a third-party part than the one that was planned with."""
         return self._known(point, settings)[1]
 
     def _known(self, point: Point, settings: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
@@ -277,7 +277,7 @@ class _Files:
         return self._found[files]
 
     def load(self, drive: str | None, settings: tuple[str, ...]) -> "tuple[Experiment, str, dict[str, str]]":
-        """A run, the digest of its files, and the hashes of its parts of another make by their names.
+        """A run, the digest of its files, and the hashes of its third-party parts by their names.
 
         Raises:
             InputRefused: it is none.

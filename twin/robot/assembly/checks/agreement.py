@@ -352,7 +352,7 @@ def _mode_mistakes(checked: Mapping[str, Any], named: Collection[str]) -> list[s
         return []
     computer = checked["controller"]
     if computer.force is None:
-        # of another make, with modes and gains of its own
+        # third-party, with modes and gains of its own
         return ["missing table [approach], which tasks need"] if has_tasks and "approach" not in named else []
     force = {
         "reference_N": computer.force.reference,

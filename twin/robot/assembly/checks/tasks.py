@@ -204,7 +204,7 @@ def _mistakes(s: Situation, task: Task) -> Iterator[str]:
         yield problem
         return
     depth = _depth(s.plant, task.force)
-    # a controller of another make has limits of its own
+    # a third-party controller has limits of its own
     limit = s.controller.force.limit if s.controller.force is not None else DEEPEST
     if depth is None or depth > limit:
         yield (
