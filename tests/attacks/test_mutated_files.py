@@ -21,7 +21,7 @@ from twin.robot.experiment.json_schema import commented_experiment
 from twin.studies.check.baseline import read_baseline
 from twin.studies.compare.tolerance import rules
 from twin.studies.sweep.definition import read_definition
-from twin.studies.sweep.folder import FACTS, kept
+from twin.studies.sweep.folder import FACTS, stored_sweep
 from twin.studies.sweep.rows import ROWS
 from twin.studies.sweep.show.parts import Asked, parts, sweep_text
 from twin.studies.sweep.statistics.ranking import bands, usual_metric
@@ -136,7 +136,7 @@ def sweep_folder(tmp_path: Path) -> Attack:
         content = "".join(json.dumps(line) + "\n" for line in lines).encode()
         (tmp_path / FACTS).write_text(json.dumps(now))
         (tmp_path / ROWS).write_bytes(mutated(content, seed) if seed % 7 == 0 else content)
-        found = kept(tmp_path)
+        found = stored_sweep(tmp_path)
         asked = Asked(usual_metric(found.columns), "lateral_error_mm", 5)
         bands(found.rows)
         return sweep_text(found, asked), parts(found, asked)

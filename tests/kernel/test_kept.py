@@ -8,7 +8,7 @@ import pytest
 
 from tests.installations import forget_installation
 from twin.kernel import cache_folder as module
-from twin.kernel.cache_folder import HOME, KEPT, VARIABLE, cache_folder, contents, kept
+from twin.kernel.cache_folder import HOME, KEPT, VARIABLE, cache_folder, cached_answer, contents
 
 ANSWER = "what it is: 3 µm\n"
 
@@ -21,7 +21,7 @@ class Asked:
 
     def __call__(self, name: str = "question", made_of: str | None = "this", lasts: bool = True) -> str:
         forget_installation()
-        return kept(name, self.make, lambda: made_of, lambda: lasts)
+        return cached_answer(name, self.make, lambda: made_of, lambda: lasts)
 
     def make(self) -> str:
         self.made += 1
@@ -86,7 +86,7 @@ def test_what_is_installed_counts(change: Callable[[Path], object], asked: Asked
 def test_of_the_source_only_the_rooms_count_that_are_named_and_what_is_above_them(asked: Asked, tmp_path: Path):
     def ask() -> int:
         forget_installation()
-        kept("question", asked.make, rooms=("room",))
+        cached_answer("question", asked.make, rooms=("room",))
         return asked.made
 
     (tmp_path / "package" / "other" / "room").mkdir(parents=True)
@@ -110,7 +110,7 @@ def test_another_place_counts(asked: Asked, tmp_path: Path, monkeypatch: pytest.
 def test_names_of_files_may_be_of_any_bytes(asked: Asked):
     odd = os.fsdecode(b"\xff\xe9.fmu")
     for _ in range(2):
-        assert kept("question", lambda: odd, lambda: odd) == odd
+        assert cached_answer("question", lambda: odd, lambda: odd) == odd
     assert len(answers()) == 1
 
 
@@ -169,7 +169,7 @@ def test_what_was_damaged_or_forged_is_made_again(damage: Callable[[Path], objec
 
 
 def test_the_answer_to_one_question_does_not_pass_for_that_to_another(asked: Asked):
-    kept("other", lambda: "wrong")
+    cached_answer("other", lambda: "wrong")
     (wrong,) = answers()
     asked()
     (right,) = set(answers()) - {wrong}
@@ -198,7 +198,7 @@ def test_what_changes_while_it_is_made_is_not_kept(asked: Asked, tmp_path: Path)
         (tmp_path / "package" / "room" / "part.py").write_text("x = 3\n")
         return asked.make()
 
-    kept("question", made, lambda: "this")
+    cached_answer("question", made, lambda: "this")
     (tmp_path / "package" / "room" / "part.py").write_text("x = 1\n")
     asked()
     assert asked.made == 2

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from twin import __version__
-from twin.kernel.cache_folder import kept
+from twin.kernel.cache_folder import cached_answer
 from twin.kernel.compiled.store import CARRIED, VARIABLE, damaged_files, folder, object_files, refusal
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_toml
@@ -165,7 +165,7 @@ def compiled_finding() -> Finding:
     files, brought = object_files(), object_files(CARRIED)
     if not files and not brought:
         return Finding("compiled", "ok", f"nothing yet: the first run compiles, some seconds; kept in {place}")
-    text = f"{_size(files):.0f} MB kept in {place}{_told(damaged_files([*brought, *files]), 'compiled again')}"
+    text = f"{_size(files):.0f} MB kept in {place}{_damage_note(damaged_files([*brought, *files]), 'compiled again')}"
     return Finding("compiled", "ok", f"{_size(brought):.1f} MB came with twin; {text}" if brought else text)
 
 
@@ -180,11 +180,11 @@ def unpacked_finding() -> Finding:
         kept = shelf()
     except InputRefused as refused:
         return Finding("unpacked", "bad", f"no drive can be unpacked: {refused}")
-    place = f"{kept.folder}, {SAFE}{_told(kept.changed, 'taken from the FMU again')}"
+    place = f"{kept.folder}, {SAFE}{_damage_note(kept.changed, 'taken from the FMU again')}"
     return Finding("unpacked", "ok", f"{kept.drives} FMUs, {kept.size / 1e6:.0f} MB, in {place}")
 
 
-def _told(damaged: Sequence[Path], remedy: str) -> str:
+def _damage_note(damaged: Sequence[Path], remedy: str) -> str:
     if not damaged:
         return ""
     return f"; {len(damaged)} changed since ({damaged[0].name}), {remedy} when needed"
@@ -285,7 +285,9 @@ def _packages() -> list[Finding]:
     def looked_at() -> str:
         return json.dumps(package_findings(project_table(), is_clone()))
 
-    said = kept("packages", looked_at, lambda: project.read_bytes().decode("latin-1") if project.is_file() else "")
+    said = cached_answer(
+        "packages", looked_at, lambda: project.read_bytes().decode("latin-1") if project.is_file() else ""
+    )
     return [Finding(*facts) for facts in json.loads(said)]
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from functools import partial
 
 from twin.cli.streams import READER_GONE, Unread, guard_terminal, show, standard_streams
-from twin.kernel.cache_folder import kept
+from twin.kernel.cache_folder import cached_answer
 from twin.kernel.errors import InputRefused, NotWritten, TwinError, plain, system_sentence
 from twin.kernel.process.job import INTERRUPTED, function_called
 
@@ -67,7 +67,7 @@ def answered(words: list[str]) -> int | None:
 
 def print_help(code: int = 0) -> int:
     """The help of `twin` itself."""
-    print(kept("help", _help, lambda: "\n".join(_surroundings()), rooms=ROOMS))
+    print(cached_answer("help", _help, lambda: "\n".join(_surroundings()), rooms=ROOMS))
     return code
 
 

@@ -128,7 +128,7 @@ def sweep_show(
         NotWritten: the disk refuses.
     """
     from twin.robot.experiment.drive_files import sweep_file
-    from twin.studies.sweep.folder import HOME, kept
+    from twin.studies.sweep.folder import HOME, stored_sweep
 
     # a sweep by its file or its name; else its folder
     if not sweep.is_dir() and os.path.isfile(file := sweep_file(sweep)):
@@ -137,7 +137,7 @@ def sweep_show(
     if folder is not sweep and not folder.exists():
         print(f"{sweep.stem}  not begun; run it with: {shlex.join(['twin', 'sweep', str(sweep)])}")
         return
-    found = kept(folder)
+    found = stored_sweep(folder)
     # only for what is there: what reckons takes a second to load
     from twin.studies.paper_figure import for_paper
     from twin.studies.sweep.folder import write_parquet

@@ -4,7 +4,7 @@ import shlex
 from pathlib import Path
 from typing import Annotated
 
-from twin.kernel.cache_folder import kept
+from twin.kernel.cache_folder import cached_answer
 from twin.studies.answer import Answer
 from twin.studies.command import Argument, Option, study
 from twin.studies.first_look import find_logs
@@ -55,7 +55,7 @@ def schema(
 
         return schema_text(DECLARED)
 
-    text = kept("schema", made, rooms=ROOMS)
+    text = cached_answer("schema", made, rooms=ROOMS)
     if out is None:
         return Answer(text.removesuffix("\n"), {})
     from twin.kernel.writing import write_text

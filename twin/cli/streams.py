@@ -34,12 +34,12 @@ class Outlet:
             Unread: nobody reads it any more.
             NotWritten: it takes no more.
         """
-        with _told():
+        with _writing_output():
             return self._stream.write(text)
 
     def flush(self) -> None:
         """As of the stream; raises as `write` does."""
-        with _told():
+        with _writing_output():
             self._stream.flush()
 
     def __getattr__(self, name: str) -> Any:
@@ -90,7 +90,7 @@ def standard_streams() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _told() -> Iterator[None]:
+def _writing_output() -> Iterator[None]:
     try:
         yield
     except BrokenPipeError:

@@ -273,7 +273,7 @@ MOST_BYTES = 64 << 20
 """Of files that are read to know whether an answer is still right."""
 
 
-def kept(
+def cached_answer(
     name: str,
     make: Callable[[], str],
     made_of: Callable[[], str | None] = lambda: "",

@@ -104,12 +104,12 @@ class Message(NamedTuple):
 def server_info(session: str) -> str:
     """The first message: a viewer that comes back and finds another `session` forgets what it has seen."""
     capabilities = ["time", "parameters", "parametersSubscribe"]
-    return _said("serverInfo", name="twin", capabilities=capabilities, metadata={}, sessionId=session)
+    return _message("serverInfo", name="twin", capabilities=capabilities, metadata={}, sessionId=session)
 
 
 def advertisement(channels: Sequence[Channel]) -> str:
     """Which channels there are."""
-    return _said(
+    return _message(
         "advertise",
         channels=[
             {
@@ -130,12 +130,12 @@ def parameter_values(values: Mapping[str, float], request: str | None = None) ->
     """Parameters, in answer to the `request` of that id."""
     # without the type a whole number would come back as one, and then never again take a fraction
     told = [{"name": name, "value": value, "type": "float64"} for name, value in values.items()]
-    return _said("parameterValues", parameters=told, **({} if request is None else {"id": request}))
+    return _message("parameterValues", parameters=told, **({} if request is None else {"id": request}))
 
 
 def status(level: Level, text: str) -> str:
     """A sentence for whoever sits before the viewer."""
-    return _said("status", level=int(level), message=text)
+    return _message("status", level=int(level), message=text)
 
 
 def time_now(time: int) -> bytes:
@@ -218,5 +218,5 @@ def request(said: str) -> Request:
         raise InputRefused(f"not understood: {place}{': ' if place else ''}{first['msg']}") from None
 
 
-def _said(op: str, **content: Any) -> str:
+def _message(op: str, **content: Any) -> str:
     return json.dumps({"op": op, **content})

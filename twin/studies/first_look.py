@@ -72,9 +72,9 @@ def print_latest(asked: Asked) -> None:
             continue
         if path.is_dir() and recording.parent != path:
             # takes half a second to load
-            from twin.studies.results.kept import kept_run
+            from twin.studies.results.kept import stored_run
 
-            run = kept_run(recording)
+            run = stored_run(recording)
             made = f", made with {shlex.join(run.typed)}" if run.typed else ""
             print(plain(f"{path}: the latest run, {run.folder.name}{made}"), file=sys.stderr)
 

@@ -16,7 +16,7 @@ import pytest
 from tests.damage import KINDS, damage
 from twin.kernel.compiled import store
 from twin.kernel.compiled.function import njit
-from twin.kernel.compiled.store import damaged_files, keep, kept, name_of, object_files, sealed, source_digest
+from twin.kernel.compiled.store import damaged_files, keep, name_of, object_files, sealed, source_digest, stored_code
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="owners and modes of POSIX")
 SOURCE = Path(__file__).parents[3] / "twin"
@@ -142,10 +142,10 @@ def test_source_that_is_in_no_file_has_no_name():
 
 
 def test_what_was_put_there_is_found_and_nothing_is_said(place: Path, capsys: pytest.CaptureFixture[str]):
-    assert kept("twin.a.o") == b""
+    assert stored_code("twin.a.o") == b""
     for name, code in CODE.items():
         keep(name, code)
-    assert {name: kept(name) for name in CODE} == CODE
+    assert {name: stored_code(name) for name in CODE} == CODE
     assert (damaged_files(object_files()), [file.name for file in object_files()]) == ([], list(CODE))
     assert capsys.readouterr().err == ""
 
@@ -157,12 +157,12 @@ def test_a_damaged_file_is_thrown_away_and_told_once(place: Path, capsys: pytest
         damage(place / name, kind, random.Random(1))
     # a link to nowhere is a file that is not there
     assert len(damaged_files(object_files())) == (0 if kind == "link" else 2)
-    assert {kept(name) for name in CODE} == {b""}
+    assert {stored_code(name) for name in CODE} == {b""}
     told = f"twin: compiled code in {place}/ was damaged: compiled again\n"
     assert capsys.readouterr().err == ("" if kind == "link" else told)
     for name, code in CODE.items():
         keep(name, code)
-        assert kept(name) == code
+        assert stored_code(name) == code
     assert damaged_files(object_files()) == []
 
 
@@ -174,7 +174,7 @@ def test_whatever_is_damaged_nothing_else_is_ever_loaded(place: Path, rounds: in
             keep(name, code)
         for name in draw.sample(list(CODE), draw.randrange(1, 3)):
             damage(place / name, draw.choice(KINDS), draw)
-        assert all(kept(name) in (b"", code) for name, code in CODE.items())
+        assert all(stored_code(name) in (b"", code) for name, code in CODE.items())
 
 
 def test_what_came_with_the_package_is_looked_at_first_and_never_written(place: Path, monkeypatch, capsys):
@@ -183,12 +183,12 @@ def test_what_came_with_the_package_is_looked_at_first_and_never_written(place: 
     monkeypatch.setattr(store, "CARRIED", came)
     keep("twin.a.o", b"compiled here")
     (came / "twin.a.o").write_bytes(sealed("twin.a.o", b"from the wheel"))
-    assert kept("twin.a.o") == b"from the wheel"
+    assert stored_code("twin.a.o") == b"from the wheel"
     assert damaged_files(object_files(came)) == []
     # as it is not the user's to mend, nothing is said
     damage(came / "twin.a.o", "flipped", random.Random(1))
     changed = (came / "twin.a.o").read_bytes()
-    assert kept("twin.a.o") == b"compiled here" and capsys.readouterr().err == ""
+    assert stored_code("twin.a.o") == b"compiled here" and capsys.readouterr().err == ""
     assert damaged_files(object_files(came)) == [came / "twin.a.o"]
     keep("twin.a.o", b"compiled again")
     assert (came / "twin.a.o").read_bytes() == changed
@@ -197,7 +197,7 @@ def test_what_came_with_the_package_is_looked_at_first_and_never_written(place: 
 def test_a_file_that_took_the_name_of_another_one_is_not_loaded(place: Path):
     keep("twin.a.o", CODE["twin.a.o"])
     (place / "twin.a.o").rename(place / "twin.b.o")
-    assert kept("twin.b.o") == b""
+    assert stored_code("twin.b.o") == b""
 
 
 @POSIX
@@ -206,7 +206,7 @@ def test_code_that_another_user_has_left_is_not_loaded(
 ):
     keep("twin.a.o", b"no good")
     give_away(place / "twin.a.o")
-    assert kept("twin.a.o") == b"" and not object_files()
+    assert stored_code("twin.a.o") == b"" and not object_files()
     assert capsys.readouterr().err.startswith(f"twin: {place}/twin.a.o: belongs to user 1234, not to you")
 
 
@@ -219,7 +219,7 @@ def test_code_that_others_can_write_to_is_not_loaded_and_ours_is_closed_to_them(
         os.umask(before)
     assert (place / "twin.a.o").stat().st_mode & 0o777 == 0o600
     (place / "twin.a.o").chmod(0o622)
-    assert kept("twin.a.o") == b""
+    assert stored_code("twin.a.o") == b""
 
 
 def test_what_was_used_last_stays(place: Path, monkeypatch: pytest.MonkeyPatch):
@@ -227,7 +227,7 @@ def test_what_was_used_last_stays(place: Path, monkeypatch: pytest.MonkeyPatch):
     for k in range(3):
         keep(f"twin.{k}.o", b"code")
         os.utime(place / f"twin.{k}.o", (k, k))
-    assert kept("twin.0.o")
+    assert stored_code("twin.0.o")
     keep("twin.3.o", b"code")
     assert [file.name for file in object_files()] == ["twin.0.o", "twin.2.o", "twin.3.o"]
 
@@ -238,7 +238,7 @@ def test_a_disk_that_is_full_costs_only_that_nothing_is_kept(place: Path, monkey
 
     monkeypatch.setattr(Path, "replace", full)
     keep("twin.a.o", b"code")
-    assert kept("twin.a.o") == b""
+    assert stored_code("twin.a.o") == b""
 
 
 def test_whoever_needs_what_another_makes_waits_for_it(place: Path):

@@ -212,21 +212,21 @@ def test_the_fast_step_and_the_general_step_do_the_same_bit_for_bit(servo: Path,
 def test_what_a_drive_logs_is_told_once_with_the_tick_of_the_step(root: Path, tmp_path: Path):
     component = made(warning_drive(root, tmp_path, 0.25))
     run(component, 1.0, 0.0, 400)
-    assert component.said() == [(250, "the winding is hot")]
-    assert component.said() == []
+    assert component.take_messages() == [(250, "the winding is hot")]
+    assert component.take_messages() == []
 
 
 def test_a_silent_drive_has_nothing_to_say(servo: Path):
     component = made(servo)
     run(component, 1.0, 0.0, 10)
-    assert component.said() == []
+    assert component.take_messages() == []
 
 
 def test_what_one_drive_logs_is_not_said_by_another(root: Path, tmp_path: Path):
     fmu = warning_drive(root, tmp_path, 0.25)
     first, second = made(fmu, "drive_1"), made(fmu, "drive_2")
     run(first, 1.0, 0.0, 400)
-    assert (first.said(), second.said()) == ([(250, "the winding is hot")], [])
+    assert (first.take_messages(), second.take_messages()) == ([(250, "the winding is hot")], [])
     second.close()
 
 
@@ -244,7 +244,7 @@ def test_what_a_drive_logs_as_ok_is_not_kept(servo: Path):
     component = made(servo)
     assert isinstance(component, FmuComponent)
     component.instance.hear(0, b"all is well")
-    assert component.said() == [] and component.instance.messages == []
+    assert component.take_messages() == [] and component.instance.messages == []
     component.close()
 
 

@@ -183,7 +183,7 @@ def test_a_discarded_step_comes_to_the_same_as_a_whole_one(
     parts, one = (stepped(c, lambda t: 1.0 + 100.0 * t, 100) for c in (component, whole))
     # rounding of four steps of an exactly solved drive instead of one
     assert np.allclose(parts["theta_m"], one["theta_m"], rtol=0, atol=1e-14)
-    ((_, said),) = component.said()
+    ((_, said),) = component.take_messages()
     assert said == "it discards steps, which are then made in parts, since t = 0 s"
 
 
@@ -207,7 +207,7 @@ def test_a_discarded_step_that_leads_nowhere_ends_the_run_with_a_sentence(servo:
 def test_a_tick_that_fits_is_not_discarded(servo: Path):
     component = made(servo, parameters={"droop": TRICKS["honest"]}, substeps=4)
     assert stepped(component, lambda t: 1.0, 10)["theta_m"][-1] > 0.0
-    assert component.said() == []
+    assert component.take_messages() == []
     assert TICK / 4 < 0.3e-3
 
 

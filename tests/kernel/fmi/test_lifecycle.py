@@ -237,7 +237,7 @@ def test_a_discarded_step_goes_on_where_it_got_to(first: Maker):
     out = stepped(component, lambda t: 1.0, 100)
     # sums of 400 parts of steps
     assert out["theta_m"] == pytest.approx(TICK * np.arange(101), rel=1e-13)
-    assert "it discards steps" in component.said()[0][1]
+    assert "it discards steps" in component.take_messages()[0][1]
     component = drive("drive_1", plan(first(), **told), TICK, 0.0, 0.0)
     with pytest.raises(ComponentFailed) as failure:
         run(component, 1.0, 0.0)

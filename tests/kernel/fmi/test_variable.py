@@ -161,4 +161,4 @@ def test_a_name_may_stand_in_a_mapping(moded: Path):
     plan = planned(lone_drive(str(mapping), mapping.parent))
     ((variable, value),) = plan.settings[""]
     assert isinstance(value, float)
-    assert (variable.name, variable.told(value)) == ("mode", "torque")
+    assert (variable.name, variable.format_value(value)) == ("mode", "torque")

@@ -59,11 +59,11 @@ def test_what_is_said_of_a_kind_is_said_of_magnitudes_that_the_matrix_has(kind):
 
 def test_larger_than_said_is_further_in_the_list_whichever_way_the_numbers_go():
     slip = CATALOGUE["belt_slip"]
-    assert [slip.is_said_to_be_seen(m, False) for m in (-2.0, -10.0, -30.0)] == [False, True, True]
-    assert [slip.is_said_to_be_seen(m, True) for m in (-2.0, -10.0, -30.0)] == [False, False, True]
-    assert [CATALOGUE["drive_saturation"].is_said_to_be_seen(m, True) for m in (2.0, 0.3, 0.05)] == [False, True, True]
-    assert [CATALOGUE["joint_jam"].is_said_to_be_seen(None, where) for where in (False, True)] == [True, False]
-    assert [CATALOGUE["encoder_drift"].is_said_to_go_beyond(m) for m in (0.1, 0.5, 2.0)] == [False, False, True]
+    assert [slip.expects_detection(m, False) for m in (-2.0, -10.0, -30.0)] == [False, True, True]
+    assert [slip.expects_detection(m, True) for m in (-2.0, -10.0, -30.0)] == [False, False, True]
+    assert [CATALOGUE["drive_saturation"].expects_detection(m, True) for m in (2.0, 0.3, 0.05)] == [False, True, True]
+    assert [CATALOGUE["joint_jam"].expects_detection(None, where) for where in (False, True)] == [True, False]
+    assert [CATALOGUE["encoder_drift"].expects_excess(m) for m in (0.1, 0.5, 2.0)] == [False, False, True]
 
 
 def test_a_kind_is_detectable_always_somewhere_or_never():

@@ -119,7 +119,7 @@ def test_free_air_alone_does_not_tell_backlash_from_zeros():
     together[OFFSET : OFFSET + 3], together[BACKLASH] = 1.0, 2.0
     together /= np.linalg.norm(together)
     assert np.linalg.norm(found.unseen.T @ together) == pytest.approx(1.0, abs=1e-3)
-    assert not found.told(found.one(BACKLASH), found.unknowns[BACKLASH].size)
+    assert not found.is_determined(found.one(BACKLASH), found.unknowns[BACKLASH].size)
 
 
 def test_what_is_not_seen_stays_as_it_is_believed():
@@ -131,4 +131,4 @@ def test_what_is_not_seen_stays_as_it_is_believed():
 def test_one_pose_repeated_ever_so_often_tells_nothing():
     seen = windows_of_statics(true_parameters(), np.random.default_rng(6))
     found = fitted(seen.where(on_scale(seen)).where(np.arange(108) == 5).where(np.zeros(500, dtype=int)))
-    assert not any(found.told(found.one(i), one.size) for i, one in enumerate(found.unknowns))
+    assert not any(found.is_determined(found.one(i), one.size) for i, one in enumerate(found.unknowns))

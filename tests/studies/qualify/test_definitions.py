@@ -2,7 +2,7 @@ import pytest
 
 from twin.kernel.errors import InputRefused
 from twin.studies.qualify import definitions as workload
-from twin.studies.qualify.bench import told
+from twin.studies.qualify.bench import reporting_ticks
 from twin.studies.qualify.definitions import ABOUT, Workload
 from twin.studies.qualify.motion import carried
 
@@ -27,7 +27,7 @@ def test_how_far_it_is_and_what_a_step_takes_is_said(monkeypatch: pytest.MonkeyP
 
 def test_every_tick_of_the_bench_is_counted(done):
     plan, ticks = done("velocity_servo").plan, []
-    with told(lambda count, taken: ticks.append(count)):
+    with reporting_ticks(lambda count, taken: ticks.append(count)):
         carried(plan, 0.1)
     # 0.5 s, the ramp of 0.4 s and the hold of 1 s
     assert sum(ticks) == 1900

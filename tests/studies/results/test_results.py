@@ -11,7 +11,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.reader import last_time, origin, read
 from twin.robot.experiment.source import COMMAND_LINE
-from twin.studies.results.kept import ExperimentsNow, KeptRun, doomed_runs, kept_runs, told_differences
+from twin.studies.results.kept import ExperimentsNow, KeptRun, describe_differences, doomed_runs, stored_runs
 
 SHORT = ("--set", "duration_s=0.01")
 
@@ -81,7 +81,7 @@ def test_the_newest_of_two_runs_in_a_second_stands_first(tmp_path: Path):
     for stamp in stamps:
         (tmp_path / "a" / stamp).mkdir(parents=True)
         (tmp_path / "a" / stamp / "run.mcap").write_bytes(b"")
-    assert [run.folder.name for run in kept_runs(tmp_path)] == [stamps[i] for i in (2, 1, 0, 3)]
+    assert [run.folder.name for run in stored_runs(tmp_path)] == [stamps[i] for i in (2, 1, 0, 3)]
 
 
 def test_pruning_lists_first_and_removes_nothing_until_one_says_yes(copied: Path):
@@ -91,14 +91,14 @@ def test_pruning_lists_first_and_removes_nothing_until_one_says_yes(copied: Path
     assert done.stdout.startswith("2 runs, ") and done.stdout.endswith("nothing removed; --yes removes them\n")
     assert sorted(copied.rglob("*")) == before
     assert told("--prune", "--yes", cwd=copied).stdout.splitlines()[-1].startswith("removed 2 runs, ")
-    assert len(kept_runs(copied / "results")) == 1 and recording_in(copied / "results/mine/latest").is_file()
+    assert len(stored_runs(copied / "results")) == 1 and recording_in(copied / "results/mine/latest").is_file()
     assert (copied / "results/pictures/a.png").is_file()
     assert told("--prune", cwd=copied).stdout == "results: nothing to remove; each experiment has 1 at most\n"
 
 
 def test_pruning_keeps_the_run_that_latest_means_even_if_a_newer_one_is_there(copied: Path):
     latest = copied / "results/mine/latest"
-    oldest = kept_runs(copied / "results")[-1].folder.name
+    oldest = stored_runs(copied / "results")[-1].folder.name
     latest.unlink()
     latest.symlink_to(oldest)
     assert oldest not in [run.folder.name for run in doomed_runs(copied / "results", (), 1)]
@@ -117,7 +117,7 @@ def test_a_run_that_was_named_with_out_stays_even_if_its_name_is_a_time(copied: 
 
 
 def test_what_twin_did_not_write_stays_in_the_folder_of_a_run_that_goes_and_is_said(copied: Path, tmp_path: Path):
-    old, other = (run.folder for run in kept_runs(copied / "results")[1:])
+    old, other = (run.folder for run in stored_runs(copied / "results")[1:])
     for form in ("--csv", "--ros2"):
         assert twin("export", str(old), form, "--rate", "100", cwd=copied).returncode == 0
     (old / "report.html").write_text("a page")
@@ -134,13 +134,13 @@ def test_what_twin_did_not_write_stays_in_the_folder_of_a_run_that_goes_and_is_s
     assert lines[-1].startswith("removed 2 runs, ") and lines[-1].endswith("; 3 files that twin did not write stayed")
     assert {path for path in old.rglob("*") if path.name != "pictures"} == notes and not other.exists()
     assert (tmp_path / "elsewhere/run.mcap").is_file()
-    assert len(kept_runs(copied / "results")) == 1
+    assert len(stored_runs(copied / "results")) == 1
 
 
 def forged(recording: Path, found: dict[str, dict[str, str]], monkeypatch: pytest.MonkeyPatch) -> str:
     """Why a run whose recording says `found` is not compared with its file."""
     monkeypatch.setattr("twin.studies.results.kept.origin", lambda path: found)
-    return told_differences(KeptRun(recording.parent, recording, True), ExperimentsNow())[1]
+    return describe_differences(KeptRun(recording.parent, recording, True), ExperimentsNow())[1]
 
 
 @pytest.mark.parametrize("name", ["{elsewhere}/secret.toml", "../elsewhere/secret.toml", "secret.toml", "plain"])
@@ -180,16 +180,16 @@ def test_a_folder_that_a_link_leads_to_is_neither_listed_nor_removed(copied: Pat
     shutil.move(copied / "results", tmp_path / "elsewhere")
     (copied / "results").mkdir()
     (copied / "results/mine").symlink_to(tmp_path / "elsewhere/mine")
-    assert kept_runs(copied / "results") == []
+    assert stored_runs(copied / "results") == []
 
 
 def test_an_experiment_without_runs_is_refused_with_the_nearest(home: Path):
     with pytest.raises(InputRefused, match="no run of it; did you mean 'mine'"):
-        kept_runs(home / "results", ["min"])
+        stored_runs(home / "results", ["min"])
 
 
 def test_a_command_that_takes_the_latest_run_says_which_and_what_it_was_made_with(copied: Path):
-    runs = kept_runs(copied / "results")
+    runs = stored_runs(copied / "results")
     (copied / "results/mine/latest").unlink()
     (copied / "results/mine/latest").symlink_to(runs[1].folder.name)
     done = twin("export", "results/mine", "--csv", cwd=copied)

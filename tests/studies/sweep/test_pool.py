@@ -18,7 +18,7 @@ from tests.kernel.process.hostile import EXIT, HANG, HANG_IN_INITIALISATION, LEA
 from tests.studies.sweep.definitions import job, stiffnesses, written
 from twin.kernel.errors import TwinError
 from twin.kernel.process.job import JobLimits
-from twin.studies.sweep.folder import kept
+from twin.studies.sweep.folder import stored_sweep
 from twin.studies.sweep.plan import Plan, Task, planned
 from twin.studies.sweep.pool import PATIENCE, Pool, WorkerProcess, raise_if_pressed, remembered
 from twin.studies.sweep.sweep import State, run_sweep
@@ -43,7 +43,7 @@ def test_a_sweep_ends_though_ctrl_c_was_swallowed(root: Path, tmp_path: Path):
         run_sweep(
             stiffnesses(root, tmp_path, str([500 + number for number in range(2000)])), folder, Pool(1), show=show
         )
-    assert 0 < len(kept(folder).rows) < 2000
+    assert 0 < len(stored_sweep(folder).rows) < 2000
 
 
 def test_ctrl_c_is_what_it_was_before_afterwards():

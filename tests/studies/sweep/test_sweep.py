@@ -12,7 +12,7 @@ from tests.conftest import examples
 from tests.kernel.recording.test_writer import largest_file
 from tests.studies.sweep.definitions import STIFFNESS, stiffnesses
 from twin.kernel.errors import InputRefused
-from twin.studies.sweep.folder import kept
+from twin.studies.sweep.folder import stored_sweep
 from twin.studies.sweep.measures import RunFinding
 from twin.studies.sweep.plan import Plan, Task
 from twin.studies.sweep.pool import Job, Result
@@ -64,7 +64,7 @@ def plan(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Plan:
 def undisturbed(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> list[dict]:
     folder = tmp_path_factory.mktemp("undisturbed")
     run_sweep(plan, folder, Pretender())
-    return kept(folder).rows
+    return stored_sweep(folder).rows
 
 
 @pytest.mark.slow
@@ -84,7 +84,7 @@ def test_rows_do_not_depend_on_order_batches_and_interruptions(
     last = Pretender(order, batch)
     run_sweep(plan, folder, last)
     assert len(last.asked) == RUNS - rows_before
-    assert kept(folder).rows == undisturbed
+    assert stored_sweep(folder).rows == undisturbed
     assert (folder / ROWS).read_bytes().count(b"\n") == RUNS
 
 
@@ -92,7 +92,7 @@ def test_a_finished_sweep_runs_nothing_again(plan: Plan, tmp_path: Path):
     run_sweep(plan, tmp_path, Pretender())
     again = Pretender()
     run_sweep(plan, tmp_path, again)
-    assert len(kept(tmp_path).columns) == RUNS
+    assert len(stored_sweep(tmp_path).columns) == RUNS
     assert again.asked == []
 
 
@@ -105,7 +105,7 @@ def test_an_interruption_by_whoever_is_shown_the_state_lets_the_engine_go(plan: 
     with pytest.raises(KeyboardInterrupt):
         run_sweep(plan, tmp_path, engine, show=show)
     assert engine.closed
-    assert [row["run"] for row in kept(tmp_path).rows] == [1, 2, 3]
+    assert [row["run"] for row in stored_sweep(tmp_path).rows] == [1, 2, 3]
 
 
 @pytest.mark.slow
@@ -116,10 +116,10 @@ def test_a_full_disk_loses_nothing_finished(plan: Plan, undisturbed: list[dict],
     with largest_file(size // 2), pytest.raises(DiskFailed, match=r"No space|File too large"):
         run_sweep(plan, tmp_path / "full", engine)
     assert engine.closed
-    finished = kept(tmp_path / "full").rows
+    finished = stored_sweep(tmp_path / "full").rows
     assert 0 < len(finished) < RUNS and finished == undisturbed[: len(finished)]
     run_sweep(plan, tmp_path / "full", Pretender())
-    assert kept(tmp_path / "full").rows == undisturbed
+    assert stored_sweep(tmp_path / "full").rows == undisturbed
 
 
 @pytest.mark.parametrize("what", ["the sweep", "the experiment, a body or an FMU", "the version of twin"])
@@ -130,7 +130,7 @@ def test_rows_of_another_configuration_are_never_added_to(plan: Plan, tmp_path: 
     with pytest.raises(InputRefused, match=f"since then {what} changed; .* choose another --out"):
         run_sweep(changed, tmp_path, engine)
     assert engine.asked == []
-    assert len(kept(tmp_path).rows) == RUNS
+    assert len(stored_sweep(tmp_path).rows) == RUNS
 
 
 def test_a_changed_sweep_file_is_a_changed_configuration(root: Path, plan: Plan, tmp_path: Path):

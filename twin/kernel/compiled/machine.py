@@ -92,7 +92,7 @@ def file_of(name: str, form: Form) -> str:
 def has(name: str) -> bool:
     """Whether there is an object file of the function `name`, which has an address from now on."""
     if name not in _loaded:
-        content = store.kept(file_of(name, chosen_form()))
+        content = store.stored_code(file_of(name, chosen_form()))
         if content:
             _load(name, content)
     return name in _loaded

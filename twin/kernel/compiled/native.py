@@ -139,7 +139,7 @@ class Native:
         from twin.kernel.compiled import emission
 
         file = f"{self.name}.ll" if self.name else ""
-        known = store.kept(file) if file else b""
+        known = store.stored_code(file) if file else b""
         if known:
             inner, _, text = zstandard.decompress(known).decode().partition("\n")
             return emission.Module(symbol, inner, text)

@@ -83,7 +83,7 @@ def sealed(file: str, content: bytes) -> bytes:
     return content + hashlib.blake2b(file.encode() + b"\0" + content, digest_size=SEAL).digest()
 
 
-def kept(file: str) -> bytes:
+def stored_code(file: str) -> bytes:
     """What came with the package or was kept under that name; nothing if it is not there, or not as it was written."""
     with contextlib.suppress(OSError):
         if content := _whole(CARRIED / file):

@@ -162,7 +162,7 @@ class Component:
     def keep_time(self, clock: np.ndarray) -> None:
         """Take note of the clock of the simulation it is part of: `clock[0]` is the tick being stepped."""
 
-    def said(self) -> list[tuple[int, str]]:
+    def take_messages(self) -> list[tuple[int, str]]:
         """(tick, text): what it had to say since it was last asked, for people."""
         return []
 

@@ -81,7 +81,7 @@ class Messages(Observer):
 def messages(system: System) -> Iterator[TickEvent]:
     """The messages of the components of `system` since they were last asked for."""
     for component in system.components:
-        for tick, text in component.said():
+        for tick, text in component.take_messages():
             yield TickEvent(tick, "WARNING", text, component.name)
 
 

@@ -127,8 +127,8 @@ class Subsystem(Component):
         for component in self.system.components:
             component.keep_time(clock)
 
-    def said(self) -> list[tuple[int, str]]:
-        return [told for component in self.system.components for told in component.said()]
+    def take_messages(self) -> list[tuple[int, str]]:
+        return [told for component in self.system.components for told in component.take_messages()]
 
     def close(self) -> None:
         for component in self.system.components:

@@ -220,7 +220,7 @@ class Model(Instance):
         status = self._integrator.advance(t, h)
         if status:
             name = self.description.path.name
-            raise ComponentFailed(f"{name}: {self._integrator.explain(status)}{self._said()}")
+            raise ComponentFailed(f"{name}: {self._integrator.explain(status)}{self._quoted_messages()}")
 
     def saved_state(self) -> Any:
         return super().saved_state(), self._integrator.block.copy() if self._integrator else None
@@ -258,12 +258,14 @@ class Model(Instance):
         except Exception as problem:
             self.close()
             raise InputRefused(
-                f"{path}: cannot be brought into continuous-time mode: {problem}{self._said()}"
+                f"{path}: cannot be brought into continuous-time mode: {problem}{self._quoted_messages()}"
             ) from None
         try:
             if ended or needed:
                 why = "it asks to terminate" if ended else f"its first event needs more than {MOST_UPDATES} updates"
-                raise InputRefused(f"{path}: cannot be brought into continuous-time mode: {why}{self._said()}")
+                raise InputRefused(
+                    f"{path}: cannot be brought into continuous-time mode: {why}{self._quoted_messages()}"
+                )
             self.next_event = when if timed else np.inf
             if not self.next_event >= 0.0:
                 raise InputRefused(f"{path}: asks for a time event at {when:g} s, before the start")
@@ -324,7 +326,9 @@ class Model(Instance):
                 getattr(self.fmu, f"get{name}")(pointer, count)
         # FMPy's FMICallException
         except Exception as problem:
-            raise InputRefused(f"{self.description.path}: {function} failed: {problem}{self._said()}") from None
+            raise InputRefused(
+                f"{self.description.path}: {function} failed: {problem}{self._quoted_messages()}"
+            ) from None
         if np.any(values[count:] != UNTOUCHED) or np.any(values[:count] == UNTOUCHED):
             other = "more" if np.any(values[count:] != UNTOUCHED) else "fewer"
             raise InputRefused(
@@ -495,7 +499,7 @@ class FmuComponent(Component):
     def keep_time(self, clock: np.ndarray) -> None:
         self.instance.clock = clock
 
-    def said(self) -> list[tuple[int, str]]:
+    def take_messages(self) -> list[tuple[int, str]]:
         told = self.instance.unheard()
         since = self._stepping.discarded_since
         if since is not None and not self._told_of_discard:

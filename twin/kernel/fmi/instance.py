@@ -209,7 +209,7 @@ class Instance:
             self.fmu.component = None
         if not self.fmu.component:
             raise InputRefused(
-                f"{self.description.path}: {self.description.prefix}Instantiate refused{self._said()}; "
+                f"{self.description.path}: {self.description.prefix}Instantiate refused{self._quoted_messages()}; "
                 f"{self.standard.why_refused(self)}"
             )
 
@@ -222,7 +222,9 @@ class Instance:
         # FMPy's FMICallException and whatever is below it: this FMU cannot be used
         except Exception as problem:
             self.close()
-            raise InputRefused(f"{self.description.path}: cannot be initialised: {problem}{self._said()}") from None
+            raise InputRefused(
+                f"{self.description.path}: cannot be initialised: {problem}{self._quoted_messages()}"
+            ) from None
 
     def _set(self, variable: Variable, value: Any) -> None:
         values = value if variable.is_text else np.broadcast_to(value, variable.size).tolist()
@@ -239,9 +241,11 @@ class Instance:
         # FMPy's FMICallException, or ctypes where the binary lacks the function
         except Exception as problem:
             name = f"{self.description.prefix}{function}"
-            raise ComponentFailed(f"{self.description.path.name}: {name} failed: {problem}{self._said()}") from None
+            raise ComponentFailed(
+                f"{self.description.path.name}: {name} failed: {problem}{self._quoted_messages()}"
+            ) from None
 
-    def _said(self) -> str:
+    def _quoted_messages(self) -> str:
         return f" (it said: {'; '.join(self.messages)})" if self.messages else ""
 
     def hear(self, status: int, message: bytes | None) -> None:

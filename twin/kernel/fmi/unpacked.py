@@ -73,7 +73,7 @@ def compiled(digest: str, binary: str) -> Compiled | None:
         digest: of the archive.
         binary: its place in the archive, as it would be.
     """
-    folder = _kept(digest)
+    folder = _compiled_folder(digest)
     library = folder / binary
     try:
         facts = json.loads((folder / FACTS).read_bytes())
@@ -82,7 +82,7 @@ def compiled(digest: str, binary: str) -> Compiled | None:
     return Compiled(library, str(facts.get("compiler"))) if library.is_file() else None
 
 
-def _kept(digest: str) -> Path:
+def _compiled_folder(digest: str) -> Path:
     """The folder of what was compiled of the FMU with SHA-256 `digest`; what lies there is the user's own.
 
     Raises:
@@ -118,7 +118,7 @@ def supply(digest: str, content: Path) -> None:
     Raises:
         OSError: it cannot be written there.
     """
-    folder = _kept(digest)
+    folder = _compiled_folder(digest)
     for library in folder.glob("binaries/*/*"):
         target = content / library.relative_to(folder)
         if not target.is_file() or target.stat().st_mtime_ns != library.stat().st_mtime_ns:

@@ -173,7 +173,7 @@ class Variable:
     def is_text(self) -> bool:
         return self.type in TEXTS
 
-    def told(self, value: float) -> str:
+    def format_value(self, value: float) -> str:
         """`value` for people: by its name, if it has one."""
         return next((name for name, number in self.items.items() if number == value), f"{value:g}")
 
@@ -264,7 +264,7 @@ class FilePath(str):
     """Text that is the path of a file."""
 
 
-def told(value: float | np.ndarray | list[str] | list[bytes]) -> Any:
+def to_json(value: float | np.ndarray | list[str] | list[bytes]) -> Any:
     """What a variable is set to, as JSON has it: a file or its content by SHA-256, and not by where it lies."""
     if isinstance(value, np.ndarray):
         return value.tolist()

@@ -240,7 +240,7 @@ def woven(pending: Pending) -> Woven:
     """The records of `pending`, of which there is at least one; there are none in it afterwards."""
     times = np.concatenate(pending.times)
     begin = times.min()
-    made = _kept if len(times) <= KEPT_MESSAGES else _kept.__wrapped__
+    made = _block_times if len(times) <= KEPT_MESSAGES else _block_times.__wrapped__
     weave = made(tuple(pending.shapes), (times - begin).tobytes())
     content = np.empty(pending.size, dtype=np.uint8)
     _scatter(content, pending.address, *weave.table)
@@ -279,7 +279,7 @@ class _Weave:
 
 
 @lru_cache(KEPT)
-def _kept(shapes: tuple[Shape, ...], times: bytes) -> _Weave:
+def _block_times(shapes: tuple[Shape, ...], times: bytes) -> _Weave:
     """`times` (n,) int64 since the first message, of one block after another."""
     counts = [shape.messages for shape in shapes]
     since = np.frombuffer(times, dtype=np.int64)

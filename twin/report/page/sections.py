@@ -11,7 +11,15 @@ from twin.report.page.markup import Markup, element, joined, section, table
 from twin.report.page.run import Measure, ReportRun, key_measures, number
 from twin.report.page.verdict import PageVerdict, RunGroup
 from twin.robot.assembly.declared import DECLARED
-from twin.robot.experiment.recorded import FROM_ROBOT, differing, flat, name_and_unit, options, recorded_facts, told
+from twin.robot.experiment.recorded import (
+    FROM_ROBOT,
+    differing,
+    flat,
+    name_and_unit,
+    options,
+    recorded_facts,
+    toml_text,
+)
 from twin.robot.experiment.source import COMMAND_LINE
 from twin.studies.accuracy.budget import NOT_MODELLED, Budget, Contribution
 from twin.studies.accuracy.text import NUMBERS, details, headline, row
@@ -91,7 +99,7 @@ def parameters(run: ReportRun) -> Markup:
         name, unit = name_and_unit(DECLARED, key)
         origin = source(key, run.origins)
         said = element("mark", origin) if origin == COMMAND_LINE else origin
-        rows.append((name, told(value), unit, said))
+        rows.append((name, toml_text(value), unit, said))
     return table(("value of", "is", "unit", "source"), rows, f"parameters of {run.label}")
 
 
@@ -118,7 +126,7 @@ def provenance(run: ReportRun) -> Markup:
     versions = run.recording.metadata.get("versions", {})
     rows = [
         ("command of its experiment" if run.recording.deviations else "command", element("code", command(run))),
-        ("seed of the noise", told(run.values.get("seed", 0))),
+        ("seed of the noise", toml_text(run.values.get("seed", 0))),
         ("recording", run.recording.path.name),
         ("its sha256", element("code", run.sha256)),
         ("versions", ", ".join(f"{name} {text}" for name, text in versions.items())),
@@ -143,7 +151,7 @@ def drives(run: ReportRun) -> Markup:
         given = fmu["set"] | ({"tolerance of its solver": fmu["tolerance"]} if fmu["tolerance"] else {})
         given |= {"solver": fmu["solver"]} if fmu["solver"] else {}
         given |= {"longest step of the solver (s)": fmu["solver_step"]} if fmu["solver_step"] else {}
-        settings = ", ".join(f"{key} = {told(value)}" for key, value in given.items())
+        settings = ", ".join(f"{key} = {toml_text(value)}" for key, value in given.items())
         rows.append(
             (
                 ", ".join(names),
@@ -169,17 +177,17 @@ def timing(runs: Sequence[ReportRun]) -> Markup:
         ("recording", "writing", "s"),
         ("times as fast as the real robot", "real_time_factor", ""),
     ):
-        rows.append((text, *(_told(run.summary.get(key), unit) for run in runs)))
+        rows.append((text, *(_format_value(run.summary.get(key), unit) for run in runs)))
     measured = [run.summary.get("microseconds") for run in runs]
     shares: list[dict[str, Any]] = [share if isinstance(share, dict) else {} for share in measured]
     for name in dict.fromkeys(name for share in shares for name in share):
-        rows.append((f"{name}, per tick", *(_told(share.get(name), "us") for share in shares)))
+        rows.append((f"{name}, per tick", *(_format_value(share.get(name), "us") for share in shares)))
     text = "Time by component was not measured, or the run did not get to its end." if not any(shares) else ""
     head = ("", *(run.label if len(runs) > 1 else "time" for run in runs))
     return joined([table(head, rows, "time that the runs took"), element("p", text)])
 
 
-def _told(value: object, unit: str) -> str:
+def _format_value(value: object, unit: str) -> str:
     return number(value, unit) if isinstance(value, float) else "not recorded"
 
 
@@ -337,8 +345,8 @@ def _folded_parameters(run: ReportRun) -> Markup:
     return element("details", element("summary", f"{count} values with unit and source"), parameters(run))
 
 
-def _of_each(runs: Sequence[ReportRun], told: Callable[[ReportRun], Markup]) -> Markup:
+def _of_each(runs: Sequence[ReportRun], write: Callable[[ReportRun], Markup]) -> Markup:
     """One run plainly, several under their names."""
     if len(runs) == 1:
-        return told(runs[0])
-    return joined([part for run in runs for part in (element("h3", run.label), told(run))])
+        return write(runs[0])
+    return joined([part for run in runs for part in (element("h3", run.label), write(run))])

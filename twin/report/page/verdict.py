@@ -85,8 +85,8 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
                 RunGroup(f"Task {task.name}{whose}: {task.manner}; {task.drive} on {task.body}", task.findings)
             )
     deviations, alarms = (
-        _told(runs, lambda run: (*run.recording.deviations, *run.recording.other_parts)),
-        _told(runs, _alarms),
+        _texts_by_run(runs, lambda run: (*run.recording.deviations, *run.recording.other_parts)),
+        _texts_by_run(runs, _alarms),
     )
     findings = [finding for group in groups for finding in group.findings]
     remarks = [
@@ -96,7 +96,7 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
         *(outcome(run) for run in runs if len(runs) == 1 and findings),
         *why_not,
     ]
-    remarks += _told(runs, _faults)
+    remarks += _texts_by_run(runs, _faults)
     good = None if not findings and not alarms else not failed(findings) and not alarms
     return PageVerdict(_headline(runs, findings, alarms), good, tuple(filter(None, remarks)), tuple(groups), pair, fig5)
 
@@ -171,7 +171,7 @@ def _is_fig4(run: ReportRun, mode: str) -> bool:
     return asked and run.has("controller.F_z", "plant.F_ee_B", "estimator.p_B", "scale.F_z")
 
 
-def _told(runs: Sequence[ReportRun], texts: Callable[[ReportRun], Iterable[str]]) -> list[str]:
+def _texts_by_run(runs: Sequence[ReportRun], texts: Callable[[ReportRun], Iterable[str]]) -> list[str]:
     """`texts` of every run, of several under their names."""
     return [f"{run.label}: {text}" if len(runs) > 1 else text for run in runs for text in texts(run)]
 

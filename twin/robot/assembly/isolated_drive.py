@@ -55,7 +55,7 @@ class IsolatedDrives:
         kernel()
         self._reporter, self._limits, self._keep = reporter or own_reporter(), JobLimits(step=step), keep
         self._processors = os.sched_getaffinity(0)
-        self._idle = _kept(count) if keep else []
+        self._idle = _spare_processes(count) if keep else []
         self._idle += [GuardedProcess(JOB, helper=True) for _ in range(count - len(self._idle))]
         self._all = list(self._idle)
 
@@ -105,7 +105,7 @@ class IsolatedDrives:
             process.end()
 
 
-def _kept(most: int) -> list[GuardedProcess]:
+def _spare_processes(most: int) -> list[GuardedProcess]:
     """Up to `most` of the spare processes; those that have died meanwhile are closed."""
     found: list[GuardedProcess] = []
     while _spare and len(found) < most:

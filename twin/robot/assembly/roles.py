@@ -21,7 +21,7 @@ from twin.kernel.fmi.description import FmuDescription, described
 from twin.kernel.fmi.groups import announced
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.unpacked import unpacked
-from twin.kernel.fmi.variable import Setting, Setup, Value, Variable, told
+from twin.kernel.fmi.variable import Setting, Setup, Value, Variable, to_json
 from twin.kernel.units import NUMBER, known_unit
 from twin.robot.assembly.drives import refuse_other_file
 from twin.robot.controller.controller import ESTIMATOR_INPUTS, ESTIMATOR_OUTPUTS, P_REF_B
@@ -205,7 +205,7 @@ def _whole(file: Path, table: str, found: Sequence[Binding], side: str, offered:
         if port.name not in sizes:
             continue
         if sizes[port.name] != port.size:
-            names = ", ".join(f'"{b.said}"' for b in mine if port_of(b) == port.name)
+            names = ", ".join(f'"{b.mapped_name}"' for b in mine if port_of(b) == port.name)
             raise InputRefused(
                 f"{file}: {port.name} has {port.size} values, and {names} {sizes[port.name]}; give one for each: "
                 f'[{table}.{side}s] {port.name} = ["...", ...]'
@@ -373,7 +373,7 @@ def _fmu_part(role: str, table: StandIn) -> OtherPart:
         "fmi": fmu.model.fmiVersion,
         "generation_tool": fmu.model.generationTool,
         "tolerance": plan.tolerance,
-        "set": {variable.name: told(value) for variable, value in plan.settings},
+        "set": {variable.name: to_json(value) for variable, value in plan.settings},
         "mapped": [*_mapped(plan, plan.inputs, "input", "<-"), *_mapped(plan, plan.outputs, "output", "->")],
     }
 
@@ -389,7 +389,7 @@ def _mapped(plan: SampledFmu, ports: Sequence[Port], side: str, arrow: str) -> l
     for port in ports:
         mine = [b for b in plan.bindings if b.role.causality == side and port_of(b) == port.name]
         unit = mine[0].variable.unit or "unit not stated"
-        lines.append(f"{port.name} {arrow} {', '.join(b.said for b in mine)} [{unit}]")
+        lines.append(f"{port.name} {arrow} {', '.join(b.mapped_name for b in mine)} [{unit}]")
     return lines
 
 

@@ -23,7 +23,7 @@ from twin.kernel.cosim.component import NativeComponent, address_of, doubles_at,
 from twin.kernel.cosim.port import Port, memory_of, port_record, record, record_of
 from twin.kernel.settings import FieldSource, Values, taken
 from twin.robot.controller.adaptive import ADAPTIVE_OUTPUTS, Adapting, adapt, tell, with_adaptive
-from twin.robot.controller.pid import LOW_PASS, PID, ForceLoop, Gains, Processor, accept, kept_share, loop, proposal
+from twin.robot.controller.pid import LOW_PASS, PID, ForceLoop, Gains, Processor, accept, cached_share, loop, proposal
 from twin.robot.mechanism.geometry import Model
 from twin.robot.mechanism.kinematics import jacobian_row, platform_position
 from twin.robot.mechanism.statics import arm_gravity_torque, dead_zone, deflection, load_torque, platform_weight
@@ -256,7 +256,7 @@ def control(m, t, h, u, y, shift):
     times, points = carray(doubles_at(m.times), m.way_points), carray(doubles_at(m.points), (m.way_points, 3))
     p_ref_B = y.p_ref_B
     p_ref_B[0], p_ref_B[1], p_ref_B[2], m.segment = reference_position(times, points, m.segment, t)
-    m.F_z += kept_share(m.low, m.law.corner, h) * (-u.F_ee_B[2] - m.F_z)
+    m.F_z += cached_share(m.low, m.law.corner, h) * (-u.F_ee_B[2] - m.F_z)
     if m.F_z > m.law.trigger_force or t >= m.law.trigger_time - 0.5 * h:
         m.triggered = 1
     y.dp_z = force_correction(m.law, m.force, m.law.F_z_ref - m.F_z, h) if m.triggered else 0.0

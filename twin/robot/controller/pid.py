@@ -202,7 +202,7 @@ def low_pass_share(corner, h):
 
 
 @njit(cache=True)
-def kept_share(kept, corner, h):
+def cached_share(kept, corner, h):
     """`low_pass_share`, worked out where corner or period are not those of the call before.
 
     Args:
@@ -264,7 +264,7 @@ def damp(damper, torque_per_spring, tau_l, h, lead):
         torque_per_spring: N eta, by which the joint torques `tau_l` (3,) N m exceed the springs'.
         h: time since the last call (s).
     """
-    share = kept_share(damper.low, damper.corner, h) if damper.started else 1.0
+    share = cached_share(damper.low, damper.corner, h) if damper.started else 1.0
     damper.started = 1
     for i in range(3):
         tau = tau_l[i] / torque_per_spring

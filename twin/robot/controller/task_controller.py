@@ -33,10 +33,10 @@ from twin.robot.controller.pid import (
     Gains,
     PositionLoop,
     Processor,
+    cached_share,
     damp,
     damper,
     friction_force,
-    kept_share,
     load_torques,
     loop,
     rest,
@@ -123,7 +123,7 @@ def fed_forward(m, phase, J, t, h, v_shift):
 def control(m, t, h, u, y, shift, v_shift):
     """A call of machine and law, its z reference shifted by `shift` (m) besides, which moves at `v_shift` (m/s)."""
     phases, machine = carray(_phases_at(m.phases), m.count), m.machine
-    share = kept_share(m.low, m.law.corner, h)
+    share = cached_share(m.low, m.law.corner, h)
     before = m.F_z
     m.F_z += share * (-u.F_ee_B[2] - m.F_z)
     m.F_rate += share * ((m.F_z - before) / h - m.F_rate)

@@ -194,14 +194,14 @@ class Binding:
         return replace(self.role.port, size=self.variable.size)
 
     @property
-    def said(self) -> str:
+    def mapped_name(self) -> str:
         """The variable as a mapping names it."""
         return f"-{self.name}" if self.turned else self.name
 
     def __str__(self) -> str:
         arrow = "<-" if self.role.causality == "input" else "->"
         unit = f" [{self.variable.unit}]" if self.variable.unit else " [unit not stated]"
-        return f"{self.port.name} {arrow} {self.said}{unit}"
+        return f"{self.port.name} {arrow} {self.mapped_name}{unit}"
 
 
 class Choice(NamedTuple):

@@ -79,11 +79,11 @@ class Kind:
         """Whether it is said to be seen: always, at some magnitudes or in some places, or never."""
         return "yes" if self.seen == ALWAYS else "no" if self.seen == UNSEEN else "if large"
 
-    def is_said_to_be_seen(self, magnitude: float | None, in_contact: bool) -> bool:
+    def expects_detection(self, magnitude: float | None, in_contact: bool) -> bool:
         """Whether a fault of one of `magnitudes` is."""
         return self._reached(magnitude, self.seen.contact if in_contact else self.seen.free)
 
-    def is_said_to_go_beyond(self, magnitude: float | None) -> bool:
+    def expects_excess(self, magnitude: float | None) -> bool:
         """Whether the force may, with a fault of one of `magnitudes`."""
         return self._reached(magnitude, self.beyond)
 

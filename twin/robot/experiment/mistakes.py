@@ -85,7 +85,7 @@ _BOUNDS = {
 Model = TypeVar("Model", bound=BaseModel)
 
 
-class _Said:
+class _LiteralTable:
     """A table that is another one's equal where they are written alike: 1 is not 1.0, nor -0.0 0.0."""
 
     def __init__(self, table: Any):
@@ -95,19 +95,19 @@ class _Said:
         return hash(self._text)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Said) and self._text == other._text
+        return isinstance(other, _LiteralTable) and self._text == other._text
 
 
 # the runs of a sweep differ in one table of ten
 @lru_cache(256)
-def _read(model: type[Model], said: _Said) -> Model:
+def _read(model: type[Model], said: _LiteralTable) -> Model:
     return model.model_validate(said.table)
 
 
 def checked(model: type[Model], table: Any, name: str, mistakes: list[str]) -> Model | None:
     """[name] as `model` reads it; None after adding a sentence for each mistake in it to `mistakes`."""
     try:
-        return _read(model, _Said(table))
+        return _read(model, _LiteralTable(table))
     except ValidationError as error:
         mistakes += sentences(error, model, name)
         return None

@@ -201,7 +201,7 @@ def name_and_unit(declared: Declared, key: str) -> tuple[str, str]:
     return f"{tables}{dot}{name}", unit.replace("Nm", "N m").replace("m2", "m²").replace("s2", "s²")
 
 
-def told(value: Any) -> str:
+def toml_text(value: Any) -> str:
     """A value of a TOML file as people write it."""
     if isinstance(value, bool):
         return str(value).lower()
@@ -222,7 +222,7 @@ def recorded_facts(declared: Declared, metadata: Metadata, where: Path) -> dict[
 
 def experiment_facts(values: Mapping[str, Any], hashes: Mapping[str, str]) -> dict[str, str]:
     """The same of checked values and of hashes by file name."""
-    said = {key: told(value) for key, value in flat(values) if key != "title"}
+    said = {key: toml_text(value) for key, value in flat(values) if key != "title"}
     return said | {f"sha256 of {file}": sha256[:SHORT] for file, sha256 in hashes.items()}
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from twin.kernel.cosim.observers import Progress, simulate
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import ComponentFailed, Unreachable
-from twin.kernel.fmi.variable import FILE, told
+from twin.kernel.fmi.variable import FILE, to_json
 from twin.kernel.recording.folder import RECORDING
 from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, versions
 from twin.kernel.recording.writer import Writer
@@ -49,7 +49,7 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
                 "solver_step": solver.step if solver else None,
                 "tolerance": plan.tolerance(part),
                 "stop_time": experiment.duration_ticks * experiment.cosim.tick,
-                "set": {variable.name: told(value) for variable, value in plan.settings[part]},
+                "set": {variable.name: to_json(value) for variable, value in plan.settings[part]},
                 "mapped": [str(binding) for binding in plan.bindings],
             }
         )
@@ -267,7 +267,7 @@ def _recorded(
         writing=recorder.writing,
         events=tuple((event.tick * system.tick, event.level, event.text) for event in recorder.events),
         trip=trip_reason(done.simulation),
-        drives=tuple(_told(plan) for _, plan in driven(assembly)),
+        drives=tuple(_describe_drive(plan) for _, plan in driven(assembly)),
         substituted=assembly.substituted,
         outcome=tally.outcome,
         microseconds={name: 1e6 * cost for name, cost in done.costs.items()},
@@ -278,7 +278,7 @@ def _recorded(
     )
 
 
-def _told(plan: DrivePlan) -> str:
+def _describe_drive(plan: DrivePlan) -> str:
     """A drive in a few lines: files, FMI versions and hashes, foreign names, warnings."""
     lines = [f"{d.path.name}  {d.standard}  sha256 {d.sha256[:12]}" for d in plan.parts.values()]
     lines += [f"  {binding}" for binding in plan.bindings if binding.name != binding.port.name]

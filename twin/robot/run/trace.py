@@ -41,7 +41,7 @@ def fields_of(system: System) -> dict[str, Field]:
     return {f"{s.topic.name}.{field.name}": field for s in streams_of(system) for field in s.topic.fields}
 
 
-class _Kept(NamedTuple):
+class _StoredSignal(NamedTuple):
     """A signal that is kept: its field, the ticks between two of its values, its columns in memory."""
 
     field: Field
@@ -64,7 +64,7 @@ class Trace(Observer):
     def __init__(self, every: int = 1, only: Collection[str] = ()):
         self.metadata: dict[str, dict[str, str]] = {}
         self._every, self._only = every, only
-        self._signals: dict[str, _Kept] = {}
+        self._signals: dict[str, _StoredSignal] = {}
 
     def begin(self, simulation: Simulation) -> None:
         self.tick = simulation.system.tick
@@ -75,7 +75,7 @@ class Trace(Observer):
                 name = f"{stream.topic.name}.{field.name}"
                 if not self._only or name in self._only:
                     columns = slice(len(taken), len(taken) + field.size)
-                    self._signals[name] = _Kept(field, stream.topic.period, columns)
+                    self._signals[name] = _StoredSignal(field, stream.topic.period, columns)
                     taken += range(column, column + field.size)
                 column += field.size
         self._taken = np.array(taken, dtype=np.intp) if self._only else slice(None)
@@ -94,11 +94,11 @@ class Trace(Observer):
         Raises:
             UnknownSeries: no such signal was kept; it names the nearest ones.
         """
-        return self.held(key)[:: self._stride(self._kept(key).period)]
+        return self.held(key)[:: self._stride(self._signal(key).period)]
 
     def held(self, key: str) -> NDArray:
         """Values of `topic.field` as they held at the times `t`, shaped as those of `[]`; raises the same."""
-        field, _, columns = self._kept(key)
+        field, _, columns = self._signal(key)
         values = self.values[:, columns] if field.size > 1 else self.values[:, columns.start]
         return values != 0.0 if field.kind == "bool" else values.astype(VALUE_TYPES[field.kind], copy=False)
 
@@ -135,7 +135,7 @@ class Trace(Observer):
         """`topic.field` -> the field with its unit and meaning, in the order of the components."""
         return {key: kept.field for key, kept in self._signals.items()}
 
-    def _kept(self, key: str) -> _Kept:
+    def _signal(self, key: str) -> _StoredSignal:
         if key not in self._signals:
             raise UnknownSeries(
                 f"run in memory: no series {key!r}; {nearest(key, self._signals, 'it holds {}', 3)}", key

@@ -31,7 +31,7 @@ from twin.studies.build.linking import (
     static_library,
 )
 from twin.studies.build.parameters import Limits, fixed, parameters
-from twin.studies.build.part import RobotPart, part_of, told_to_drives
+from twin.studies.build.part import RobotPart, drive_commands, part_of
 
 COUNTS = (
     Port("count_m", 3, "1", "motor encoders", "int"),
@@ -137,7 +137,7 @@ def expected(limits: Limits) -> str:
 
 
 def _given(part: RobotPart, first: Mapping[str, int]) -> Iterator[str]:
-    feeding = told_to_drives(part)
+    feeding = drive_commands(part)
     for port_of_drive, port in TOLD.items():
         place = first[feeding[port_of_drive]] if port_of_drive in feeding else None
         yield from _filled(f"told->{port.name}", port, place)

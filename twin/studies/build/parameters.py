@@ -136,7 +136,7 @@ def _parameter(experiment: Experiment, key: str, destinations: tuple[Destination
     fault = fault_of(experiment, table)
     field = (table_of(CATALOGUE[fault.kind]) if fault else _MODELS[table]).model_fields[attribute]
     name = field.alias or attribute
-    value = said_in(experiment, table).get(name, field.default)
+    value = stated_values(experiment, table).get(name, field.default)
     text = name.removeprefix(f"{attribute}_").replace("_per_", "/").replace("per_", "1/").replace("_", ".")
     text = text if field.alias and known_unit(text) else "1"
     unit = known_unit(text)
@@ -209,7 +209,7 @@ def senses(part: RobotPart) -> bool:
     return part.component("controller") is not None and part.experiment.controller.tissue is not None
 
 
-def said_in(experiment: Experiment, table: str) -> Mapping[str, Any]:
+def stated_values(experiment: Experiment, table: str) -> Mapping[str, Any]:
     """What the experiment says in `table`, `controller.force`, or `fault_2` for the second [[fault]]."""
     values: Any = experiment.values
     if fault_of(experiment, table):
@@ -245,7 +245,7 @@ def fixed(part: RobotPart, offered: Sequence[Parameter]) -> list[str]:
     for component in part.components:
         fault = fault_of(experiment, component.name)
         if fault:
-            said = (f"{component.name}.{key}" for key in said_in(experiment, component.name))
+            said = (f"{component.name}.{key}" for key in stated_values(experiment, component.name))
             keys |= dict.fromkeys((*said, *fault_beside(fault)))
         keys |= dict.fromkeys(key for key in _FIXED.get(component.name, ()) if _has(experiment, key))
     if senses(part):
@@ -256,5 +256,5 @@ def fixed(part: RobotPart, offered: Sequence[Parameter]) -> list[str]:
 def _has(experiment: Experiment, key: str) -> bool:
     """Whether the experiment says it, or has such a table."""
     table, _, name = key.strip("[]").rpartition(".")
-    value = said_in(experiment, table).get(name)
+    value = stated_values(experiment, table).get(name)
     return bool(value) or value == 0

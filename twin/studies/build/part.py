@@ -71,7 +71,7 @@ class RobotPart:
         return next((component for component in self.components if component.name == name), None)
 
 
-def told_to_drives(part: RobotPart) -> dict[str, str]:
+def drive_commands(part: RobotPart) -> dict[str, str]:
     """The output, `monitor.omega_ref`, that feeds each input port of the drives; those of other parts are left out."""
     (drives,) = (row for row in ROBOT if row.name == DRIVE)
     fed = {

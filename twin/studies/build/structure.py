@@ -260,7 +260,7 @@ def _plain(variable: Variable, kind: str, value: float | np.ndarray | list[str] 
         return one.hex()
     if isinstance(one, str):
         return one
-    return variable.told(float(one)) if kind == "Enumeration" else float(one)
+    return variable.format_value(float(one)) if kind == "Enumeration" else float(one)
 
 
 def _type(variable: Variable) -> str:

@@ -160,7 +160,7 @@ def fingerprint(experiment: Experiment) -> str:
     values = {key: value for key, value in experiment.values.items() if key not in _UNTOLD}
     for table in ("robot", "plant"):
         values[table] = {key: value for key, value in values[table].items() if key not in _REFUSING}
-    drives = [_told(drive.model_dump()) for drive in experiment.drives]
+    drives = [_drive_facts(drive.model_dump()) for drive in experiment.drives]
     text = json.dumps([values, drives], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -272,10 +272,12 @@ def _rounded(value: float, digits: int = 6) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def _told(drive: dict[str, Any]) -> dict[str, Any]:
+def _drive_facts(drive: dict[str, Any]) -> dict[str, Any]:
     """What a table [drive], or one of its parts, says: without places of FMUs, and later keys that say nothing."""
     told = {k: v for k, v in drive.items() if k != "fmu" and not (k in _LATER and v is None)}
-    return told | ({"parts": {name: _told(part) for name, part in drive["parts"].items()}} if "parts" in drive else {})
+    return told | (
+        {"parts": {name: _drive_facts(part) for name, part in drive["parts"].items()}} if "parts" in drive else {}
+    )
 
 
 Word = Literal["ok", "worse", "better", "moved", "new", "gone", "outside"]

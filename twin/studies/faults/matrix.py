@@ -268,19 +268,19 @@ class FaultRow:
         return magnitudes is None or self.magnitude == magnitudes[-1]
 
     @property
-    def said_to_be_seen(self) -> bool:
+    def detection_expected(self) -> bool:
         """Whether the catalogue said before the run that the monitor sees it; of a fault that ends it says nothing."""
-        return self.stays and CATALOGUE[self.kind].is_said_to_be_seen(self.magnitude, self.in_contact)
+        return self.stays and CATALOGUE[self.kind].expects_detection(self.magnitude, self.in_contact)
 
     @property
     def said_to_go_beyond(self) -> bool:
         """Whether the catalogue said before the run that the force may go beyond the bound."""
-        return CATALOGUE[self.kind].is_said_to_go_beyond(self.magnitude)
+        return CATALOGUE[self.kind].expects_excess(self.magnitude)
 
     @property
     def missed(self) -> bool:
         """Whether the monitor did not see what it was said to see."""
-        return self.said_to_be_seen and not self.detected
+        return self.detection_expected and not self.detected
 
     @property
     def loose(self) -> bool:
@@ -310,7 +310,7 @@ class FaultRow:
             "verdict": "safe" if self.safe else "unsafe",
             "detection_stated": CATALOGUE[self.kind].detection,
             "as_stated": self.as_stated,
-            "detectable": self.said_to_be_seen,
+            "detectable": self.detection_expected,
             "said_to_go_beyond": self.said_to_go_beyond,
             "failed": self.fails,
             "with_monitor": _facts(self.watched),

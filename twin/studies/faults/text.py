@@ -66,7 +66,7 @@ def fault_matrix_result(experiment: str, rows: Sequence[FaultRow], picture: Path
         f"the limit of {first.limit:g} N plus {100 * (ALLOWANCE - 1):.0f} %; without the monitor {safe_unwatched}. "
         f"Healthy: no trip, at most {max(r.healthy_peak for r in rows):.1f} N."
     )
-    claimed, allowed = [r for r in rows if r.said_to_be_seen], [r for r in rows if r.said_to_go_beyond]
+    claimed, allowed = [r for r in rows if r.detection_expected], [r for r in rows if r.said_to_go_beyond]
     said = (
         f"Said before: the monitor sees {len(claimed)} cases; it saw {sum(r.detected for r in claimed)} of them. "
         f"Said before: the force may go beyond in {len(allowed)}; it did in {sum(not r.safe for r in allowed)} of them "

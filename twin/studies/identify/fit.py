@@ -130,7 +130,7 @@ class Fit:
         hidden = np.linalg.norm((direction * sizes(self.unknowns)) @ self.unseen)
         return float(max(scatter, independent) + hidden)
 
-    def told(self, direction: NDArray[np.float64], size: float) -> bool:
+    def is_determined(self, direction: NDArray[np.float64], size: float) -> bool:
         """Whether direction . x is known to `TOLD` of `size`."""
         return self.half_width(direction) < TOLD * size
 

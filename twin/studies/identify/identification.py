@@ -82,7 +82,7 @@ class Identification:
     def loss(self) -> Estimate | None:
         """ln(eta) of losses that depend on direction; None: loading and unloading cannot be compared."""
         axis, one = self.fit.one(LOSS), self.fit.unknowns[LOSS]
-        if not self.fit.told(axis, one.size):
+        if not self.fit.is_determined(axis, one.size):
             return None
         return Estimate(float(self.fit.x[LOSS]), self.fit.half_width(axis), one.unit)
 
@@ -173,14 +173,14 @@ def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
     k, believed, axis = found.x[KAPPA], belief.k_s * belief.eta, found.one(KAPPA)
     pressing, air = int(np.sum(on_scale(found.seen))), int(np.sum(in_air(found.seen)))
     plausible = 1.0 / PLAUSIBLE < k / believed < PLAUSIBLE
-    told = found.told(axis, found.unknowns[KAPPA].size)
+    told = found.is_determined(axis, found.unknowns[KAPPA].size)
     if told and plausible and found.converged:
         return
     doubt = (
         "is the scale in N, are N and counts per turn those of this robot, and do motors and joints count in the same "
         "sense?"
     )
-    if not plausible and (found.told(axis, k) or pressing > 10):
+    if not plausible and (found.is_determined(axis, k) or pressing > 10):
         raise LogRefused(
             f"{log.path}: k_s eta comes out more than {PLAUSIBLE:g} times away from the believed {believed:g} N m/rad; "
             f"{doubt}"
@@ -207,7 +207,7 @@ def _split(found: Fit, belief: Belief, log: Log, motor_torque: bool) -> dict[str
             eta = Estimate(
                 ratio, ratio * float(np.hypot(product.half_width / product.value, k_s.half_width / k_s.value)), "1"
             )
-    elif found.told(found.one(LOSS), found.unknowns[LOSS].size) and loss + width < -LOSS_SEEN:
+    elif found.is_determined(found.one(LOSS), found.unknowns[LOSS].size) and loss + width < -LOSS_SEEN:
         # with losses by direction (P1) the geometric mean of both, e^(+loss) and e^(-loss), has no eta in it
         meaning = "k_s eta, mean of directions"
         k_s, eta = product, Estimate(float(np.exp(loss)), float(np.exp(loss)) * width, "1")
@@ -225,7 +225,7 @@ def _quantities(found: Fit, height: float | None) -> dict[str, Quantity]:
         if index in (KAPPA, LOSS, RATE) or (index in LEVEL and height is not None):
             continue
         axis, x = found.one(index), float(found.x[index])
-        estimate = Estimate(x, found.half_width(axis), one.unit) if found.told(axis, one.size) else None
+        estimate = Estimate(x, found.half_width(axis), one.unit) if found.is_determined(axis, one.size) else None
         if index == COMPLIANCE:
             if estimate is not None:
                 estimate = Estimate(1.0 / x, estimate.half_width / x**2, "N/m")

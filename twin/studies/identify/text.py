@@ -58,11 +58,16 @@ def _row(name: str, quantity: Quantity, true: Mapping[str, float]) -> list[str]:
     assert found is not None
     digits, unit = decimals(found), found.unit
 
-    def told(value: float | None) -> str:
+    def format_number(value: float | None) -> str:
         return Column(form=f".{digits}f").text(None if value is None else shown(value, unit))
 
-    cells = [told(found.value), told(found.half_width), shown_unit(unit), told(quantity.believed)]
-    return [quantity.meaning, *cells, *([told(true.get(name))] if true else [])]
+    cells = [
+        format_number(found.value),
+        format_number(found.half_width),
+        shown_unit(unit),
+        format_number(quantity.believed),
+    ]
+    return [quantity.meaning, *cells, *([format_number(true.get(name))] if true else [])]
 
 
 def _unknown(one: Identification) -> list[str]:

@@ -131,7 +131,7 @@ _hear: list[Hear] = []
 
 
 @contextmanager
-def told(hear: Hear) -> Iterator[None]:
+def reporting_ticks(hear: Hear) -> Iterator[None]:
     """Within the block `hear` is told how many ticks are over, and how long they took (s), as they come."""
     _hear.append(hear)
     try:

@@ -105,9 +105,9 @@ class TrueRun:
                 "" if touching else untold,
             ),
             Measure("rms_z_error", rms(self.z[late] - self.z_ref[late])),
-            _told("peak_current", float(np.max(np.abs(current))) if current.size else None),
+            _format_measure("peak_current", float(np.max(np.abs(current))) if current.size else None),
             Measure("shaft_work", self._integral(np.maximum(0.0, shaft_power))),
-            _told("energy", self._integral(power) if power.size else None),
+            _format_measure("energy", self._integral(power) if power.size else None),
             Measure("cost", cost),
         )
 
@@ -149,7 +149,7 @@ class TrueRun:
         return float(np.sum(power[:-1]) * self.run.tick)
 
 
-def _told(name: str, value: float | None) -> Measure:
+def _format_measure(name: str, value: float | None) -> Measure:
     return Measure(name, value, "" if value is not None else "the drive does not tell")
 
 

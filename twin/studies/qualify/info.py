@@ -13,7 +13,7 @@ WIDTH = 80
 
 def facts(plan: "DrivePlan") -> dict[str, object]:
     from twin.kernel.fmi.description import abilities
-    from twin.kernel.fmi.variable import told
+    from twin.kernel.fmi.variable import to_json
 
     return {
         "command": plan.table.command,
@@ -39,11 +39,16 @@ def facts(plan: "DrivePlan") -> dict[str, object]:
             for part, fmu in plan.parts.items()
         ],
         "roles": {
-            b.port.name: {"variable": b.said, "causality": b.role.causality, "unit": b.variable.unit, "gain": b.gain}
+            b.port.name: {
+                "variable": b.mapped_name,
+                "causality": b.role.causality,
+                "unit": b.variable.unit,
+                "gain": b.gain,
+            }
             for b in plan.bindings
         },
         "wires": {target: source for source, target in plan.wires},
-        "set": {part: {v.name: told(value) for v, value in settings} for part, settings in plan.settings.items()},
+        "set": {part: {v.name: to_json(value) for v, value in settings} for part, settings in plan.settings.items()},
         "warnings": plan.warnings(),
     }
 
@@ -57,7 +62,7 @@ def _parameter(v: "Variable") -> dict[str, object]:
 
 def text(plan: "DrivePlan") -> str:
     from twin.kernel.fmi.description import KIND_NAMES, abilities
-    from twin.kernel.fmi.variable import told
+    from twin.kernel.fmi.variable import to_json
     from twin.robot.assembly.drives import qualified
 
     lines: list[str] = []
@@ -77,10 +82,12 @@ def text(plan: "DrivePlan") -> str:
     for b in plan.bindings:
         arrow = "<-" if b.role.causality == "input" else "->"
         unit = f"[{b.variable.unit}]" if b.variable.unit else "[no unit]"
-        lines.append(f"  {b.port.name:10} {arrow} {b.said:20} {unit:9} {b.port.meaning}"[:WIDTH])
+        lines.append(f"  {b.port.name:10} {arrow} {b.mapped_name:20} {unit:9} {b.port.meaning}"[:WIDTH])
     lines += [f"  {source} -> {target}  (wire)" for source, target in plan.wires]
     for part, settings in plan.settings.items():
-        texts = [(v, v.told(value) if isinstance(value, float) else str(told(value))) for v, value in settings]
+        texts = [
+            (v, v.format_value(value) if isinstance(value, float) else str(to_json(value))) for v, value in settings
+        ]
         lines += [f"  {qualified(part, v.name)} = {text} {v.unit}  (set)" for v, text in texts]
     for part, fmu in plan.parts.items():
         offered = fmu.parameters
@@ -104,7 +111,7 @@ def _unit(v: "Variable") -> str:
 def _start(v: "Variable") -> str:
     if v.is_text:
         return v.type
-    return f"{v.size} values" if v.size > 1 else v.told(v.start)
+    return f"{v.size} values" if v.size > 1 else v.format_value(v.start)
 
 
 def _solver_lines(plan: "DrivePlan", part: str) -> list[str]:

@@ -63,12 +63,12 @@ def lifecycle_findings(plan: DrivePlan, apart: bool) -> list[Finding]:
     Raises:
         InputRefused: an FMU cannot be loaded or initialised.
     """
-    return [_apart(plan, name) if apart else _told(name, plan) for name in TRIED]
+    return [_apart(plan, name) if apart else _bookkeeping_check(name, plan) for name in TRIED]
 
 
 def examined(reporter: Reporter, table: Drive, name: str) -> dict[str, str]:
     """Fields of a check of the drive of `table`; a job of the guard."""
-    return asdict(_told(name, planned(table)))
+    return asdict(_bookkeeping_check(name, planned(table)))
 
 
 def _apart(plan: DrivePlan, name: str) -> Check:
@@ -78,7 +78,7 @@ def _apart(plan: DrivePlan, name: str) -> Check:
         return judged(name, False, str(failure), otherwise="note")
 
 
-def _told(name: str, plan: DrivePlan) -> Check:
+def _bookkeeping_check(name: str, plan: DrivePlan) -> Check:
     problems = []
     for part, description in plan.parts.items():
         inputs, outputs = _excitation(plan, part), _watched(plan, part, description)

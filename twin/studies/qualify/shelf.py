@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from twin.kernel.cache_folder import cache_folder, contents, kept
+from twin.kernel.cache_folder import cache_folder, cached_answer, contents
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi import COMPILED
 from twin.kernel.places import located
@@ -44,7 +44,9 @@ def shelved_drives(start: Path) -> tuple[ShelvedDrive, ...]:
     shelf = located(SHELF, start)
     if not shelf.is_dir():
         raise InputRefused(f"{shelf}: no such folder; run this in the project's folder, or name a drive by its path")
-    answer = kept("drives", lambda: json.dumps(_looked_at(shelf)), lambda: _made_of(shelf), lambda: _is_complete(shelf))
+    answer = cached_answer(
+        "drives", lambda: json.dumps(_looked_at(shelf)), lambda: _made_of(shelf), lambda: _is_complete(shelf)
+    )
     return tuple(ShelvedDrive(*facts) for facts in json.loads(answer))
 
 

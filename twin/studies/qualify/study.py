@@ -189,7 +189,7 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Result | 
     """
     from twin.kernel.writing import made_folder
     from twin.robot.experiment.drive_files import lone_drive
-    from twin.studies.qualify.bench import told
+    from twin.studies.qualify.bench import reporting_ticks
     from twin.studies.qualify.definitions import Workload
     from twin.studies.qualify.qualification import qualified
     from twin.studies.qualify.text import draw_drive_check, qualification_result
@@ -200,7 +200,7 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Result | 
     table = lone_drive(fmu, Path.cwd())
     came = came_with(table, apart)
     try:
-        with told(Workload(Path(fmu).stem, say, sure).take):
+        with reporting_ticks(Workload(Path(fmu).stem, say, sure).take):
             done = qualified(table, apart)
     except InputRefused as refusal:
         if not came:

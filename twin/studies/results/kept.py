@@ -157,7 +157,7 @@ class KeptRun:
         return last_time(self.recording) or 0.0
 
 
-def kept_runs(results: Path, experiments: Sequence[str] = ()) -> list[KeptRun]:
+def stored_runs(results: Path, experiments: Sequence[str] = ()) -> list[KeptRun]:
     """The runs below `results`, those of an experiment together, the newest first, then those with names.
 
     Args:
@@ -176,7 +176,7 @@ def kept_runs(results: Path, experiments: Sequence[str] = ()) -> list[KeptRun]:
     return [run for run in runs if not experiments or run.experiment in experiments]
 
 
-def kept_run(recording: Path) -> KeptRun:
+def stored_run(recording: Path) -> KeptRun:
     """The run that wrote `recording`; its folder by its own name, not by that of a link to it."""
     folder = recording.parent.resolve()
     return KeptRun(folder, recording, False)
@@ -253,7 +253,7 @@ class ExperimentsNow:
         return self._facts[known]
 
 
-def told_differences(run: KeptRun, now: ExperimentsNow) -> tuple[dict[str, tuple[str, str]], str]:
+def describe_differences(run: KeptRun, now: ExperimentsNow) -> tuple[dict[str, tuple[str, str]], str]:
     """The differences of `run`, and why nobody can tell them; one of the two is empty."""
     if "system" in run.metadata:
         return {}, "a system of FMUs, without an experiment"
@@ -360,12 +360,12 @@ def listed(results: Path, experiments: Sequence[str], say: Say) -> Answer:
     Raises:
         InputRefused: no run is of one of `experiments`.
     """
-    runs, now = kept_runs(results, experiments), ExperimentsNow()
+    runs, now = stored_runs(results, experiments), ExperimentsNow()
     found = []
     steps = Steps(say, len(runs))
     for run in runs:
         steps.next(run.experiment)
-        found.append(told_differences(run, now))
+        found.append(describe_differences(run, now))
     others = {} if experiments else other_folders(results)
     facts = {
         "results": str(results),
@@ -399,7 +399,7 @@ def doomed_runs(results: Path, experiments: Sequence[str], keep: int) -> list[Ke
     """
     seen: dict[str, int] = {}
     doomed = []
-    for run in kept_runs(results, experiments):
+    for run in stored_runs(results, experiments):
         if run.named:
             continue
         seen[run.experiment] = seen.get(run.experiment, 0) + 1

@@ -99,7 +99,7 @@ def claim(folder: Path, plan: "Plan") -> None:
     write_json(folder / FACTS, content)
 
 
-def kept(folder: Path) -> KeptRows:
+def stored_sweep(folder: Path) -> KeptRows:
     """What is in `folder`.
 
     Raises:

@@ -223,7 +223,7 @@ def carried_out(
         Interrupted: Ctrl-C, after there were rows.
         TwinError: see `run_sweep`.
     """
-    from twin.studies.sweep.folder import kept, write_parquet
+    from twin.studies.sweep.folder import stored_sweep, write_parquet
     from twin.studies.sweep.rows import ROWS
     from twin.studies.sweep.show.parts import headline_text
     from twin.studies.sweep.statistics.ranking import usual_metric
@@ -234,12 +234,12 @@ def carried_out(
     except KeyboardInterrupt:
         if not (folder / ROWS).exists():
             raise
-        found = kept(folder)
+        found = stored_sweep(folder)
         raise Interrupted(
             f"interrupted; {len(found.columns)} of {found.runs} runs are kept in {folder}; "
             "the same command runs the others"
         ) from None
-    found = kept(folder)
+    found = stored_sweep(folder)
     if parquet:
         write_parquet(found, folder / "rows.parquet")
     code = 0 if True in found.columns.words("has_metrics").counts else 1

@@ -46,7 +46,7 @@ def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = 
             paper = findings(Fig4Runs(Fig4Run(run), Fig4Run(other)))
     # one run in a thousand that meets a mistake of ours is a row, too
     except Exception as problem:
-        return RunFinding(*_told(problem), {}, time.perf_counter() - began, 0.0)
+        return RunFinding(*_status_and_reason(problem), {}, time.perf_counter() - began, 0.0)
     status = "tripped" if trip else "done"
     return RunFinding(status, trip, metrics, time.perf_counter() - began, done.stepping, paper)
 
@@ -67,7 +67,7 @@ def record(path: Path, drive: str | None, settings: Sequence[str], folder: Path)
         execute(experiment, folder)
 
 
-def _told(problem: Exception) -> tuple[str, str]:
+def _status_and_reason(problem: Exception) -> tuple[str, str]:
     """(status, reason) of a run that `problem` has ended."""
     match problem:
         case InputRefused():

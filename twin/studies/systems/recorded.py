@@ -28,7 +28,7 @@ from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.lifecycle import CosimInstance
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.unpacked import unpacked
-from twin.kernel.fmi.variable import Setup, Variable, stop_time, told
+from twin.kernel.fmi.variable import Setup, Variable, stop_time, to_json
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import RECORDING, claim_run_folder, create_run_folder
 from twin.kernel.recording.messages import Field, Topic, message_names
@@ -204,7 +204,7 @@ def facts(
 
 def _start(part: Part, variable: Variable) -> Any:
     """The value of an input that nobody feeds."""
-    given = next((told(value) for v, value in part.settings if v == variable), variable.start)
+    given = next((to_json(value) for v, value in part.settings if v == variable), variable.start)
     # of an array FMPy has the text
     listed = [v.start for v in part.description.model.modelVariables if v.name == variable.name]
     return listed[0] if isinstance(given, float) and math.isnan(given) else given
@@ -421,7 +421,7 @@ def _provenance(plan: Plan) -> dict[str, dict[str, str]]:
                     "model": part.description.model.modelName,
                     "fmi": part.description.model.fmiVersion,
                     "generation_tool": part.description.model.generationTool,
-                    "set": {variable.name: told(value) for variable, value in part.settings},
+                    "set": {variable.name: to_json(value) for variable, value in part.settings},
                 }
             )
             for part in plan.parts

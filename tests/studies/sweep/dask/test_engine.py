@@ -17,7 +17,7 @@ from twin.studies.sweep.dask import engine as engine_module
 from twin.studies.sweep.dask import worker as worker_module
 from twin.studies.sweep.dask.engine import ClusterLost, Dask
 from twin.studies.sweep.dask.worker import FILES
-from twin.studies.sweep.folder import kept
+from twin.studies.sweep.folder import stored_sweep
 from twin.studies.sweep.plan import Plan, planned
 from twin.studies.sweep.pool import Engine, Pool
 from twin.studies.sweep.sweep import RECORDINGS, State, run_sweep
@@ -35,12 +35,12 @@ def rows(plan: Plan, folder: Path, engine: Engine, record: str = "none", limits:
 
 
 def bare(folder: Path) -> list[dict]:
-    return [{k: v for k, v in row.items() if k not in COSTS} for row in kept(folder).rows]
+    return [{k: v for k, v in row.items() if k not in COSTS} for row in stored_sweep(folder).rows]
 
 
 def shown_rows(plan: Plan, folder: Path, cluster: Running, watch: Callable[[State], None]) -> list[dict]:
     run_sweep(plan, folder, Dask(cluster.address, 1), show=watch)
-    return kept(folder).rows
+    return stored_sweep(folder).rows
 
 
 @pytest.fixture
@@ -170,12 +170,12 @@ def test_a_scheduler_that_is_killed_is_named_and_after_its_restart_the_sweep_goe
         ) as end:
             run_sweep(longer, folder, Dask(cluster.address, 1), show=watch)
         assert end.value.exit_code == 3
-        before = kept(folder).rows
+        before = stored_sweep(folder).rows
         assert 0 < len(before) < 24
         cluster.end()
         cluster.begin(1)
         run_sweep(longer, folder, Dask(cluster.address, 1))
-    after = kept(folder).rows
+    after = stored_sweep(folder).rows
     assert [row["run"] for row in after] == list(range(1, 25))
     # not even their cost has changed: they have not been run again
     assert [row for row in after if row["run"] in {old["run"] for old in before}] == before

@@ -21,7 +21,7 @@ from twin.studies.sweep.dask import cluster as cluster_module
 from twin.studies.sweep.dask import worker as worker_module
 from twin.studies.sweep.dask.cluster import versions
 from twin.studies.sweep.dask.engine import Dask
-from twin.studies.sweep.folder import kept
+from twin.studies.sweep.folder import stored_sweep
 from twin.studies.sweep.plan import Plan
 from twin.studies.sweep.sweep import run_sweep
 
@@ -36,7 +36,7 @@ def plan(root: Path, tmp_path: Path) -> Plan:
 def refusal(plan: Plan, folder: Path, scheduler: str | None) -> str:
     with pytest.raises(InputRefused) as refused:
         run_sweep(plan, folder, Dask(scheduler, 1))
-    assert kept(folder).rows == []
+    assert stored_sweep(folder).rows == []
     return str(refused.value)
 
 

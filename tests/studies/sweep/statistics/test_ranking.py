@@ -240,14 +240,14 @@ def test_a_small_difference_at_every_point_is_told_from_a_large_spread_over_poin
     first, second = drive_ranking(rows_of({"b": list(points + 0.1 + noise), "a": list(points)}), "y")
     assert (first.drive, second.drive) == ("a", "b")
     # the median of 40 differences of 0.1 that scatter by 0.02
-    assert second.behind == pytest.approx(0.1, abs=0.02) and second.told_apart
+    assert second.behind == pytest.approx(0.1, abs=0.02) and second.distinguishable
     assert math.isnan(first.behind)
 
 
 def test_drives_that_differ_by_chance_only_are_not_told_apart():
     rng = np.random.default_rng(3)
     first, second = drive_ranking(rows_of({d: list(rng.normal(5.0, 1.0, 30)) for d in "ab"}), "y")
-    assert not second.told_apart
+    assert not second.distinguishable
     assert first.best + second.best == pytest.approx(1.0) and second.best > 0.02
 
 
@@ -255,7 +255,7 @@ def test_equal_drives_share_the_first_place():
     values: list[float | None] = [1.0, 2.0, 3.0]
     scores = drive_ranking(rows_of({"a": values, "b": values}), "y")
     assert [score.best for score in scores] == [0.5, 0.5]
-    assert scores[1].behind_interval == (0.0, 0.0) and not scores[1].told_apart
+    assert scores[1].behind_interval == (0.0, 0.0) and not scores[1].distinguishable
 
 
 def test_who_fails_ranks_below_who_is_slow_and_nothing_of_it_vanishes():

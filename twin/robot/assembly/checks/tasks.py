@@ -43,7 +43,7 @@ def obstructed(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, str] | 
         if angles.max() > plant.ball_joint_limit:
             pose, leg = divmod(int(np.argmax(angles > plant.ball_joint_limit)), 3)
             return pose, (
-                f"at {_told(places[pose])} the ball joints of leg {leg + 1} bend by "
+                f"at {_format_position(places[pose])} the ball joints of leg {leg + 1} bend by "
                 f"{np.degrees(angles[pose, leg]):.1f} deg, their sockets let them by [plant] "
                 f"ball_joint_limit_deg = {np.degrees(plant.ball_joint_limit):g}; move the point towards the axis"
             )
@@ -54,8 +54,8 @@ def obstructed(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, str] | 
             pose = int(np.argmax(gaps < 0.0))
             one, other = (f"{'a rod' if bar % BARS else 'the link'} of leg {bar // BARS + 1}" for bar in pairs[pose])
             return pose, (
-                f"at {_told(places[pose])} {one} and {other} are {-1e3 * gaps[pose]:.1f} mm inside each other with "
-                "[plant] link_diameter_mm, rod_diameter_mm and rod_spacing_mm; expected them apart, move the point"
+                f"at {_format_position(places[pose])} {one} and {other} are {-1e3 * gaps[pose]:.1f} mm inside each other "
+                "with [plant] link_diameter_mm, rod_diameter_mm and rod_spacing_mm; expected them apart, move the point"
             )
     return None
 
@@ -69,13 +69,13 @@ def _at_a_stop(plant: TrueRobot, geometry: Geometry, places: NDArray[np.float64]
         if stop is not None and (beyond := way * (theta_l - stop)).max() > 0.0:
             pose, leg = divmod(int(np.argmax(beyond > 0.0)), 3)
             return pose, (
-                f"at {_told(places[pose])} joint {leg + 1} is at {np.degrees(theta_l[pose, leg]):.1f} deg, beyond its "
-                f"hard stop [plant] {key} = {np.degrees(stop):g}; move the point"
+                f"at {_format_position(places[pose])} joint {leg + 1} is at {np.degrees(theta_l[pose, leg]):.1f} deg, beyond "
+                f"its hard stop [plant] {key} = {np.degrees(stop):g}; move the point"
             )
     return None
 
 
-def _told(p_B: NDArray[np.float64]) -> str:
+def _format_position(p_B: NDArray[np.float64]) -> str:
     return "({}) mm".format(", ".join(f"{1e3 * value:.1f}" for value in p_B))
 
 

@@ -379,7 +379,7 @@ def _drives(kept: KeptRows, asked: Asked) -> Part | None:
         for score in scores
     ]
     leader, *others = scores
-    tied = [score.drive for score in others if not math.isnan(score.behind) and not score.told_apart]
+    tied = [score.drive for score in others if not math.isnan(score.behind) and not score.distinguishable]
     remarks = ["behind: median difference to the first, point by point; first, P: chance to rank first, both resampled"]
     if tied:
         remarks.append(f"not told apart from {leader.drive}: {', '.join(tied)}")

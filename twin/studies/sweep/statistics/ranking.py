@@ -269,7 +269,7 @@ class DriveScore:
     best: float
 
     @property
-    def told_apart(self) -> bool:
+    def distinguishable(self) -> bool:
         """Whether its interval leaves out 0: the runs tell it from the first."""
         low, high = self.behind_interval
         return low > 0.0 or high < 0.0
