@@ -53,8 +53,9 @@ def obstructed(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, str] | 
         if gaps.min() < 0.0:
             pose = int(np.argmax(gaps < 0.0))
             one, other = (f"{'a rod' if bar % BARS else 'the link'} of leg {bar // BARS + 1}" for bar in pairs[pose])
+            inside = -1e3 * gaps[pose]
             return pose, (
-                f"at {_format_position(places[pose])} {one} and {other} are {-1e3 * gaps[pose]:.1f} mm inside each other "
+                f"at {_format_position(places[pose])} {one} and {other} are {inside:.1f} mm inside each other "
                 "with [plant] link_diameter_mm, rod_diameter_mm and rod_spacing_mm; expected them apart, move the point"
             )
     return None
@@ -68,8 +69,9 @@ def _at_a_stop(plant: TrueRobot, geometry: Geometry, places: NDArray[np.float64]
     for stop, key, way in ((plant.joint_lower, "joint_lower_deg", -1.0), (plant.joint_upper, "joint_upper_deg", 1.0)):
         if stop is not None and (beyond := way * (theta_l - stop)).max() > 0.0:
             pose, leg = divmod(int(np.argmax(beyond > 0.0)), 3)
+            angle = np.degrees(theta_l[pose, leg])
             return pose, (
-                f"at {_format_position(places[pose])} joint {leg + 1} is at {np.degrees(theta_l[pose, leg]):.1f} deg, beyond "
+                f"at {_format_position(places[pose])} joint {leg + 1} is at {angle:.1f} deg, beyond "
                 f"its hard stop [plant] {key} = {np.degrees(stop):g}; move the point"
             )
     return None
