@@ -106,5 +106,5 @@ def test_code_of_the_wheel_that_was_damaged_is_compiled(carrying: Environment, t
         path.write_bytes(path.read_bytes()[1:])
     carrying.run("twin", "run", "step_z_air", cwd=tmp_path)
     assert [path.name.partition("-")[0] for path in carrying.folder.rglob("native/*.o")] == [
-        "twin.robot.mechanism.inverse_kinematics._angles"
+        "twin.robot.mechanism.kinematics._angles"
     ]

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from twin.kernel.errors import ComponentFailed
@@ -34,15 +34,17 @@ shares, watts, slopes = st.floats(0.0, 0.5), st.floats(-5.0, 5.0), st.floats(1e-
 
 
 @given(shares, watts, slopes)
+@example(0.001, 4.601133696618957, 0.001)
 def test_what_passes_uses_no_more_than_is_left_within_the_horizon(left: float, P: float, Q: float):
     T = 0.1
     s = passed_on(left, T, P, Q)
     assert 0.0 <= s <= 1.0
-    # rounding of sums of a few joules
-    assert s * P * T + 0.5 * s * s * Q * T * T <= left + 1e-12
+    # rounding of sums of a few joules, and of the root less P, which lie close together where Q is small
+    rounding = 1e-12 + 4e-16 * P * P / Q
+    assert s * P * T + 0.5 * s * s * Q * T * T <= left + rounding
     more = min(1.0, 1.001 * s + 1e-6)
     if more > s:
-        assert more * P * T + 0.5 * more * more * Q * T * T >= left - 1e-12
+        assert more * P * T + 0.5 * more * more * Q * T * T >= left - rounding
 
 
 @given(st.floats(-0.5, -1e-9), watts, slopes)
