@@ -255,3 +255,9 @@ def test_a_drive_that_needs_its_tool_is_refused(tmp_path: Path, servo: Path):
     bad = redescribed(servo, tmp_path / "bad.fmu", 'canGetAndSetFMUstate="true"', 'needsExecutionTool="true"')
     with pytest.raises(InputRefused, match="needs its authoring tool"):
         description.described(bad)
+
+
+def test_of_the_standard_only_the_unusual_kind_is_named(root: Path):
+    both = described(root / "fmus" / "modelica_dc" / "modelica_dc.fmu")
+    assert both.standard == "FMI 2.0"
+    assert dataclasses.replace(both, kind="model_exchange").standard.startswith("FMI 2.0 ")

@@ -21,3 +21,10 @@ def test_there_is_room_for_every_value_and_for_the_one_before(root: Path, side: 
     sizes = [int(row["bytes"]) for row in table for _ in ("buffer", "last")]
     assert [array.nbytes for array in stepping._moving] == sizes
     assert {int(row["bytes"]) // int(row["values"]) for row in table} <= {4, 8}
+
+
+def test_a_value_of_a_port_goes_to_the_fmu_and_back(root: Path):
+    (binding, *_) = planned(root / "fmus" / "parts" / "paper_law" / "paper_law.fmu").bindings
+    celsius = FmuPort(binding.port, binding.variable, gain=1.0, offset=273.15)
+    assert celsius.in_fmu(298.15) == pytest.approx(25.0, rel=1e-12)
+    assert FmuPort(binding.port, binding.variable, gain=2.0, offset=-1.0).in_fmu(5.0) == 3.0
