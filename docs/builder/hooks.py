@@ -9,6 +9,8 @@ from mkdocs.structure.pages import Page
 from docs.builder.equations import Equations
 from docs.builder.repository import SHELF, Repository
 
+KEYS = "keys.md"
+
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Let Markdown know equations."""
@@ -28,6 +30,11 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     if page.file.src_uri.startswith(f"{SHELF}/"):
         page.meta["search"] = {"exclude": True}
     return _repository(config).linked(page.file.src_uri, markdown)
+
+
+def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Mark the tables of keys, whose rows a narrow screen shows as blocks (site.css)."""
+    return html.replace("<table>", "<table data-keys>") if page.file.src_uri == KEYS else html
 
 
 def _repository(config: MkDocsConfig) -> Repository:
