@@ -1,6 +1,6 @@
-"""The user's own cache folder: where it is, that nobody else can write to it, that it does not grow for ever.
+"""The user's own cache folder: its place, its owner and its size.
 
-What lies in it is run: libraries of FMUs, machine code, pickles. Whoever can write to it runs code as its user.
+What lies in it is run: libraries of FMUs, machine code, pickles. A user who can write to it runs code as its owner.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ PRIVATE = 0o700
 _NAME = re.compile(r"[0-9a-f]{16,64}")
 """Of a folder that is known by the hash of what it was made of."""
 _FORGOTTEN = 24 * 3600.0
-"""Age (s) from which on an unfinished folder belongs to nobody: a process that was killed left it."""
+"""Age (s) from which on an unfinished folder is abandoned: a process that was killed left it."""
 
 _held: dict[Path, tuple[int, int]] = {}
 """Folder -> (inode, descriptor whose lock says that this process uses it)."""
@@ -65,7 +65,7 @@ def cache_base() -> Path:
 
 
 def private_folder(folder: Path) -> Path:
-    """`folder`, made if need be, which nobody but its user can write to.
+    """`folder`, made if need be, which only its user can write to.
 
     Raises:
         InputRefused: it belongs to somebody else, others can write to it, or the user cannot.
@@ -83,7 +83,7 @@ def private_folder(folder: Path) -> Path:
     if owner := _other_owner(link, found):
         raise InputRefused(f"{folder}: {owner}, {kept}; {REMEDY}")
     if open_ := _open_to_others(found):
-        raise InputRefused(f"{folder}: {open_}, {kept}; {REMEDY}, or take that right away if nobody has used it")
+        raise InputRefused(f"{folder}: {open_}, {kept}; {REMEDY}, or take that right away if no other user has used it")
     if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
         raise InputRefused(f"{folder}: cannot be written; {REMEDY}")
     return folder
@@ -150,7 +150,7 @@ def _open_to_others(found: os.stat_result) -> str:
 
 
 def hold(folder: Path) -> bool:
-    """Whether `folder` is there; nobody evicts it as long as this process lives, and it counts as used now.
+    """Whether `folder` is there; it is not evicted as long as this process lives, and it counts as used now.
 
     Raises:
         OSError: it is there and cannot be used.
@@ -243,7 +243,7 @@ def _delete(path: Path) -> None:
 
 @contextlib.contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Nobody begins to hold `folder` meanwhile; raises `OSError` if somebody does already."""
+    """No process begins to hold `folder` meanwhile; raises `OSError` if somebody does already."""
     if fcntl is None:
         yield
         return
@@ -305,7 +305,7 @@ def cached_answer(
 
 
 def contents(folder: Path) -> str | None:
-    """A text that changes with every name and every byte of what lies in `folder`; None if that cannot be told.
+    """A text that changes with every name and every byte of what lies in `folder`; None if it cannot be read.
 
     It cannot where a link leads elsewhere, something is no file, or there is more than `MOST_BYTES`.
     """

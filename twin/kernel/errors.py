@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 LONGEST_WORD = 200
-"""Characters of a word that are shown whole; a value of 100 kB helps nobody who reads the sentence."""
+"""Characters of a word that are shown whole; a value of 100 kB helps no reader of the sentence."""
 
 MOST_LINES = 60
 """Of a sentence with many mistakes: more would push the first out of sight."""
@@ -60,7 +60,7 @@ class Unreachable(InputRefused, ValueError):
 
 
 def system_sentence(problem: OSError) -> str:
-    """What nobody has foreseen of the surroundings; a traceback would tell of our code, and that is not to blame."""
+    """An unforeseen failure of the surroundings; a traceback would show our code, which is not to blame."""
     return f"{problem.filename or 'twin'}: {problem.strerror or problem}"
 
 

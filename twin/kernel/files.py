@@ -54,7 +54,7 @@ def open_regular(path: Path, limit: int, kind: str = "file") -> BinaryIO:
     """The regular file at `path`, open for reading; arguments and errors as of `read_bytes`."""
     with disk_refusals(path, "cannot be read", InputRefused, caught=BAD_NAME):
         try:
-            # a pipe that nobody writes to would otherwise be waited for here
+            # a pipe without a writer would otherwise be waited for here
             handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
         except FileNotFoundError:
             raise InputRefused(f"{path}: no such {kind}{meant(path)}") from None
@@ -74,7 +74,7 @@ def open_regular(path: Path, limit: int, kind: str = "file") -> BinaryIO:
 
 def meant(path: Path) -> str:
     """`; did you mean 'experiments/pressing.toml'?`, where nothing is at `path`: what stands beside it and is spelt
-    alike; "" if nothing is, or nobody may look."""
+    alike; "" if nothing is, or it may not be read."""
     try:
         beside = {there.stem: there for there in path.parent.iterdir() if there.suffix == path.suffix}
     except BAD_NAME:
@@ -170,7 +170,7 @@ class _Plain(ET.TreeBuilder):
     _depth = 0
 
     def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        """Told of a document type before any entity of it is used."""
+        """Called with a document type before any entity of it is used."""
         raise ValueError("it has a document type (DOCTYPE); do not trust this file")
 
     def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
@@ -195,7 +195,7 @@ def _parsed(language: str, parse: Callable[[Any], Any], text: str | bytes, where
 
 
 def _sound(found: Any) -> Any:
-    """`found`, which has no depth and no number that whoever goes on with it would stumble over.
+    """`found`, which has no depth and no number that later code would stumble over.
 
     Raises:
         RecursionError: it is deeper than `DEEPEST`.

@@ -35,7 +35,7 @@ class Gate:
         origins: that are let in besides `VIEWERS`, pages of this machine and programs, which have none.
 
     Attributes:
-        token: whoever names it may tune.
+        token: a viewer that sends it may tune.
 
     Raises:
         InputRefused: one of `origins` is none.
@@ -129,12 +129,12 @@ def advertisement(channels: Sequence[Channel]) -> str:
 def parameter_values(values: Mapping[str, float], request: str | None = None) -> str:
     """Parameters, in answer to the `request` of that id."""
     # without the type a whole number would come back as one, and then never again take a fraction
-    told = [{"name": name, "value": value, "type": "float64"} for name, value in values.items()]
-    return _message("parameterValues", parameters=told, **({} if request is None else {"id": request}))
+    listed = [{"name": name, "value": value, "type": "float64"} for name, value in values.items()]
+    return _message("parameterValues", parameters=listed, **({} if request is None else {"id": request}))
 
 
 def status(level: Level, text: str) -> str:
-    """A sentence for whoever sits before the viewer."""
+    """A sentence for the viewer's user."""
     return _message("status", level=int(level), message=text)
 
 
@@ -144,7 +144,7 @@ def time_now(time: int) -> bytes:
 
 
 def message_data(subscription: int, message: Message) -> bytes:
-    """`message` for whoever has given it this number."""
+    """`message` for the subscription of this number."""
     return struct.pack("<BIQ", _MESSAGE_DATA, subscription, message.time) + message.content
 
 

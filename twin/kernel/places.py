@@ -29,7 +29,7 @@ def located(name: str, start: Path) -> Path:
     What is found nowhere is returned as a path in `start`, for the sentence that refuses it.
     """
     wanted = Path(name)
-    # of a user whom nobody knows
+    # of an unknown user
     with contextlib.suppress(RuntimeError):
         wanted = wanted.expanduser()
     if wanted.is_absolute():

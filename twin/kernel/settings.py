@@ -103,7 +103,7 @@ class Settings(BaseModel, metaclass=_Declaring):
 
     @classmethod
     def of(cls, **values: Any) -> Self:
-        """A table of values in SI by attribute, which nobody checks; the others are their defaults."""
+        """A table of values in SI by attribute, unchecked; the others are their defaults."""
         return cls.model_construct(**values)
 
     @field_validator("*", mode="after")
@@ -263,7 +263,7 @@ class Values(tuple[Any, ...]):
 
 
 def _start_of(field: FieldSource | Setting) -> Any:
-    """What a field has where nobody says anything, SI; None: it has to be said."""
+    """The default of a field, SI; None: a value is required."""
     declared = field.setting if isinstance(field, FieldSource) else field
     if declared.default is ...:
         return None

@@ -5,7 +5,7 @@ written; (3) continuous components that are due go from t_k to t_k + h, and what
 
 Outputs stand twice in `y`: first what is valid at the present tick, then the newest result of each continuous
 component, which may belong to a later tick. Gauss-Seidel and Jacobi differ only in which of the two a wire reads, so
-the coupling scheme is data (see `system.py`). Where nobody would read what a newer result has replaced, both are the
+the coupling scheme is data (see `system.py`). Where no input reads what a newer result has replaced, both are the
 same place. Where inputs are interpolated, a third copy holds what was valid before the last publication, and an input
 is a weighted sum of the three; where steps are repeated, continuous components go back and forth again with the weights
 of a tick whose end is known.
@@ -49,7 +49,7 @@ Addresses, because asking an array for its own costs an atomic reference count, 
 """
 
 
-NOBODY = -1
+NO_COMPONENT = -1
 """What the mark says between slices, when no component is being stepped."""
 LOOP = np.dtype(
     [
@@ -75,8 +75,8 @@ LOOP = np.dtype(
 sampled; whether to count cycles; how often the continuous components make each step, 1 or more; whether their newest
 outputs stand apart from the valid ones; duration of a tick (s); address of all outputs, one to three times, and how
 many they are; address of the memory of rows, and how many outputs are written to each; the tick that gets a row but no
-step; address of the mark, two integers set to tick and component before each step, for whoever watches from outside: a
-step that crashes or never returns can tell nobody.
+step; address of the mark, two integers set to tick and component before each step, for a supervisor outside: a
+step that crashes or never returns reports nothing itself.
 
 What it tells: component -1 if all went well, else the one whose step failed, and its status.
 """
@@ -129,7 +129,7 @@ def _publish(part):
 
 @njit(cache=True, inline="always")
 def _call_all(m, table, mark, restoring):
-    """Save or restore every continuous component; False, and the loop told, if one fails."""
+    """Save or restore every continuous component; False, and `status` set, if one fails."""
     for c in range(m.sampled, m.components):
         mark[1] = c
         status = call_step(table[c].restore if restoring else table[c].save, table[c].rewind, 0.0, 0.0, 0, 0)
@@ -141,7 +141,7 @@ def _call_all(m, table, mark, restoring):
 
 @njit(cache=True, inline="always")
 def _go_on(m, table, mark, timed, y, k, again, apart):
-    """Step every continuous component that is due; False, and the loop told, if one fails.
+    """Step every continuous component that is due; False, and `status` set, if one fails.
 
     Args:
         apart: as in the loop; False: all are due, and inputs are held. Said where this is called, so that what is not
@@ -216,5 +216,5 @@ def advance(loop, first, count, row):
     """
     m = carray(_loop_at(loop), 1)[0]
     done = ticks(m, first, count, row)
-    carray(integers_at(m.mark), 2)[1] = NOBODY
+    carray(integers_at(m.mark), 2)[1] = NO_COMPONENT
     return done if m.culprit < 0 else -1 - done

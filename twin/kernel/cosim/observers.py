@@ -54,7 +54,7 @@ class Observer:
 
 
 LONG_SLICE = 1000
-"""Ticks. Where nobody waits for a slice it may be long; but its rows are to stay in the processor's cache."""
+"""Ticks. Where no observer waits for a slice it may be long; but its rows are to stay in the processor's cache."""
 
 
 class Progress(Observer):

@@ -152,11 +152,11 @@ class Wanted:
 def _gain(label: str, port: Port, unit: Any) -> float:
     if unit is None:
         return 1.0
-    told, si = (known_unit(str(unit)), known_unit(port.unit))
-    if told is None or si is None or told.dimension != si.dimension:
-        hint = weight_hint(told.dimension, si.dimension) if told and si else ""
+    stated, si = (known_unit(str(unit)), known_unit(port.unit))
+    if stated is None or si is None or stated.dimension != si.dimension:
+        hint = weight_hint(stated.dimension, si.dimension) if stated and si else ""
         raise InputRefused(f"{label}: {port.name} in {unit!r}; expected a unit like {port.unit}{hint}")
-    return told.scale
+    return stated.scale
 
 
 class NamedPorts:

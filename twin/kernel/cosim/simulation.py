@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.kernel.cosim.component import NOT_FINITE, Component
-from twin.kernel.cosim.master import NOBODY, advance
+from twin.kernel.cosim.master import NO_COMPONENT, advance
 from twin.kernel.cosim.port import by_port, named_values, width
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed
@@ -50,7 +50,7 @@ class SimulationMemory:
     """What can be seen from outside while a step runs.
 
     Attributes:
-        mark: (2,) int64: tick and component being stepped, NOBODY between slices.
+        mark: (2,) int64: tick and component being stepped, NO_COMPONENT between slices.
         u: (inputs_width,) float64: the inputs that each component was last stepped with.
     """
 
@@ -79,7 +79,7 @@ class Simulation:
         slice_ticks: most ticks one call of `advance` runs.
         timed: count the processor cycles of each component.
         memory: where the mark and the inputs live; by default this process alone sees them, or the one that
-            `let_watch` was told of.
+            `let_watch` was given.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class Simulation:
         self.next_tick = 0
         if memory is None and _witness:
             memory = _witness[0](system, last_tick)
-        memory = memory or SimulationMemory(np.array([0, NOBODY]), np.zeros(system.inputs_width))
+        memory = memory or SimulationMemory(np.array([0, NO_COMPONENT]), np.zeros(system.inputs_width))
         self._mark, self._u = memory.mark, memory.u
         for component in system.components:
             component.keep_time(self._mark)

@@ -98,7 +98,7 @@ class Subsystem(Component):
         self._table = self.system.table(self._u, self._y)
         columns = [self.system.columns(source) for _, source in outputs]
         self._outlet = np.concatenate([np.arange(c.start, c.stop) for c in columns]).astype(np.uint64)
-        # nobody watches inside: whoever watches the outer system is told of this component
+        # no mark inside: a supervisor of the outer system sees this component as one
         self._mark = np.zeros(2, dtype=np.int64)
         self._loop = self.system.loop(self._table, self._y, self._mark, NEVER)
         self._memory = np.zeros(1, dtype=_MEMORY)
@@ -128,7 +128,7 @@ class Subsystem(Component):
             component.keep_time(clock)
 
     def take_messages(self) -> list[tuple[int, str]]:
-        return [told for component in self.system.components for told in component.take_messages()]
+        return [message for component in self.system.components for message in component.take_messages()]
 
     def close(self) -> None:
         for component in self.system.components:

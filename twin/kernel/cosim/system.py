@@ -1,6 +1,6 @@
 """Components joined by wires, checked as a whole before anything runs.
 
-Wires value by value: which output feeds which input, for whoever builds a system or puts something into it.
+Wires value by value: which output feeds which input, for code that builds a system or inserts components.
 """
 
 import re
@@ -165,7 +165,7 @@ class System:
     def apart(self) -> bool:
         """Whether newest outputs stand apart from the valid ones.
 
-        In Gauss-Seidel order, where all go on in every tick, what has been replaced was read by whoever reads it.
+        In Gauss-Seidel order, where all go on in every tick, what has been replaced was read before.
         """
         every = all(c.period == 1 for c in self.components[self.sampled :])
         return self.interpolates or self.scheme != "gauss_seidel" or not every

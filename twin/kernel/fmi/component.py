@@ -1,6 +1,6 @@
 """An FMU as a component: brought to where it can be stepped, whatever kind it is of, and stepped by address.
 
-In a process that has been told so instances are kept for the next run and reset; else each is made anew. Only for
+In a process that was asked to, instances are kept for the next run and reset; else each is made anew. Only for
 drives of which it is known that a run after a reset is that of a new instance, bit for bit.
 """
 
@@ -402,7 +402,7 @@ class FmuComponent(Component):
         outputs_at_start: port -> value (SI) that the output is taken to have at t = 0: an angle's zero is arbitrary,
             and the shaft is coupled where it stands.
         setup: of the run.
-        sampled: whether it is evaluated at t_k; what its outputs are before the first time is nobody's business then.
+        sampled: whether it is evaluated at t_k; its outputs mean nothing before the first time then.
         instance: of the FMU, in step mode; None: one is made, and initialised with what is said here.
         solver: of the equations of one for model exchange; None: CVODE.
 
@@ -452,7 +452,7 @@ class FmuComponent(Component):
             self.instance.close()
             raise
         self._state: np.ndarray | None = None
-        self._told_of_discard = False
+        self._discard_reported = False
         super().__init__(
             name=name,
             inputs=tuple(p.port for p in self._stepping.inputs),
@@ -500,13 +500,13 @@ class FmuComponent(Component):
         self.instance.clock = clock
 
     def take_messages(self) -> list[tuple[int, str]]:
-        told = self.instance.unheard()
+        messages = self.instance.unheard()
         since = self._stepping.discarded_since
-        if since is not None and not self._told_of_discard:
-            self._told_of_discard = True
+        if since is not None and not self._discard_reported:
+            self._discard_reported = True
             said = f"it discards steps, which are then made in parts, since t = {since:g} s"
-            told.append((int(self.instance.clock[0]), said))
-        return told
+            messages.append((int(self.instance.clock[0]), said))
+        return messages
 
     def close(self) -> None:
         if isinstance(self._stepping, ExchangeStepping):
@@ -555,6 +555,6 @@ class ExchangeStepping(Stepping):
         self.address, self.memory = step.address, self.integrator.memory
 
     def explain(self, status: int) -> str:
-        told = self.integrator.explain(status)
+        reason = self.integrator.explain(status)
         said = f" ('{self.instance.messages[-1]}')" if self.instance.messages else ""
-        return f"{told}{said}" if told else super().explain(status)
+        return f"{reason}{said}" if reason else super().explain(status)

@@ -1,7 +1,7 @@
 """Reads an FMU without loading it, and refuses what cannot work before a binary is touched.
 
 FMPy reads modelDescription.xml; what it leaves out is filled in here. What an FMU says of its steps, events and clocks
-(FMI 3.0, 2.2.8) is told, and held to the steps that it is to take.
+(FMI 3.0, 2.2.8) is announced, and held to the steps that it is to take.
 """
 
 import math
@@ -105,7 +105,7 @@ class FmuDescription:
 
     @property
     def standard(self) -> str:
-        """What it is made to, for people; of kinds only the one that is not the usual is told."""
+        """The standard it follows, for people; a kind is named only if it is not the usual one."""
         usual = self.kind == "co_simulation"
         return f"FMI {self.model.fmiVersion}" + ("" if usual else f" {KIND_NAMES[self.kind]}")
 
@@ -270,7 +270,7 @@ def _interface(model: Any, kind: Kind) -> Any:
 
 
 def _kinds(model: Any) -> tuple[Kind, ...]:
-    # nobody asked for the model exchange of FMI 1.0, whose functions are others
+    # model exchange of FMI 1.0, whose functions are others, is not supported
     known: Mapping[Kind, str] = KIND_NAMES if model.fmiVersion != "1.0" else {"co_simulation": ""}
     return tuple(kind for kind in known if _interface(model, kind) is not None)
 

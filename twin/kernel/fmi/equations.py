@@ -54,7 +54,7 @@ MEMORY = np.dtype(
 )
 """Addresses of the FMU's functions, of CVODE's (`cvode` 0: Runge-Kutta) and of arrays; numbers of things; and
 
-    fresh: 1: nothing has been told to the FMU yet.
+    fresh: 1: no call has reached the FMU yet.
     restart: 1: the solver has to begin anew.
     trouble: status of the first thing that went wrong in a call that the solver made.
     element, flag, asked: which state, which return value of CVODE, which time, for the sentence.

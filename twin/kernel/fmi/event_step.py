@@ -56,7 +56,7 @@ PERIODIC, CHANGING, COUNTDOWN, OUTPUT = 0, 1, 2, 3
 the FMU itself ticks it."""
 
 NEVER = 1 << 62
-"""Step at which a clock ticks of which nobody knows when."""
+"""Step of a clock whose next tick is not known."""
 
 CLOCK = np.dtype([("reference", "u4"), ("kind", "i4"), ("period", "i8"), ("next", "i8")], align=True)
 """Value reference, one of the four kinds, period in steps, and the step at whose beginning it ticks next."""
@@ -80,7 +80,7 @@ EVENTS = record(
     held_groups="i8",
     next="i8",  # where the time of the next event is (s); infinity: none is planned
     step="f8",  # s
-    value="f8",  # what the FMU told when it went wrong
+    value="f8",  # what the FMU returned when it went wrong
     culprit="i8",  # about which clock
 )
 """Event mode: counts, and addresses of functions and tables."""
@@ -196,7 +196,7 @@ def _plan_clocks(e, clocks, ticked, n, t):
             if answer[0] == 2 or (answer[0] == 1 and kind == CHANGING):
                 steps = (t + interval[0]) / e.step
                 e.value, e.culprit = interval[0], c
-                # two of the first thousand million steps are told apart
+                # two of the first thousand million steps are distinct
                 if not (interval[0] > 0.0 and steps < 1e9 and abs(steps - np.floor(steps + 0.5)) < 1e-6):
                     return PERIOD
                 clocks[c].next = np.int64(np.floor(steps + 0.5))
@@ -286,7 +286,7 @@ MEMORY = record(
     discrete="i8",  # how many groups of discrete inputs
     early="i8",  # whether it may return early
     varies="i8",  # whether it takes steps of varying size
-    value="f8",  # the time that it told when it went wrong
+    value="f8",  # the time that it returned when it went wrong
 )
 """As `cosim_step.MEMORY`, and what events need."""
 

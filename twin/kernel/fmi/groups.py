@@ -26,7 +26,7 @@ _listeners: list[Listener] = []
 def listen(listener: Listener) -> None:
     """From now on tell `listener` (file, instance, function) before each call; function "" when it has returned.
 
-    A call may crash or never return; then only somebody outside this process can say which one it was, if told before.
+    A call may crash or never return; then only another process can say which one it was, if it was noted before.
     Steps are not announced: they would cost more than they take (see `SimulationMemory.mark`).
     """
     _listeners.append(listener)
@@ -156,7 +156,7 @@ def explain_status(status: int, prefix: str, functions: dict[int, str], value: f
         status: of a step.
         prefix: of the standard's names.
         functions: more of them, by what a status starts with.
-        value: what the FMU told when it went wrong, a time or an interval (s).
+        value: what the FMU returned when it went wrong, a time or an interval (s).
         clock: name of the clock it was about.
         said: what it logged last.
     """

@@ -172,8 +172,8 @@ class Instance:
 
     def unheard(self) -> list[tuple[int, str]]:
         """(tick, text) of what it logged since this was last asked, at most `MOST_UNHEARD` of them."""
-        told, self._unheard = self._unheard, []
-        return told
+        messages, self._unheard = self._unheard, []
+        return messages
 
     def close(self) -> None:
         """Free it; safe to call twice."""
@@ -252,7 +252,7 @@ class Instance:
         """Keep what it logged, if it is a warning or worse."""
         if status > 0 and message:
             text = message.decode(errors="replace").strip()
-            # what it says again and again is told once
+            # a repeated message is handed on once
             if text in self.messages:
                 self.messages.remove(text)
             del self.messages[:-2]

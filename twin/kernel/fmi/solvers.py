@@ -276,5 +276,5 @@ class Cvode:
 
 
 def _function(library: ctypes.CDLL, name: str, returns: Any, *kinds: Any) -> Any:
-    """A function of `library`, with types that are nobody else's business."""
+    """A function of `library`, with types of its own."""
     return ctypes.CFUNCTYPE(returns, *kinds)((name, library))

@@ -287,13 +287,13 @@ def call_compiler(command: Sequence[str], refused: str, late: str, folder: Path,
     """
     patience = PATIENCE if end is None else max(end - time.monotonic(), 0.0)
     limits = _LIMITED.format(time=math.ceil(PATIENCE), memory=MOST_MEMORY >> 10, written=MOST_WRITTEN >> 9)
-    told = {name: value for name, value in os.environ.items() if name not in WRITES_BESIDES}
+    environment = {name: value for name, value in os.environ.items() if name not in WRITES_BESIDES}
     # in a file: what a compiler says may have no end
     with tempfile.TemporaryFile(dir=folder) as words:
         process = subprocess.Popen(
             ["/bin/sh", "-c", limits, "sh", *command],
             cwd=folder,
-            env={**told, "TMPDIR": str(folder)},
+            env={**environment, "TMPDIR": str(folder)},
             stdin=subprocess.DEVNULL,
             stdout=words,
             stderr=subprocess.STDOUT,
@@ -304,7 +304,7 @@ def call_compiler(command: Sequence[str], refused: str, late: str, folder: Path,
         except subprocess.TimeoutExpired:
             raise InputRefused(late) from None
         finally:
-            # what it started too, after Ctrl-C as well; its number is nobody else's so soon
+            # what it started too, after Ctrl-C as well; its number is not given away so soon
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
@@ -410,8 +410,8 @@ def unpacked(file: Path, digest: str) -> Path:
         supply(digest, folder / CONTENT)
     if mended:
         listed = ", ".join(mended[:3]) + (f" and {len(mended) - 3} more" if len(mended) > 3 else "")
-        told = f"twin: {file.name}: unpacked files had been changed ({listed}): taken from the FMU again"
-        print(told, file=sys.stderr)
+        warning = f"twin: {file.name}: unpacked files had been changed ({listed}): taken from the FMU again"
+        print(warning, file=sys.stderr)
     return folder / CONTENT
 
 
@@ -478,7 +478,7 @@ def _is_same(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> bo
 
 
 def _put(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, content: Path) -> None:
-    """Take the `entry` of `archive` to its place in `content`; whoever has loaded the old file keeps that."""
+    """Take the `entry` of `archive` to its place in `content`; a process that has loaded the old file keeps it."""
     target = content / place(entry)
     if target.is_dir() and not target.is_symlink():
         shutil.rmtree(target)

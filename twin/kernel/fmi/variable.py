@@ -68,7 +68,7 @@ def conversion(unit: str, definitions: list[Any]) -> Conversion | None:
 
 
 def meant(unit: str, stated: Conversion | None = None) -> Conversion | None:
-    """How values in `unit` become SI, of which a file has `stated` so much; None if nobody knows.
+    """How values in `unit` become SI, of which a file has `stated` so much; None if unknown.
 
     A definition as 1/s with the factor 1/60 (rpm as a frequency) or 1 (Hz) counts turns; the well-known name decides.
     """
@@ -230,7 +230,7 @@ def number(text: Any) -> float:
 
 
 class Setup(NamedTuple):
-    """What an FMU is told of the run before it is initialised.
+    """What an FMU is given of the run before it is initialised.
 
     Attributes:
         tolerance: relative, of its solver; None: nothing is said.

@@ -22,13 +22,13 @@ _PR_SET_PDEATHSIG = 1
 
 
 def main() -> None:
-    """Do the one job of this process as often as is asked, until nobody is there or it could not be begun."""
+    """Do the one job of this process as often as is asked, until the parent has gone or it could not be begun."""
     box, parent = map(int, sys.argv[1:])
     orders, reports = os.dup(0), os.fdopen(os.dup(1), "w", encoding="utf-8")
     with open(os.devnull) as nothing:
         os.dup2(nothing.fileno(), 0)
     os.dup2(2, 1)
-    # whoever started us may have had it ignored
+    # the parent may have had it ignored
     signal.signal(signal.SIGINT, signal.default_int_handler)
     keep_interrupts()
     _die_with(parent)
@@ -76,7 +76,7 @@ def _die_with(parent: int) -> None:
 
 
 def _lines(fd: int) -> Iterator[str]:
-    """Lines that arrive at `fd`; the end of the process if nobody is left to write one."""
+    """Lines that arrive at `fd`; the end of the process if no writer is left."""
     rest = b""
     while True:
         line, found, rest = rest.partition(b"\n")

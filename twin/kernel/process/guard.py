@@ -41,8 +41,8 @@ def guarded(
         job: see `function_called`; it is called as `job(reporter, **arguments)`, see `Reporter`.
         arguments: what can be pickled.
         limits: the job is ended if it exceeds one.
-        listen: told of every note of the job.
-        show: told (ticks done, ticks in all) while a system is being stepped.
+        listen: called with every note of the job.
+        show: called with (ticks done, ticks in all) while a system is being stepped.
 
     Returns:
         What the function returned, through JSON. An end without this is a failure, whatever the exit status.
@@ -112,7 +112,7 @@ class Watchdog:
     """Knows what a process is doing and for how long, and ends it at its limits.
 
     Attributes:
-        account: what the job has said; whoever reads the reports lets it take them.
+        account: the notes and progress of the job; the reader of the reports hands them to it.
         process, limits: what is watched.
     """
 

@@ -28,7 +28,7 @@ def function_called(name: str) -> Callable[..., Any]:
 
 
 LONG = 3600.0
-"""Time (s) beyond which nobody starts without having been asked."""
+"""Time (s) beyond which a run starts only after a question."""
 PATIENCE = 10.0
 """How long (s) what is stepped is watched before anything is said of how long it will take."""
 
@@ -42,8 +42,8 @@ class JobLimits:
 
     Attributes:
         step: longest time of one call into a component (s): on the clock, and of that much on a processor, so that a
-            busy machine accuses nobody; a call that waits for something else may take `WAITING` times as long. What
-            calls nobody, a compilation say, has no such limit.
+            busy machine makes no call look slow; a call that waits for something else may take `WAITING` times as
+            long. Code that calls no FMU, a compilation say, has no such limit.
         wall: longest time of the whole job (s), less that in which it compiles.
         memory: most resident memory (bytes); watched where the system has /proc, so on Linux.
         expected: longest time that all ticks of one simulation may be expected to take (s), from what they have taken.
@@ -81,7 +81,7 @@ def failure_report(problem: Exception) -> list[Any]:
 def error_of(report: list[Any]) -> TwinError:
     """The error of a `failure_report`: of the same class, with the same text and exit code.
 
-    What else the error carried is not told: whoever needs that asks in the process itself.
+    What else the error carried is left out: code that needs it runs in the process itself.
     """
     module, name, text, exit_code = report
     kind = getattr(importlib.import_module(module), name, TwinError) if module.startswith("twin.") else TwinError
@@ -98,7 +98,7 @@ SOON = 0.01
 
 
 def keep_interrupts() -> None:
-    """From now on an interrupt that nobody can catch where it arrives comes again a moment later.
+    """From now on an interrupt that cannot be caught where it arrives comes again a moment later.
 
     Compiling is full of such places: each piece of machine code is kept and let go by finalisers and callbacks.
     """

@@ -4,11 +4,11 @@ The page stands in the black box of the process that has the component, where in
 and the status, a cache line for each side; then t and h, the inputs, the outputs.
 
 A word in shared memory that one process sets and another waits for, from compiled code. The waiter sleeps in the kernel
-(futex(2)); the setter wakes it only if it sleeps. Whoever is about to sleep says so before it looks for the last time,
+(futex(2)); the setter wakes it only if it sleeps. A side that is about to sleep marks it before it looks for the last time,
 and the setter looks for sleepers after it has set the word; both orders are sequentially consistent, so one of the two
 sees the other.
 
-Nobody looks twice before sleeping: the two sides take turns on one processor (see `isolated_drive.py`), where looking
+Neither side looks twice before sleeping: the two take turns on one processor (see `isolated_drive.py`), where looking
 would only keep the other from running.
 """
 
@@ -135,10 +135,10 @@ def time_of(kernel, clock, info):
     Args:
         info: address of 16 bytes for a `struct timespec`.
     """
-    call, told = carray(_integers(kernel), 4), carray(_integers(info), 2)
-    told[0] = told[1] = 0
+    call, times = carray(_integers(kernel), 4), carray(_integers(info), 2)
+    times[0] = times[1] = 0
     _syscall(call[0], call[3], clock, info, 0, 0, 0)
-    return told[0] + 1e-9 * told[1]
+    return times[0] + 1e-9 * times[1]
 
 
 def timespec(seconds: float) -> np.ndarray:
@@ -155,7 +155,7 @@ NAP = 0.02
 DIED, STUCK = 1 << 20, 1 << 21
 """Statuses of the caller's step: the host has ended, or did not answer in time. No step returns them."""
 IDLE, STOPPED = 1 << 22, 1 << 23
-"""What `serve` returns besides statuses: nobody asked for a while, or nobody will any more."""
+"""What `serve` returns besides statuses: no question for a while, or no more questions at all."""
 
 CALLER = np.dtype(
     [(name, "i8") for name in ("page", "inputs", "outputs", "number", "naps", "nap", "kernel", "pid", "clock", "info")],
@@ -235,7 +235,7 @@ def ask(m, t, h, u, y):
 
 @entry("int", "int", "int", "int", "int", "integers", "int", "int")
 def serve(page, inputs, step, memory, numbers, kernel, nap):
-    """Answer questions from `numbers[0]` on, until one gives a bad status or nobody asks.
+    """Answer questions from `numbers[0]` on, until one gives a bad status or no more come.
 
     Args:
         page: address.

@@ -41,8 +41,8 @@ def environment() -> dict[str, str]:
     inherited = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     # an empty entry is the current folder; site-packages are found anyway, and not before the standard library
     paths = [path for path in (home, *inherited) if path and path != sysconfig.get_path("purelib")]
-    told = {key: value for key, value in os.environ.items() if (key, value) != (SAFE_PATH, OURS)}
-    return {**told, "PYTHONPATH": os.pathsep.join(paths)}
+    environment = {key: value for key, value in os.environ.items() if (key, value) != (SAFE_PATH, OURS)}
+    return {**environment, "PYTHONPATH": os.pathsep.join(paths)}
 
 
 @contextmanager
@@ -156,7 +156,7 @@ class GuardedProcess:
         self.order(pickle.dumps(arguments).hex())
 
     def order(self, line: str) -> None:
-        """Send a line; harmless if nobody is there to read it."""
+        """Send a line; harmless if the reader has gone."""
         with contextlib.suppress(BrokenPipeError):
             os.write(_fd(self._process.stdin), line.encode() + b"\n")
 
@@ -251,6 +251,6 @@ def process_for(job: str) -> GuardedProcess:
 
 
 def end_waiting() -> None:
-    """End what nobody has asked for."""
+    """End the processes that no job has asked for."""
     while _waiting:
         _waiting.popitem()[1].close()

@@ -1,4 +1,4 @@
-"""What a job says to whoever started it, from a process of its own or from the same one.
+"""What a job reports to its parent, from a process of its own or from the same one.
 
 What a job in a guarded process says to its supervisor.
 """
@@ -12,7 +12,7 @@ from typing import Any, Protocol, TextIO
 import numpy as np
 
 from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.simulation import NOBODY, SimulationMemory
+from twin.kernel.cosim.simulation import NO_COMPONENT, SimulationMemory
 from twin.kernel.cosim.subsystem import Subsystem
 from twin.kernel.cosim.system import System
 from twin.kernel.fmi.component import FmuComponent
@@ -62,7 +62,7 @@ class Reporter(Protocol):
 
 
 class DirectReporter:
-    """For a job in the same process: nobody watches, so only notes and progress have a hearer."""
+    """For a job in the same process: without a supervisor, so only notes and progress are passed on."""
 
     def __init__(self, listen: Listen, show: Show = lambda done, total: None):
         self._listen, self.progress = listen, show
@@ -86,7 +86,7 @@ def let_speak(reporter: Reporter) -> None:
 
 
 def own_reporter() -> Reporter:
-    """That of this process, for what no job hands on; where nobody listens, one that nobody hears."""
+    """That of this process, for what no job hands on; without a listener, one that drops everything."""
     return _of_process[0] if _of_process else DirectReporter(lambda note: None)
 
 
@@ -126,7 +126,7 @@ class PipeReporter:
             np.frombuffer(mapped, dtype=np.int64, count=2),
             np.frombuffer(mapped, dtype=np.float64, count=system.inputs_width, offset=INPUTS_AT),
         )
-        memory.mark[:], memory.u[:] = (0, NOBODY), 0.0
+        memory.mark[:], memory.u[:] = (0, NO_COMPONENT), 0.0
         components = [
             {
                 "name": component.name,

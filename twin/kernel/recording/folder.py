@@ -70,7 +70,7 @@ def recording_in(path: Path) -> Path:
     if os.path.isfile(path):
         return path
     latest = path / LATEST
-    # a path that is told means another run after the next one, unless it names the run
+    # a path that was printed means another run after the next one, unless it names the run
     runs = [path, path / os.readlink(latest) if os.path.islink(latest) else latest]
     if os.path.isdir(path):
         runs += sorted((f for f in path.iterdir() if f.is_dir()), reverse=True)

@@ -50,7 +50,7 @@ class Field:
         size: number of values in every message; 1 is a scalar.
         kind: `double`, `int` (64 bit, for counts) or `bool`.
         unit: SI unit, `1` where there is none.
-        meaning: one sentence for whoever opens the file, with frame and sign.
+        meaning: one sentence for a reader of the file, with frame and sign.
 
     Raises:
         ValueError: a name, size or kind that no message can have.
@@ -165,7 +165,7 @@ def descriptor_set(message_name: str, fields: Sequence[Field]) -> bytes:
 
 
 def _json_name(name: str) -> str:
-    """What protobuf calls the field `name` in JSON unless it is told otherwise: `thetaM` for `theta_m`."""
+    """What protobuf calls the field `name` in JSON unless another name is given: `thetaM` for `theta_m`."""
     first, *others = name.split("_")
     return first + "".join(word[:1].upper() + word[1:] for word in others)
 
@@ -435,7 +435,7 @@ BLANK_TIME = Timestamp(seconds=2**34, nanos=2**29)
 TIME_BYTES = BLANK_TIME.SerializeToString(deterministic=True)
 # behind their tags of one byte each
 SECONDS_AT, NANOS_AT = 1, 1 + GROUPS + 1
-# the upper half of a double of about 1e307 that nobody writes in earnest; the lower half is the column
+# the upper half of a double of about 1e307 that no program writes on purpose; the lower half is the column
 BLANK = 0x7FC0_7749
 
 

@@ -191,8 +191,8 @@ def read(path: str | Path, *, salvage: bool = False) -> Recording:
         hint = f"; an unfinished recording is beside it: {partial.name}" if partial.exists() else ""
         raise RecordingRefused(f"{path}: cannot be read: {error.strerror}{hint}") from error
     except (ValueError, LookupError, OverflowError, struct.error, McapError, DecodeError) as error:
-        told = error.args[0] if isinstance(error, LookupError) and error.args else error
-        raise RecordingRefused(f"{path}: not a recording that twin wrote: {told}") from error
+        reason = error.args[0] if isinstance(error, LookupError) and error.args else error
+        raise RecordingRefused(f"{path}: not a recording that twin wrote: {reason}") from error
 
 
 def last_time(path: Path) -> float | None:

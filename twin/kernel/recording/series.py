@@ -120,8 +120,8 @@ class Contents:
                 raise Damage(position, MISSING)
             if channel not in self.foreign:
                 logs.append(channel)
-        told = messages[np.isin(of_channel, logs)] if logs else ()
-        events = [_event(_body(content, record)) for record in told]
+        logged = messages[np.isin(of_channel, logs)] if logs else ()
+        events = [_event(_body(content, record)) for record in logged]
         for channel, part in parts.items():
             self.series[channel].parts.append(part)
         self.events += events

@@ -137,7 +137,7 @@ class _Flat:
         return (end, start) if gives[0] is False or gives[1] is True else (start, end)
 
     def _gives(self, node: End, said: End) -> bool | None:
-        """Whether values leave a connector here; None: nobody says."""
+        """Whether values leave a connector here; None: not stated."""
         within = self._systems.get(node.element)
         owner = within or self._components[node.element]
         found = owner.connector_of.get(node.connector)
@@ -173,7 +173,7 @@ class _Flat:
         return found
 
     def _lead(self, end: End) -> Lead | None:
-        """What feeds an end; None: a connector of the outermost system, which nobody feeds."""
+        """What feeds an end; None: a connector of the outermost system, which has no source."""
         hops: list[Hop] = []
         node, seen = end, {end}
         while node in self._into:

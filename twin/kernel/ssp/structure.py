@@ -224,7 +224,7 @@ class SspComponent:
         source: URI, relative to the structure: "resources/plant.fmu".
         type: MIME type of what is there.
         implementation: as which an FMU is to be used.
-        connectors: that are told of; an FMU may have more variables.
+        connectors: the listed ones; an FMU may have more variables.
         bindings: values for its parameters, the last one counts.
     """
 
@@ -269,7 +269,7 @@ class SspSystem:
     """Components, and systems in the system, joined by connections.
 
     Attributes:
-        connectors: its own, for whoever puts it into another one.
+        connectors: its own, for the system around it.
         bindings: values for parameters of all that is in it, "element.parameter".
     """
 

@@ -26,7 +26,7 @@ MOST_NUMBERS = 200_000_000
 """In a table at a rate, unless as many have been recorded: 1.6 GB in memory."""
 FEW_ROWS, MOST_REPEATED = 100_000, 1000
 """More rows than `FEW_ROWS` have to come from samples: with each of them repeated more than `MOST_REPEATED` times, a
-time in the file is wrong or the rate is. Nobody reads such a table, and it fills the memory."""
+time in the file is wrong or the rate is. Such a table is of no use, and it fills the memory."""
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """What a cell begins with that spreadsheets take for a formula."""
 ROWS_AT_ONCE = 10_000
