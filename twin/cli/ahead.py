@@ -25,7 +25,7 @@ FEW = 6
 @contextmanager
 def job_expected() -> Iterator[None]:
     """Start the process of a run, of the picture of a report or of a sweep's first run, if the command line looks like
-    one; it ends with the block if nobody has asked."""
+    one; it ends with the block if it was not asked for."""
     job = _job(sys.argv[1:])
     if not job:
         yield
@@ -33,7 +33,7 @@ def job_expected() -> Iterator[None]:
     # for every other command this would be half of what it imports
     from twin.kernel.process.process import end_waiting, start_ahead
 
-    # what is in the way is told when the process is needed
+    # an obstacle is reported when the process is needed
     with suppress(OSError):
         start_ahead(job)
     try:

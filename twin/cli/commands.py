@@ -61,7 +61,7 @@ class Commands(TyperGroup):
     """Commands that are imported when they are asked for: to import all takes longer than most of them.
 
     Their help is plain text: drawn by rich it would take as long again as all else that it needs. They are listed with
-    their whole first sentences, also to whoever names none.
+    their whole first sentences, also where none is named.
 
     Args:
         first: the word that all begin with, of a group.

@@ -54,7 +54,7 @@ def setting_keys(incomplete: str) -> list[str]:
     for word in f"{os.environ.get('COMP_WORDS', '')} {os.environ.get('_TYPER_COMPLETE_ARGS', '')}".split():
         try:
             keys |= read_source(Path(word)).origins.keys() if word.endswith(".toml") else set()
-        # whoever is still typing has made no mistake yet
+        # a line that is still being typed holds no mistake yet
         except InputRefused:
             continue
     return _starting_with(incomplete, (f"{key}=" for key in keys))

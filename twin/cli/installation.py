@@ -67,10 +67,10 @@ def installed_table(package: str = "twin") -> dict[str, Any]:
 
     from packaging.requirements import Requirement
 
-    told = metadata(package)
-    table: dict[str, Any] = {"requires-python": told["Requires-Python"], "dependencies": []}
-    extras = table["optional-dependencies"] = {extra: [] for extra in told.get_all("Provides-Extra") or ()}
-    for requirement in map(Requirement, told.get_all("Requires-Dist") or ()):
+    distribution = metadata(package)
+    table: dict[str, Any] = {"requires-python": distribution["Requires-Python"], "dependencies": []}
+    extras = table["optional-dependencies"] = {extra: [] for extra in distribution.get_all("Provides-Extra") or ()}
+    for requirement in map(Requirement, distribution.get_all("Requires-Dist") or ()):
         marker, requirement.marker = requirement.marker, None
         if marker is None or marker.evaluate({"extra": ""}):
             table["dependencies"].append(str(requirement))
@@ -86,7 +86,7 @@ def package_findings(project: dict[str, Any], clone: bool = True) -> list[Findin
 
     Args:
         project: as of `project_table`.
-        clone: it is installed from one, so that pip can be told of it, and extras for developing are of interest.
+        clone: it is installed from one, so that pip can be given it, and extras for developing are of interest.
     """
     return [_python(project["requires-python"]), _needed(project["dependencies"], clone), *_extras(project, clone)]
 

@@ -22,23 +22,23 @@ def main() -> None:
     """Entry point; ends the process with the exit code of what happened."""
     with standard_streams():
         guard_terminal()
-        code, told = _ended()
-        if told:
-            print(plain(told), file=sys.stderr)
+        code, sentence = _ended()
+        if sentence:
+            print(plain(sentence), file=sys.stderr)
     sys.exit(code)
 
 
 def _ended() -> tuple[int | str | None, str]:
-    """Exit code of the command, and a sentence on what went wrong; "" if nothing did, or it has been told."""
+    """Exit code of the command, and a sentence on what went wrong; "" if nothing did, or it has been printed."""
     try:
         try:
             code = _carried_out(sys.argv[1:])
             # Typer makes this of Ctrl-C where no command has more to say about it
-            told = "interrupted" if code == INTERRUPTED else ""
+            sentence = "interrupted" if code == INTERRUPTED else ""
         except SystemExit as end:
-            code, told = end.code, ""
+            code, sentence = end.code, ""
         sys.stdout.flush()
-        return code, told
+        return code, sentence
     except Unread:
         return READER_GONE, ""
     except TwinError as error:

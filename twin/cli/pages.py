@@ -149,7 +149,7 @@ def sweep_show(
     claims = claims_in(found.columns)
     metric = checked_rank("--by", by, found.metrics, claims) if by else usual_metric(found.columns)
     asked = Asked(metric, checked_rank("--against", against, found.metrics, claims), top, worst_label(found, worst))
-    # a misspelt one is told before anything else
+    # a misspelt one is reported before anything else
     axes_of(found, x, y)
     if not as_json:
         # pictures of a million runs take as long again

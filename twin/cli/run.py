@@ -106,7 +106,7 @@ def run(
     }
     # the run itself notices a drive of its own that is stuck, and ends better than if it is ended
     patience = limit_step + (GRACE if isolate == Isolation.DRIVE else 0.0)
-    # a paced run takes what it was told to take
+    # a paced run lasts as long as it was asked to
     limits = JobLimits(patience, limit_wall, 1e6 * limit_memory, math.inf if yes or factor else LONG)
     with Reported(report, as_json) as reported, Display(as_json) as display:
         recorded(LIVE_JOB if live else JOB, arguments, display, isolate, limits, reported.noting(display.hear))

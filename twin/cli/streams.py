@@ -1,4 +1,4 @@
-"""Standard input, output and error as a command finds them: closed, full, with nobody left to read, or a terminal."""
+"""Standard input, output and error as a command finds them: closed, full, without a reader, or a terminal."""
 
 import contextlib
 import os
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from twin.studies.answer import Answer
 
 READER_GONE = 128 + 13
-"""Exit code of a command whose output nobody reads any more: what a shell shows for the signal SIGPIPE."""
+"""Exit code of a command whose output has no reader any more: what a shell shows for the signal SIGPIPE."""
 
 
 class Unread(Exception):
-    """Whoever read standard output has gone, as `head` does when it has enough."""
+    """The reader of standard output has gone, as `head` does when it has enough."""
 
 
 class Outlet:
@@ -31,7 +31,7 @@ class Outlet:
         """As of the stream.
 
         Raises:
-            Unread: nobody reads it any more.
+            Unread: it has no reader any more.
             NotWritten: it takes no more.
         """
         with _writing_output():

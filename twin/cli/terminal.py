@@ -26,7 +26,7 @@ SOON = 1.0
 PATIENCE = 3.0
 """s. Who waits longer for code that is compiled wants to know."""
 MINUTE = 60.0
-"""How often (s) whoever has no terminal is told how far it is."""
+"""How often (s) progress is printed without a terminal."""
 
 
 def compiling(done: int, about: int, seconds: float) -> str:
@@ -36,10 +36,10 @@ def compiling(done: int, about: int, seconds: float) -> str:
 
 
 class Progress:
-    """Where there is no terminal, or one that cannot go back on its line: only a long wait is told, in a line of its
+    """Where there is no terminal, or one that cannot go back on its line: only a long wait is printed, in a line of its
     own, and a line each minute. Others show one thing after the other."""
 
-    _told = False
+    _printed = False
     _name, _duration = "", 0.0
     _began: float | None = None
     _share = _first = 0.0
@@ -48,13 +48,13 @@ class Progress:
         self._next = time.monotonic() + MINUTE
 
     def say(self, what: str) -> None:
-        """From now on `what` is going on, `3 of 8 checks` or nobody knows for how long."""
+        """From now on `what` is going on, `3 of 8 checks` or of unknown length."""
         if time.monotonic() > self._next:
             self._next = time.monotonic() + MINUTE
             print(f"{self._name} {what}".strip(), file=sys.stderr, flush=True)
 
     def step(self, what: str, share: float | None) -> None:
-        """`what` is going on, and `share` of all is over, 0 .. 1; None: nobody knows how much."""
+        """`what` is going on, and `share` of all is over, 0 .. 1; None: unknown."""
         if share is None:
             self.say(what)
             return
@@ -62,9 +62,9 @@ class Progress:
         self.say(f"{what}  {share:.0%}" + (f"  about {duration_text(left)} left" if left > SOON else ""))
 
     def compile(self, done: int, about: int, seconds: float) -> None:
-        """For `seconds` code has been compiled: `done` pieces of about so many, 0 if nobody knows."""
-        if (about or seconds > PATIENCE) and not self._told:
-            self._told = True
+        """For `seconds` code has been compiled: `done` pieces of about so many, 0 if unknown."""
+        if (about or seconds > PATIENCE) and not self._printed:
+            self._printed = True
             print("compiling, once: some 10 s, more on a busy machine", file=sys.stderr, flush=True)
 
     def begin(self, name: str, duration: float) -> None:
@@ -87,7 +87,7 @@ class Progress:
         return clock, f"{speed * self._duration:.3g} x real time" if speed else "", left
 
     def _pace(self, share: float) -> tuple[float, float]:
-        """(how much of all goes by in a second, wall time (s) that is left); 0 as long as nobody can know."""
+        """(how much of all goes by in a second, wall time (s) that is left); 0 as long as it is unknown."""
         now = time.monotonic()
         if self._began is None or share < self._share:
             self._began, self._first = now, share
@@ -180,7 +180,7 @@ class Bar(Progress):
         self._line.start()
 
     def _count_to(self, total: float | None) -> None:
-        """What is left is estimated anew where something else is counted; None: nobody knows how much."""
+        """What is left is estimated anew where something else is counted; None: unknown."""
         if self._line.tasks[0].total != total:
             self._line.reset(self._task)
             # `reset` would take None for "as it was", and go on to promise an end
@@ -230,7 +230,7 @@ class CompileWatch:
         while not self._over.wait(PERIOD):
             new = compiled_pieces() - self._before
             if new:
-                # how many are lacking of those that were there in part, or of a run that needs more, nobody knows
+                # how many are lacking of those that were there in part, or of a run that needs more, is unknown
                 about = PIECES if not self._before and new < PIECES else 0
                 self._progress.compile(new, about, time.monotonic() - began)
 
@@ -240,7 +240,7 @@ class Display:
 
     Args:
         as_json: what runs have to say is JSON.
-        loading: a run is loaded at once; what is compiled meanwhile is told without a terminal, too.
+        loading: a run is loaded at once; what is compiled meanwhile is printed without a terminal, too.
 
     Attributes:
         folder: of the run that is on, None before the first.
@@ -300,7 +300,7 @@ class Display:
             self._progress.begin(self._name, note["duration"])
 
     def clear(self) -> None:
-        """Leave the terminal to whoever has something to say."""
+        """Leave the terminal to other output."""
         self._watch.end()
         self._progress.clear()
 

@@ -6,7 +6,7 @@ from typing import Any
 from twin.studies.lines import counted, wrapped
 
 MOST_EVENTS = 20
-"""So many events are told; the recording has all of them."""
+"""The most events that are listed; the recording has all of them."""
 
 
 def run_text(run: Mapping[str, Any]) -> str:
@@ -79,11 +79,11 @@ def _force(value: float) -> str:
 
 
 def _events(run: Mapping[str, Any]) -> Iterator[str]:
-    told = [(t, text) for t, level, text in run["events"] if level != "DEBUG"]
-    for t, text in told[:MOST_EVENTS]:
+    events = [(t, text) for t, level, text in run["events"] if level != "DEBUG"]
+    for t, text in events[:MOST_EVENTS]:
         yield from wrapped(f"{t:8.3f} s  {text}", later=12)
-    if len(told) > MOST_EVENTS:
-        yield f"{'':8}    and {len(told) - MOST_EVENTS} more events, in the recording"
+    if len(events) > MOST_EVENTS:
+        yield f"{'':8}    and {len(events) - MOST_EVENTS} more events, in the recording"
 
 
 def _drives(run: Mapping[str, Any]) -> Iterator[str]:

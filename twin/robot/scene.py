@@ -151,7 +151,7 @@ def _rod_turn(leg, x, y, z):
     return product(leaning(PHI[leg], math.atan2(-z, outward)), swing)
 
 
-# told apart by every kind of colour vision (Okabe and Ito, https://jfly.uni-koeln.de/color), and by lightness
+# distinct in every kind of colour vision (Okabe and Ito, https://jfly.uni-koeln.de/color), and by lightness
 GREY = Color(r=0.35, g=0.35, b=0.35, a=1.0)
 BLUE = Color(r=0.0, g=114 / 255, b=178 / 255, a=1.0)
 SKY = Color(r=86 / 255, g=180 / 255, b=233 / 255, a=1.0)

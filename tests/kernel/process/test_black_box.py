@@ -10,7 +10,7 @@ import pytest
 
 from twin.kernel.cosim.delay import delay
 from twin.kernel.cosim.port import Port
-from twin.kernel.cosim.simulation import NOBODY, Simulation
+from twin.kernel.cosim.simulation import NO_COMPONENT, Simulation
 from twin.kernel.cosim.system import System
 from twin.kernel.process.black_box import INPUTS_AT, Account, Announcer, BlackBox, Call, failure_sentence, manner
 from twin.kernel.process.reporter import PipeReporter
@@ -57,7 +57,7 @@ def test_who_reads_the_black_box_sees_the_last_step_and_its_inputs():
     second = delay("second", (Port("x", 2),), 1, np.array([0.25, 4.0]))
     system = System([first, second], [("second.x", "first.x"), ("first.x", "second.x")], 1e-3)
     memory = PipeReporter(io.StringIO(), box.fd).stepping(system, 10)
-    assert box.mark() == (0, NOBODY)
+    assert box.mark() == (0, NO_COMPONENT)
     Simulation(system, 10, slice_ticks=1, memory=memory).advance()
     # tick 0: `first` read what `second` starts with, `second` what `first` then gave
     assert box.inputs(0, 4) == (0.25, 4.0, 1.5, -2.5)

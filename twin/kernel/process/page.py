@@ -4,7 +4,7 @@ The page stands in the black box of the process that has the component, where in
 and the status, a cache line for each side; then t and h, the inputs, the outputs.
 
 A word in shared memory that one process sets and another waits for, from compiled code. The waiter sleeps in the kernel
-(futex(2)); the setter wakes it only if it sleeps. A side that is about to sleep marks it before it looks for the last time,
+(futex(2)); the setter wakes it only if it sleeps. A side that is about to sleep marks this before its last look,
 and the setter looks for sleepers after it has set the word; both orders are sequentially consistent, so one of the two
 sees the other.
 

@@ -43,7 +43,7 @@ def write_report(
         runs: at least one; see `report_runs`.
         out: the file; None: report.html beside the recording, of several runs in results/report.
         budget: run each experiment again without its imperfections, one after the other, for its accuracy budget.
-        say: told what is being run.
+        say: called with what is being run.
 
     Raises:
         RecordingRefused: a recording is missing, empty, damaged or foreign.
@@ -118,12 +118,12 @@ def _budget(run: ReportRun, say: Say) -> "Budget":
 
 
 def _remark(scenes: Sequence[dict[str, Any] | None], factor: int) -> Markup:
-    told = []
+    notes = []
     if not any(scenes):
-        told.append("Nothing here says where the robot's joints were, so there is no player.")
+        notes.append("Nothing here says where the robot's joints were, so there is no player.")
     if factor > 1:
-        told.append(f"So much was recorded that the curves show the extremes of every {2 * factor} samples only.")
-    return joined([element("p", text) for text in told])
+        notes.append(f"So much was recorded that the curves show the extremes of every {2 * factor} samples only.")
+    return joined([element("p", text) for text in notes])
 
 
 def _chooser(runs: Sequence[ReportRun], scenes: Sequence[dict[str, Any] | None]) -> Markup:

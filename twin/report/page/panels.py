@@ -157,7 +157,7 @@ def spring_deflection(joint: int, motor: str, load: str) -> Reader:
 
 
 def commanded_speed(joint: int) -> Reader:
-    """Reads what the drive is told, rad/s: by the last of the components between controller and drives."""
+    """Reads the drive's command, rad/s: by the last of the components between controller and drives."""
 
     def samples(run: ReportRun) -> Samples | None:
         last = next(

@@ -301,7 +301,7 @@ class ReportRun:
 def report_runs(paths: Sequence[Path]) -> list[ReportRun]:
     """The runs meant by `paths`: folders, .mcap files, or results/EXPERIMENT for the latest.
 
-    Runs of one experiment are told apart by the name of their folder.
+    Runs of one experiment are distinguished by the name of their folder.
 
     Raises:
         RecordingRefused: one is missing, empty, damaged or foreign.

@@ -302,9 +302,9 @@ def _claims(group: RunGroup) -> Markup:
     said = standing(group.findings).replace(" claims", "")
     rows = [_claim(finding) for finding in group.findings]
     head = ("claim", "verdict", "measured", "expected", "why")
-    told = element("summary", f"{group.title}: {said}")
+    summary = element("summary", f"{group.title}: {said}")
     unfolded = {"open": ""} if held < judged or len(rows) <= FEW else {}
-    return element("details", told, table(head, rows, group.title), **unfolded)
+    return element("details", summary, table(head, rows, group.title), **unfolded)
 
 
 def _claim(finding: ClaimFinding) -> tuple[str, ...]:
@@ -327,8 +327,8 @@ def _measures(runs: Sequence[ReportRun]) -> Markup:
     found = [{(m.text, m.unit): m for m in run.measures} for run in runs]
     lines = dict.fromkeys(key for one in found for key in one)
     if len(runs) == 1:
-        told = [(text, number(m.true), number(m.believed), unit) for (text, unit), m in found[0].items()]
-        return table(("measure", "true", "believed", "unit"), told, "measures")
+        rows = [(text, number(m.true), number(m.believed), unit) for (text, unit), m in found[0].items()]
+        return table(("measure", "true", "believed", "unit"), rows, "measures")
     rows = [(text, unit, *(_measure(one.get((text, unit))) for one in found)) for text, unit in lines]
     return table(("measure", "unit", *(run.label for run in runs)), rows, "measures")
 

@@ -66,8 +66,8 @@ class Row(NamedTuple):
 
 def _row(name: str, parts: Parts, **inputs: str | tuple[str, ...]) -> Row:
     """A row with its sources as "row.port"."""
-    told = {port: (source,) if isinstance(source, str) else source for port, source in inputs.items()}
-    return Row(name, parts, {port: tuple(map(_source, sources)) for port, sources in told.items()})
+    named = {port: (source,) if isinstance(source, str) else source for port, source in inputs.items()}
+    return Row(name, parts, {port: tuple(map(_source, sources)) for port, sources in named.items()})
 
 
 def _source(text: str) -> Source:
@@ -76,7 +76,7 @@ def _source(text: str) -> Source:
 
 
 COMMAND = ("bus.omega_ref", "monitor.omega_ref", "delay.omega_ref", "tank.omega_ref", "controller.omega_ref")
-"""What the drives are told: the last word on the way from the controller."""
+"""The drives' commands: the last component on the way from the controller."""
 POWER = ("bus.power", "monitor.power")
 """Whether they may have power."""
 

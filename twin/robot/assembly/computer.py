@@ -157,7 +157,7 @@ def controllers(build: Build) -> Makers:
 
 
 def references(build: Build) -> Makers:
-    """What makes the pre-defined way, if a third-party controller wants to be told of it.
+    """What makes the pre-defined way, if a third-party controller has an input for it.
 
     Raises:
         InputRefused: there is none.
@@ -199,7 +199,7 @@ def monitors(build: Build) -> Makers:
 def buses(build: Build) -> Makers:
     """What makes the bus between the last of the computer and the drives, if it takes time.
 
-    Until the first message has come the drives are told to stand still, and have power.
+    Until the first message has come the drives are commanded to stand still, and have power.
     """
     ticks = build.experiment.controller.bus_delay_ticks
     if not ticks:

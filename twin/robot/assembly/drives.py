@@ -47,7 +47,7 @@ class DrivePlan:
         bindings: the roles it fills.
         wires: (output, input) between parts, "part.variable" each.
         switched: whether its role `enable` is an input of the component; else it keeps the value it was given.
-        ticks: how many it will be stepped; None: nobody knows.
+        ticks: how many it will be stepped; None: not known.
         ramped: whether it is offered its inputs as lines over a step.
         folders: by their SHA-256, of FMUs whose unpacked files have been looked at for the same robot; None: they are
             looked at whenever a component is made.
@@ -82,7 +82,7 @@ class DrivePlan:
         return replace(self, switched=any(b.port.name == ENABLE and b.name not in fixed for b in self.bindings))
 
     def until(self, ticks: int | None) -> "DrivePlan":
-        """The same drive for a run of so many `ticks`; None: nobody knows."""
+        """The same drive for a run of so many `ticks`; None: not known."""
         return replace(self, ticks=ticks)
 
     def with_lines(self) -> "DrivePlan":
@@ -137,7 +137,7 @@ class DrivePlan:
         ]
         unstated = [b.port for b in self.bindings if not b.variable.unit]
         if self.table.rotor and not any(b.role in SHAFT for b in self.bindings):
-            loops.append("it is not told how its shaft turns; if it has an input for that: [drive.inputs] omega_m")
+            loops.append("nothing feeds its shaft speed; if it has an input for that: [drive.inputs] omega_m")
         return loops + [f"{port.name}: the FMU states no unit; taken as {port.unit}" for port in unstated]
 
     def _fed_through(self, load: str) -> list[str]:
@@ -390,7 +390,7 @@ def _inner_system(
 
 
 def _servo(plan: DrivePlan, parts: Sequence[FmuComponent]) -> Servo:
-    """How the FMU counts its shaft's angle, where it is told a position."""
+    """How the FMU counts its shaft's angle, where it takes a position."""
     said = plan.table.position_command or PositionCommand()
     if plan.table.command != "position":
         return Servo(0.0, 1.0)

@@ -190,8 +190,8 @@ def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) ->
     late = MessageFault(*_named(number, fault), ports, sender.period, least, most, share, random)
     if fault.kind == "sample_loss":
         late.numbers = {"magnitude": ("share", 1.0)}
-    told = [end for port in ports for end in ends([sender], "output", port.name)]
-    circuit.put_behind(late, told, [end for port in ports for end in ends([late], "input", port.name)])
+    sent = [end for port in ports for end in ends([sender], "output", port.name)]
+    circuit.put_behind(late, sent, [end for port in ports for end in ends([late], "input", port.name)])
 
 
 def _limit_command(circuit: Circuit, number: int, fault: Fault, speed_limit: float) -> None:

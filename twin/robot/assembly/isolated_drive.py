@@ -37,7 +37,7 @@ class IsolatedDrives:
     """Makes drives that live elsewhere; a context manager at whose exit their processes are gone, or kept.
 
     Args:
-        reporter: told of each process, so that the supervisor watches its memory; None: this process' own.
+        reporter: learns of each process, so that the supervisor watches its memory; None: this process' own.
         step: longest time of one call into a drive (s).
         count: processes to start at once, because they take a while.
         keep: processes whose drives have ended well serve the next ones that this process makes so.
@@ -81,9 +81,9 @@ class IsolatedDrives:
         os.sched_setaffinity(0, {processor})
         process = self._idle.pop(0)
         self._reporter.helper(name, process.pid)
-        told = {"name": name, "table": plan.table, "switched": plan.switched, "ticks": plan.ticks}
-        told["ramped"] = plan.ramped
-        process.start({**told, "tick": tick, "theta_m": theta_m, "tau_load": tau_load, "processor": processor})
+        order = {"name": name, "table": plan.table, "switched": plan.switched, "ticks": plan.ticks}
+        order["ramped"] = plan.ramped
+        process.start({**order, "tick": tick, "theta_m": theta_m, "tau_load": tau_load, "processor": processor})
         watch = Watchdog(process, self._limits)
         try:
             while True:
@@ -132,7 +132,7 @@ class IsolatedDrive(Elsewhere):
         plan: of the drive.
         watch: of its process.
         described: see `host`.
-        over: told of its process when the drive has ended well.
+        over: called with its process when the drive has ended well.
     """
 
     def __init__(

@@ -1,7 +1,6 @@
 """Parts of the robot that may be third-party: the ports that each has to have, and how one is made.
 
-An FMU and a Python class take their place in the same way; whether a part is twin's own nobody downstream can tell but
-by its name.
+An FMU and a Python class take their place in the same way; downstream only the name shows whether a part is twin's own.
 """
 
 import inspect
@@ -125,10 +124,10 @@ def sampled_fmu(
                 there = [port.name for port in offered]
                 raise InputRefused(f"{file}: [{table}.{side}s] no {side} '{name}'; {nearest(name, there, 'it has {}')}")
         known = {role: name for port in offered for role, name in _roles(file, free, port, side, given)}
-        told = {role.port.name: name for role, name in known.items() if name}
+        wired = {role.port.name: name for role, name in known.items() if name}
         if side == "output":
-            _refuse_lacking(file, table, description, [port for port in offered if port.name in required], told)
-        wiring = Wiring(inputs=told) if side == "input" else Wiring(outputs=told)
+            _refuse_lacking(file, table, description, [port for port in offered if port.name in required], wired)
+        wiring = Wiring(inputs=wired) if side == "input" else Wiring(outputs=wired)
         mine = filled(str(file), free, wiring, tuple(known), table)
         whole[side] = tuple(_whole(file, table, mine, side, offered))
         found += mine
@@ -145,7 +144,7 @@ def _roles(
     side: Side,
     given: Said,
 ) -> Iterator[tuple[Role, str]]:
-    """Roles of a port, and the variable that plays each; "" where nobody knows."""
+    """Roles of a port, and the variable that plays each; "" where that is not known."""
     said = given.get(port.name)
     unit = known_unit(port.unit)
     # as FMUs leave the radian out
@@ -179,11 +178,11 @@ def _spelled(port: Port, i: int, variables: Mapping[str, Variable], causality: s
 
 
 def _refuse_lacking(
-    file: Path, table: str, description: FmuDescription, required: Sequence[Port], told: Mapping[str, str]
+    file: Path, table: str, description: FmuDescription, required: Sequence[Port], wired: Mapping[str, str]
 ) -> None:
     """Nothing is guessed: a part of the robot has too many ports of one unit for that."""
     for port in required:
-        if port.name not in told and not all(f"{port.name}[{i + 1}]" in told for i in range(port.size)):
+        if port.name not in wired and not all(f"{port.name}[{i + 1}]" in wired for i in range(port.size)):
             offered = [f"{v.name}{f' [{v.unit}]' if v.unit else ''}" for v in description.offered("output")]
             names = '"..."' if port.size == 1 else "[" + ", ".join(['"..."'] * port.size) + "]"
             raise InputRefused(
@@ -230,7 +229,7 @@ def _refuse_odd_units(file: Path, found: Sequence[Binding]) -> None:
 def _refuse_unfed(
     file: Path, table: str, description: FmuDescription, found: Sequence[Binding], settings: Sequence[Setting]
 ) -> None:
-    """An input that nobody feeds would stay at its start value without a word."""
+    """An input without a source would stay at its start value without a word."""
     fed = {binding.variable.name for binding in found} | {variable.name for variable, _ in settings}
     unfed = [v.name for v in description.variables.values() if v.causality == "input" and v.name not in fed]
     if unfed:
@@ -288,7 +287,7 @@ class OtherPart:
 
     @property
     def sentence(self) -> str:
-        """What it is, for whoever reads a run."""
+        """What it is, for the reader of a run."""
         own = "twin's own, which has the law of the paper," if self.role == "controller" else "twin's own"
         return f"{self.role}: {self.label} (sha256 {self.sha256[:12]}); {own} did not run"
 
@@ -395,7 +394,7 @@ def _mapped(plan: SampledFmu, ports: Sequence[Port], side: str, arrow: str) -> l
 
 def _class_part(role: str, table: StandIn) -> OtherPart:
     source = _source(table)
-    # nobody has said how long that takes: whoever watches is told who is at work
+    # no limit is known for that: a supervisor sees which component is at work
     with announced(source.file.name, role, "its import"):
         kind = source.class_of(table.class_name)
     contract = CONTRACTS[role]

@@ -37,7 +37,7 @@ def usual() -> tuple[Native, ...]:
 
 
 def compile_beside() -> None:
-    """Let another process compile them from the last one on, if many are lacking; whoever needs one waits for it."""
+    """Let another process compile them, the last one first, if many are lacking; a caller that needs one waits."""
     if (os.cpu_count() or 1) > 1 and sum(not native.is_there for native in usual()) > FEW:
         helper = subprocess.Popen(module_command(__name__), env=environment(), stdin=subprocess.DEVNULL)
         atexit.register(_end, helper)

@@ -194,7 +194,7 @@ CORNER = 3.0
 SLOWEST, FASTEST = 0.5, 2.0
 """Bounds of the rate, over the one it began with."""
 SMALLEST = 1e-4
-"""Speed (m/s) below which nobody breathes."""
+"""Speed (m/s) slower than any breathing."""
 TRUSTED = 0.4
 """Standard error over k_hat below which the surface is known."""
 

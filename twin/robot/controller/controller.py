@@ -223,7 +223,7 @@ def follow_passed(pid, z, share, h):
 
     Args:
         pid: the force loop.
-        z: what the position loop was off by in the call before (m); negative: it was told to go down.
+        z: what the position loop was off by in the call before (m); negative: it was to go down.
         share: of that command.
     """
     if share < 1.0 and pid.started and z < 0.0 and pid.ki > 0.0:

@@ -17,10 +17,10 @@ presses on (tanks: Ferraguti, Secchi and Fantuzzi 2013).
 
 Where more is gone than there was, and no share of the command brings it back in time, standing still is not enough: the
 weight pulls the robot down through drives that yield to load. Then each motor gives way to its torque, by itself, and
-further if it is told to; always in proportion, for full speed at each change of sign would swing. Each takes energy
-back by that, tau_i omega_i <= 0. What the head has sunk is taken back, too. As fast as all three motors are told to
-turn up they may, whatever is left: what lies below gets nothing by that. The controller is told the share. Energy that
-comes back fills the store, up to its size. A message that is late tells nothing of the energy that goes meanwhile: the
+further if the command asks for it; always in proportion, for full speed at each change of sign would swing. Each takes
+energy back by that, tau_i omega_i <= 0. What the head has sunk is taken back, too. All three motors may turn up as fast
+as they are commanded to, whatever is left: the body below gets no energy by that. The controller receives the share.
+Energy that comes back fills the store, up to its size. While a message is late the energy that leaves is not known: the
 motors stand still until the next one.
 """
 
@@ -93,7 +93,7 @@ class Tank(
 
 TANK = record_of(Tank)
 COASTING = 1.0 / 3.0
-"""Of the horizon: how long motors go on as they were told before."""
+"""Of the horizon: how long motors follow the command before."""
 LARGEST_SAMPLE = 2.0**53
 """Beyond, a double does not count whole numbers."""
 UNNUMBERED = 2
@@ -126,10 +126,10 @@ def passed_on(left, horizon, P, Q):
 
 @njit(cache=True, error_model="numpy")
 def _yielded(tank, tau, left, rise, J, omega_ref, passed):
-    """More is gone than there was: every motor gives way to its torque, and by itself if it is not told to.
+    """More is gone than there was: every motor gives way to its torque, and by itself if no command does.
 
     Args:
-        tau: joint torques (3,), N m. Of what may be their error nobody gives way.
+        tau: joint torques (3,), N m. No motor gives way to what may be their error.
         left: < 0 (J). It is to come back within the horizon, if the loop of motor and spring is stable with that.
         rise: how far the head is below where it has been since (m).
         J: Jacobian (9,), rad/m.
@@ -146,18 +146,18 @@ def _yielded(tank, tau, left, rise, J, omega_ref, passed):
     rate = RETURN * most
     if -left * tank.N < rate * tank.horizon * squares:
         rate = -left * tank.N / (tank.horizon * squares)
-    asked = kept = 0.0
+    asked = granted = 0.0
     for i in range(3):
         by = max(abs(tau[i]) - tank.bias, 0.0)
-        told = min(abs(omega_ref[i]), most * by) if tau[i] * omega_ref[i] < 0.0 else 0.0
-        asked, kept = asked + abs(omega_ref[i]), kept + told
-        passed[i] = tank.N * J[3 * i + 2] * RETURN / tank.horizon * rise - math.copysign(max(rate * by, told), tau[i])
-    return kept / asked if asked > 0.0 else 0.0
+        turned = min(abs(omega_ref[i]), most * by) if tau[i] * omega_ref[i] < 0.0 else 0.0
+        asked, granted = asked + abs(omega_ref[i]), granted + turned
+        passed[i] = tank.N * J[3 * i + 2] * RETURN / tank.horizon * rise - math.copysign(max(rate * by, turned), tau[i])
+    return granted / asked if asked > 0.0 else 0.0
 
 
 @njit(cache=True)
 def _lift(omega_ref, F, touch):
-    """Speed (rad/s, <= 0) at which all motors are told to turn up, if none pulls at anything: what lies below gets
+    """Speed (rad/s, <= 0) at which all motors are commanded to turn up, if none pulls at anything: what lies below gets
     nothing by that."""
     return min(max(omega_ref[0], omega_ref[1], omega_ref[2]), 0.0) if F[2] < touch else 0.0
 
@@ -170,9 +170,9 @@ def _way(turned, J, p, p_before):
         here = turned[i]
         for axis in range(3):
             here += J[3 * i + axis] * (p[axis] - p_before[axis])
-        kept = min(max(here, -PLAY), PLAY)
-        way += abs(here - kept)
-        turned[i] = kept
+        inside = min(max(here, -PLAY), PLAY)
+        way += abs(here - inside)
+        turned[i] = inside
     return way
 
 
@@ -212,21 +212,21 @@ def step(m, t, h, u, y):
     power, power_on = power / tank.N, power_on / tank.N
     on = COASTING * tank.horizon
     coasting = max(0.0, power_on * on + 0.5 * force_on * on * on)
-    left, told = m.level - stored - coasting, m.age <= tank.late
+    left, fresh = m.level - stored - coasting, m.age <= tank.late
     m.height = max(m.height, m.p[2]) if left < 0.0 else m.p[2]
     lift, share = _lift(u.omega_ref, m.F, tank.touch), 0.0
-    if told:
+    if fresh:
         share = passed_on(left, tank.horizon, power, force)
     for i in range(3):
         y.omega_ref[i] = share * u.omega_ref[i]
-    if told and left < 0.0 and (power >= 0.0 or power * power + 2.0 * force * left <= 0.0):
+    if fresh and left < 0.0 and (power >= 0.0 or power * power + 2.0 * force * left <= 0.0):
         share = _yielded(tank, m.tau, left, m.height - m.p[2], u.J, u.omega_ref, y.omega_ref)
-    if told and lift < 0.0:
-        asked = kept = 0.0
+    if fresh and lift < 0.0:
+        asked = granted = 0.0
         for i in range(3):
             y.omega_ref[i] = min(y.omega_ref[i], lift)
-            asked, kept = asked - u.omega_ref[i], kept - max(y.omega_ref[i], u.omega_ref[i])
-        share = max(share, kept / asked)
+            asked, granted = asked - u.omega_ref[i], granted - max(y.omega_ref[i], u.omega_ref[i])
+        share = max(share, granted / asked)
     for i in range(3):
         m.omega[i] += h / (on + h) * (y.omega_ref[i] - m.omega[i])
     y.share, y.level, y.stored, y.given = share, m.level, stored, m.given
@@ -243,7 +243,7 @@ class TankValve(NativeComponent):
 
     def __init__(self, tank: Tank, period: int = 1):
         memory = memory_of(MEMORY, tank=tuple(tank), level=tank.size)
-        # the controller is told of the call before, and before the first one nothing is held back
+        # the controller knows of the call before, and before the first one nothing is held back
         first = np.zeros(width(OUTPUTS))
         by_port(OUTPUTS, first)["share"][:] = 1.0
         super().__init__("tank", INPUTS, OUTPUTS, True, step, memory, first, period=period)

@@ -156,7 +156,7 @@ contact_force: what counts as touching. lost, patience: how long nothing was tou
 tapped: when the last tap began.
 touching, z_before, F_before, z_felt: whether contact has been felt since the way down began, height and force at the
 last call, and the height at which it was felt.
-depth, calibrated: from there to the lowest point, and whether the first tap has told it.
+depth, calibrated: from there to the lowest point, and whether the first tap has found it.
 z_turn: height at which a tap is to be lowest. z_lowest: reached in it.
 t_turn: how long before it a tap has to turn round. learning: share of the error that the next one corrects.
 """

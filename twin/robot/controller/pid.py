@@ -98,7 +98,7 @@ def order_refused(points: Sequence[ScheduledGains]) -> str:
             order = f"point {number} is at {above.stiffness:g} N/m, after {below.stiffness:g}"
             return f"{order}; expected the softest first"
         if above.stiffness > WIDEST_GAP * below.stiffness:
-            gap = f"a gap from {below.stiffness:g} to {above.stiffness:g} N/m, in which nobody has said what holds"
+            gap = f"a gap from {below.stiffness:g} to {above.stiffness:g} N/m, in which no set of gains holds"
             return f"{gap}; expected points at most {WIDEST_GAP:g}-fold apart"
     return ""
 
@@ -217,7 +217,7 @@ def cached_share(kept, corner, h):
 def proposal(pid, e, h):
     """(output, integral): what the loop would do for error `e`; `accept` keeps the integral.
 
-    The derivative acts on the error and starts at 0. Whoever limits the output accepts the integral only if the output
+    The derivative acts on the error and starts at 0. A caller that limits the output accepts the integral only if it
     was within its limit: conditional integration, so nothing winds up.
     """
     if pid.started and pid.kd != 0.0:
@@ -356,7 +356,7 @@ POSITION_OUTPUTS = (
 
 
 class Servo(NamedTuple):
-    """How a servo counts its angle phi, and what it may be told: phi = ratio (theta_m - zero).
+    """How a servo counts its angle phi, and which commands it takes: phi = ratio (theta_m - zero).
 
     Attributes:
         zero: motor angle at phi = 0 (rad).

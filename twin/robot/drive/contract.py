@@ -1,4 +1,4 @@
-"""What every drive has to offer, whoever made it; and what stands behind one that leaves a part of it to others."""
+"""The ports every drive offers, and the parts that complete a drive which lacks some of them."""
 
 import math
 from typing import Literal, NamedTuple
@@ -95,7 +95,7 @@ OPTIONAL_INPUTS = (
 """What some drives also want; a value in [drive.parameters] sets it, else its own start value stands."""
 
 SHAFT = tuple(role._replace(causality="input", required=False) for role in (OMEGA_M, THETA_M))
-"""What a drive with a rotor of ours is told of its shaft."""
+"""The inputs by which a drive with a simulated rotor learns how its shaft moves."""
 
 
 def contract(command: Command, rotor: bool = False) -> tuple[Role, ...]:
@@ -103,7 +103,7 @@ def contract(command: Command, rotor: bool = False) -> tuple[Role, ...]:
 
     Args:
         command: what it is commanded with.
-        rotor: whether the shaft is ours: the FMU gives a torque then, and may be told how the shaft moves.
+        rotor: whether the shaft is ours: the FMU gives a torque then, and may have an input for how the shaft moves.
     """
     if not rotor:
         return (COMMANDS[command], LOAD, *OPTIONAL_INPUTS, *OUTPUTS)

@@ -237,8 +237,8 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
     found = _all_bound(variables, wiring, roles, chosen, turned)
     widths = {b.port.name: b.port.size for b in found if b.role.required}
     if len(set(widths.values())) > 1 or not set(widths.values()) <= {1, 3}:
-        told = ", ".join(f"{name} has {size}" for name, size in widths.items())
-        raise InputRefused(f"{file}: {told} values; expected 1 each for one joint, or 3 each for all three")
+        listed = ", ".join(f"{name} has {size}" for name, size in widths.items())
+        raise InputRefused(f"{file}: {listed} values; expected 1 each for one joint, or 3 each for all three")
     return found
 
 
@@ -332,7 +332,7 @@ def _checked(file: str, variables: Mapping[str, Variable], role: Role, name: str
         there = f"its {role.causality}s are {', '.join(offered)}" if offered else f"it has no {role.causality}"
         raise InputRefused(f"{file}: has no variable '{name}' for {role.port.name}; {there}")
     variable = variables[name]
-    # some tools leave their outputs marked as local; nobody can write to them, but they can be read
+    # some tools leave their outputs marked as local; they cannot be written, but they can be read
     allowed = ("input",) if role.causality == "input" else ("output", "local")
     if variable.causality not in allowed:
         raise InputRefused(
@@ -408,7 +408,7 @@ def joins(variables: Mapping[str, Variable]) -> list[Join]:
 
 
 def _is_asked_for(name: str) -> bool:
-    """Whether an input is called like what the robot feeds, or nobody does."""
+    """Whether an input has the name of one that the robot feeds, or has no source."""
     return any(word in _last(name) for word in ASKED_FOR) or _last(name) in SUPPLIES
 
 

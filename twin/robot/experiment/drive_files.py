@@ -42,7 +42,7 @@ def experiment_file(experiment: str | Path) -> Path:
             NAME.toml here, in experiments/ here or above, or of those that come with twin.
 
     Raises:
-        InputRefused: nothing has that name. Else a path that leads nowhere is returned, for whoever reads it to refuse.
+        InputRefused: nothing has that name. Else a path that leads nowhere is returned, to be refused when it is read.
     """
     path = Path(experiment)
     found = _experiment_file(path, "experiments")
@@ -57,7 +57,7 @@ def sweep_file(sweep: Path) -> Path:
     """The file of a sweep: a path or a name, looked up as `experiment_file` does, names in experiments/sweeps/.
 
     Raises:
-        InputRefused: nothing has that name. Else a path that leads nowhere is returned, for whoever reads it to refuse.
+        InputRefused: nothing has that name. Else a path that leads nowhere is returned, to be refused when it is read.
     """
     found = _experiment_file(sweep, SWEEPS)
     if found:
@@ -318,32 +318,32 @@ class Apart(NamedTuple):
     rest: Settings | None
 
 
-def checked_apart(declared: Declared, role: str, table: Mapping[str, Any], folder: Path, told: list[str]) -> Apart:
+def checked_apart(declared: Declared, role: str, table: Mapping[str, Any], folder: Path, mistakes: list[str]) -> Apart:
     """The table [role], which names an FMU or a class.
 
     Args:
         declared: what may be said in it where twin's own component has the role.
         folder: from which files are looked up.
-        told: gets a sentence for each mistake.
+        mistakes: gets a sentence for each mistake.
     """
     said, model = keys(StandIn), declared.tables[role]
     own = {key: value for key, value in table.items() if key in said}
     rest = {key: value for key, value in table.items() if key not in said}
     idle = [key for key in rest if key in keys(model) and key not in KEPT[role]]
     if idle:
-        told.append(
+        mistakes.append(
             f"[{role}] {', '.join(idle)}: of twin's own {role}, and {_named(own)} is another one; remove "
             + ("it" if len(idle) == 1 else "them")
         )
     try:
         own = _with_file(role, own, folder)
     except InputRefused as problem:
-        told.append(f"[{role}] {problem}")
+        mistakes.append(f"[{role}] {problem}")
         return Apart(None, None)
     kept = {key: value for key, value in rest.items() if key not in idle}
     if model is StandIn:
-        return Apart(checked(StandIn, {**own, **kept}, role, told), None)
-    return Apart(checked(StandIn, own, role, told), checked(declared.rest(role), kept, role, told))
+        return Apart(checked(StandIn, {**own, **kept}, role, mistakes), None)
+    return Apart(checked(StandIn, own, role, mistakes), checked(declared.rest(role), kept, role, mistakes))
 
 
 def rest_of(declared: Declared, role: str, table: Mapping[str, Any]) -> Settings:

@@ -2,7 +2,7 @@
 
 SI inside. And the same experiment with one thing changed, SI: what studies of the twin itself are made of.
 
-Whoever writes experiments changes keys of the file; these change what has already been checked.
+An author changes keys of the file; the classes here change what has already been checked.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Experiment:
         reference: way points, those of a shape too; None: `tasks` lead the robot, and `approach` says how they come and
             go.
         scale: the display; None: what the robot presses on has none.
-        monitor: None: nobody watches.
+        monitor: None: without a monitor.
         faults: what breaks, in ticks.
         changes: what of the controller changes on the way, in ticks.
         measures: what `twin check` measures.
@@ -261,10 +261,10 @@ def _by_name(
                 right[name] = section
         elif (section := checked(model, table, name, found)) is not None:
             right[name] = section
-        # a mistake in [robot] is told once, not again for each table that is filled from it
-        told = {mistake.partition("] ")[2] for mistake in mistakes if mistake.startswith("[robot]")}
+        # a mistake in [robot] is reported once, not again for each table that is filled from it
+        reported = {mistake.partition("] ")[2] for mistake in mistakes if mistake.startswith("[robot]")}
         found = [sentence.replace("[head] ", "") for sentence in found]
-        mistakes += [sentence for sentence in found if sentence.partition("] ")[2] not in told]
+        mistakes += [sentence for sentence in found if sentence.partition("] ")[2] not in reported]
     if "monitor" in right and not right["monitor"].enabled:
         stand_ins.pop("monitor", None)
     return right, stand_ins
@@ -298,7 +298,7 @@ def _ticks(tables: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
 
 
 def _joint_drives(drive: Any, folder: Path, mistakes: list[str]) -> list[schema.Drive]:
-    """The three joints' complete drives; a mistake they share is told once."""
+    """The three joints' complete drives; a mistake they share is reported once."""
     if not isinstance(drive, dict):
         mistakes.append("missing table [drive]" if drive is None else f"[drive] = {drive!r}: expected a table")
         return []
@@ -307,9 +307,9 @@ def _joint_drives(drive: Any, folder: Path, mistakes: list[str]) -> list[schema.
     except InputRefused as problem:
         mistakes.append(f"[drive] {problem}")
         return []
-    told: list[str] = []
-    drives = [checked(schema.Drive, table, "drive", told) for table in tables]
-    mistakes += [mistake for mistake in dict.fromkeys(told) if mistake not in mistakes]
+    found: list[str] = []
+    drives = [checked(schema.Drive, table, "drive", found) for table in tables]
+    mistakes += [mistake for mistake in dict.fromkeys(found) if mistake not in mistakes]
     return [drive for drive in drives if drive is not None]
 
 
@@ -344,8 +344,8 @@ def with_cosim(experiment: Experiment, **values: Any) -> Experiment:
         length = ticks * experiment.cosim.tick
         count = whole_ticks(length, cosim.tick)
         if not count:
-            told = f"{name} of {length:g} s is not a whole number of ticks of {cosim.tick:g} s"
-            raise InputRefused(f"{experiment.name}: {told}")
+            problem = f"{name} of {length:g} s is not a whole number of ticks of {cosim.tick:g} s"
+            raise InputRefused(f"{experiment.name}: {problem}")
         return count
 
     optional = [name for name in ("scale", "monitor") if getattr(experiment, name) is not None]

@@ -401,11 +401,11 @@ def _checked(number: int, table: Any, tick: float, mistakes: list[str]) -> Fault
     model = table_of(known)
     wrong = [key for key in table if key.startswith("magnitude") and key != known.magnitude_key]
     mistakes += [f"[[fault]] {number} {key}: {name} takes {known.magnitude_key or 'no magnitude'}" for key in wrong]
-    told: list[str] = []
-    values = checked(model, {key: value for key, value in table.items() if key not in wrong}, "[fault]", told)
+    found: list[str] = []
+    values = checked(model, {key: value for key, value in table.items() if key not in wrong}, "[fault]", found)
     instead = f"missing key '{known.magnitude_key}'"
     mistakes += [
-        text.replace("[[fault]]", f"[[fault]] {number}", 1) for text in told if not (wrong and text.endswith(instead))
+        text.replace("[[fault]]", f"[[fault]] {number}", 1) for text in found if not (wrong and text.endswith(instead))
     ]
     return None if values is None else _in_ticks(number, known, values.model_dump(), tick, mistakes)
 

@@ -35,7 +35,7 @@ from twin.robot.experiment.source import KEPT, Source, at, read_source, toml_val
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 SCHEMA_FILE = "experiment.schema.json"
-"""How the schema's file is called where nobody says otherwise."""
+"""The schema's file name by default."""
 
 Node = dict[str, Any]
 
@@ -130,19 +130,19 @@ def _as_toml(table: Node) -> Node:
 
 def _value(node: Node) -> Node:
     """A key's value: itself, or `{ value = .., source = ".." }` unless it is a table."""
-    told = {key: node[key] for key in ("description", "default", "examples") if node.get(key) is not None}
+    described = {key: node[key] for key in ("description", "default", "examples") if node.get(key) is not None}
     bare = _without_null({key: node[key] for key in node if key not in ("description", "default", "examples")})
     if "$ref" in bare:
         return bare
     if bare.get("type") == "object":
-        return {**bare, "additionalProperties": _value(bare["additionalProperties"]), **told}
+        return {**bare, "additionalProperties": _value(bare["additionalProperties"]), **described}
     sourced = {
         "type": "object",
         "properties": {"value": bare, "source": {"type": "string"}},
         "required": ["value"],
         "additionalProperties": False,
     }
-    return {"anyOf": [bare, sourced], **told}
+    return {"anyOf": [bare, sourced], **described}
 
 
 def _without_null(node: Node) -> Node:
@@ -356,5 +356,5 @@ def _summary(model: type[BaseModel]) -> str:
 
 
 def _line(key: str, value: Any, mark: str, source: str | None = None) -> str:
-    told = f"{{ value = {toml_value(value)}, source = {toml_value(source)} }}" if source else toml_value(value)
-    return f"{mark}{key} = {told}"
+    written = f"{{ value = {toml_value(value)}, source = {toml_value(source)} }}" if source else toml_value(value)
+    return f"{mark}{key} = {written}"

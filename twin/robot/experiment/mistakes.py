@@ -23,17 +23,17 @@ def unit_hints(values: Mapping[str, Any]) -> list[str]:
     Args:
         values: of an experiment, as `Experiment.values`, checked or not.
     """
-    told: dict[str, str] = {}
+    sentences_by_key: dict[str, str] = {}
     for key, length in _lengths(values):
         factor = 1e3 if abs(length) < LEAST else 1e-3
         plausible = LEAST <= abs(length) * factor <= MOST
         if length and not LEAST <= abs(length) <= MOST and plausible:
-            # [plant] and [controller.model] have it from [robot]: told once
-            told.setdefault(
+            # [plant] and [controller.model] have it from [robot]: reported once
+            sentences_by_key.setdefault(
                 key.rpartition(" ")[2] + f"{length:g}",
                 f"{key} = {length:g}: {length:g} mm; did you mean {length * factor:g} (mm)?",
             )
-    return list(told.values())
+    return list(sentences_by_key.values())
 
 
 def _lengths(values: Mapping[str, Any]) -> Iterator[tuple[str, float]]:

@@ -33,7 +33,7 @@ Metadata = Mapping[str, Mapping[str, str]]
 NAME = re.compile(r"(?!\.{1,2}$)[^/\\\x00-\x1f\x7f]{1,150}")
 """Of an experiment: that of a file, without the suffix."""
 MANY = 3
-"""So many mistakes of a recording are told: nobody mends them."""
+"""The most mistakes of a recording that are listed: a recording is not mended."""
 
 
 class RecordedFmu(BaseModel):
@@ -97,8 +97,8 @@ def recorded_fmus(metadata: Metadata, where: Path) -> dict[str, dict[str, Any]]:
         try:
             fmus[name] = RecordedFmu.model_validate(facts).model_dump()
         except ValidationError as error:
-            told = "; ".join(sentences(error, RecordedFmu, name)[:MANY])
-            raise InputRefused(f"{where}: its FMU of {name}: {told}") from None
+            problems = "; ".join(sentences(error, RecordedFmu, name)[:MANY])
+            raise InputRefused(f"{where}: its FMU of {name}: {problems}") from None
     return fmus
 
 
@@ -155,7 +155,7 @@ def start_experiment(declared: Declared, file: Path, start: str) -> list[Path]:
 FROM_ROBOT = ("plant", "controller.model")
 """Tables that hold the robot's own values wherever they do not say otherwise."""
 SHORT = 12
-"""Characters of a hash by which files are told apart."""
+"""Characters of a hash by which files are distinguished."""
 
 Facts = Mapping[str, str]
 """Everything by which experiments may differ, as text, by dotted key."""
@@ -229,7 +229,7 @@ def experiment_facts(values: Mapping[str, Any], hashes: Mapping[str, str]) -> di
 def differing(facts: Sequence[Facts]) -> dict[str, tuple[str, ...]]:
     """What is not the same in all of `facts`: its value in each, "-" where there is none, by key.
 
-    What follows from the robot's own values is told once, and no hash of a file that only one has.
+    What follows from the robot's own values is listed once, and no hash of a file that only one has.
     """
     found = {}
     for key in dict.fromkeys(key for one in facts for key in one):
@@ -241,7 +241,7 @@ def differing(facts: Sequence[Facts]) -> dict[str, tuple[str, ...]]:
 
 
 def _follows(key: str, facts: Sequence[Facts]) -> bool:
-    """Whether a value differs only because the robot's own does, which is told once."""
+    """Whether a value differs only because the robot's own does, which is listed once."""
     for filled in FROM_ROBOT:
         own = f"robot{key.removeprefix(filled)}"
         if key.startswith(f"{filled}.") and all(one.get(own) == one.get(key) for one in facts):

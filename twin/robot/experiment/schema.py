@@ -205,7 +205,7 @@ class VelocityLoop(Settings):
 
 
 class PositionCommand(Settings):
-    """[drive.position_command]: how a servo that takes a position is told it; angles as the servo counts its own."""
+    """[drive.position_command]: how a servo takes a position; angles as the servo counts its own."""
 
     period: float | None = setting(
         "ms", into=None, default=None, gt=0, examples=[1.0], help="time between two commands; else one per tick"
@@ -334,7 +334,7 @@ class Drive(Settings):
 
 
 MOST_TICKS = 1e12
-"""Three centuries at 10 ms, or what nobody means."""
+"""Three centuries at 10 ms, or a slip of the pen."""
 
 
 def whole_ticks(time: float, tick: float) -> int | None:

@@ -1,6 +1,6 @@
 """Experiment files as nested dictionaries: TOML, `extends`, `{ value, source }`, `--set`.
 
-TOML files that are no experiments, told apart by what stands in them.
+TOML files that are no experiments, recognised by their tables.
 
 Tables of an experiment that name something altogether: what files below said of another one is forgotten.
 """
@@ -32,17 +32,17 @@ def refuse_other_files(values: Mapping[str, Any], path: Path) -> None:
         InputRefused: the sentence says what it is, and what takes it.
     """
     tables, name = values.keys(), shlex.quote(str(path))
-    told = ""
+    reason = ""
     if tables <= {"robot", "controller", "plant"} and "robot" in tables:
-        told = f"a robot, not an experiment; one extends it: extends = {str(path)!r}; twin init writes a whole one"
+        reason = f"a robot, not an experiment; one extends it: extends = {str(path)!r}; twin init writes a whole one"
     elif tables == {"contact"}:
-        told = f"a body, not an experiment; press on it with: twin run pressing --body {name}"
+        reason = f"a body, not an experiment; press on it with: twin run pressing --body {name}"
     elif {"experiment", "vary"} & tables and "title" not in tables:
-        told = f"a sweep, not an experiment; run it with: twin sweep {name}"
+        reason = f"a sweep, not an experiment; run it with: twin sweep {name}"
     elif tables & {"fmu", "fmus"}:
-        told = f"the mapping of a drive, not an experiment; use it with: twin run fig4_force_position --drive {name}"
-    if told:
-        raise InputRefused(f"{path}: {told}")
+        reason = f"the mapping of a drive, not an experiment; use it with: twin run fig4_force_position --drive {name}"
+    if reason:
+        raise InputRefused(f"{path}: {reason}")
 
 
 SHAPES = ("circle", "chirp", "joint_step")
@@ -268,7 +268,7 @@ def key_names(key: str) -> list[str]:
             names.append(name)
         if node == 0:
             return names
-    # no key of TOML: whoever checks the names refuses them
+    # no key of TOML: the check of the names refuses them
     return key.split(".")
 
 

@@ -1,6 +1,6 @@
 """Faults of commands, constants and drives, and what all faults share.
 
-A drive that cannot run as fast as it is told: the command is limited on its last way into the drive.
+A drive that cannot run as fast as commanded: the command is limited on its last way into the drive.
 
 When a fault is active, in whole ticks that its component counts itself.
 
@@ -177,7 +177,7 @@ OUTPUTS = (
 
 
 def inputs(monitored: bool) -> tuple[Port, ...]:
-    """The ports of a shaft whose power somebody may take away, or nobody."""
+    """The ports of a shaft, with or without an input that takes its power away."""
     return (DRIVE_SHAFT, TAU_LOAD, POWER) if monitored else (DRIVE_SHAFT, TAU_LOAD)
 
 
@@ -218,7 +218,7 @@ def move(m, drive, tau_load, power, h):
 
 @cache
 def step_of(monitored):
-    """The step of a shaft whose power somebody may take away, or nobody."""
+    """The step of a shaft, with or without an input that takes its power away."""
 
     @step_function(MEMORY, inputs(monitored), OUTPUTS)
     def step(m, t, h, u, y):

@@ -75,9 +75,9 @@ class Client:
     async def attend(self, greeting: Sequence[str]) -> None:
         """Say the `greeting`, then answer until it leaves."""
         try:
-            for told in greeting:
-                await self._connection.send(told)
-            # answers are waited for, so whoever does not read them is not heard any more
+            for message in greeting:
+                await self._connection.send(message)
+            # answers are waited for, so a viewer that does not read them is not heard any more
             async for said in self._connection:
                 for answer in self._answers(said):
                     await self._connection.send(answer)
@@ -198,13 +198,13 @@ LARGEST = 2**16
 VIEWERS = 64
 """Viewers that there may be at the same time."""
 COMPLAINTS = 5
-"""Connections whose refusal is told in the terminal; a page that tries again and again shall not fill it."""
+"""Connections whose refusal is printed; a page that tries again and again shall not fill it."""
 FAREWELL = 2.0
 """Longest time (s) to send what has been published when the run is over; after that connections are cut."""
 END = 3 * FAREWELL
 """Longest time (s) that the end of a run waits for the server's thread, whatever holds it up."""
 
-# what a viewer does wrong is told to the viewer; here it would only look like a failure of the run
+# a viewer learns itself what it does wrong; here it would only look like a failure of the run
 _SILENT = logging.getLogger("twin.robot.live")
 _SILENT.setLevel(logging.CRITICAL + 1)
 # asyncio's own warning that a viewer has vanished while several of its pings were answered at once

@@ -44,11 +44,11 @@ class Topics:
     def __init__(self, streams: Sequence[RowStream], scene: Scene, tick: float):
         self._encoder, self._scene, self._tick = Encoder(streams), scene, tick
         self._layouts = {form.name: form_filling(0, form) for form in scene.forms}
-        events: _Told = (EVENTS, Log.DESCRIPTOR.full_name, log_descriptor_set(), {}, False)
-        told = [*_streams(streams), *_forms(scene), events]
+        events: _Channel = (EVENTS, Log.DESCRIPTOR.full_name, log_descriptor_set(), {}, False)
+        channels = [*_streams(streams), *_forms(scene), events]
         self.channels = tuple(
             Channel(number, f"/{name}", kind, descriptors, meanings, constant)
-            for number, (name, kind, descriptors, meanings, constant) in enumerate(told, start=1)
+            for number, (name, kind, descriptors, meanings, constant) in enumerate(channels, start=1)
         )
         self._numbers = {channel.topic[1:]: channel.number for channel in self.channels}
         self._drawn = {self._numbers[name] for name in self._layouts}
@@ -82,17 +82,17 @@ class Topics:
                 yield Message(self._numbers[name], time, record[0, HEAD_SIZE:].tobytes())
 
 
-_Told = tuple[str, str, bytes, dict[str, str], bool]
+_Channel = tuple[str, str, bytes, dict[str, str], bool]
 
 
-def _streams(streams: Sequence[RowStream]) -> Iterator[_Told]:
+def _streams(streams: Sequence[RowStream]) -> Iterator[_Channel]:
     topics = [stream.topic for stream in streams]
     for topic, name in zip(topics, message_names(topics), strict=True):
         units = {field.name: f"{field.unit}; {field.meaning}" for field in topic.fields}
         yield topic.name, name, descriptor_set(name, topic.fields), units, False
 
 
-def _forms(scene: Scene) -> Iterator[_Told]:
+def _forms(scene: Scene) -> Iterator[_Channel]:
     for form in scene.forms:
         descriptor = form.example.DESCRIPTOR
         yield form.name, descriptor.full_name, descriptors_of(descriptor), {}, form.width == 0
@@ -154,8 +154,8 @@ class LiveServer:
 
     Args:
         port: to listen at; 0: any that is free.
-        announce: told the address, `ws://127.0.0.1:8765/?token=...`, whenever a run waits there for its first viewer.
-        warn: told a sentence about connections that are refused meanwhile.
+        announce: called with the address, `ws://127.0.0.1:8765/?token=...`, whenever a run waits for its first viewer.
+        warn: called with a sentence about connections that are refused meanwhile.
         origins: see `Gate`.
 
     Raises:

@@ -8,7 +8,7 @@ What both the maker of a robot and its controller know of it.
 
 Arguments that hold three numbers per pose, checked once at the package's public functions.
 
-Where the joints of the closed chain are, for whoever draws the robot: Fig. 2, Eq. 3-6.
+Where the joints of the closed chain are, for pictures of the robot: Fig. 2, Eq. 3-6.
 """
 
 import math

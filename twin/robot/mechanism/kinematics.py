@@ -103,7 +103,7 @@ def refuse_serial_singularity(geometry: Geometry, J: NDArray[np.float64], p_B: N
         p_B: the poses in m, shape (..., 3), for the message.
 
     Raises:
-        SingularPose: names the first pose and leg whose transmission sine cannot be told from 0.
+        SingularPose: names the first pose and leg whose transmission sine is 0 to rounding.
     """
     known = transmission_sines(geometry, J).reshape(-1, 3) >= SMALLEST_KNOWN_NONZERO
     if not known.all():
@@ -124,7 +124,7 @@ def refuse_parallel_singularity(J: NDArray[np.float64], p_B: NDArray[np.float64]
         p_B: the poses in m, shape (..., 3), for the message.
 
     Raises:
-        SingularPose: names the first pose whose distal volume cannot be told from 0.
+        SingularPose: names the first pose whose distal volume is 0 to rounding.
     """
     known = np.abs(distal_volume(J)).reshape(-1) >= SMALLEST_KNOWN_NONZERO
     if not known.all():

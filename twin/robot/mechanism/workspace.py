@@ -154,7 +154,7 @@ def clearances(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """How far bars of different legs stay apart (m, negative where they meet), (n,), and the two that are nearest.
 
-    A bar is told as 3 leg + kind, with the legs from 0, kind 0 the link and 1 and 2 its rods, (n, 2).
+    A bar is numbered 3 leg + kind, with the legs from 0, kind 0 the link and 1 and 2 its rods, (n, 2).
 
     Args:
         geometry: lengths of Fig. 2.

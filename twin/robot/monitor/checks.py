@@ -116,8 +116,8 @@ def trip_sentence(trip: Trip) -> str:
     meaning = MEANINGS[trip.reason]
     unit = f" {meaning.unit}" if meaning.unit else ""
     value, limit = meaning.per_si * trip.value, meaning.per_si * trip.limit
-    told = meaning.sentence.format(joint=trip.joint)
-    return f"safety monitor: {told}: {meaning.quantity} {value:.4g}{unit}, limit {limit:.4g}{unit}"
+    sentence = meaning.sentence.format(joint=trip.joint)
+    return f"safety monitor: {sentence}: {meaning.quantity} {value:.4g}{unit}, limit {limit:.4g}{unit}"
 
 
 class Monitor(Settings):

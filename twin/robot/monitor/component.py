@@ -71,7 +71,7 @@ def supervise(limits, seen, retraction, ticks, tick, now):
     the two encoders may be the failure.
 
     Args:
-        ticks: since the last valid encoder message, without which nobody is accused.
+        ticks: since the last valid encoder message, without which no limit is judged.
         tick: in s.
         now: in ticks.
     """

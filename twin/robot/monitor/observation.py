@@ -4,7 +4,7 @@ What the monitor believes of the robot: its own record, so that the controller's
 
 What the monitor makes of an encoder message: pose, speeds and force, by its own belief and its own low-pass.
 
-What one encoder count is worth in the quantities that the monitor limits: below that nothing can be told apart.
+What one encoder count is worth in the quantities that the monitor limits: smaller differences cannot be seen.
 """
 
 import math

@@ -339,7 +339,7 @@ class Contact(Settings):
 
 
 def _is_missing(name: str, checked: dict[str, Any]) -> bool:
-    """Whether nothing was said of `name`; a value that was refused is told as a mistake of its own."""
+    """Whether `name` is missing; a value that was refused is a mistake of its own."""
     return name in checked and checked[name] is None
 
 

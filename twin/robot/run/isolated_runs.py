@@ -44,7 +44,7 @@ def recorded_runs(
         sure: whether runs that take very long or fill the disk are meant.
 
     Raises:
-        InputRefused: a mistake in any of the experiments, or nobody says that so much is meant; none has been run.
+        InputRefused: a mistake in any of the experiments, or so much was not confirmed; none has been run.
         ComponentFailed, RecordingFailed: as `execute`.
         SafetyTrip: the monitor tripped in one without faults; all have been run.
     """
@@ -61,7 +61,7 @@ def recorded_runs(
         # absolute: an FMU may change the working directory
         folder = folder.absolute()
         reporter.note(experiment=experiment.name, folder=str(folder), duration=duration)
-        # here, because a limit is given; whoever gives none leaves it to `assemble`
+        # here, because a limit is given; without one this is left to `assemble`
         if isolate_drives or need_processes(planned_drives(experiment)):
             run = _with_isolated_drives(reporter, experiment, folder, limit_step, factor, viewer)
         else:

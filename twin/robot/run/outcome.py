@@ -157,8 +157,8 @@ class Tally(Observer):
 
     def __init__(self, system: System):
         self._tick = system.tick
-        told = "controller.p_ref_B" if system.has("controller.p_ref_B") else "reference.p_ref_B"
-        signals = {"plant.F_ee_B": 3, "plant.p_B": 3, told: 3, "controller.triggered": 1, "controller.F_z_ref": 1}
+        reference = "controller.p_ref_B" if system.has("controller.p_ref_B") else "reference.p_ref_B"
+        signals = {"plant.F_ee_B": 3, "plant.p_B": 3, reference: 3, "controller.triggered": 1, "controller.F_z_ref": 1}
         # below 0 where a system has no such signal
         found = [
             system.columns(name).start + np.arange(size) if system.has(name) else np.full(size, -1)

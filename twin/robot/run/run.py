@@ -84,7 +84,7 @@ def driven(assembly: Assembly) -> list[tuple[str, DrivePlan]]:
 
 
 def named_files(values: dict[str, Any]) -> dict[str, Any]:
-    """`values` with FMUs, Python and other files by name only: where they lie on this machine is nobody's business."""
+    """`values` with FMUs, Python and other files by name only: where they lie on this machine is private."""
     return {key: _named(key, value) for key, value in values.items()}
 
 
@@ -212,7 +212,7 @@ def execute(
     Args:
         experiment: checked.
         folder: the run's own folder, made if it is not there.
-        progress: told (ticks done, ticks in all) after every slice.
+        progress: called with (ticks done, ticks in all) after every slice.
         substitutes: see `assemble`. The recording, the summary and every report name them.
         timed: measure each component.
         maker: see `assemble`.

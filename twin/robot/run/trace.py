@@ -148,7 +148,7 @@ class Trace(Observer):
 
 
 def run_in_memory(experiment: Experiment, every: int = 1, only: Collection[str] = ()) -> Trace:
-    """Run `experiment` in this process and keep what `Trace` is told to.
+    """Run `experiment` in this process and keep what `Trace` asks for.
 
     Raises:
         InputRefused: a drive FMU does not fit. ComponentFailed: a component failed.

@@ -1,4 +1,4 @@
-"""Whoever watches a run while it goes on: what a run asks of one."""
+"""Viewers of a run in progress: what a run asks of one."""
 
 import math
 import time
@@ -53,7 +53,7 @@ class Shown(Observer):
 
 
 SLICE = 0.01
-"""Wall time (s) between two deadlines: short for whoever turns a knob, long compared with what a slice costs."""
+"""Wall time (s) between two deadlines: short for a user who turns a knob, long compared with what a slice costs."""
 
 
 @dataclass(frozen=True)

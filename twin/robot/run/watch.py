@@ -83,8 +83,8 @@ class Tuning(Observer):
 
     def _tell(self, tick: int, key: str, number: float, how: str = "") -> None:
         before, self._values[key] = self._values[key], number
-        told = f"{key}: {_written(before)} -> {_written(number)}{how}"
-        self._changes.append(TickEvent(tick, "INFO", told, "tuning"))
+        change = f"{key}: {_written(before)} -> {_written(number)}{how}"
+        self._changes.append(TickEvent(tick, "INFO", change, "tuning"))
 
     def close(self) -> None:
         """Refuse from now on."""
@@ -102,7 +102,7 @@ SECONDS_PER_TICK = 20e-6
 BYTES_PER_TICK = 350
 """Of a recording; the shipped experiments and drives take 300 to 410. Half of it at the controller's rate."""
 LARGE = 5e9
-"""Size (bytes) beyond which nobody starts without having been asked."""
+"""Size (bytes) beyond which a run starts only after a question."""
 
 
 def estimate(experiment: Experiment) -> tuple[float, float]:
@@ -113,7 +113,7 @@ def estimate(experiment: Experiment) -> tuple[float, float]:
 
 
 def refuse_endless(experiments: Sequence[Experiment], factor: float | None = None) -> None:
-    """Ask whoever starts runs that take very long or fill the disk whether that is meant.
+    """Ask the user whether runs that take very long or fill the disk are meant.
 
     Args:
         experiments: to be run one after the other.
@@ -153,14 +153,14 @@ class Watch(Observer):
         self._system = assembly.system
         self._experiment = experiment
         self._tasks = [type(task).__name__.lower() for task in experiment.tasks]
-        told = (
+        names = (
             *(("controller.task", "controller.phase") if self._tasks else ("controller.triggered",)),
             "controller.F_z",
         )
         # a third-party one need not tell
-        known = all(assembly.system.has(name) for name in told)
-        self._watched = [assembly.system.columns(name).start for name in told] if known else []
-        self._before = np.zeros(len(told) - 1)
+        known = all(assembly.system.has(name) for name in names)
+        self._watched = [assembly.system.columns(name).start for name in names] if known else []
+        self._before = np.zeros(len(names) - 1)
         of_touch = ("plant.F_ee_B", "controller.triggered")
         self._of_touch = (
             [assembly.system.columns(of_touch[0]).start + 2, assembly.system.columns(of_touch[1]).start]

@@ -60,35 +60,35 @@ def contradictions(monitor: Monitor, belief: MonitorBelief, sample_period: float
 
 
 def _among_times(monitor: Monitor, sample_period: float, speed_limit: float) -> list[str]:
-    told = []
+    mistakes = []
     shortest = max(monitor.period, sample_period)
     for key in ("stale_time", "frozen_time", "saturation_time", "follow_time"):
         if getattr(monitor, key) <= shortest:
-            told.append(
+            mistakes.append(
                 f"[monitor] {key}_ms = {1e3 * getattr(monitor, key):g} is no longer than one sample of "
                 f"{1e3 * shortest:g} ms; allow several samples"
             )
     if monitor.contact_force >= monitor.force_limit:
-        told.append(
+        mistakes.append(
             f"[monitor] contact_force_N = {monitor.contact_force:g} is not below force_limit_N = "
             f"{monitor.force_limit:g}; lower it, or no contact is ever seen"
         )
     if monitor.period > sample_period:
-        told.append(
+        mistakes.append(
             f"[monitor] period_ms = {1e3 * monitor.period:g} holds back the controller's commands, which come every "
             f"{1e3 * sample_period:g} ms; expected at most that"
         )
     if monitor.command_limit is not None and monitor.command_limit > speed_limit:
-        told.append(
+        mistakes.append(
             f"[monitor] command_limit_rad_per_s = {monitor.command_limit:g} is never reached: the controller commands "
             f"at most {speed_limit:g} rad/s; expected at most that"
         )
     if monitor.retract_speed <= monitor.follow_limit:
-        told.append(
+        mistakes.append(
             f"[monitor] retract_speed_rad_per_s = {monitor.retract_speed:g} is not above follow_limit_rad_per_s = "
             f"{monitor.follow_limit:g}: a jam would go unseen; raise the one or lower the other"
         )
-    return told
+    return mistakes
 
 
 def _against_robot(monitor: Monitor, belief: MonitorBelief, sample_period: float) -> list[str]:
@@ -99,9 +99,9 @@ def _against_robot(monitor: Monitor, belief: MonitorBelief, sample_period: float
         one_count = resolution(belief, p_B, sample_period)
     except Unreachable as problem:
         return [f"[monitor] the middle of z_min_mm and z_max_mm: {problem}"]
-    told = []
+    mistakes = []
     if deflection >= monitor.deflection_limit:
-        told.append(
+        mistakes.append(
             f"[monitor] force_limit_N = {monitor.force_limit:g} is never reached: {at} it deflects a spring by "
             f"{math.degrees(deflection):.1f} deg (k_s N eta = {belief.k_s * belief.N * belief.eta:g} N m/rad), and "
             f"deflection_limit_deg = {math.degrees(monitor.deflection_limit):g} trips before; lower the force limit "
@@ -110,11 +110,11 @@ def _against_robot(monitor: Monitor, belief: MonitorBelief, sample_period: float
     share = monitor_share(monitor.filter, sample_period)
     for key, unit, scale, resolved in _resolved(one_count, share):
         if getattr(monitor, key) < DISTINCT * resolved:
-            told.append(
+            mistakes.append(
                 f"[monitor] {key}_{unit} = {scale * getattr(monitor, key):g} is within what the encoders cannot tell "
                 f"apart: one count is worth {scale * resolved:.3g} {at}; expected at least {DISTINCT:g} times that"
             )
-    return told
+    return mistakes
 
 
 def _resolved(one_count: Resolution, share: float) -> list[tuple[str, str, float, float]]:
@@ -337,10 +337,10 @@ def _moved_twice(tables: Tables, named: Collection[str]) -> list[str]:
     if "body" not in tables.stand_ins:
         return []
     contact = tables.by_name.get("contact")
-    told = [f"contact.{name}" for name in ("breathing", "shift") if getattr(contact, name, None) is not None]
-    told += [f"fault {n}" for n, fault in enumerate(tables.faults, 1) if CATALOGUE[fault.kind].mechanism == "body"]
+    moving = [f"contact.{name}" for name in ("breathing", "shift") if getattr(contact, name, None) is not None]
+    moving += [f"fault {n}" for n, fault in enumerate(tables.faults, 1) if CATALOGUE[fault.kind].mechanism == "body"]
     label = tables.stand_ins["body"].label
-    return [f"[{name}]: moves the surface, and so does [body], {label}; remove one" for name in told]
+    return [f"[{name}]: moves the surface, and so does [body], {label}; remove one" for name in moving]
 
 
 def _mode_mistakes(checked: Mapping[str, Any], named: Collection[str]) -> list[str]:
@@ -362,15 +362,15 @@ def _mode_mistakes(checked: Mapping[str, Any], named: Collection[str]) -> list[s
     if not has_tasks:
         missing = computer.mode == "force_position" and computer.force.reference is None
         return ["[controller.force] missing key 'reference_N'"] if missing else []
-    told = [] if "approach" in named else ["missing table [approach], which tasks need"]
+    mistakes = [] if "approach" in named else ["missing table [approach], which tasks need"]
     for name in ("touch", "feed_forward", "damping"):
         if getattr(computer, name) is None:
-            told.append(f"missing table [controller.{name}], which tasks need")
+            mistakes.append(f"missing table [controller.{name}], which tasks need")
     if computer.mode != "force_position":
-        told.append(f'[controller] mode = "{computer.mode}": tasks press; expected "force_position"')
-    told += [
+        mistakes.append(f'[controller] mode = "{computer.mode}": tasks press; expected "force_position"')
+    mistakes += [
         f"[controller.force] {key}: tasks have a force of their own and feel contact by [controller.touch]; remove it"
         for key, value in force.items()
         if value is not None
     ]
-    return told
+    return mistakes

@@ -86,7 +86,7 @@ WAY_POINT_SPACING = 1e-3
 
 
 def unreachable(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
-    """Why the robot cannot be at one of `p_B` (..., 3) in m, told of that pose alone; None if it can."""
+    """Why the robot cannot be at one of `p_B` (..., 3) in m, of that pose alone; None if it can."""
     try:
         joint_angles(geometry, p_B)
     except Unreachable as problem:
@@ -173,13 +173,13 @@ class Situation:
 
 def task_mistakes(situation: Situation, tasks: Mapping[int, Task], duration: float) -> list[str]:
     """Why `tasks`, by number, cannot or should not be carried out within `duration` (s): each reason in a sentence."""
-    told = [f"[task {n}] {text}" for n, task in tasks.items() for text in _mistakes(situation, task)]
+    mistakes = [f"[task {n}] {text}" for n, task in tasks.items() for text in _mistakes(situation, task)]
     seconds = sum(_time(situation.approach, task, situation.plant.z_s) for task in tasks.values())
     ways = ((getattr(before, "to", before.point), task.point) for before, task in pairwise(tasks.values()))
     seconds += sum(math.dist(*way) / situation.approach.speed for way in ways)
-    if not told and seconds > duration:
-        told.append(f"duration_s = {duration:g}: the tasks take about {seconds:.1f} s")
-    return told
+    if not mistakes and seconds > duration:
+        mistakes.append(f"duration_s = {duration:g}: the tasks take about {seconds:.1f} s")
+    return mistakes
 
 
 def _time(approach: Approach, task: Task, surface: float) -> float:
@@ -297,8 +297,8 @@ def _out_of_reach(s: Situation, path: NDArray[np.float64]) -> str | None:
     heights = np.arange(floor, height + SPACING, SPACING) if height - floor < LONGEST else np.array([floor, height])
     columns = np.array([[x, y, z] for x, y in path for z in heights])
     problems = (unreachable(geometry, columns) for geometry in s.geometries)
-    if told := next((str(problem) for problem in problems if problem), None):
-        return told
+    if mistake := next((str(problem) for problem in problems if problem), None):
+        return mistake
     found = obstructed(s.robot, columns)
     return found[1] if found else None
 
