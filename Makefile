@@ -52,7 +52,7 @@ bytes: $(VENV)/.test-$(EXTRAS)  ## does the working tree record and say what a c
 house: $(VENV)/.test-$(EXTRAS)  ## how large twin/ is and how its files hang together, beside what is asked
 	@$(VENV)/bin/python -m tests.house
 
-wheel: $(VENV)/.test-$(EXTRAS)  ## dist/: a wheel for x86-64 Linux with machine code in it, so that nobody waits for it
+wheel: $(VENV)/.test-$(EXTRAS)  ## dist/: a wheel for x86-64 Linux with machine code in it, so that no user waits for it
 	$(VENV)/bin/python build_wheel.py dist
 
 mutants: $(VENV)/.test-test,mutants  ## change the source in 400 places, one at a time: do the tests notice? (hours)

@@ -129,7 +129,7 @@ def _document(path: Path) -> dict[str, Any]:
 
 
 def source_guid(sources: tuple[Path, ...]) -> str:
-    """GUID made of the sources' names and contents, so that a stale binary can be told without a compiler."""
+    """GUID made of the sources' names and contents, so that a stale binary is recognised without a compiler."""
     digest = hashlib.sha256()
     for path in sources:
         content = path.read_bytes()

@@ -8,7 +8,7 @@ import pytest
 
 from tests.installations import forget_installation
 from twin.kernel import cache_folder as module
-from twin.kernel.cache_folder import HOME, KEPT, VARIABLE, cache_folder, cached_answer, contents
+from twin.kernel.cache_folder import HOME, MOST_ANSWERS, VARIABLE, cache_folder, cached_answer, contents
 
 ANSWER = "what it is: 3 µm\n"
 
@@ -205,12 +205,12 @@ def test_what_changes_while_it_is_made_is_not_kept(asked: Asked, tmp_path: Path)
 
 
 def test_those_asked_for_least_recently_go_first(asked: Asked):
-    for number in range(KEPT + 5):
+    for number in range(MOST_ANSWERS + 5):
         asked(str(number))
         asked("0")
-    assert len(answers()) == KEPT
+    assert len(answers()) == MOST_ANSWERS
     asked("0")
-    assert asked.made == KEPT + 5
+    assert asked.made == MOST_ANSWERS + 5
 
 
 @pytest.fixture

@@ -45,8 +45,8 @@ def declared() -> dict[str, Declared]:
     for package, folder in FOLDERS.items():
         for file in sorted([*folder.glob("*/study.py"), *folder.glob("*.py")]):
             module = ".".join([package, *file.relative_to(folder).with_suffix("").parts])
-            for words, function, said in DECLARED.findall(file.read_text("utf-8")):
-                found[words or function] = Declared(module, function, said)
+            for words, function, settings in DECLARED.findall(file.read_text("utf-8")):
+                found[words or function] = Declared(module, function, settings)
     return found
 
 
@@ -175,14 +175,16 @@ def _parameter(name: str, annotation: Any, default: Any) -> inspect.Parameter:
         kind = list[typing.get_args(kind)[0]]  # type: ignore[misc]
         kind, default = (kind | None, None) if default == () else (kind, default)
     # without a name of its own Typer adds one that says no
-    said = typer_option(option, f"--{name.replace('_', '-')}" if kind is bool else "")
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, annotation=Annotated[kind, said], default=default)
+    settings = typer_option(option, f"--{name.replace('_', '-')}" if kind is bool else "")
+    return inspect.Parameter(
+        name, inspect.Parameter.KEYWORD_ONLY, annotation=Annotated[kind, settings], default=default
+    )
 
 
 def typer_option(option: Option, flags: str = "") -> Any:
     """`option` as Typer has it; `flags` where it has none of its own and Typer's would not do."""
-    said: dict[str, Any] = {"help": option.help, "metavar": option.metavar, "min": option.least, "max": option.most}
-    said["autocompletion"] = COMPLETIONS.get(option.complete)
+    settings: dict[str, Any] = {"help": option.help, "metavar": option.metavar, "min": option.least, "max": option.most}
+    settings["autocompletion"] = COMPLETIONS.get(option.complete)
     if isinstance(option, Argument):
-        return typer.Argument(**said)
-    return typer.Option(*(option.flags or flags).split(), **said)
+        return typer.Argument(**settings)
+    return typer.Option(*(option.flags or flags).split(), **settings)

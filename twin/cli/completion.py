@@ -31,9 +31,9 @@ def drive_names(incomplete: str) -> list[str]:
 
 def role_names(incomplete: str) -> list[str]:
     """Parts of the robot that may be third-party."""
-    from twin.robot.experiment.source import KEPT
+    from twin.robot.experiment.source import RETAINED
 
-    return _starting_with(incomplete, KEPT)
+    return _starting_with(incomplete, RETAINED)
 
 
 def body_names(incomplete: str) -> list[str]:

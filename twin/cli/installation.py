@@ -177,11 +177,11 @@ def _size(files: Sequence[Path]) -> float:
 def unpacked_finding() -> Finding:
     """Whether FMUs can be unpacked, and whether those that are unpacked are as they were."""
     try:
-        kept = shelf()
+        drives_folder = shelf()
     except InputRefused as refused:
         return Finding("unpacked", "bad", f"no drive can be unpacked: {refused}")
-    place = f"{kept.folder}, {SAFE}{_damage_note(kept.changed, 'taken from the FMU again')}"
-    return Finding("unpacked", "ok", f"{kept.drives} FMUs, {kept.size / 1e6:.0f} MB, in {place}")
+    place = f"{drives_folder.folder}, {SAFE}{_damage_note(drives_folder.changed, 'taken from the FMU again')}"
+    return Finding("unpacked", "ok", f"{drives_folder.drives} FMUs, {drives_folder.size / 1e6:.0f} MB, in {place}")
 
 
 def _damage_note(damaged: Sequence[Path], remedy: str) -> str:
@@ -285,10 +285,10 @@ def _packages() -> list[Finding]:
     def looked_at() -> str:
         return json.dumps(package_findings(project_table(), is_clone()))
 
-    said = cached_answer(
+    answer = cached_answer(
         "packages", looked_at, lambda: project.read_bytes().decode("latin-1") if project.is_file() else ""
     )
-    return [Finding(*facts) for facts in json.loads(said)]
+    return [Finding(*facts) for facts in json.loads(answer)]
 
 
 def verdict(findings: Sequence[Finding]) -> str:

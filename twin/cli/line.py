@@ -83,12 +83,12 @@ def _help() -> str:
 def _surroundings() -> list[str]:
     """What Typer makes its lines of."""
     names = ("COLUMNS", "LANGUAGE", "LC_ALL", "LC_MESSAGES", "LANG")
-    said = [f"{name}={os.environ.get(name)}" for name in names]
-    said += [f"{name}={value}" for name, value in os.environ.items() if name.startswith(("TYPER_", "_TYPER_"))]
+    state = [f"{name}={os.environ.get(name)}" for name in names]
+    state += [f"{name}={value}" for name, value in os.environ.items() if name.startswith(("TYPER_", "_TYPER_"))]
     try:
-        return [*said, str(os.get_terminal_size(1).columns)]
+        return [*state, str(os.get_terminal_size(1).columns)]
     except OSError:
-        return said
+        return state
 
 
 def _ask(study: str, as_json: bool = False) -> int:

@@ -80,6 +80,6 @@ def log_new(log: Annotated[Path, Argument("A CSV file of a robot.", "CSV")]) -> 
 
     path, complete = propose(log)
     words = ["twin", "replay", str(log), "--experiment", "fig4_force_position", "--map", str(path)]
-    said = "complete" if complete else "NOT complete: remove the # from what is right"
-    text = f"{path}\n{said}\nthen, with the experiment that describes the robot: {shlex.join(words)}"
+    standing = "complete" if complete else "NOT complete: remove the # from what is right"
+    text = f"{path}\n{standing}\nthen, with the experiment that describes the robot: {shlex.join(words)}"
     return Answer(text, {"map": str(path), "complete": complete})

@@ -268,7 +268,7 @@ def _usual_base() -> Path:
 
 
 HOME = "answers"
-KEPT = 50
+MOST_ANSWERS = 50
 MOST_BYTES = 64 << 20
 """Of files that are read to know whether an answer is still right."""
 
@@ -300,7 +300,7 @@ def cached_answer(
         # it is there for the next time if the disk takes it
         with contextlib.suppress(OSError):
             _write(file, answer)
-            evict(file.parent, KEPT)
+            evict(file.parent, MOST_ANSWERS)
     return answer
 
 
@@ -340,11 +340,11 @@ def _entries(folder: str) -> Iterator[tuple[str, int, int]]:
 def _place(name: str, made_of: Callable[[], str | None], rooms: tuple[str, ...]) -> Path | None:
     """The file of the answer; None if it has none."""
     try:
-        said = made_of()
-        if said is None:
+        made = made_of()
+        if made is None:
             return None
         files = (part for file, text in sources(str(PACKAGE), *rooms).items() for part in (_encoded(file), text))
-        return cache_folder(HOME) / _hash(_encoded(name), _encoded(said), _python(), *files, *_packages())
+        return cache_folder(HOME) / _hash(_encoded(name), _encoded(made), _python(), *files, *_packages())
     except (InputRefused, OSError):
         return None
 

@@ -204,14 +204,14 @@ Request = Subscribe | Unsubscribe | AskParameters | SetParameters | FollowParame
 _REQUESTS: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="op")])
 
 
-def request(said: str) -> Request:
+def request(text: str) -> Request:
     """What a viewer asks.
 
     Raises:
         InputRefused: nothing that this server knows.
     """
     try:
-        return _REQUESTS.validate_json(said)
+        return _REQUESTS.validate_json(text)
     except ValidationError as mistake:
         first = mistake.errors(include_url=False)[0]
         place = ".".join(str(part) for part in first["loc"])

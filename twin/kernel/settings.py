@@ -82,8 +82,8 @@ class _Declaring(ModelMetaclass):
     def __new__(mcs, name: str, bases: tuple[type, ...], namespace: dict[str, Any], **more: Any) -> Any:
         own = {key: value for key, value in namespace.items() if isinstance(value, Setting)}
         for key, value in own.items():
-            said = {**value.more, "description": value.help} | ({"alias": value.key(key)} if value.unit else {})
-            namespace[key] = Field(value.default, **said)
+            schema = {**value.more, "description": value.help} | ({"alias": value.key(key)} if value.unit else {})
+            namespace[key] = Field(value.default, **schema)
         made: Any = super().__new__(mcs, name, bases, namespace, **more)
         inherited = {key: value for base in reversed(bases) for key, value in getattr(base, "settings", {}).items()}
         made.settings = inherited | {key: value._replace(field=value.field or key) for key, value in own.items()}

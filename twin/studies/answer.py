@@ -17,7 +17,7 @@ JOB = "twin.studies.answer:answered"
 
 @dataclass(frozen=True)
 class Answer:
-    """What a study says to whoever asked.
+    """The answer of a study to its command.
 
     Attributes:
         text: for people, at most 80 columns.

@@ -186,7 +186,7 @@ def answer_apart(
     Args:
         name: "module:function", see `answered`.
         asked: the function's arguments but `say`.
-        say: told what it is doing.
+        say: called with what it is doing.
         isolate: what gets a process of its own; a study that steps no FMU needs none.
         limits: of that process.
         formats, columns: of pictures for a paper, besides those for the screen.

@@ -51,7 +51,7 @@ def picture(
         path: of the picture.
         width, height: in inches.
         title: above all panels.
-        by_hand: panels are placed by whoever draws them.
+        by_hand: panels are placed by the code that draws them.
         look: what of `LOOK` is otherwise: `BARE` or `MAP`.
 
     Raises:

@@ -61,7 +61,7 @@ def find_logs(asked: Asked) -> None:
 def print_latest(asked: Asked) -> None:
     """Print to standard error which run each log means, and with which options it was made.
 
-    Nothing is said of a file or of a run's own folder, nor of what is no folder of runs: whoever reads it refuses it.
+    Nothing is said of a file or of a run's own folder, nor of what is no folder of runs: reading refuses that.
     """
     from twin.kernel.recording.folder import recording_in
 
@@ -72,7 +72,7 @@ def print_latest(asked: Asked) -> None:
             continue
         if path.is_dir() and recording.parent != path:
             # takes half a second to load
-            from twin.studies.results.kept import stored_run
+            from twin.studies.results.stored import stored_run
 
             run = stored_run(recording)
             made = f", made with {shlex.join(run.typed)}" if run.typed else ""

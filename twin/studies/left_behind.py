@@ -36,7 +36,7 @@ def clear() -> None:
 
 
 def hold(pipe: Path) -> int:
-    """Make the named `pipe`, alone of its kind in its folder, and open it, at both ends: that waits for nobody."""
+    """Make the named `pipe`, alone of its kind in its folder, and open it, at both ends: that waits for no other process."""
     os.mkfifo(pipe)
     return os.open(pipe, os.O_RDWR)
 
@@ -44,7 +44,7 @@ def hold(pipe: Path) -> int:
 def _is_held(folder: Path) -> bool:
     for entry in os.scandir(folder):
         if stat.S_ISFIFO(entry.stat(follow_symlinks=False).st_mode):
-            # to write into a pipe that nobody has open is refused
+            # to write into a pipe without a reader is refused
             with suppress(OSError):
                 os.close(os.open(entry.path, os.O_WRONLY | os.O_NONBLOCK))
                 return True

@@ -80,7 +80,7 @@ class Table:
         rows: from the top.
         indent: spaces before the first column.
         left_out: where columns are that do not fit in 80; "": all are shown.
-        title: for whoever does not see where it stands: JSON, HTML.
+        title: for JSON and HTML, where its place in the text is not seen.
     """
 
     columns: Sequence[Column]

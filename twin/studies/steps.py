@@ -1,23 +1,23 @@
-"""How far a study has come, told while it goes on."""
+"""Progress of a study while it runs."""
 
 from typing import Protocol
 
 
 class Say(Protocol):
-    """Takes what is being done, and how much of all is over, 0 .. 1; None: nobody knows."""
+    """Takes what is being done, and how much of all is over, 0 .. 1; None: unknown."""
 
     def __call__(self, what: str, share: float | None = None, /) -> None: ...
 
 
 def silent(what: str, share: float | None = None, /) -> None:
-    """Where nobody wants to know."""
+    """Where progress is not asked for."""
 
 
 class Steps:
     """Counts steps that take about as long as each other.
 
     Args:
-        say: told at the beginning of each.
+        say: called at the beginning of each.
         total: how many there are.
     """
 

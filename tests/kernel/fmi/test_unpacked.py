@@ -19,7 +19,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.fmi import unpacked as module
 from twin.kernel.fmi.description import described
 from twin.kernel.fmi.lifecycle import CosimInstance
-from twin.kernel.fmi.unpacked import KEPT, SEAL, shelf, unpacked
+from twin.kernel.fmi.unpacked import MOST_UNPACKED, SEAL, shelf, unpacked
 
 CONTENTS = {
     "modelDescription.xml": b"<fmiModelDescription/>" * 20,
@@ -228,8 +228,8 @@ def test_a_truncated_library_is_not_blamed_on_its_maker(servo: Path, capsys: pyt
 
 
 def test_old_folders_are_evicted_and_those_in_use_never(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(module, "KEPT", 3)
-    assert KEPT >= 20
+    monkeypatch.setattr(module, "MOST_UNPACKED", 3)
+    assert MOST_UNPACKED >= 20
     first = archived(tmp_path / "first.fmu")
     content = unpacked(first, sha256(first))
     home = content.parents[1]
@@ -253,7 +253,7 @@ import random, sys, zipfile
 from pathlib import Path
 from twin.kernel.fmi import unpacked as module
 from twin.kernel.archive import sha256
-module.KEPT = 1
+module.MOST_UNPACKED = 1
 name = "binaries/linux64/servo.so"
 draw = random.Random(int(sys.argv[1]))
 for _ in range(int(sys.argv[2])):

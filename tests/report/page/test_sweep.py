@@ -10,7 +10,7 @@ from tests.studies.sweep.statistics.rows import kept, row
 from twin.kernel.errors import InputRefused, NotWritten
 from twin.report.page.sweep import sweep_page, write_sweep_page
 from twin.studies.sweep.fig4 import packed
-from twin.studies.sweep.folder import KeptRows
+from twin.studies.sweep.folder import SweepRows
 from twin.studies.sweep.show.parts import Asked
 from twin.studies.sweep.show.pictures import write_pictures
 
@@ -18,7 +18,7 @@ ASKED = Asked("force_error_N", "lateral_error_mm", 5)
 
 
 @pytest.fixture(scope="module")
-def sweep() -> KeptRows:
+def sweep() -> SweepRows:
     rows = [
         row(n, {"a<b>": float(n % 4), "c": float(n // 4)}, force_error_N=1.0 + n % 4, lateral_error_mm=9.0 - n % 4)
         for n in range(12)
@@ -27,11 +27,11 @@ def sweep() -> KeptRows:
 
 
 @pytest.fixture(scope="module")
-def pictures(sweep: KeptRows, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def pictures(sweep: SweepRows, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return write_pictures(sweep, ASKED, None, None, tmp_path_factory.mktemp("pictures"))
 
 
-def test_it_holds_every_part_and_every_picture_inside_itself(sweep: KeptRows, pictures: dict[str, Path]):
+def test_it_holds_every_part_and_every_picture_inside_itself(sweep: SweepRows, pictures: dict[str, Path]):
     html = sweep_page(sweep, ASKED, pictures)
     for text in ("Best runs by force_error_N", "Rank correlation with", "Pareto front of", "Each metric", "it crashed"):
         assert text in html
@@ -40,28 +40,28 @@ def test_it_holds_every_part_and_every_picture_inside_itself(sweep: KeptRows, pi
     assert "default-src 'none'; style-src 'unsafe-inline'; img-src data:" in html
 
 
-def test_names_from_the_sweep_file_are_no_markup(sweep: KeptRows, pictures: dict[str, Path]):
+def test_names_from_the_sweep_file_are_no_markup(sweep: SweepRows, pictures: dict[str, Path]):
     html = sweep_page(sweep, ASKED, pictures)
     assert "a&lt;b&gt;" in html and "a<b>" not in html
 
 
-def test_every_link_of_the_contents_leads_somewhere(sweep: KeptRows, pictures: dict[str, Path]):
+def test_every_link_of_the_contents_leads_somewhere(sweep: SweepRows, pictures: dict[str, Path]):
     html = sweep_page(sweep, ASKED, pictures)
     links = re.findall(r'href="#([^"]+)"', html)
     assert len(links) > 5 and all(f'id="{link}"' in html for link in links)
 
 
-def test_the_same_rows_make_the_same_bytes(sweep: KeptRows, pictures: dict[str, Path], tmp_path: Path):
+def test_the_same_rows_make_the_same_bytes(sweep: SweepRows, pictures: dict[str, Path], tmp_path: Path):
     again = write_pictures(sweep, ASKED, None, None, tmp_path)
     assert sweep_page(sweep, ASKED, again) == sweep_page(sweep, ASKED, pictures)
 
 
-def test_a_folder_that_cannot_be_written_is_told(sweep: KeptRows, tmp_path: Path):
+def test_a_folder_that_cannot_be_written_is_told(sweep: SweepRows, tmp_path: Path):
     with pytest.raises(NotWritten, match=r"sweep\.html: cannot be written"):
         write_sweep_page(sweep, ASKED, {}, tmp_path / "not_there")
 
 
-def test_a_parameter_that_does_not_vary_is_on_no_map(sweep: KeptRows, tmp_path: Path):
+def test_a_parameter_that_does_not_vary_is_on_no_map(sweep: SweepRows, tmp_path: Path):
     with pytest.raises(InputRefused, match="--x d: no number that varies here"):
         write_pictures(sweep, ASKED, "d", None, tmp_path)
 

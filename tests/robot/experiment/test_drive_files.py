@@ -9,7 +9,7 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.assembly.roles import CONTRACTS
 from twin.robot.experiment.drive_files import joint_tables, lone_drive
 from twin.robot.experiment.schema import Drive
-from twin.robot.experiment.source import KEPT
+from twin.robot.experiment.source import RETAINED
 
 
 @pytest.fixture
@@ -148,7 +148,7 @@ def experiment(folder: Path, text: str) -> Path:
 
 
 def test_a_part_of_the_robot_has_the_same_name_everywhere():
-    assert KEPT.keys() == CONTRACTS.keys()
+    assert RETAINED.keys() == CONTRACTS.keys()
 
 
 def test_a_class_is_found_beside_the_file_and_takes_the_gains_of_the_files_below_with_it(tmp_path: Path, mine: Path):
@@ -157,7 +157,7 @@ def test_a_class_is_found_beside_the_file_and_takes_the_gains_of_the_files_below
     table = loaded.stand_ins["controller"]
     assert (table.file, table.class_name, table.label) == (mine, "Controller", "mine.py:Controller")
     assert table.parameters == {"k.p": 3.0}
-    assert loaded.values["controller"].keys() == {"python", "parameters", *KEPT["controller"]} - {
+    assert loaded.values["controller"].keys() == {"python", "parameters", *RETAINED["controller"]} - {
         "delay_ticks", "bus_delay_ticks", "dead_zone_deg", "energy_tank"
     }  # fmt: skip
     assert loaded.controller.period == 0.002

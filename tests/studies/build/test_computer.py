@@ -16,7 +16,7 @@ from twin.kernel.compiled.emission import MATHEMATICS
 from twin.kernel.fmi.unpacked import compiler
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import Trace, run_in_memory
-from twin.studies.build.library import COUNTS, PART, TOLD, build_c
+from twin.studies.build.library import COUNTS, PART, COMMANDS, build_c
 from twin.studies.build.parameters import parameters
 from twin.studies.build.part import part_of
 
@@ -57,7 +57,7 @@ def program(folder: Path, source: Path, name: str) -> str:
 def sizes(experiment: Path, settings: Sequence[str] = ()) -> dict[str, int]:
     """The outputs of the C by their names, and how many values each has."""
     part = part_of(load_experiment(experiment, settings), PART)
-    found = {port.name: port.size for port in TOLD.values()}
+    found = {port.name: port.size for port in COMMANDS.values()}
     return found | {f"{c.name}.{port.name}": port.size for c in part.components for port in c.outputs}
 
 

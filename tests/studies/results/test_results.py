@@ -11,7 +11,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.reader import last_time, origin, read
 from twin.robot.experiment.source import COMMAND_LINE
-from twin.studies.results.kept import ExperimentsNow, KeptRun, describe_differences, doomed_runs, stored_runs
+from twin.studies.results.stored import ExperimentsNow, StoredRun, describe_differences, doomed_runs, stored_runs
 
 SHORT = ("--set", "duration_s=0.01")
 
@@ -139,8 +139,8 @@ def test_what_twin_did_not_write_stays_in_the_folder_of_a_run_that_goes_and_is_s
 
 def forged(recording: Path, found: dict[str, dict[str, str]], monkeypatch: pytest.MonkeyPatch) -> str:
     """Why a run whose recording says `found` is not compared with its file."""
-    monkeypatch.setattr("twin.studies.results.kept.origin", lambda path: found)
-    return describe_differences(KeptRun(recording.parent, recording, True), ExperimentsNow())[1]
+    monkeypatch.setattr("twin.studies.results.stored.origin", lambda path: found)
+    return describe_differences(StoredRun(recording.parent, recording, True), ExperimentsNow())[1]
 
 
 @pytest.mark.parametrize("name", ["{elsewhere}/secret.toml", "../elsewhere/secret.toml", "secret.toml", "plain"])

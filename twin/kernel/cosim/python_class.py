@@ -132,11 +132,11 @@ class Wanted:
         units: of the class's values, by port.
     """
 
-    def __init__(self, label: str, side: str, said: Any, offered: Sequence[Port]):
-        if isinstance(said, str) or not isinstance(said, Mapping | Sequence):
-            raise InputRefused(f"{label}: {side} = {said!r}; expected names, such as ({offered[0].name!r},)")
-        units = dict(said) if isinstance(said, Mapping) else dict.fromkeys(said)
-        if len(units) != len(said):
+    def __init__(self, label: str, side: str, listed: Any, offered: Sequence[Port]):
+        if isinstance(listed, str) or not isinstance(listed, Mapping | Sequence):
+            raise InputRefused(f"{label}: {side} = {listed!r}; expected names, such as ({offered[0].name!r},)")
+        units = dict(listed) if isinstance(listed, Mapping) else dict.fromkeys(listed)
+        if len(units) != len(listed):
             raise InputRefused(f"{label}: {side} names one port twice; name each once")
         known = {port.name: port for port in offered}
         for name in units:

@@ -115,10 +115,10 @@ class Integrator:
     ):
         self._model, size = model, max(model.states, 1)
         tolerance = model.setup.tolerance or USUAL_TOLERANCE
-        kept = {"x": size, "z_before": model.indicators, "last_inputs": width}
+        rows = {"x": size, "z_before": model.indicators, "last_inputs": width}
         scratch = {name: size for name in ("began", "k_1", "k_2", "k_3", "k_4", "scales")}
         scratch |= {"z": model.indicators, "info": GUARD}
-        self.block, begins = _laid_out(kept, MEMORY.itemsize // 8)
+        self.block, begins = _laid_out(rows, MEMORY.itemsize // 8)
         self._scratch, places = _laid_out(scratch)
         self.memory = self.block[: MEMORY.itemsize // 8].view(MEMORY)
         m = self.memory[0]
@@ -197,7 +197,7 @@ class _Fmi3(Fmi3):
 
     def instantiate(self, instance: Instance) -> None:
         with instance.calling("InstantiateModelExchange"):
-            instance.fmu.instantiate(logMessage=lambda environment, status, category, said: instance.hear(status, said))
+            instance.fmu.instantiate(logMessage=lambda environment, status, category, text: instance.hear(status, text))
 
 
 class Model(Instance):
@@ -226,10 +226,10 @@ class Model(Instance):
         return super().saved_state(), self._integrator.block.copy() if self._integrator else None
 
     def restore(self, state: Any) -> None:
-        inside, kept = state
+        inside, rows = state
         super().restore(inside)
-        if self._integrator is not None and kept is not None:
-            self._integrator.block[:] = kept
+        if self._integrator is not None and rows is not None:
+            self._integrator.block[:] = rows
             self._integrator.memory[0]["restart"] = 1
 
     def close(self) -> None:
@@ -504,8 +504,8 @@ class FmuComponent(Component):
         since = self._stepping.discarded_since
         if since is not None and not self._discard_reported:
             self._discard_reported = True
-            said = f"it discards steps, which are then made in parts, since t = {since:g} s"
-            messages.append((int(self.instance.clock[0]), said))
+            text = f"it discards steps, which are then made in parts, since t = {since:g} s"
+            messages.append((int(self.instance.clock[0]), text))
         return messages
 
     def close(self) -> None:
@@ -556,5 +556,5 @@ class ExchangeStepping(Stepping):
 
     def explain(self, status: int) -> str:
         reason = self.integrator.explain(status)
-        said = f" ('{self.instance.messages[-1]}')" if self.instance.messages else ""
-        return f"{reason}{said}" if reason else super().explain(status)
+        text = f" ('{self.instance.messages[-1]}')" if self.instance.messages else ""
+        return f"{reason}{text}" if reason else super().explain(status)

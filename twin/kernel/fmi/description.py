@@ -374,19 +374,19 @@ def abilities(description: FmuDescription) -> list[tuple[str, str]]:
     """(what, how) of its stepping, for people; nothing of what every FMU does."""
     if description.kind == "model_exchange":
         return []
-    said, its = [], description.model.coSimulation
+    rows, its = [], description.model.coSimulation
     if not its.canHandleVariableCommunicationStepSize:
         stated = stated_step(description)
         wish = f"; it prefers {1e3 * stated:g} ms" if stated > 0.0 else ""
-        said.append(("steps", f"steps of one size only{wish}"))
+        rows.append(("steps", f"steps of one size only{wish}"))
     if its.hasEventMode or description.returns_early:
         modes = ["event mode"] * its.hasEventMode + ["may return early"] * description.returns_early
-        said.append(("events", ", ".join(modes)))
-    said += [("clock", f"{clock.name}, {rhythm(clock)}") for clock in clocks(description)]
+        rows.append(("events", ", ".join(modes)))
+    rows += [("clock", f"{clock.name}, {rhythm(clock)}") for clock in clocks(description)]
     within = its.providesIntermediateUpdate and any(v.intermediate for v in description.offered("input"))
     if its.canInterpolateInputs or within:
-        said.append(("inputs", 'taken as lines over a step with [cosim] inputs = "linear"'))
-    return said
+        rows.append(("inputs", 'taken as lines over a step with [cosim] inputs = "linear"'))
+    return rows
 
 
 def refuse_step(description: FmuDescription, tick: float, substeps: int) -> None:

@@ -149,7 +149,7 @@ FUNCTIONS = {
 }  # fmt: skip
 
 
-def explain_status(status: int, prefix: str, functions: dict[int, str], value: float, clock: str, said: str) -> str:
+def explain_status(status: int, prefix: str, functions: dict[int, str], value: float, clock: str, message: str) -> str:
     """What a bad `status` means, as the verb phrase of a sentence.
 
     Args:
@@ -158,26 +158,26 @@ def explain_status(status: int, prefix: str, functions: dict[int, str], value: f
         functions: more of them, by what a status starts with.
         value: what the FMU returned when it went wrong, a time or an interval (s).
         clock: name of the clock it was about.
-        said: what it logged last.
+        message: what it logged last.
     """
     step, update = f"{prefix}DoStep", f"{prefix}UpdateDiscreteStates"
     sentences = {
-        TERMINATE: f"{step} asked to terminate the simulation{said}",
-        EARLY: f"{step} returned early although its description does not say that it might{said}; export it again",
-        OUTSIDE: f"{step} says that it went on until t = {value:.9g} s, which lies outside of this step{said}",
-        STALLED: f"{step} stays at t = {value:.9g} s{said}: more than {MOST_STALLS} events or early returns there",
-        STUCK: f"{step} returned {prefix}Discard{said} and stays at t = {value:.9g} s, however short its steps",
-        TOO_MANY: f"{step} takes more than {MOST_STEPS} parts for this step, and is at t = {value:.9g} s{said}",
-        ENDLESS: f"{update} wants to be called for ever: more than {MOST_UPDATES} times in one event{said}",
-        PAST: f"{update} plans its next event for t = {value:.9g} s, which has passed or is no time{said}",
-        PERIOD: f"{prefix}GetIntervalDecimal says that clock '{clock}' ticks after {value:.9g} s{said}; "
+        TERMINATE: f"{step} asked to terminate the simulation{message}",
+        EARLY: f"{step} returned early although its description does not say that it might{message}; export it again",
+        OUTSIDE: f"{step} says that it went on until t = {value:.9g} s, which lies outside of this step{message}",
+        STALLED: f"{step} stays at t = {value:.9g} s{message}: more than {MOST_STALLS} events or early returns there",
+        STUCK: f"{step} returned {prefix}Discard{message} and stays at t = {value:.9g} s, however short its steps",
+        TOO_MANY: f"{step} takes more than {MOST_STEPS} parts for this step, and is at t = {value:.9g} s{message}",
+        ENDLESS: f"{update} wants to be called for ever: more than {MOST_UPDATES} times in one event{message}",
+        PAST: f"{update} plans its next event for t = {value:.9g} s, which has passed or is no time{message}",
+        PERIOD: f"{prefix}GetIntervalDecimal says that clock '{clock}' ticks after {value:.9g} s{message}; "
         "expected a whole number of steps: choose a tick or substeps that fit",
     }
     if status in sentences:
         return sentences[status]
     called = (FUNCTIONS | functions)[status // 16 * 16]
     code = STATUSES.get(status % 16, f" status {status % 16}")
-    return f"{prefix}{called} returned {prefix}{code}{said}"
+    return f"{prefix}{called} returned {prefix}{code}{message}"
 
 
 _f64, _f32 = pointer_to(np.float64), pointer_to(np.float32)

@@ -276,7 +276,7 @@ class Fmi3(Fmi2):
         fmu, abilities = instance.fmu, instance.description.model.coSimulation
         # ctypes frees what is not kept
         fmu.logMessage = fmi3.fmi3LogMessageCallback(
-            lambda environment, status, category, said: instance.hear(status, said)
+            lambda environment, status, category, text: instance.hear(status, text)
         )
         ramped = [v.reference for v in instance.description.variables.values() if instance.ramps(v)]
         fmu.intermediateUpdate = fmi3.fmi3IntermediateUpdateCallback(*([intermediate_update.address] if ramped else []))

@@ -255,7 +255,7 @@ class Cvode:
             ("cv_values", core, "N_VGetArrayPointer"),
         ):
             self.addresses[field] = ctypes.cast(getattr(library, name), _P).value
-        self._kept = (x, absolute)
+        self._last = (x, absolute)
         self._parts: tuple[Any, ...] = (memory, linear, matrix, (vector, weights), context)
 
     def close(self) -> None:

@@ -126,14 +126,16 @@ class Stepping:
     def explain(self, status: int) -> str:
         """What a bad `status` of a step means, as the verb phrase of a sentence."""
         instance = self.instance
-        said = f" ('{instance.messages[-1]}')" if instance.messages else ""
+        message = f" ('{instance.messages[-1]}')" if instance.messages else ""
         states = {SAVE: f"Get{self.state_name}", RESTORE: f"Set{self.state_name}"}
         value, clock = float(self._shorter[0]["value"]), 0
         if "value" in (self.memory.dtype.names or ()):
             value = float(self.memory[0]["value"])
         if instance.events is not None and status in (ENDLESS, PAST, PERIOD, *range(INTERVAL, INTERVAL + 16)):
             value, clock = float(instance.events[0]["value"]), int(instance.events[0]["culprit"])
-        sentence = explain_status(status, instance.description.prefix, states, value, instance.clock_name(clock), said)
+        sentence = explain_status(
+            status, instance.description.prefix, states, value, instance.clock_name(clock), message
+        )
         if status == DO_STEP + 2:
             varies = instance.description.model.coSimulation.canHandleVariableCommunicationStepSize
             sentence += "; it may do with shorter steps: raise [drive] substeps"

@@ -185,7 +185,7 @@ def _linked(file: Path, sets: Sequence[Any], scratch: Path, binary: str) -> Comp
     first = headers / "first.h"
     first.touch()
     includes = ["-include", str(first), f"-I{headers}", f"-I{scratch / 'sources'}", f"-I{fmi_headers()}"]
-    said = (
+    reason = (
         f"{file}: its sources do not compile",
         f"{file}: its sources still compile after {PATIENCE:g} s; build it elsewhere",
     )
@@ -205,13 +205,13 @@ def _linked(file: Path, sets: Sequence[Any], scratch: Path, binary: str) -> Comp
             plus |= is_plus
             call_compiler(
                 [*compiler(file, is_plus), "-c", "-O2", "-fPIC", "-w", "-DFMI3_OVERRIDE_FUNCTION_PREFIX",
-                 *options, *includes, str(where), "-o", str(target)], *said, scratch, end,
+                 *options, *includes, str(where), "-o", str(target)], *reason, scratch, end,
             )  # fmt: skip
             objects.append(str(target))
     linker = compiler(file, plus)
     # objects may claim to be unfinished and bring options with which a linker's plugin finishes them
-    call_compiler([*linker, "-shared", "-fno-lto", *objects, "-lm", "-o", str(library)], *said, scratch, end)
-    version = call_compiler([*linker, "--version"], *said, scratch, end)
+    call_compiler([*linker, "-shared", "-fno-lto", *objects, "-lm", "-o", str(library)], *reason, scratch, end)
+    version = call_compiler([*linker, "--version"], *reason, scratch, end)
     return Compiled(library, (version.splitlines() or [linker[0]])[0].strip())
 
 
@@ -313,8 +313,8 @@ def call_compiler(command: Sequence[str], refused: str, late: str, folder: Path,
     if status:
         lines = text.splitlines()
         errors = [line for line in lines if "error" in line or "undefined" in line]
-        said = (errors or lines or ["without a word"])[0][:SHOWN]
-        raise InputRefused(f"{refused} with {Path(command[0]).name}: {said}")
+        reason = (errors or lines or ["without a word"])[0][:SHOWN]
+        raise InputRefused(f"{refused} with {Path(command[0]).name}: {reason}")
     return text
 
 
@@ -374,7 +374,7 @@ def stamp_of(path: str) -> Stamp | None:
     return [found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino]
 
 
-KEPT = 50
+MOST_UNPACKED = 50
 """Folders that are kept in any case; those in use are kept besides."""
 _CHUNK = 1 << 20
 
@@ -428,7 +428,7 @@ def _make(file: Path, digest: str, folder: Path) -> None:
             raise
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
-    evict(folder.parent, KEPT)
+    evict(folder.parent, MOST_UNPACKED)
 
 
 def _mend(file: Path, digest: str, folder: Path) -> list[str]:
@@ -457,7 +457,7 @@ def _mend(file: Path, digest: str, folder: Path) -> list[str]:
     return wrong
 
 
-@lru_cache(KEPT)
+@lru_cache(MOST_UNPACKED)
 def _entries(file: Path, digest: str) -> dict[str, zipfile.ZipInfo]:
     """What the archive `file` of that `digest` holds, by its places."""
     with zipfile.ZipFile(file) as archive:

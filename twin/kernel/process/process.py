@@ -56,7 +56,7 @@ def others_safe() -> Iterator[None]:
             os.environ.pop(SAFE_PATH, None)
 
 
-KEPT = 8192
+TAIL = 8192
 """Bytes kept of what the process printed."""
 THREADS = {"OPENBLAS_NUM_THREADS": "1"}
 """Environment of the process, where the user does not say otherwise. Processes that run side by side would start a
@@ -174,7 +174,7 @@ class GuardedProcess:
             elif key.fd == self._reports:
                 *lines, self._rest = (self._rest + data).split(b"\n")
             else:
-                self._tail = (self._tail + data)[-KEPT:]
+                self._tail = (self._tail + data)[-TAIL:]
         return [json.loads(line) for line in lines]
 
     def _has_died(self) -> bool:

@@ -107,13 +107,13 @@ class Recording:
     @property
     def deviations(self) -> tuple[str, ...]:
         """Sentences on what makes this run another one than that of its experiment alone; empty if nothing does."""
-        said = [
+        stated = [
             f"{name} was substituted by {kind}: the experiment alone does not make this run"
             for name, kind in self.metadata.get("substituted", {}).items()
         ]
         if "changed" in self.metadata:
-            said.append("changed by hand while it ran: the experiment alone does not make this run")
-        return tuple(visible(text) for text in said)
+            stated.append("changed by hand while it ran: the experiment alone does not make this run")
+        return tuple(visible(text) for text in stated)
 
     @property
     def other_parts(self) -> tuple[str, ...]:
@@ -225,12 +225,12 @@ def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
             else:
                 metadata.setdefault(found.name, {}).update(found.metadata)
         if scan.complete:
-            said, there = scan.statistics, sum(contents.counts.values())
-            if said is None:
+            stated, there = scan.statistics, sum(contents.counts.values())
+            if stated is None:
                 raise Damage(scan.position, "its index does not say how many messages there are")
-            counts = {channel: count for channel, count in said.channel_message_counts.items() if count}
-            if counts != contents.counts or said.message_count != sum(counts.values()):
-                raise Damage(scan.position, f"{there} messages are there where its index counts {said.message_count}")
+            counts = {channel: count for channel, count in stated.channel_message_counts.items() if count}
+            if counts != contents.counts or stated.message_count != sum(counts.values()):
+                raise Damage(scan.position, f"{there} messages are there where its index counts {stated.message_count}")
     except Damage as error:
         damage = error
     if contents.foreign and not contents.series:

@@ -90,8 +90,8 @@ class Output:
         if self._file is None:
             raise RecordingFailed(f"{self.partial}: the recording is closed")
         rest = memoryview(data)
-        kept = f"the {self.size} bytes already written stay readable"
-        with disk_refusals(self.partial, "recording stopped", RecordingFailed, kept):
+        remedy = f"the {self.size} bytes already written stay readable"
+        with disk_refusals(self.partial, "recording stopped", RecordingFailed, remedy):
             try:
                 while rest:
                     rest = rest[self._file.write(rest) :]
@@ -187,7 +187,7 @@ class Pending:
 LARGEST_CHUNK = 256 * 1024
 # of a log time and an offset in an index, bytes
 ENTRY = 16
-KEPT, KEPT_MESSAGES = 32, 5000
+CACHED, CACHED_MESSAGES = 32, 5000
 """So many weaves of so many messages at most are remembered: a few MB."""
 
 
@@ -240,7 +240,7 @@ def woven(pending: Pending) -> Woven:
     """The records of `pending`, of which there is at least one; there are none in it afterwards."""
     times = np.concatenate(pending.times)
     begin = times.min()
-    made = _block_times if len(times) <= KEPT_MESSAGES else _block_times.__wrapped__
+    made = _block_times if len(times) <= CACHED_MESSAGES else _block_times.__wrapped__
     weave = made(tuple(pending.shapes), (times - begin).tobytes())
     content = np.empty(pending.size, dtype=np.uint8)
     _scatter(content, pending.address, *weave.table)
@@ -278,7 +278,7 @@ class _Weave:
         self.table = self._blocks.ctypes.data, len(shapes), places.ctypes.data, len(places)
 
 
-@lru_cache(KEPT)
+@lru_cache(CACHED)
 def _block_times(shapes: tuple[Shape, ...], times: bytes) -> _Weave:
     """`times` (n,) int64 since the first message, of one block after another."""
     counts = [shape.messages for shape in shapes]

@@ -136,7 +136,7 @@ class _Flat:
             )
         return (end, start) if gives[0] is False or gives[1] is True else (start, end)
 
-    def _gives(self, node: End, said: End) -> bool | None:
+    def _gives(self, node: End, stated: End) -> bool | None:
         """Whether values leave a connector here; None: not stated."""
         within = self._systems.get(node.element)
         owner = within or self._components[node.element]
@@ -145,7 +145,7 @@ class _Flat:
         if kind not in (*SOURCES, *SINKS):
             return None
         # a system's own connector, seen from inside
-        return (kind in SOURCES) == bool(said.element)
+        return (kind in SOURCES) == bool(stated.element)
 
     def _node(self, end: End, path: str, system: SspSystem) -> End:
         if not end.element:

@@ -31,9 +31,9 @@ def write_drives_page(facts: Mapping[str, Any], folder: Path) -> Path:
 def drives_page(facts: Mapping[str, Any]) -> str:
     """The HTML of `write_drives_page`."""
     names = [drive["drive"] for drive in facts["experiments"][0]["drives"]]
-    said = [element("p", sentence, class_="headline plain") for sentence in facts["verdict"]]
+    sentences = [element("p", sentence, class_="headline plain") for sentence in facts["verdict"]]
     meanings = [(one["text"], one["meaning"]) for one in facts["definitions"].values()]
-    found = [("verdict", "Verdict", joined(said))]
+    found = [("verdict", "Verdict", joined(sentences))]
     for number, one in enumerate(facts["experiments"], start=1):
         text = f"{one['experiment']}: what is controlled, its approach, the error of z, the error in the second half."
         picture = figure(Path(one["picture"]).read_bytes(), text)

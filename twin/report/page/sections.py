@@ -86,8 +86,8 @@ def source(key: str, origins: Mapping[str, str]) -> str:
     """Where the value of `key` comes from; the robot's own source where a table was filled from it."""
     for filled in FROM_ROBOT:
         if key not in origins and key.startswith(f"{filled}."):
-            said = origins.get(f"robot{key.removeprefix(filled)}")
-            return f"robot: {said}" if said else ""
+            words = origins.get(f"robot{key.removeprefix(filled)}")
+            return f"robot: {words}" if words else ""
     item, _, field = key.rpartition(".")
     return origins.get(key) or (origins.get(item, "") if field else "")
 
@@ -98,8 +98,8 @@ def parameters(run: ReportRun) -> Markup:
     for key, value in flat(run.values):
         name, unit = name_and_unit(DECLARED, key)
         origin = source(key, run.origins)
-        said = element("mark", origin) if origin == COMMAND_LINE else origin
-        rows.append((name, toml_text(value), unit, said))
+        words = element("mark", origin) if origin == COMMAND_LINE else origin
+        rows.append((name, toml_text(value), unit, words))
     return table(("value of", "is", "unit", "source"), rows, f"parameters of {run.label}")
 
 
@@ -136,8 +136,8 @@ def provenance(run: ReportRun) -> Markup:
     whole = element("details", element("summary", "The whole experiment, as it was checked"), element("pre", values))
     save = element("a", "Save it as JSON", href=link, download=f"{run.name}.json")
     same = ["The same versions on the same kind of machine give the same recording, byte for byte."]
-    said = [element("p", f"{text[0].upper()}{text[1:]}.") for text in run.recording.deviations or same]
-    return joined([table(("", "is"), rows, f"provenance of {run.label}"), *said, element("p", save), whole])
+    words = [element("p", f"{text[0].upper()}{text[1:]}.") for text in run.recording.deviations or same]
+    return joined([table(("", "is"), rows, f"provenance of {run.label}"), *words, element("p", save), whole])
 
 
 def drives(run: ReportRun) -> Markup:
@@ -299,10 +299,10 @@ def events(run: ReportRun) -> Markup:
 
 def _claims(group: RunGroup) -> Markup:
     held, judged = tally(group.findings)
-    said = standing(group.findings).replace(" claims", "")
+    words = standing(group.findings).replace(" claims", "")
     rows = [_claim(finding) for finding in group.findings]
     head = ("claim", "verdict", "measured", "expected", "why")
-    summary = element("summary", f"{group.title}: {said}")
+    summary = element("summary", f"{group.title}: {words}")
     unfolded = {"open": ""} if held < judged or len(rows) <= FEW else {}
     return element("details", summary, table(head, rows, group.title), **unfolded)
 
@@ -327,8 +327,8 @@ def _measures(runs: Sequence[ReportRun]) -> Markup:
     found = [{(m.text, m.unit): m for m in run.measures} for run in runs]
     lines = dict.fromkeys(key for one in found for key in one)
     if len(runs) == 1:
-        rows = [(text, number(m.true), number(m.believed), unit) for (text, unit), m in found[0].items()]
-        return table(("measure", "true", "believed", "unit"), rows, "measures")
+        only = [(text, number(m.true), number(m.believed), unit) for (text, unit), m in found[0].items()]
+        return table(("measure", "true", "believed", "unit"), only, "measures")
     rows = [(text, unit, *(_measure(one.get((text, unit))) for one in found)) for text, unit in lines]
     return table(("measure", "unit", *(run.label for run in runs)), rows, "measures")
 

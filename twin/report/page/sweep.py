@@ -7,7 +7,7 @@ from twin.kernel.writing import write_text
 from twin.report.page.markup import Markup, element, joined, table
 from twin.report.page.page import plain_page
 from twin.report.page.picture import figure
-from twin.studies.sweep.folder import KeptRows
+from twin.studies.sweep.folder import SweepRows
 from twin.studies.sweep.show.parts import Asked, Part, headline, parts
 
 PAGE = "sweep.html"
@@ -27,7 +27,7 @@ NAMES = {
 """Of parts in the list of contents."""
 
 
-def write_sweep_page(kept: KeptRows, asked: Asked, pictures: Mapping[str, Path], folder: Path) -> Path:
+def write_sweep_page(sweep: SweepRows, asked: Asked, pictures: Mapping[str, Path], folder: Path) -> Path:
     """Write the page into `folder`; its path. The same rows give the same text.
 
     Args:
@@ -37,27 +37,29 @@ def write_sweep_page(kept: KeptRows, asked: Asked, pictures: Mapping[str, Path],
         NotWritten: it cannot be written.
     """
     path = folder / PAGE
-    write_text(path, sweep_page(kept, asked, pictures))
+    write_text(path, sweep_page(sweep, asked, pictures))
     return path
 
 
-def sweep_page(kept: KeptRows, asked: Asked, pictures: Mapping[str, Path]) -> str:
+def sweep_page(sweep: SweepRows, asked: Asked, pictures: Mapping[str, Path]) -> str:
     """The HTML of `write_sweep_page`."""
     drawn = {name: figure(path.read_bytes(), CAPTIONS[name]) for name, path in pictures.items()}
-    found = [("verdict", "Verdict", element("p", headline(kept, asked.by), class_="headline plain"))]
-    for number, part in enumerate(parts(kept, asked)):
+    found = [("verdict", "Verdict", element("p", headline(sweep, asked.by), class_="headline plain"))]
+    for number, part in enumerate(parts(sweep, asked)):
         its = [drawn.pop(name) for name, key in BESIDE.items() if key == part.key and name in drawn]
         found.append((f"{part.key}-{number}", part.title, joined([*_content(part), *its])))
     if drawn:
         found.append(("pictures", "Pictures", joined(drawn.values())))
     links = [(key, NAMES.get(key.partition("-")[0], title)) for key, title, _ in found]
     sections = [(key, title[0].upper() + title[1:], html) for key, title, html in found]
-    return plain_page(f"Sweep {kept.name}", _subtitle(kept), sections, links, " from the rows of the sweep alone")
+    return plain_page(f"Sweep {sweep.name}", _subtitle(sweep), sections, links, " from the rows of the sweep alone")
 
 
-def _subtitle(kept: KeptRows) -> str:
-    drives = f" | {', '.join(kept.drives)}" if kept.drives else ""
-    return f"{len(kept.columns)} of {kept.runs} runs | design {kept.design} | varies {', '.join(kept.labels)}{drives}"
+def _subtitle(sweep: SweepRows) -> str:
+    drives = f" | {', '.join(sweep.drives)}" if sweep.drives else ""
+    return (
+        f"{len(sweep.columns)} of {sweep.runs} runs | design {sweep.design} | varies {', '.join(sweep.labels)}{drives}"
+    )
 
 
 def _content(part: Part) -> list[Markup]:
@@ -69,6 +71,6 @@ def _content(part: Part) -> list[Markup]:
 
 def _cell(text: str, part: Part) -> str:
     # the two ends of an interval stay on one line
-    kept_together = text.replace(" .. ", "\u00a0..\u00a0")
+    unbroken = text.replace(" .. ", "\u00a0..\u00a0")
     note = part.notes.get(text)
-    return joined([kept_together, element("small", note)]) if note else kept_together
+    return joined([unbroken, element("small", note)]) if note else unbroken

@@ -103,19 +103,19 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
 
 def _headline(runs: Sequence[ReportRun], findings: Sequence[ClaimFinding], alarms: Sequence[str]) -> str:
     # of more than two the page would begin with a paragraph: they are remarks
-    said = [*alarms[:1], *not_scored(runs), *(beside(runs) if len(runs) == 2 else ())]
+    clauses = [*alarms[:1], *not_scored(runs), *(beside(runs) if len(runs) == 2 else ())]
     _, of = tally(findings)
     failing = [finding.claim.text for finding in findings if finding.verdict == "fails"]
     if failing:
         named = f": {failing[0]}" if len(failing) == 1 else ""
-        said.append(f"{len(failing)} of {of} claims {'fails' if len(failing) == 1 else 'fail'}{named}")
+        clauses.append(f"{len(failing)} of {of} claims {'fails' if len(failing) == 1 else 'fail'}{named}")
     elif of:
-        said.append(claims_standing(findings))
+        clauses.append(claims_standing(findings))
     outcomes = [outcome(run) for run in runs]
-    if not said and len(runs) == 1 and outcomes[0]:
+    if not clauses and len(runs) == 1 and outcomes[0]:
         return outcomes[0]
     who = "The run is" if len(runs) == 1 else f"All {len(runs)} runs are"
-    return "; ".join(said) or f"{who} complete, without failure or trip; no claim applies"
+    return "; ".join(clauses) or f"{who} complete, without failure or trip; no claim applies"
 
 
 def beside(runs: Sequence[ReportRun]) -> list[str]:

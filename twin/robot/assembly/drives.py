@@ -92,10 +92,10 @@ class DrivePlan:
     def tolerance(self, part: str) -> float | None:
         """Of the solver of a part, as the experiment says, or else the FMU itself; for a CVODE of ours there is one."""
         own = self.table.parts[part].tolerance if part else None
-        said = self.table.tolerance if own is None else own
-        said = self.parts[part].tolerance if said is None else said
+        stated = self.table.tolerance if own is None else own
+        stated = self.parts[part].tolerance if stated is None else stated
         solver = self.solver(part)
-        return USUAL_TOLERANCE if said is None and solver is not None and solver.method == "cvode" else said
+        return USUAL_TOLERANCE if stated is None and solver is not None and solver.method == "cvode" else stated
 
     def solver(self, part: str) -> Solver | None:
         """Of ours, for the equations of a part; None: it brings its own, being for co-simulation."""
@@ -391,10 +391,10 @@ def _inner_system(
 
 def _servo(plan: DrivePlan, parts: Sequence[FmuComponent]) -> Servo:
     """How the FMU counts its shaft's angle, where it takes a position."""
-    said = plan.table.position_command or PositionCommand()
+    stated = plan.table.position_command or PositionCommand()
     if plan.table.command != "position":
         return Servo(0.0, 1.0)
     (bound,) = (b for b in plan.bindings if b.port.name == "command")
     _, factor, _ = bound.variable.conversion or Conversion(NUMBER)
     zeros = [part.zero("theta_m") for part in parts if any(port.name == "theta_m" for port in part.outputs)]
-    return Servo(zero=zeros[0] if zeros else 0.0, ratio=factor / bound.gain, **numbers(said))
+    return Servo(zero=zeros[0] if zeros else 0.0, ratio=factor / bound.gain, **numbers(stated))

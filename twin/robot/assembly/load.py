@@ -25,7 +25,7 @@ from twin.robot.experiment.experiment import Experiment, Tables, checked_tables,
 from twin.robot.experiment.mistakes import unit_hints
 from twin.robot.experiment.recorded import Metadata, recorded_fmus, recorded_name, recorded_values
 from twin.robot.experiment.schema import Chirp, Circle, Drive, JointStep, Reference, WayPoints
-from twin.robot.experiment.source import KEPT, Source, override, read_source, refuse_other_files
+from twin.robot.experiment.source import RETAINED, Source, override, read_source, refuse_other_files
 from twin.robot.mechanism.geometry import Geometry, geometry_of
 from twin.robot.mechanism.kinematics import joint_angles, position
 
@@ -211,7 +211,7 @@ def recorded_experiment(metadata: Metadata, where: Path) -> Experiment:
 
 def _find_parts(values: dict[str, Any], metadata: Metadata, fmus: Mapping[str, str], where: Path, folder: Path) -> None:
     """Let third-party parts name the very files that the recording was made with."""
-    for role in KEPT:
+    for role in RETAINED:
         table = values.get(role)
         if not isinstance(table, dict):
             continue

@@ -34,7 +34,7 @@ from twin.robot.monitor.component import OUTPUTS as MONITOR_OUTPUTS
 from twin.robot.plant.contact_law import OUTPUTS as BODY_OUTPUTS
 from twin.robot.plant.encoder import SCALE_INPUTS, SCALE_OUTPUTS
 
-Said = Mapping[str, str | tuple[str, ...]]
+Names = Mapping[str, str | tuple[str, ...]]
 AXES = ("x", "y", "z")
 
 
@@ -86,7 +86,7 @@ def sampled_fmu(
     table: str,
     ports: tuple[Sequence[Port], Sequence[Port]],
     required: Sequence[str],
-    said: tuple[Said, Said],
+    named: tuple[Names, Names],
     parameters: Mapping[str, Value],
     tolerance: float | None,
 ) -> SampledFmu:
@@ -96,7 +96,7 @@ def sampled_fmu(
         table: of the experiment that names it.
         ports: the part's inputs and outputs.
         required: outputs that it must have; all others are taken where the FMU has them.
-        said: which variables are which inputs and outputs.
+        named: which variables are which inputs and outputs.
         parameters: in its own names and units.
         tolerance: of its solver; None: what it states itself.
 
@@ -112,13 +112,13 @@ def sampled_fmu(
     # an input that has been given a value keeps it
     free = {n: v for n, v in description.variables.items() if v.causality != "input" or n not in parameters}
     fixed = description.variables.keys() - free.keys()
-    said = (
-        {name: of for name, of in said[0].items() if not {of, *(of if isinstance(of, tuple) else ())} & fixed},
-        said[1],
+    named = (
+        {name: of for name, of in named[0].items() if not {of, *(of if isinstance(of, tuple) else ())} & fixed},
+        named[1],
     )
     found: tuple[Binding, ...] = ()
     whole: dict[str, tuple[Port, ...]] = {}
-    for side, offered, given in zip(_SIDES, ports, said, strict=True):
+    for side, offered, given in zip(_SIDES, ports, named, strict=True):
         for name in given:
             if name not in [port.name for port in offered]:
                 there = [port.name for port in offered]
@@ -142,25 +142,25 @@ def _roles(
     variables: Mapping[str, Variable],
     port: Port,
     side: Side,
-    given: Said,
+    given: Names,
 ) -> Iterator[tuple[Role, str]]:
     """Roles of a port, and the variable that plays each; "" where that is not known."""
-    said = given.get(port.name)
+    named = given.get(port.name)
     unit = known_unit(port.unit)
     # as FMUs leave the radian out
     dimension = unit.dimension._replace(rad=0) if unit else NUMBER
-    if isinstance(said, str) and f"{said}[1]" in variables and said not in variables:
-        said = tuple(f"{said}[{i + 1}]" for i in range(port.size))
-    if isinstance(said, tuple) and len(said) != port.size:
-        raise InputRefused(f"{file}: {port.name} has {port.size} values; {len(said)} variables are given for it")
-    if isinstance(said, str) or port.size == 1:
-        yield Role(port, side, dimension, False, ()), said[0] if isinstance(said, tuple) else said or ""
-    elif said is None and port.name in variables and variables[port.name].size == port.size:
+    if isinstance(named, str) and f"{named}[1]" in variables and named not in variables:
+        named = tuple(f"{named}[{i + 1}]" for i in range(port.size))
+    if isinstance(named, tuple) and len(named) != port.size:
+        raise InputRefused(f"{file}: {port.name} has {port.size} values; {len(named)} variables are given for it")
+    if isinstance(named, str) or port.size == 1:
+        yield Role(port, side, dimension, False, ()), named[0] if isinstance(named, tuple) else named or ""
+    elif named is None and port.name in variables and variables[port.name].size == port.size:
         yield Role(port, side, dimension, False, ()), port.name
     else:
         for i in range(port.size):
             one = Port(f"{port.name}[{i + 1}]", 1, port.unit, port.meaning, port.kind)
-            known = said[i] if said else _spelled(port, i, variables, side)
+            known = named[i] if named else _spelled(port, i, variables, side)
             yield Role(one, side, dimension, False, ()), known
 
 

@@ -318,12 +318,12 @@ class Controller(NativeComponent):
             ADAPTIVE_MEMORY if adapting else MEMORY, law=tuple(law), force=loop(force), position=[loop(position)] * 3
         )
         memory["way_points"] = len(times_)
-        kept = {"times": times_, "points": points_}
+        arrays = {"times": times_, "points": points_}
         if adapting:
-            kept |= adapting.fill(memory["adaptive"][0])
+            arrays |= adapting.fill(memory["adaptive"][0])
         variant = adapting is not None, tank
         sides = ports(INPUTS, OUTPUTS, *variant)
-        super().__init__("controller", *sides, True, step_over(*variant), memory, period=period, pointers=kept)
+        super().__init__("controller", *sides, True, step_over(*variant), memory, period=period, pointers=arrays)
 
 
 NEVER = math.inf
@@ -350,6 +350,6 @@ class WayPointReference(NativeComponent):
     """
 
     def __init__(self, times: Sequence[float], points: Sequence[Sequence[float]], period: int = 1):
-        kept = np.array(times, dtype=float), np.array(points, dtype=float)
-        memory = np.array([(0, len(kept[0]), kept[0].ctypes.data, kept[1].ctypes.data)], dtype=WAY_MEMORY)
-        super().__init__("reference", (), (P_REF_B,), True, way_step, memory, period=period, keep=kept)
+        arrays = np.array(times, dtype=float), np.array(points, dtype=float)
+        memory = np.array([(0, len(arrays[0]), arrays[0].ctypes.data, arrays[1].ctypes.data)], dtype=WAY_MEMORY)
+        super().__init__("reference", (), (P_REF_B,), True, way_step, memory, period=period, keep=arrays)

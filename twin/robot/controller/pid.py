@@ -202,15 +202,15 @@ def low_pass_share(corner, h):
 
 
 @njit(cache=True)
-def cached_share(kept, corner, h):
+def cached_share(cache, corner, h):
     """`low_pass_share`, worked out where corner or period are not those of the call before.
 
     Args:
-        kept: a record of `LOW_PASS`; at first 0.
+        cache: a record of `LOW_PASS`; at first 0.
     """
-    if kept.corner != corner or kept.h != h:
-        kept.corner, kept.h, kept.share = corner, h, low_pass_share(corner, h)
-    return kept.share
+    if cache.corner != corner or cache.h != h:
+        cache.corner, cache.h, cache.share = corner, h, low_pass_share(corner, h)
+    return cache.share
 
 
 @njit(cache=True)

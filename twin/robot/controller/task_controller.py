@@ -212,12 +212,12 @@ class TaskController(NativeComponent):
         machine["index"], machine["p"], machine["z_turn"] = -1, start, -np.inf
         for name, value in numbers(touch).items():
             machine[name] = value
-        kept = {"phases": table}
+        arrays = {"phases": table}
         if adapting:
-            kept |= adapting.fill(memory["adaptive"][0])
+            arrays |= adapting.fill(memory["adaptive"][0])
         variant = adapting is not None, tank
         sides = ports(TASK_INPUTS, TASK_OUTPUTS, *variant)
-        super().__init__("controller", *sides, True, step_over(*variant), memory, period=period, pointers=kept)
+        super().__init__("controller", *sides, True, step_over(*variant), memory, period=period, pointers=arrays)
 
 
 class Computer(Processor):

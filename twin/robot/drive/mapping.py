@@ -291,12 +291,12 @@ def choice(file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: 
     chosen: dict[str, str] = {}
     turned: set[str] = set()
     for role in roles:
-        said = (wiring.inputs if role.causality == "input" else wiring.outputs).get(role.port.name)
-        if said is not None:
-            if said.startswith("-") and said not in variables:
+        named = (wiring.inputs if role.causality == "input" else wiring.outputs).get(role.port.name)
+        if named is not None:
+            if named.startswith("-") and named not in variables:
                 turned.add(role.port.name)
-                said = said.removeprefix("-").strip()
-            chosen[role.port.name] = _checked(file, variables, role, said)
+                named = named.removeprefix("-").strip()
+            chosen[role.port.name] = _checked(file, variables, role, named)
         elif role.port.name in variables and plays(variables[role.port.name], role):
             chosen[role.port.name] = role.port.name
     for name in set(chosen.values()):

@@ -24,7 +24,7 @@ from twin.kernel.settings import Settings
 from twin.robot.experiment import schema
 from twin.robot.experiment.mistakes import checked, keys, sentences
 from twin.robot.experiment.schema import TOLERANCE, Declared, Parameter
-from twin.robot.experiment.source import KEPT, NAMING, Source, laid_over, names_stand_in, read_source, rules_for
+from twin.robot.experiment.source import NAMING, RETAINED, Source, laid_over, names_stand_in, read_source, rules_for
 
 SWEEPS = "experiments/sweeps"
 
@@ -326,10 +326,10 @@ def checked_apart(declared: Declared, role: str, table: Mapping[str, Any], folde
         folder: from which files are looked up.
         mistakes: gets a sentence for each mistake.
     """
-    said, model = keys(StandIn), declared.tables[role]
-    own = {key: value for key, value in table.items() if key in said}
-    rest = {key: value for key, value in table.items() if key not in said}
-    idle = [key for key in rest if key in keys(model) and key not in KEPT[role]]
+    own_keys, model = keys(StandIn), declared.tables[role]
+    own = {key: value for key, value in table.items() if key in own_keys}
+    rest = {key: value for key, value in table.items() if key not in own_keys}
+    idle = [key for key in rest if key in keys(model) and key not in RETAINED[role]]
     if idle:
         mistakes.append(
             f"[{role}] {', '.join(idle)}: of twin's own {role}, and {_named(own)} is another one; remove "
@@ -340,15 +340,15 @@ def checked_apart(declared: Declared, role: str, table: Mapping[str, Any], folde
     except InputRefused as problem:
         mistakes.append(f"[{role}] {problem}")
         return Apart(None, None)
-    kept = {key: value for key, value in rest.items() if key not in idle}
+    passed = {key: value for key, value in rest.items() if key not in idle}
     if model is StandIn:
-        return Apart(checked(StandIn, {**own, **kept}, role, mistakes), None)
-    return Apart(checked(StandIn, own, role, mistakes), checked(declared.rest(role), kept, role, mistakes))
+        return Apart(checked(StandIn, {**own, **passed}, role, mistakes), None)
+    return Apart(checked(StandIn, own, role, mistakes), checked(declared.rest(role), passed, role, mistakes))
 
 
 def rest_of(declared: Declared, role: str, table: Mapping[str, Any]) -> Settings:
     """What of the checked table [role] of a third-party part still acts."""
-    return declared.rest(role).model_validate({key: value for key, value in table.items() if key in KEPT[role]})
+    return declared.rest(role).model_validate({key: value for key, value in table.items() if key in RETAINED[role]})
 
 
 def _named(own: Mapping[str, Any]) -> str:

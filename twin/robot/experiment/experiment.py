@@ -21,7 +21,7 @@ from twin.robot.experiment.fault import Fault, checked_faults
 from twin.robot.experiment.measure import Measure, checked_measures
 from twin.robot.experiment.mistakes import checked, keys, unknown
 from twin.robot.experiment.schema import MOST_TICKS, Declared, Reference, WayPoints, checked_tasks, whole_ticks
-from twin.robot.experiment.source import KEPT, Source, with_numbers
+from twin.robot.experiment.source import RETAINED, Source, with_numbers
 
 if TYPE_CHECKING:
     # what the tables of parts are called, for the type checker alone
@@ -253,7 +253,7 @@ def _by_name(
                 mistakes.append(f"missing table [{name}]")
             continue
         found: list[str] = []
-        if name in KEPT and (table_of_other := role_named(values, name)) is not None:
+        if name in RETAINED and (table_of_other := role_named(values, name)) is not None:
             stand_in, section = checked_apart(declared, name, table_of_other, folder, found)
             if stand_in is not None:
                 stand_ins[name] = stand_in

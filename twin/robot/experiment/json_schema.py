@@ -31,7 +31,7 @@ from twin.robot.experiment.fault import CATALOGUE, table_of
 from twin.robot.experiment.measure import KINDS as MEASURES
 from twin.robot.experiment.mistakes import model_in
 from twin.robot.experiment.schema import Declared
-from twin.robot.experiment.source import KEPT, Source, at, read_source, toml_value
+from twin.robot.experiment.source import RETAINED, Source, at, read_source, toml_value
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 SCHEMA_FILE = "experiment.schema.json"
@@ -50,7 +50,7 @@ def experiment_json_schema(declared: Declared) -> Node:
     defined: Node = {}
     head = _table(Head, defined)
     tables = {name: _table(model, defined) for name, model in declared.tables.items()}
-    for role in KEPT:
+    for role in RETAINED:
         tables[role]["properties"] |= _table(StandIn, defined)["properties"]
     defined["Drive"] = _table(schema.Drive, defined)
     joints = {name: {"$ref": "#/$defs/Drive"} for name in JOINTS}
@@ -265,7 +265,7 @@ class _Page:
         mark = "#" if own is None else ""
         lines = ["", f"# {_summary(model)}", f"{mark}[{name}]", *self.keys(name, model, own or {}, self.origins(name))]
         fields = model.model_fields
-        if name in KEPT and model is not StandIn:
+        if name in RETAINED and model is not StandIn:
             lines += [f"# {OTHER}", *self.keys(name, StandIn, own or {}, self.origins(name))]
             fields = {**fields, **StandIn.model_fields}
         for field, info in fields.items():

@@ -100,8 +100,8 @@ class _LiteralTable:
 
 # the runs of a sweep differ in one table of ten
 @lru_cache(256)
-def _read(model: type[Model], said: _LiteralTable) -> Model:
-    return model.model_validate(said.table)
+def _read(model: type[Model], literal: _LiteralTable) -> Model:
+    return model.model_validate(literal.table)
 
 
 def checked(model: type[Model], table: Any, name: str, mistakes: list[str]) -> Model | None:

@@ -222,8 +222,8 @@ def recorded_facts(declared: Declared, metadata: Metadata, where: Path) -> dict[
 
 def experiment_facts(values: Mapping[str, Any], hashes: Mapping[str, str]) -> dict[str, str]:
     """The same of checked values and of hashes by file name."""
-    said = {key: toml_text(value) for key, value in flat(values) if key != "title"}
-    return said | {f"sha256 of {file}": sha256[:SHORT] for file, sha256 in hashes.items()}
+    stated = {key: toml_text(value) for key, value in flat(values) if key != "title"}
+    return stated | {f"sha256 of {file}": sha256[:SHORT] for file, sha256 in hashes.items()}
 
 
 def differing(facts: Sequence[Facts]) -> dict[str, tuple[str, ...]]:
@@ -261,12 +261,12 @@ def options(values: Mapping[str, Any], origins: Mapping[str, str]) -> list[str]:
         origins: by dotted key.
     """
     words: list[str] = []
-    said, whole = dict(flat(values)), set()
+    stated, whole = dict(flat(values)), set()
     for key, option in WHOLE.items():
-        if origins.get(key) == COMMAND_LINE and key in said:
-            words += [option, str(said[key])]
+        if origins.get(key) == COMMAND_LINE and key in stated:
+            words += [option, str(stated[key])]
             whole.add(key)
-    for key, value in said.items():
+    for key, value in stated.items():
         if origins.get(key) == COMMAND_LINE and key not in whole and not key.startswith("fault."):
             words += ["--set", f"{key}={_toml(value)}"]
     if any(origin == COMMAND_LINE for key, origin in origins.items() if key.startswith("fault.")):

@@ -16,7 +16,7 @@ from pydantic_core import PydanticCustomError
 
 from twin.kernel.settings import Settings, Triple, setting
 from twin.robot.experiment.mistakes import checked_kind, keys, model_in, numbered
-from twin.robot.experiment.source import KEPT, SHAPES
+from twin.robot.experiment.source import RETAINED, SHAPES
 
 
 class Changeable(NamedTuple):
@@ -63,7 +63,7 @@ class Declared:
         idle: dict[str, Any] = {
             name: (Any, None)
             for name, info in model.model_fields.items()
-            if info.is_required() and (info.alias or name) not in KEPT[role]
+            if info.is_required() and (info.alias or name) not in RETAINED[role]
         }
         return create_model(model.__name__, __base__=model, **idle) if idle else model
 

@@ -60,7 +60,7 @@ def _has(*keys: str) -> Callable[[Mapping[str, Any]], bool]:
     return lambda table: any(key in table for key in keys)
 
 
-KEPT = {
+RETAINED = {
     "body": (),
     "estimator": (),
     "controller": (
@@ -87,13 +87,13 @@ class Rule(NamedTuple):
 
     Attributes:
         names: whether it does so, by its keys.
-        kept: keys of the table before that stay; None: none, nor the table's place among the others.
+        retained: keys of the table before that stay; None: none, nor the table's place among the others.
         by_key: whether a single key of it on the command line does so, too.
-        by_option: as `kept`, where it is named by an option of its own, `--drive` or `--body`.
+        by_option: as `retained`, where it is named by an option of its own, `--drive` or `--body`.
     """
 
     names: Callable[[Mapping[str, Any]], bool]
-    kept: tuple[str, ...] | None
+    retained: tuple[str, ...] | None
     by_key: bool = False
     by_option: tuple[str, ...] | None = None
 
@@ -103,7 +103,7 @@ RULES: dict[str, tuple[Rule, ...]] = {
     "contact": (Rule(_has("body"), None, by_option=("height_mm",)),),
     # of way points one file may give the times and another the places
     "reference": (Rule(_has(*SHAPES), ()), Rule(_has("t_s", "p_mm"), ("t_s", "p_mm"))),
-    **{role: (Rule(names_stand_in, kept, by_key=True),) for role, kept in KEPT.items()},
+    **{role: (Rule(names_stand_in, retained, by_key=True),) for role, retained in RETAINED.items()},
 }
 
 
@@ -146,7 +146,7 @@ class Source:
         for name, table in tables.items():
             for rule in rules_for(name, table, by_key):
                 # another drive has other parameters: nothing of the one before can stay
-                self.forget(name, rule.kept)
+                self.forget(name, rule.retained)
         self.put(tables, origin)
 
     def name(self, table: str, key: str, value: str) -> None:
@@ -159,10 +159,10 @@ class Source:
     def forget(self, table: str, keep: Collection[str] | None = None) -> None:
         """Take out what is said of [table], but the keys `keep`; without these the table itself."""
         before = self.values.pop(table, None)
-        kept = {key: before[key] for key in before if key in (keep or ())} if isinstance(before, dict) else {}
+        retained = {key: before[key] for key in before if key in (keep or ())} if isinstance(before, dict) else {}
         if keep is not None and isinstance(before, dict):
-            self.values[table] = kept
-        paths = {f"{table}.{key}" for key in kept}
+            self.values[table] = retained
+        paths = {f"{table}.{key}" for key in retained}
         self.origins = {k: v for k, v in self.origins.items() if not k.startswith(f"{table}.") or k in paths}
 
     def put(self, table: dict[str, Any], origin: str, prefix: str = "", into: dict[str, Any] | None = None) -> None:

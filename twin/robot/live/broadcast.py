@@ -78,8 +78,8 @@ class Client:
             for message in greeting:
                 await self._connection.send(message)
             # answers are waited for, so a viewer that does not read them is not heard any more
-            async for said in self._connection:
-                for answer in self._answers(said):
+            async for frame in self._connection:
+                for answer in self._answers(frame):
                     await self._connection.send(answer)
         except ConnectionClosed:
             pass
@@ -129,11 +129,11 @@ class Client:
         except ConnectionClosed:
             pass
 
-    def _answers(self, said: str | bytes) -> list[str]:
-        if isinstance(said, bytes):
+    def _answers(self, frame: str | bytes) -> list[str]:
+        if isinstance(frame, bytes):
             return [status(Level.ERROR, "not understood: nothing binary is expected here")]
         try:
-            return self._answer(protocol.request(said))
+            return self._answer(protocol.request(frame))
         except InputRefused as refusal:
             return [status(Level.ERROR, str(refusal))]
 

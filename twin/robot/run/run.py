@@ -22,7 +22,7 @@ from twin.robot.assembly.build import DriveMaker, plant_parameters
 from twin.robot.assembly.drives import DrivePlan
 from twin.robot.controller.program import PhaseKind
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.source import KEPT, NAMING
+from twin.robot.experiment.source import NAMING, RETAINED
 from twin.robot.monitor.component import trip_reason
 from twin.robot.plant.component import Equations, resting
 from twin.robot.plant.dynamics import STATES, PlantParameters
@@ -61,7 +61,7 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
     values = named_files(experiment.values)
     if "controller" in assembly.substituted:
         # gains of a law that did not run
-        values["controller"] = {k: v for k, v in values["controller"].items() if k in KEPT["controller"]}
+        values["controller"] = {k: v for k, v in values["controller"].items() if k in RETAINED["controller"]}
     return {
         "experiment": {"name": experiment.name, "title": experiment.title, "values": json.dumps(values)},
         # sorted: the same experiment may be spread over files in many ways

@@ -83,9 +83,9 @@ class Trace(Observer):
         self._count = 0
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        kept = rows[-first % self._every :: self._every, self._taken]
-        self._memory[self._count : self._count + len(kept)] = kept
-        self._count += len(kept)
+        chosen = rows[-first % self._every :: self._every, self._taken]
+        self._memory[self._count : self._count + len(chosen)] = chosen
+        self._count += len(chosen)
 
     def __getitem__(self, key: str) -> NDArray:
         """Values of `topic.field` when it was due, in every kept row: (n,) or, for a field of several values,
@@ -123,7 +123,7 @@ class Trace(Observer):
         Raises:
             UnknownSeries: nothing of that topic was kept; it names the nearest ones.
         """
-        periods = {key.rpartition(".")[0]: kept.period for key, kept in self._signals.items()}
+        periods = {key.rpartition(".")[0]: chosen.period for key, chosen in self._signals.items()}
         if topic not in periods:
             raise UnknownSeries(
                 f"run in memory: no topic {topic!r}; {nearest(topic, periods, 'it holds {}', 3)}", topic
@@ -133,7 +133,7 @@ class Trace(Observer):
 
     def fields(self) -> dict[str, Field]:
         """`topic.field` -> the field with its unit and meaning, in the order of the components."""
-        return {key: kept.field for key, kept in self._signals.items()}
+        return {key: chosen.field for key, chosen in self._signals.items()}
 
     def _signal(self, key: str) -> _StoredSignal:
         if key not in self._signals:

@@ -178,7 +178,7 @@ def packed(
         about: for the description.
         readme: documentation.
         wanted: the file, for sentences.
-        say: told what is being done.
+        say: called with what is being done.
 
     Raises:
         InputRefused: a step cannot leave Python, or the compiler refuses.
@@ -256,7 +256,7 @@ def build_fmu(
         platforms: for which beside x86-64 Linux, as FMI 3.0 calls them.
         out: the file; None: results/build/EXPERIMENT/PART.fmu.
         settings: laid over the experiment.
-        say: told what is being done.
+        say: called with what is being done.
 
     Raises:
         InputRefused: the experiment or the part cannot be used, or there is no compiler.

@@ -39,7 +39,7 @@ COUNTS = (
     Port("sample", 1, "1", "number of the encoder message, from 1, one more with each; a monitor looks at it", "int"),
 )
 """What goes in, whether or not this part has somebody who looks at it."""
-TOLD = {
+COMMANDS = {
     "omega_ref": Port("omega_ref", 3, "rad/s", "speeds of the motor shafts, for the drives"),
     "enable": Port("power", 1, "1", "whether the drives may have power; without a monitor always", "bool"),
 }
@@ -63,8 +63,8 @@ def header(part: RobotPart, layout: Layout) -> bytes:
         for table in tables:
             inside = inside.setdefault(table, {})
         inside[name] = variable
-    told: dict[str, Any] = {port.name: port for port in TOLD.values()}
-    told |= {component.name: {port.name: port for port in component.outputs} for component in part.components}
+    fields: dict[str, Any] = {port.name: port for port in COMMANDS.values()}
+    fields |= {component.name: {port.name: port for port in component.outputs} for component in part.components}
     types = [
         f"/* {experiment.title}. Seconds from one step to the next, and from one encoder message to the next. */",
         f"#define COMPUTER_STEP_S {step_ticks(part) * tick!r}",
@@ -77,8 +77,8 @@ def header(part: RobotPart, layout: Layout) -> bytes:
         "/* Called as in the experiment's file. */",
         *_struct("computer_parameters", parameters),
         "",
-        "/* What the drives are told, and what led to it: all outputs of each component. */",
-        *_struct("computer_output", told),
+        "/* The drives' commands, and all outputs of each component. */",
+        *_struct("computer_output", fields),
         "",
         "typedef struct {",
         f"    uint64_t opaque[{_words(layout)}];",
@@ -117,7 +117,7 @@ def fields(part: RobotPart, layout: Layout) -> bytes:
             "static void take(State *state, const computer_counts *counts)\n{",
             *(f"    {line}" for line in take),
             "}",
-            "static void give(const State *state, computer_output *told)\n{",
+            "static void give(const State *state, computer_output *out)\n{",
             *(f"    {line}" for line in _given(part, first)),
             "}",
             "",
@@ -138,12 +138,12 @@ def expected(limits: Limits) -> str:
 
 def _given(part: RobotPart, first: Mapping[str, int]) -> Iterator[str]:
     feeding = drive_commands(part)
-    for port_of_drive, port in TOLD.items():
+    for port_of_drive, port in COMMANDS.items():
         place = first[feeding[port_of_drive]] if port_of_drive in feeding else None
-        yield from _filled(f"told->{port.name}", port, place)
+        yield from _filled(f"out->{port.name}", port, place)
     for component in part.components:
         for port in component.outputs:
-            yield from _filled(f"told->{component.name}.{port.name}", port, first[f"{component.name}.{port.name}"])
+            yield from _filled(f"out->{component.name}.{port.name}", port, first[f"{component.name}.{port.name}"])
 
 
 def _filled(target: str, port: Port, first: int | None) -> Iterator[str]:
@@ -212,7 +212,7 @@ def build_c(
         platforms: for which beside x86-64 Linux, as FMI 3.0 calls them.
         out: the folder; None: results/build/EXPERIMENT/c.
         settings: laid over the experiment.
-        say: told what is being done.
+        say: called with what is being done.
 
     Raises:
         InputRefused: the experiment cannot be used, or there is no compiler.
@@ -280,7 +280,7 @@ def _readme(part: RobotPart, platforms: Sequence[Platform], closed: Sequence[str
         f"{names}: from the counts of the encoders to the speeds of the drives, the very code that the twin runs.",
         f"A step every {1e3 * step:g} ms takes the counts of that instant; in the twin the drives have what follows",
         "from them at that same instant. `computer.h` says what goes in, what comes out, which parameters there are;",
-        "`main.c` reads counts from a file and prints what the drives are told:",
+        "`main.c` reads counts from a file and prints the drives' commands:",
         "",
         "```sh",
         *(_compile(platform) for platform in platforms),

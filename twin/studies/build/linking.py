@@ -9,7 +9,7 @@ Compiled steps as object files for any platform, see `twin.kernel.compiled.emiss
 its numbers have their sizes in their types, its pointers 64 bits, and what it takes and gives are pointers and doubles,
 which every C takes in the same way. So LLVM writes it for any of them.
 
-LLVM ends the process where it cannot write code for a platform: whoever calls this should be ready to lose it.
+LLVM ends the process where it cannot write code for a platform: the caller should be ready to lose it.
 """
 
 import hashlib

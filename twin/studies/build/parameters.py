@@ -245,8 +245,8 @@ def fixed(part: RobotPart, offered: Sequence[Parameter]) -> list[str]:
     for component in part.components:
         fault = fault_of(experiment, component.name)
         if fault:
-            said = (f"{component.name}.{key}" for key in stated_values(experiment, component.name))
-            keys |= dict.fromkeys((*said, *fault_beside(fault)))
+            stated = (f"{component.name}.{key}" for key in stated_values(experiment, component.name))
+            keys |= dict.fromkeys((*stated, *fault_beside(fault)))
         keys |= dict.fromkeys(key for key in _FIXED.get(component.name, ()) if _has(experiment, key))
     if senses(part):
         keys["[controller.model]"] = None

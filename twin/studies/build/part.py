@@ -129,7 +129,7 @@ def _made(row: Row, build: Build) -> list[Component]:
 
 
 def _at_start(component: Component, port: Port, components: Sequence[Component], feeds: Feeds) -> np.ndarray:
-    """What comes in at the start of the experiment, the robot at rest; 0 for what nobody feeds."""
+    """What comes in at the start of the experiment, the robot at rest; 0 for an input without a source."""
     values = np.zeros(port.size)
     for n in range(port.size):
         source = feeds.get(End(component.name, port.name, n))

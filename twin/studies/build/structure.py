@@ -36,14 +36,14 @@ from twin.robot.assembly.assemble import COMMAND, POWER
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.build.drives import JointDrive, Socket
 
-Told = tuple[Connector, UnitDefinition | None]
+ConnectorUnit = tuple[Connector, UnitDefinition | None]
 """A connector, and the unit that it names."""
 FROM_ROBOT = ("plant", "controller.model")
 """Tables that the robot's own fills where they say nothing."""
 
 
 def defined(units: Iterable[UnitDefinition | None]) -> dict[str, UnitDefinition]:
-    """Units of one file by their names; where two mean different things by one name, it is nobody's."""
+    """Units of one file by their names; where two mean different things by one name, it is ambiguous."""
     found: dict[str, UnitDefinition] = {}
     disputed: set[str] = set()
     for unit in units:
@@ -53,7 +53,7 @@ def defined(units: Iterable[UnitDefinition | None]) -> dict[str, UnitDefinition]
 
 
 def origin(experiment: Experiment, key: str) -> str:
-    """Where the value of a key of the experiment's file comes from; "" if nobody says."""
+    """Where the value of a key of the experiment's file comes from; "" if not stated."""
     for table in FROM_ROBOT:
         if key.startswith(f"{table}.") and key not in experiment.origins:
             key = f"robot{key.removeprefix(table)}"
@@ -82,7 +82,7 @@ class Member:
     name: str
     about: str
     entry: str
-    connectors: tuple[Told, ...]
+    connectors: tuple[ConnectorUnit, ...]
     values: ParameterSet | None
 
 
@@ -173,7 +173,7 @@ def _joined(source: Socket, target: Socket) -> Connection:
     factor, offset = source.gain / target.gain, (source.offset - target.offset) / target.gain
     line = Transformation(factor, offset)
     ends = End(source.element, source.variable), End(target.element, target.variable)
-    # a line does all of it: whoever converts units as well would do it twice
+    # a line does all of it: a tool that converts units as well would do it twice
     return Connection(*ends, line, suppress_unit_conversion=line != Transformation())
 
 
@@ -208,7 +208,7 @@ THEIRS: dict[str, ConnectorKind] = {
 }  # fmt: skip
 
 
-def foreign_connectors(description: FmuDescription, variables: Sequence[Variable]) -> tuple[Told, ...]:
+def foreign_connectors(description: FmuDescription, variables: Sequence[Variable]) -> tuple[ConnectorUnit, ...]:
     """Of a third-party FMU, for some of its variables."""
     found = []
     for v in variables:
@@ -245,11 +245,11 @@ def foreign_values(
     values = []
     for variable, value in settings:
         kind, unit = facts[variable.name]
-        said = origin(experiment, f"{table}.{variable.name}")
-        if variable.causality == "input" and not said:
-            said = "at the start of the experiment, the robot at rest"
+        stated = origin(experiment, f"{table}.{variable.name}")
+        if variable.causality == "input" and not stated:
+            stated = "at the start of the experiment, the robot at rest"
         named = unit.name if unit is not None and unit.name in units else ""
-        values.append(ParameterValue(variable.name, kind, (_plain(variable, kind, value),), named, said))  # type: ignore[arg-type]
+        values.append(ParameterValue(variable.name, kind, (_plain(variable, kind, value),), named, stated))  # type: ignore[arg-type]
     return ParameterSet(name, tuple(values), tuple(units.values()), source, metadata)
 
 
@@ -269,7 +269,7 @@ def _type(variable: Variable) -> str:
 
 
 def _unit(variable: Variable, description: FmuDescription) -> UnitDefinition | None:
-    """What its values are in; None: nobody says."""
+    """What its values are in; None: not stated."""
     text = variable.unit
     if not text or _type(variable) != "Real":
         return None

@@ -28,14 +28,22 @@ from twin.studies.build.layout import Kind, Variable, laid_out
 from twin.studies.build.linking import Platform, platforms_named, refuse_platform
 from twin.studies.build.parameters import fixed, parameters
 from twin.studies.build.part import RobotPart, part_of
-from twin.studies.build.structure import Member, Told, defined, foreign_connectors, foreign_values, origin, structure
+from twin.studies.build.structure import (
+    Member,
+    ConnectorUnit,
+    defined,
+    foreign_connectors,
+    foreign_values,
+    origin,
+    structure,
+)
 
 KINDS: dict[Kind, ConnectorKind] = {
     "parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output",
 }  # fmt: skip
 
 
-def own_connectors(variables: Sequence[Variable]) -> tuple[Told, ...]:
+def own_connectors(variables: Sequence[Variable]) -> tuple[ConnectorUnit, ...]:
     """One for each of its scalars."""
     return tuple((Connector(v.name, KINDS[v.kind], "Real", v.text, (), v.meaning), _unit(v)) for v in variables)
 
@@ -151,7 +159,7 @@ def build_ssp(
         out: the file; None: results/build/EXPERIMENT/EXPERIMENT.ssp.
         drive: of every joint, in place of the experiment's own.
         settings: laid over the experiment.
-        say: told what is being done.
+        say: called with what is being done.
 
     Raises:
         InputRefused: the experiment cannot be used or cannot travel, or there is no compiler.
@@ -250,7 +258,7 @@ class _Makers:
         layout = laid_out(part, offered)
         # SSP 1.0 has no arrays
         layout = replace(layout, variables=layout.scalars())
-        said, closed = about(part), fixed(part, offered)
+        description, closed = about(part), fixed(part, offered)
         text = readme(part, layout, closed, self._platforms)
         entry = f"resources/{name}.fmu"
         self._files[entry] = packed(
@@ -258,13 +266,13 @@ class _Makers:
             layout,
             self._fmi,
             self._platforms,
-            said,
+            description,
             text,
             self._wanted,
             lambda what: self._say(f"{name}: {what}"),
         )
         values = own_values(self._experiment, name, layout.variables, f"resources/{name}.ssv", self._metadata)
-        self._add(Member(name, said, entry, own_connectors(layout.variables), values))
+        self._add(Member(name, description, entry, own_connectors(layout.variables), values))
 
     def add_element(self, number: int, element: Element) -> None:
         """An element of the drive of joint `number`."""
@@ -275,7 +283,7 @@ class _Makers:
             self.add_part(RobotPart(element.name, self._experiment, (component,), {}, {}, inputs, at))
             return
         fmu = element.content
-        told = {variable.name: variable for variable in (*element.variables, *(v for v, _ in element.settings))}
+        by_name = {variable.name: variable for variable in (*element.variables, *(v for v, _ in element.settings))}
         values = foreign_values(
             self._experiment,
             element.name,
@@ -285,8 +293,10 @@ class _Makers:
             f"resources/{element.name}.ssv",
             self._metadata,
         )
-        said = f"joint {number}: {fmu.model.description or fmu.model.modelName}"
-        self._add(Member(element.name, said, self._taken(fmu), foreign_connectors(fmu, list(told.values())), values))
+        description = f"joint {number}: {fmu.model.description or fmu.model.modelName}"
+        self._add(
+            Member(element.name, description, self._taken(fmu), foreign_connectors(fmu, list(by_name.values())), values)
+        )
 
     def packed(self, drives: Sequence[JointDrive]) -> bytes:
         """The archive of all of it."""

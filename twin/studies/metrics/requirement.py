@@ -257,9 +257,9 @@ class Standing:
 
     def sentence(self, one: str, other: str) -> str:
         """`B beside A: better in ..., worse in ..., the same in ...`"""
-        said = (("better in", self.better), ("worse in", self.worse), ("the same in", self.same))
+        lists = (("better in", self.better), ("worse in", self.worse), ("the same in", self.same))
         parts = [
-            f"{how} {', '.join(names)}" for how, names in (*said, ("now better, now worse in", self.torn)) if names
+            f"{how} {', '.join(names)}" for how, names in (*lists, ("now better, now worse in", self.torn)) if names
         ]
         return f"{one} beside {other}: {'; '.join(parts) or 'no measure that both have'}"
 

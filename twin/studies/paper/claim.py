@@ -8,7 +8,7 @@ from typing import Any, Literal
 from twin.kernel.errors import UnknownSeries
 
 Verdict = Literal["holds", "fails", "trivial", "not reproduced", "reproduced after all", "not scored"]
-""""Not reproduced" and "reproduced after all" are of claims with a `Miss`; "fails" is what nobody expected."""
+""""Not reproduced" and "reproduced after all" are of claims with a `Miss`; "fails" is unexpected."""
 
 
 @dataclass(frozen=True)

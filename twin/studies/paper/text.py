@@ -104,12 +104,12 @@ def _range(findings: Sequence[ClaimFinding]) -> str:
 
 def _claims(findings: Iterable[ClaimFinding]) -> Table:
     rows: list[Row] = []
-    said: set[str] = set()
+    reasons: set[str] = set()
     for f in findings:
         rows.append((MARKS[f.verdict], f.claim.text, f.measured, f.expected))
         if f.reason:
-            rows.append(Note("for the same reason" if f.reason in said else f.reason, " " * 7, later=9))
-        said.add(f.reason)
+            rows.append(Note("for the same reason" if f.reason in reasons else f.reason, " " * 7, later=9))
+        reasons.add(f.reason)
     return Table((Column("", 4, left=True), Column("", 47, left=True), Column("", 10), Column("", 12, gap=2)), rows)
 
 

@@ -38,7 +38,7 @@ def runs(
         raise InputRefused("twin runs: --keep and --yes belong to --prune; add that, or leave them out")
     if prune and as_json:
         raise InputRefused("twin runs: --prune asks and tells in words; leave --json out")
-    from twin.studies.results.kept import doomed_runs, doomed_text, listed, removed
+    from twin.studies.results.stored import doomed_runs, doomed_text, listed, removed
 
     if not prune:
         yield listed(results, experiments, say)

@@ -28,20 +28,20 @@ def packed(curves: Mapping[str, tuple[Curve, Curve]], end: float) -> dict[str, A
     return {"period_s": PERIOD, "of": {name: text_of(np.interp(t, *curve)) for name, curve in curves.items()}}
 
 
-def unpacked(kept: Mapping[str, Any]) -> tuple[Curve, dict[str, Curve]]:
+def unpacked(stored: Mapping[str, Any]) -> tuple[Curve, dict[str, Curve]]:
     """(times (s), values by name) of what `packed` made.
 
     Raises:
         ValueError: it did not make this.
     """
     try:
-        values = {name: values_of(text) for name, text in kept["of"].items()}
+        values = {name: values_of(text) for name, text in stored["of"].items()}
     except KeyError as problem:
         raise ValueError(str(problem)) from None
     if len({len(curve) for curve in values.values()}) != 1:
         raise ValueError("curves of different lengths")
     samples = len(next(iter(values.values())))
-    t: Curve = np.arange(samples, dtype=float) * float(kept["period_s"])
+    t: Curve = np.arange(samples, dtype=float) * float(stored["period_s"])
     return t, values
 
 

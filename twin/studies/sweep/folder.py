@@ -24,7 +24,7 @@ FACTS = "sweep.json"
 
 
 class Facts(Shape):
-    """sweep.json; its keys as in `KeptRows`, and what all runs have in common."""
+    """sweep.json; its keys as in `SweepRows`, and what all runs have in common."""
 
     sweep: str
     runs: int = Field(ge=1, le=MOST_RUNS)
@@ -37,7 +37,7 @@ class Facts(Shape):
 
 
 @dataclass(frozen=True)
-class KeptRows:
+class SweepRows:
     """What a folder holds.
 
     Attributes:
@@ -99,7 +99,7 @@ def claim(folder: Path, plan: "Plan") -> None:
     write_json(folder / FACTS, content)
 
 
-def stored_sweep(folder: Path) -> KeptRows:
+def stored_sweep(folder: Path) -> SweepRows:
     """What is in `folder`.
 
     Raises:
@@ -111,7 +111,7 @@ def stored_sweep(folder: Path) -> KeptRows:
     path = folder / ROWS
     columns = read_columns(path)[0].by_run()
     lists = {name: tuple(facts[name]) for name in ("drives", "labels", "metrics")}
-    return KeptRows(
+    return SweepRows(
         facts["sweep"], facts["runs"], facts["design"], limits=facts["limits"],
         columns=columns, read=lambda: read_rows(path), **lists,
     )  # fmt: skip
@@ -128,8 +128,8 @@ def _read(folder: Path) -> dict[str, Any]:
     return facts
 
 
-def write_parquet(kept: KeptRows, path: Path) -> None:
-    """Write `kept` to `path`, a line per run in the order of runs: the same rows make the same bytes.
+def write_parquet(sweep: SweepRows, path: Path) -> None:
+    """Write `sweep` to `path`, a line per run in the order of runs: the same rows make the same bytes.
 
     Columns: run, drive, each parameter by its key, each metric, status, reason, within_limits, seconds, stepping_s,
     key. What a run has not is null.
@@ -143,10 +143,10 @@ def write_parquet(kept: KeptRows, path: Path) -> None:
         import pyarrow.parquet as pq
     except ImportError:
         raise InputRefused("--parquet: needs pyarrow; install it with: pip install 'pyarrow>=17'") from None
-    columns = kept.columns
+    columns = sweep.columns
     table = {"run": pa.array(columns.numbers("run").astype(int))}
-    named = [("drive", "drive"), *((label, f"parameters/{label}") for label in kept.labels)]
-    named += [(metric, f"metrics/{metric}") for metric in kept.metrics]
+    named = [("drive", "drive"), *((label, f"parameters/{label}") for label in sweep.labels)]
+    named += [(metric, f"metrics/{metric}") for metric in sweep.metrics]
     named += [(name, name) for name in ("status", "reason", "within_limits", "seconds", "stepping_s", "key")]
     table |= {title: _array(pa, columns.of.get(name), len(columns)) for title, name in named}
     with written(path) as beside:

@@ -123,7 +123,7 @@ class Engine(Protocol):
 
         A run that fails, crashes or hangs is a result like any other; what comes out of a run must not depend on where,
         in which order or after which others it is run. Closing the iterator ends everything that it began; runs that
-        are under way then are lost. Whoever waits here asks `raise_if_pressed` at least every `HEAR` seconds.
+        are under way then are lost. A caller that waits here asks `raise_if_pressed` at least every `HEAR` seconds.
 
         Raises:
             TwinError: no run can go on, say because the disk is full or the cluster is gone.

@@ -352,8 +352,8 @@ class Rows:
             DiskFailed: no space, or worse; nothing of the batch is in the file then.
         """
         content = b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in batch)
-        kept = f"{self.count} finished runs are kept. Make room, then give the same command to go on"
-        with disk_refusals(self.path, kind=DiskFailed, remedy=kept):
+        remedy = f"{self.count} finished runs are kept. Make room, then give the same command to go on"
+        with disk_refusals(self.path, kind=DiskFailed, remedy=remedy):
             try:
                 rest = memoryview(content)
                 while rest:

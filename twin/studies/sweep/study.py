@@ -16,12 +16,12 @@ from twin.studies.steps import Say
 
 if TYPE_CHECKING:
     from twin.studies.sweep.definition import Definition
-    from twin.studies.sweep.folder import KeptRows
+    from twin.studies.sweep.folder import SweepRows
     from twin.studies.sweep.plan import Plan
     from twin.studies.sweep.pool import Engine
 
 MANY = 100_000
-"""Runs from which on nobody starts without having been asked."""
+"""Runs from which on a sweep starts only after a question."""
 
 
 class EngineName(StrEnum):
@@ -136,10 +136,10 @@ def short_sweep(
 
 
 def check_start(place: str, definition: "Definition", sure: bool) -> None:
-    """Ask whoever starts a sweep of many runs, unless they are `sure`.
+    """Ask before a sweep of many runs, unless they are `sure`.
 
     Raises:
-        InputRefused: sweeps do not run on this system, or nobody says that so many runs are meant.
+        InputRefused: sweeps do not run on this system, or so many runs were not confirmed.
     """
     from twin.studies.sweep.plan import largest_count
 
@@ -214,7 +214,7 @@ def carried_out(
 
     Args:
         engine, limits, record: see `run_sweep`.
-        say: told how far it is.
+        say: called with the progress.
         parquet: write rows.parquet, too.
         by: metric to rank by; None: the usual one.
         as_json: whether facts are asked for; else there are none, for rows may be many.
@@ -250,7 +250,7 @@ def carried_out(
     return Answer(f"{text}\n  rows  {folder / ROWS}\n  next  {next_}", {}, code)
 
 
-def rows_facts(found: "KeptRows") -> dict[str, Any]:
+def rows_facts(found: "SweepRows") -> dict[str, Any]:
     """For JSON: rows without their curves, which no one reads there."""
     rows = [{key: value for key, value in row.items() if key != "curves"} for row in found.rows]
     return {"sweep": found.name, "runs": found.runs, "limits": found.limits, "rows": rows}

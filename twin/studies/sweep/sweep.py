@@ -66,7 +66,7 @@ def run_sweep(
         engine: who runs them.
         record: "all", "failures" or "none"; recordings go to `folder`/runs/NUMBER.
         limits: of each worker process.
-        show: told the state at the beginning and after each batch of rows.
+        show: called with the state at the beginning and after each batch of rows.
 
     Raises:
         InputRefused: the folder is another sweep's, or cannot be written.

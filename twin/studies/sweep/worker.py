@@ -57,7 +57,7 @@ def record(path: Path, drive: str | None, settings: Sequence[str], folder: Path)
     Raises:
         InputRefused, NotWritten: no folder, or the disk is full; that is no fault of the run.
     """
-    # what it comes to is told by `trial`: the same run again
+    # its result comes from `trial`: the same run again
     try:
         experiment = load_experiment(path, settings, drive)
     except InputRefused:

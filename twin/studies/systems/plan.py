@@ -121,11 +121,11 @@ def timing(
     Args:
         package: of the system.
         descriptions: of the FMUs, by component.
-        tick: length of a step (s) that somebody wants; None: nobody.
+        tick: length of a step (s) that the user asks for; None: not given.
         stop: end of the run (s), likewise.
 
     Raises:
-        InputRefused: nobody says it, the run would not begin at 0, or not end with a step.
+        InputRefused: it is not stated, the run would not begin at 0, or not end with a step.
     """
     length, source = (tick, "--tick-ms") if tick is not None else _stated(package, descriptions)
     experiment = package.structure.experiment
@@ -164,7 +164,7 @@ def _stated(package: Package, descriptions: Mapping[str, FmuDescription]) -> tup
 
 
 class Measure(NamedTuple):
-    """A unit as somebody has spelt it, and what it means; None: nobody knows. No unit is spelt ""."""
+    """A unit as spelt in a file, and its meaning; None: not known. No unit is spelt ""."""
 
     text: str
     conversion: Conversion | None
@@ -203,13 +203,13 @@ def measure(
     )
     if connector is None or not connector.unit or connector.unit == variable_unit:
         return own
-    said = spelt(connector.unit, units)
-    if own.text and said.conversion != own.conversion:
+    read = spelt(connector.unit, units)
+    if own.text and read.conversion != own.conversion:
         raise InputRefused(
             f"{where}: {connector.name} is in '{connector.unit}' by its connector, and in '{own.text}' by the FMU; "
             "correct the connector"
         )
-    return said
+    return read
 
 
 def spelt(text: str, units: Sequence[UnitDefinition]) -> Measure:
@@ -228,7 +228,7 @@ def way(start: Measure, hops: Iterable[Hop], end: Measure, units: Sequence[UnitD
         where: for sentences.
 
     Raises:
-        InputRefused: units on it measure different things, or nobody knows one; a factor is 0, or all together beyond
+        InputRefused: units on it measure different things, or one is not known; a factor is 0, or all together beyond
             numbers; a transformation is no line.
     """
     found, here, hops = Way(), start, list(hops)
@@ -255,7 +255,7 @@ def _between(here: Measure, there: Measure, where: str) -> Way:
         return Way()
     for one in (here, there):
         if one.conversion is None:
-            raise InputRefused(f"{where}: nobody says what the unit '{one.text}' is; define it, with its BaseUnit")
+            raise InputRefused(f"{where}: the unit '{one.text}' is not defined; define it, with its BaseUnit")
     source, target = here.conversion, there.conversion
     assert source is not None and target is not None
     if source.dimension != target.dimension:
@@ -279,7 +279,7 @@ class Part:
         inputs: that are fed, scaled for what feeds them.
         outputs: that are recorded, as the FMU gives them.
         settings: values of parameters and of inputs before initialisation.
-        kept: inputs that nobody feeds.
+        unfed: inputs without a source.
     """
 
     path: str
@@ -288,7 +288,7 @@ class Part:
     inputs: tuple[FmuPort, ...]
     outputs: tuple[FmuPort, ...]
     settings: tuple[Setting, ...]
-    kept: tuple[Variable, ...]
+    unfed: tuple[Variable, ...]
 
 
 @dataclass(frozen=True)
@@ -375,7 +375,7 @@ def planned(
 
     Raises:
         InputRefused: an FMU that cannot be used, a connection that cannot be made, a value that cannot be set, an
-            input that has no value, or nobody says how long a step or the run is.
+            input that has no value, or the length of a step or of the run is not stated.
     """
     reader = _Planner(package, flat, files)
     parts = tuple(reader.part(path) for path in flat.components)
@@ -422,12 +422,12 @@ class _Planner:
     def part(self, path: str) -> Part:
         description = self._descriptions[path]
         fed = {lead.end.connector for lead, _ in self._leads[path]}
-        kept = tuple(v for v in description.offered("input") if v.name not in fed)
+        unfed = tuple(v for v in description.offered("input") if v.name not in fed)
         started = {v.name for v in description.model.modelVariables if v.start is not None} | set(self._given[path])
-        for variable in kept:
+        for variable in unfed:
             if variable.name not in started:
                 raise InputRefused(
-                    f"{self._package.file}: input {path}.{variable.name} is fed by nobody and has no start value; "
+                    f"{self._package.file}: input {path}.{variable.name} has no source and no start value; "
                     "connect it, or give it one in a parameter set"
                 )
         settings = [
@@ -436,7 +436,7 @@ class _Planner:
             if (variable := description.variables[name])
         ]
         return Part(
-            path, self._names[path], description, tuple(self._ports[path]), self._outputs[path], tuple(settings), kept
+            path, self._names[path], description, tuple(self._ports[path]), self._outputs[path], tuple(settings), unfed
         )
 
     def wires(self) -> Iterator[tuple[str, str]]:

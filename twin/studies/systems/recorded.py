@@ -154,12 +154,12 @@ def _tried(instance: Instance, call: Callable[[], _T]) -> _T:
         return call()
     # FMPy's FMICallException and whatever is below it
     except Exception as problem:
-        said = f" (it said: {'; '.join(instance.messages)})" if instance.messages else ""
-        raise InputRefused(f"{instance.description.path}: cannot be initialised: {problem}{said}") from None
+        quoted = f" (it said: {'; '.join(instance.messages)})" if instance.messages else ""
+        raise InputRefused(f"{instance.description.path}: cannot be initialised: {problem}{quoted}") from None
 
 
 MOST = 6
-"""Of a list that are told; programs get all."""
+"""The most rows of a list in the text; JSON has all."""
 MOST_EVENTS = 20
 UNSETTLED = "the initial values never agree: inputs at the start follow from each other in a circle"
 SCHEMES = {"gauss_seidel": "Gauss-Seidel in the order of the file", "jacobi": "Jacobi"}
@@ -192,7 +192,7 @@ def facts(
         },
         "connections": len(plan.wires),
         "late": [f"{source}->{target}" for source, target in plan.late],
-        "kept": {f"{part.path}.{v.name}": _start(part, v) for part in plan.parts for v in part.kept},
+        "not_fed": {f"{part.path}.{v.name}": _start(part, v) for part in plan.parts for v in part.unfed},
         "ignored": list(plan.ignored),
         "settled": made.settled,
         "events": [
@@ -203,7 +203,7 @@ def facts(
 
 
 def _start(part: Part, variable: Variable) -> Any:
-    """The value of an input that nobody feeds."""
+    """The value of an input without a source."""
     given = next((to_json(value) for v, value in part.settings if v == variable), variable.start)
     # of an array FMPy has the text
     listed = [v.start for v in part.description.model.modelVariables if v.name == variable.name]
@@ -213,7 +213,7 @@ def _start(part: Part, variable: Variable) -> Any:
 def system_result(came: Mapping[str, Any]) -> Result:
     """For people, at most 80 columns but for paths; for programs what `facts` gave."""
     when = "the end of the last step" if came["scheme"] == "jacobi" else "the last step, leading back in the order"
-    kept = [f"{name} = {value:g}" if isinstance(value, float) else f"{name} = {value}"
+    unfed = [f"{name} = {value:g}" if isinstance(value, float) else f"{name} = {value}"
             for name, value in came["kept"].items()]  # fmt: skip
     ignored, more = f"values that get to no variable: {_some(came['ignored'])}", len(came["events"]) - MOST_EVENTS
     late = f"{counted(len(came['late']), 'connection')} with values of {when}: {_some(came['late'])}"
@@ -222,7 +222,7 @@ def system_result(came: Mapping[str, Any]) -> Result:
         note("coupling", f"{SCHEMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"),
         *(note(path, _component(one), True) for path, one in came["components"].items()),
         *([note("late", late, True)] if came["late"] else []),
-        *([note("not fed", _some(kept), True)] if kept else []),
+        *([note("not fed", _some(unfed), True)] if unfed else []),
         *([note("ignored", ignored, True)] if came["ignored"] else []),
         *([] if came["settled"] else [note("start", UNSETTLED)]),
         *(note("event", f"{e['t_s']:.3f} s  {e['source']}: {e['text']}") for e in came["events"][:MOST_EVENTS]),

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from twin.studies.sweep.folder import KeptRows
+from twin.studies.sweep.folder import SweepRows
 from twin.studies.sweep.rows import Row, columns_of
 
 
@@ -22,11 +22,11 @@ def row(run: int, parameters: dict[str, Any], drive: str | None = None, status: 
     }
 
 
-def kept(rows: list[Row], **facts: Any) -> KeptRows:
+def kept(rows: list[Row], **facts: Any) -> SweepRows:
     """A folder with these rows."""
     labels = tuple(dict.fromkeys(label for one in rows for label in one["parameters"]))
     drives = tuple(drive for drive in dict.fromkeys(one["drive"] for one in rows) if drive)
     metrics = tuple(dict.fromkeys(metric for one in rows for metric in one["metrics"]))
     usual = {"name": "made_up", "runs": len(rows), "design": "random", "drives": drives, "labels": labels}
     read = {"columns": columns_of(rows).by_run(), "read": lambda: rows}
-    return KeptRows(**{**usual, "metrics": metrics, "limits": {}, **read, **facts})
+    return SweepRows(**{**usual, "metrics": metrics, "limits": {}, **read, **facts})

@@ -15,7 +15,7 @@ static double *values_in(const computer_parameters *all, int k)
     return (double *)((char *)all + parameters[k].place);
 }
 
-static const char *told_of(const Failure *failure)
+static const char *sentence_of(const Failure *failure)
 {
     const int k = (int)(failure->component - components);
     return failure->status ? failures[k].status : failures[k].not_finite;
@@ -53,7 +53,7 @@ const char *computer_init(computer *it, const computer_parameters *all)
     }
     Failure failure;
     if (!part_derive(state, &failure))
-        return told_of(&failure);
+        return sentence_of(&failure);
     state->mode = STEPPING;
     return NULL;
 }
@@ -77,11 +77,11 @@ const char *computer_tune(computer *it, const computer_parameters *all)
     return NULL;
 }
 
-const char *computer_step(computer *it, const computer_counts *counts, computer_output *told)
+const char *computer_step(computer *it, const computer_counts *counts, computer_output *out)
 {
     static const computer_output NOTHING;
     State *state = state_of(it);
-    *told = NOTHING;
+    *out = NOTHING;
     if (state->mode != STEPPING)
         return state->mode == FAILED ? "a step failed before; computer_reset comes first"
                                      : "computer_init comes first, and was not refused";
@@ -89,8 +89,8 @@ const char *computer_step(computer *it, const computer_counts *counts, computer_
     take(state, counts);
     Failure failure;
     if (!part_advance(state, STEP_TICKS, &failure))
-        return told_of(&failure);
-    give(state, told);
+        return sentence_of(&failure);
+    give(state, out);
     return NULL;
 }
 

@@ -83,14 +83,14 @@ int main(int n_words, char *words[])
     computer_defaults(&parameters); /* and here whatever shall be another one */
     const char *wrong = computer_init(&it, &parameters);
     computer_counts counts;
-    computer_output told;
+    computer_output out;
     printf("t_s,omega_ref[0]_rad_per_s,omega_ref[1]_rad_per_s,omega_ref[2]_rad_per_s,power\n");
     int more;
     for (long k = 0; !wrong && (more = next(file, columns, &counts)); k++) {
-        wrong = more < 0 ? "a count in the file is no whole number" : computer_step(&it, &counts, &told);
+        wrong = more < 0 ? "a count in the file is no whole number" : computer_step(&it, &counts, &out);
         if (!wrong)
-            printf("%.17g,%.17g,%.17g,%.17g,%d\n", (double)k * COMPUTER_STEP_S, told.omega_ref[0], told.omega_ref[1],
-                   told.omega_ref[2], told.power);
+            printf("%.17g,%.17g,%.17g,%.17g,%d\n", (double)k * COMPUTER_STEP_S, out.omega_ref[0], out.omega_ref[1],
+                   out.omega_ref[2], out.power);
     }
     fclose(file);
     if (wrong) {

@@ -84,7 +84,7 @@ typedef struct {
 
 typedef enum { FITS, NOT_FINITE, TOO_LOW, TOO_HIGH } Fit;
 
-/* Of the build: a state of another one is told by it. */
+/* Of the build: a state of another one is recognised by it. */
 static uint64_t part_stamp(void);
 /* Everything as it was built. */
 static void part_reset(State *state);

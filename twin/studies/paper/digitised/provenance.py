@@ -61,7 +61,7 @@ class Provenance:
 
     @property
     def text(self) -> str:
-        """One line for whoever reads a comparison."""
+        """One line for the reader of a comparison."""
         figure, done = self.head.figure, self.head.digitised
         return f"Fig. {figure.number} {figure.panel}, {figure.curve}: digitised by {done.by} on {done.on}, {done.tool}"
 

@@ -17,7 +17,7 @@ from twin.kernel.files import read_bytes
 from twin.kernel.fmi.variable import MOST_BYTES
 from twin.kernel.places import located
 from twin.robot.experiment.drive_files import FILE, FOLDERS, MAPPING, completed, shelved
-from twin.robot.experiment.source import KEPT, read_source, source_text
+from twin.robot.experiment.source import RETAINED, read_source, source_text
 from twin.studies.sweep.dask.cluster import difference, refusal, versions
 from twin.studies.sweep.plan import Task
 from twin.studies.sweep.pool import Job, WorkerProcess
@@ -81,9 +81,9 @@ class Bundle:
                 return self._fmu(value, folder)
             case ("drive", *_, "fmu"):
                 return self._drive(located(value, folder))
-            case (role, "fmu") if role in KEPT:
+            case (role, "fmu") if role in RETAINED:
                 return self._drive(located(value, folder))
-            case (role, "python") if role in KEPT:
+            case (role, "python") if role in RETAINED:
                 # its file alone, not what that imports from beside it
                 file, _, kind = value.rpartition(":")
                 return f"{self._file(located(file, folder), 'python')}:{kind}"

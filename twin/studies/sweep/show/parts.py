@@ -9,7 +9,7 @@ import numpy as np
 from twin.kernel.errors import InputRefused, nearest, plain
 from twin.studies.lines import counted
 from twin.studies.result import Block, Column, Note, Table, laid_out
-from twin.studies.sweep.folder import KeptRows
+from twin.studies.sweep.folder import SweepRows
 from twin.studies.sweep.rows import Column as Values
 from twin.studies.sweep.rows import Columns, Positions
 from twin.studies.sweep.statistics.ranking import (
@@ -112,9 +112,9 @@ def least_sure(found: Sequence[Likelihood]) -> str:
     return text if least.share >= LIKELY else f"{text}; least sure: {least.claim.key} ({100 * least.share:.0f} %)"
 
 
-def claims_part(kept: KeptRows) -> Part | None:
+def claims_part(sweep: SweepRows) -> Part | None:
     """Each claim with the probability that it holds; None if none was asked for."""
-    found = likelihoods(kept.columns)
+    found = likelihoods(sweep.columns)
     if not found:
         return None
     head = ["claim", "holds in", "P, 95 %", "expected", "median", "5 to 95 %"]
@@ -129,7 +129,7 @@ def claims_part(kept: KeptRows) -> Part | None:
         ]
         for one in found
     ]
-    columns = kept.columns
+    columns = sweep.columns
     verdicts = (columns.words(name) for name in columns.under("verdicts").values())
     judged = int(np.any([one.are(lambda verdict: verdict is not None) for one in verdicts], axis=0).sum())
     remarks = ["P: Wilson interval. true_...: not the paper's but ours, on the true force"]
@@ -159,16 +159,16 @@ SURE = 0.05
 """Chance of a mistake that a star allows for, over all parameters of a table together (Holm 1979)."""
 
 
-def sensitivity_parts(kept: KeptRows, metric: str) -> list[Part]:
+def sensitivity_parts(sweep: SweepRows, metric: str) -> list[Part]:
     """For each drive by itself: what moves one drive need not move another."""
     found: list[Part | None] = []
-    drives = drives_in(kept.columns)
+    drives = drives_in(sweep.columns)
     for drive in drives:
-        columns = kept.columns if len(drives) == 1 else kept.columns.at(of_drive(kept.columns, drive))
+        columns = sweep.columns if len(drives) == 1 else sweep.columns.at(of_drive(sweep.columns, drive))
         of = f", {drive}" if len(drives) > 1 else ""
-        found += [_correlations(kept, columns, metric, of), _indices(kept, columns, metric, of)]
+        found += [_correlations(sweep, columns, metric, of), _indices(sweep, columns, metric, of)]
     parts = [part for part in found if part is not None]
-    if parts and (why := why_no_indices(kept.design)):
+    if parts and (why := why_no_indices(sweep.design)):
         parts[-1] = replace(parts[-1], remarks=[*parts[-1].remarks, why])
     return parts
 
@@ -187,11 +187,11 @@ def starred(correlations: dict[str, Correlation]) -> set[str]:
     return stars
 
 
-def _correlations(kept: KeptRows, columns: Columns, metric: str, of: str) -> Part | None:
-    names = short(kept.labels)
+def _correlations(sweep: SweepRows, columns: Columns, metric: str, of: str) -> Part | None:
+    names = short(sweep.labels)
     found = {
         label: correlation
-        for label in numeric_labels(kept.labels, columns)
+        for label in numeric_labels(sweep.labels, columns)
         if (correlation := rank_correlation(columns, label, metric))
     }
     if not found:
@@ -214,15 +214,15 @@ def _correlations(kept: KeptRows, columns: Columns, metric: str, of: str) -> Par
     return Part("correlation", title, ["parameter", "rho ", "95 %", "p"], lines, remarks)
 
 
-def _indices(kept: KeptRows, columns: Columns, metric: str, of: str) -> Part | None:
-    if kept.design != "saltelli":
+def _indices(sweep: SweepRows, columns: Columns, metric: str, of: str) -> Part | None:
+    if sweep.design != "saltelli":
         return None
-    found = sobol_indices(columns, kept.labels, kept.runs // max(1, len(kept.drives)), metric)
+    found = sobol_indices(columns, sweep.labels, sweep.runs // max(1, len(sweep.drives)), metric)
     title = f"Sobol indices of {metric}{of}, {found.blocks} of {found.planned} blocks"
     remarks = [found.remark] if found.remark else []
     if not found.of:
         return Part("indices", title, [], [], remarks)
-    names = short(kept.labels)
+    names = short(sweep.labels)
     lines = [
         [names[one.label], f"{one.first:.2f}", _range(one.first_interval), f"{one.total:.2f}",
          _range(one.total_interval)]
@@ -270,50 +270,50 @@ class Asked:
     worst_over: str | None = None
 
 
-def parts(kept: KeptRows, asked: Asked) -> list[Part]:
+def parts(sweep: SweepRows, asked: Asked) -> list[Part]:
     """Everything there is to say, most wanted first. In a sweep with claims these come first and no run is best: what
-    is drawn there nobody can choose."""
-    judged = claims_part(kept)
-    found: list[Part | None] = [judged] if judged else [_best(kept, asked), _drives(kept, asked)]
+    is drawn there cannot be chosen."""
+    judged = claims_part(sweep)
+    found: list[Part | None] = [judged] if judged else [_best(sweep, asked), _drives(sweep, asked)]
     if asked.worst_over is not None:
-        found.insert(0, _worst(kept, asked, asked.worst_over))
-    found += sensitivity_parts(kept, asked.by)
+        found.insert(0, _worst(sweep, asked, asked.worst_over))
+    found += sensitivity_parts(sweep, asked.by)
     if not judged:
-        found.append(_front(kept, asked))
-    found += [_distributions(kept), _reasons(kept)]
+        found.append(_front(sweep, asked))
+    found += [_distributions(sweep), _reasons(sweep)]
     return [part for part in found if part is not None]
 
 
-def headline(kept: KeptRows, by: str) -> str:
+def headline(sweep: SweepRows, by: str) -> str:
     """`NAME  20 runs: least force_error_N 0.31 (run 12); 2 failed`."""
-    columns = kept.columns
-    begun = "" if len(columns) == kept.runs else f"{len(columns)} of "
-    text = f"{kept.name}  {begun}{counted(kept.runs, 'run')}"
+    columns = sweep.columns
+    begun = "" if len(columns) == sweep.runs else f"{len(columns)} of "
+    text = f"{sweep.name}  {begun}{counted(sweep.runs, 'run')}"
     ranked = best(columns, by)
     if found := likelihoods(columns):
         text += f": {least_sure(found)}"
     elif len(ranked):
         text += f": least {by} {value(columns, by)[ranked[0]]:.3g} (run {columns.run(ranked[0])})"
     elif len(columns):
-        text += ": none with " + by + (" keeps the limits" if kept.limits else "")
+        text += ": none with " + by + (" keeps the limits" if sweep.limits else "")
     statuses = columns.words("status").counts
-    told = [f"{count} {status}" for status, count in sorted(statuses.items()) if status != "done"]
-    if kept.limits:
-        told.append(f"{columns.words('within_limits').counts.get(True, 0)} within limits")
-    return text + "".join(f"; {one}" for one in told)
+    counts = [f"{count} {status}" for status, count in sorted(statuses.items()) if status != "done"]
+    if sweep.limits:
+        counts.append(f"{columns.words('within_limits').counts.get(True, 0)} within limits")
+    return text + "".join(f"; {one}" for one in counts)
 
 
-def _best(kept: KeptRows, asked: Asked) -> Part | None:
-    ranked = best(kept.columns, asked.by)
-    head, rows = _runs(kept, ranked[: asked.top], asked)
+def _best(sweep: SweepRows, asked: Asked) -> Part | None:
+    ranked = best(sweep.columns, asked.by)
+    head, rows = _runs(sweep, ranked[: asked.top], asked)
     return Part("best", f"best runs by {asked.by}", head, rows) if len(ranked) else None
 
 
-def _worst(kept: KeptRows, asked: Asked, label: str) -> Part:
-    columns, names = kept.columns, short(kept.labels)
-    found = worst_over(columns, asked.by, label, kept.labels)
-    others = [other for other in kept.labels if other != label]
-    several = len(kept.drives) > 1
+def _worst(sweep: SweepRows, asked: Asked, label: str) -> Part:
+    columns, names = sweep.columns, short(sweep.labels)
+    found = worst_over(columns, asked.by, label, sweep.labels)
+    others = [other for other in sweep.labels if other != label]
+    several = len(sweep.drives) > 1
     rows = [
         [
             *(shown(columns.of.get(f"parameters/{other}"), one.row) for other in others),
@@ -335,37 +335,37 @@ def _worst(kept: KeptRows, asked: Asked, label: str) -> Part:
     return Part("worst", f"worst {asked.by} over {names[label]}, least worst first", head, rows, remarks)
 
 
-def _front(kept: KeptRows, asked: Asked) -> Part | None:
-    front = pareto_front(kept.columns, asked.by, asked.against)
+def _front(sweep: SweepRows, asked: Asked) -> Part | None:
+    front = pareto_front(sweep.columns, asked.by, asked.against)
     if not len(front) or asked.by == asked.against:
         return None
-    head, rows = _runs(kept, front[:MOST_OF_FRONT], asked)
+    head, rows = _runs(sweep, front[:MOST_OF_FRONT], asked)
     more = [f"and {len(front) - MOST_OF_FRONT} more"] if len(front) > MOST_OF_FRONT else []
-    ranked = len(best(kept.columns, asked.by))
+    ranked = len(best(sweep.columns, asked.by))
     title = f"Pareto front of {asked.by} and {asked.against}: {counted(len(front), 'run')} of {ranked}"
     return Part("front", title, head, rows, more)
 
 
-def _runs(kept: KeptRows, rows: Positions, asked: Asked) -> tuple[list[str], list[list[str]]]:
-    columns, names = kept.columns, short(kept.labels)
+def _runs(sweep: SweepRows, rows: Positions, asked: Asked) -> tuple[list[str], list[list[str]]]:
+    columns, names = sweep.columns, short(sweep.labels)
     metrics = list(dict.fromkeys((asked.by, asked.against)))
-    several = len(kept.drives) > 1
-    head = ["run", *metrics, *(["drive"] if several else []), *(names[label] for label in kept.labels)]
+    several = len(sweep.drives) > 1
+    head = ["run", *metrics, *(["drive"] if several else []), *(names[label] for label in sweep.labels)]
     return head, [
         [
             str(columns.run(row)),
             *(number(value(columns, metric)[row]) for metric in metrics),
             *([columns.words("drive")[row] or ""] if several else []),
-            *(shown(columns.of.get(f"parameters/{label}"), row) for label in kept.labels),
+            *(shown(columns.of.get(f"parameters/{label}"), row) for label in sweep.labels),
         ]
         for row in rows
     ]
 
 
-def _drives(kept: KeptRows, asked: Asked) -> Part | None:
-    if len(drives_in(kept.columns)) < 2:
+def _drives(sweep: SweepRows, asked: Asked) -> Part | None:
+    if len(drives_in(sweep.columns)) < 2:
         return None
-    scores = drive_ranking(kept.columns, asked.by)
+    scores = drive_ranking(sweep.columns, asked.by)
     head = ["drive", "completed", "median", "worst", "behind, 95 %", "first, P"]
     rows = [
         [
@@ -382,13 +382,13 @@ def _drives(kept: KeptRows, asked: Asked) -> Part | None:
     tied = [score.drive for score in others if not math.isnan(score.behind) and not score.distinguishable]
     remarks = ["behind: median difference to the first, point by point; first, P: chance to rank first, both resampled"]
     if tied:
-        remarks.append(f"not told apart from {leader.drive}: {', '.join(tied)}")
+        remarks.append(f"not distinguished from {leader.drive}: {', '.join(tied)}")
     return Part("drives", f"drives by {asked.by}", head, rows, remarks)
 
 
-def _distributions(kept: KeptRows) -> Part | None:
-    spreads = [found for metric in metrics_in(kept.columns) if (found := spread(kept.columns, metric))]
-    if not spreads or len(kept.columns) < 2:
+def _distributions(sweep: SweepRows) -> Part | None:
+    spreads = [found for metric in metrics_in(sweep.columns) if (found := spread(sweep.columns, metric))]
+    if not spreads or len(sweep.columns) < 2:
         return None
     head = ["metric", *(f"{100 * share:g} %" for share in QUANTILES), SKETCH, "missing"]
     rows = [
@@ -403,9 +403,9 @@ def _distributions(kept: KeptRows) -> Part | None:
     return Part("metrics", "each metric over all runs, quantiles", head, rows, text_only=(SKETCH,))
 
 
-def _reasons(kept: KeptRows) -> Part | None:
+def _reasons(sweep: SweepRows) -> Part | None:
     reasons: dict[tuple[str, str], list[int]] = {}
-    columns = kept.columns
+    columns = sweep.columns
     rows = columns.words("status").are(lambda status: status != "done")
     words = [columns.words(name).at(rows) for name in ("status", "reason")]
     for run, status, reason in zip(columns.numbers("run")[rows], *words, strict=True):
@@ -413,23 +413,23 @@ def _reasons(kept: KeptRows) -> Part | None:
     if not reasons:
         return None
     most_first = sorted(reasons.items(), key=lambda item: -len(item[1]))
-    told = []
+    lines = []
     for (status, reason), runs in most_first[:MOST_REASONS]:
         others = f" and {counted(len(runs) - 1, 'other')}" if len(runs) > 1 else ""
-        told.append(plain(f"run {runs[0]}{others} {status}: {reason}"))
+        lines.append(plain(f"run {runs[0]}{others} {status}: {reason}"))
     if len(reasons) > MOST_REASONS:
-        told.append(f"{len(reasons) - MOST_REASONS} other reasons are in the rows")
-    return Part("reasons", "runs that are not done", [], [], told)
+        lines.append(f"{len(reasons) - MOST_REASONS} other reasons are in the rows")
+    return Part("reasons", "runs that are not done", [], [], lines)
 
 
-def axes_of(kept: KeptRows, x: str | None, y: str | None) -> tuple[str, str] | None:
+def axes_of(sweep: SweepRows, x: str | None, y: str | None) -> tuple[str, str] | None:
     """The two parameters of the map: those asked for, else the first two that are numbers; None: there are not two.
 
     Raises:
         InputRefused: one asked for does not vary.
     """
-    numeric = numeric_labels(kept.labels, kept.columns)
-    names = short(kept.labels)
+    numeric = numeric_labels(sweep.labels, sweep.columns)
+    names = short(sweep.labels)
     chosen = []
     for option, wanted in (("--x", x), ("--y", y)):
         found = [label for label in numeric if wanted in (label, names[label])]
@@ -444,23 +444,23 @@ def axes_of(kept: KeptRows, x: str | None, y: str | None) -> tuple[str, str] | N
     return (first, second) if first and second and first != second else None
 
 
-def worst_label(kept: KeptRows, wanted: str | None) -> str | None:
+def worst_label(sweep: SweepRows, wanted: str | None) -> str | None:
     """The parameter that `--worst-over` means, by its whole name or by its short one.
 
     Raises:
         InputRefused: none of that name varies.
     """
-    names = short(kept.labels)
-    found = next((label for label in kept.labels if wanted in (label, names[label])), None)
+    names = short(sweep.labels)
+    found = next((label for label in sweep.labels if wanted in (label, names[label])), None)
     if wanted is not None and found is None:
-        raise InputRefused(f"--worst-over {wanted}: does not vary here; {nearest(wanted, kept.labels)}")
+        raise InputRefused(f"--worst-over {wanted}: does not vary here; {nearest(wanted, sweep.labels)}")
     return found
 
 
-def sweep_text(kept: KeptRows, asked: Asked) -> str:
+def sweep_text(sweep: SweepRows, asked: Asked) -> str:
     """The report of a sweep."""
-    blocks: list[Block] = [_folded(headline(kept, asked.by))]
-    for part in parts(kept, asked):
+    blocks: list[Block] = [_folded(headline(sweep, asked.by))]
+    for part in parts(sweep, asked):
         blocks += ["", _folded(part.title)]
         columns = [Column(title, left=number == 0, gap=2) for number, title in enumerate(part.head)]
         blocks += [Table(columns, part.rows, left_out="--html")] if part.rows else []
@@ -468,9 +468,9 @@ def sweep_text(kept: KeptRows, asked: Asked) -> str:
     return laid_out(blocks)
 
 
-def headline_text(kept: KeptRows, by: str) -> str:
+def headline_text(sweep: SweepRows, by: str) -> str:
     """The first sentence in lines of at most 80 characters."""
-    return laid_out([_folded(headline(kept, by))])
+    return laid_out([_folded(headline(sweep, by))])
 
 
 def _folded(text: str) -> Note:

@@ -27,7 +27,7 @@ from twin.studies.figure import (
     picture,
 )
 from twin.studies.lines import counted
-from twin.studies.sweep.folder import KeptRows
+from twin.studies.sweep.folder import SweepRows
 from twin.studies.sweep.rows import Columns, Numbers, Positions
 from twin.studies.sweep.show.parts import Asked, axes_of, short
 from twin.studies.sweep.statistics.ranking import (
@@ -78,7 +78,7 @@ FINE = 1000
 """Cells of the front of a crowd, which is a line: smaller than a pixel."""
 
 
-def draw_front(kept: KeptRows, asked: Asked, path: Path) -> None:
+def draw_front(sweep: SweepRows, asked: Asked, path: Path) -> None:
     """Write the picture to `path` (PNG).
 
     Raises:
@@ -86,7 +86,7 @@ def draw_front(kept: KeptRows, asked: Asked, path: Path) -> None:
     """
     with picture(path, 7.5, 4.8) as figure:
         axes = figure.subplots()
-        columns = kept.columns
+        columns = sweep.columns
         ranked = best(columns, asked.by)
         for number, drive in enumerate(drives_in(columns)):
             mine = ranked[of_drive(columns, drive)[ranked]]
@@ -105,7 +105,7 @@ def draw_front(kept: KeptRows, asked: Asked, path: Path) -> None:
         axes.legend()
         absent = len(columns) - len(ranked)
         text = f"; {counted(absent, 'run')} not shown: failed, tripped or beyond the limits" if absent else ""
-        figure.suptitle(f"{kept.name}: {len(ranked)} of {kept.runs} runs{text}", x=0.01, ha="left", fontsize=10)
+        figure.suptitle(f"{sweep.name}: {len(ranked)} of {sweep.runs} runs{text}", x=0.01, ha="left", fontsize=10)
 
 
 def _points(columns: Columns, rows: Positions, asked: Asked) -> tuple[Numbers, Numbers]:
@@ -121,13 +121,13 @@ FAR = 3.0
 """Interquartile ranges beyond the quartiles from which a value is far out (Tukey 1977, "outer fences")."""
 
 
-def draw_sweep(kept: KeptRows, axes: tuple[str, str], metric: str, path: Path) -> None:
+def draw_sweep(sweep: SweepRows, axes: tuple[str, str], metric: str, path: Path) -> None:
     """Write the map of `metric` over `axes` to `path` (PNG), a panel per drive.
 
     Cells of a grid show the best run at that point over all other parameters; draws of a sample are dots. An orange
     cross is a run that has no number.
     """
-    columns, drives = kept.columns, drives_in(kept.columns)
+    columns, drives = sweep.columns, drives_in(sweep.columns)
     x, y = (parameter(columns, label) for label in axes)
     numbers = value(columns, metric)
     on_map = ~(np.isnan(x) | np.isnan(y))
@@ -144,17 +144,17 @@ def draw_sweep(kept: KeptRows, axes: tuple[str, str], metric: str, path: Path) -
             panel.set_title(drive or "", fontsize=10, fontweight="bold")
         for panel in panels[len(drives) :]:
             panel.set_visible(False)
-        names = short(kept.labels)
+        names = short(sweep.labels)
         # below the axis' name, for a legend there would lie upon it
-        told = [f"orange cross: no {metric}, see the row's reason"] if len(values) < on_map.sum() else []
-        figure.supxlabel("\n".join([names[axes[0]], *told, *filter(None, [remark])]), fontsize=10)
+        legend = [f"orange cross: no {metric}, see the row's reason"] if len(values) < on_map.sum() else []
+        figure.supxlabel("\n".join([names[axes[0]], *legend, *filter(None, [remark])]), fontsize=10)
         figure.supylabel(names[axes[1]], fontsize=10)
         beyond = {"max": values.max(initial=low) > high, "min": values.min(initial=high) < low}
         extend = "both" if all(beyond.values()) else next((end for end, is_so in beyond.items() if is_so), "neither")
         # of what a claim measures, less need not be better
         label = f"{metric} {'(light is less)' if claims_in(columns) else LIGHT_IS_GOOD}"
         figure.colorbar(shade, ax=panels.tolist(), label=label, shrink=0.8, pad=0.02, extend=extend)
-        figure.suptitle(f"{kept.name}: {metric}, {len(columns)} of {kept.runs} runs", x=0.01, ha="left", fontsize=11)
+        figure.suptitle(f"{sweep.name}: {metric}, {len(columns)} of {sweep.runs} runs", x=0.01, ha="left", fontsize=11)
 
 
 def shown_range(values: Numbers) -> tuple[float, float, str]:
@@ -172,10 +172,10 @@ def shown_range(values: Numbers) -> tuple[float, float, str]:
     if not outside or reach == 0.0:
         return least, most, ""
     low, high = float(inside.min()), float(inside.max())
-    told = (
+    hint = (
         f"{outside} of {len(values)} are far out, {least:.3g} to {most:.3g} in all: coloured as {low:.3g} or {high:.3g}"
     )
-    return low, high, told
+    return low, high, hint
 
 
 def _draw_panel(panel: Axes, shade: ScalarMappable, x: Numbers, y: Numbers, numbers: Numbers) -> None:
@@ -248,13 +248,13 @@ def _draw_cell(panel: Axes, shade: ScalarMappable, i: int, j: int, best: float) 
 COLUMNS = 3
 
 
-def draw_spreads(kept: KeptRows, path: Path) -> None:
+def draw_spreads(sweep: SweepRows, path: Path) -> None:
     """Write the picture to `path` (PNG).
 
     Raises:
         NotWritten: the disk refuses.
     """
-    columns = kept.columns
+    columns = sweep.columns
     metrics, drives = metrics_in(columns), drives_in(columns)
     lines = -(-len(metrics) // COLUMNS)
     with picture(path, 11, 0.8 + 2.3 * lines, look=BARE) as figure:
@@ -278,7 +278,7 @@ def draw_spreads(kept: KeptRows, path: Path) -> None:
         if len(drives) > 1:
             handles, labels = panels[0].get_legend_handles_labels()
             figure.legend(handles, labels, loc="outside lower center", ncols=min(5, len(drives)))
-        figure.suptitle(f"{kept.name}: {len(columns)} runs; dashed: median", x=0.01, ha="left", fontsize=10)
+        figure.suptitle(f"{sweep.name}: {len(columns)} runs; dashed: median", x=0.01, ha="left", fontsize=10)
 
 
 PANELS = (
@@ -296,7 +296,7 @@ MARGIN = 0.1
 """Around it (mm)."""
 
 
-def draw_bands(bands: Bands, kept: KeptRows, path: Path) -> None:
+def draw_bands(bands: Bands, sweep: SweepRows, path: Path) -> None:
     """Write the picture to `path` (PNG): panels A to D of Fig. 4, and below them what is true.
 
     Raises:
@@ -327,7 +327,7 @@ def draw_bands(bands: Bands, kept: KeptRows, path: Path) -> None:
         for axes in panels[2]:
             axes.set_xlabel("time (s)")
         figure.suptitle(
-            f"{kept.name}: {bands.runs} of {kept.runs} runs; line: median, dark: 25 to 75 %, light: 5 to 95 %",
+            f"{sweep.name}: {bands.runs} of {sweep.runs} runs; line: median, dark: 25 to 75 %, light: 5 to 95 %",
             x=0.01, ha="left", fontsize=11,
         )  # fmt: skip
 
@@ -339,7 +339,7 @@ def _draw(axes: Axes, bands: Bands, name: str, scale: float, color: str, label: 
     axes.plot(bands.t, median, color=color, lw=1.4, label=label)
 
 
-def write_pictures(kept: KeptRows, asked: Asked, x: str | None, y: str | None, folder: Path) -> dict[str, Path]:
+def write_pictures(sweep: SweepRows, asked: Asked, x: str | None, y: str | None, folder: Path) -> dict[str, Path]:
     """Write them into `folder` (PNG), which exists: what each shows -> its file.
 
     Args:
@@ -349,20 +349,20 @@ def write_pictures(kept: KeptRows, asked: Asked, x: str | None, y: str | None, f
         InputRefused: x or y does not vary, or a file cannot be written.
     """
     files: dict[str, Path] = {}
-    axes = axes_of(kept, x, y)
+    axes = axes_of(sweep, x, y)
     # curves are in no column
-    found = bands(kept.rows) if True in kept.columns.words("has_curves").counts else None
+    found = bands(sweep.rows) if True in sweep.columns.words("has_curves").counts else None
     if found:
         files["bands"] = folder / "bands.png"
-        draw_bands(found, kept, files["bands"])
+        draw_bands(found, sweep, files["bands"])
     # in a sweep with claims nothing that varies is anyone's choice, so there is no best place on a map
     if axes and (not found or x or y):
         files["map"] = folder / "map.png"
-        draw_sweep(kept, axes, asked.by, files["map"])
-    if not found and len(pareto_front(kept.columns, asked.by, asked.against)) > 1:
+        draw_sweep(sweep, axes, asked.by, files["map"])
+    if not found and len(pareto_front(sweep.columns, asked.by, asked.against)) > 1:
         files["front"] = folder / "front.png"
-        draw_front(kept, asked, files["front"])
-    if len(kept.columns) > 1 and metrics_in(kept.columns):
+        draw_front(sweep, asked, files["front"])
+    if len(sweep.columns) > 1 and metrics_in(sweep.columns):
         files["metrics"] = folder / "metrics.png"
-        draw_spreads(kept, files["metrics"])
+        draw_spreads(sweep, files["metrics"])
     return files

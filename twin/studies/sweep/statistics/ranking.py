@@ -100,7 +100,7 @@ def best(columns: Columns, metric: str) -> Positions:
     rows."""
     numbers = value(columns, metric)
     fit = columns.words("status").are(lambda status: status == "done")
-    fit &= columns.words("within_limits").are(lambda kept: kept is not False) & ~np.isnan(numbers)
+    fit &= columns.words("within_limits").are(lambda all_curves: all_curves is not False) & ~np.isnan(numbers)
     (rows,) = fit.nonzero()
     return rows[np.argsort(numbers[rows], kind="stable")]
 
@@ -188,7 +188,7 @@ def pareto_front(columns: Columns, one: str, other: str) -> Positions:
     rows = best(columns, one)
     rows = rows[~np.isnan(value(columns, other)[rows])]
     a, b = value(columns, one)[rows], value(columns, other)[rows]
-    # whoever has more of the other than one with no more of the first is beaten; few are left to be sorted by both
+    # a run with more of the other than one with no more of the first is dominated; few are left to be sorted by both
     left = b <= np.minimum.accumulate(b)
     rows, a, b = rows[left], a[left], b[left]
     order = np.lexsort((b, a))
@@ -451,21 +451,21 @@ def bands(rows: Sequence[Row]) -> Bands | None:
     # judging takes a while to import, and few sweeps have claims
     from twin.studies.sweep.fig4 import unpacked
 
-    kept = []
+    all_curves = []
     for row in rows:
         if not row.get("curves"):
             continue
         try:
-            kept.append(unpacked(row["curves"]))
+            all_curves.append(unpacked(row["curves"]))
         except ValueError as problem:
             raise _odd(row) from problem
-        (t, first), (now, curves) = kept[0], kept[-1]
+        (t, first), (now, curves) = all_curves[0], all_curves[-1]
         if len(now) != len(t) or curves.keys() != first.keys():
             raise _odd(row)
-    if not kept:
+    if not all_curves:
         return None
-    quantiles = {name: np.quantile([values[name] for _, values in kept], QUANTILES, axis=0) for name in first}
-    return Bands(t, quantiles, len(kept))
+    quantiles = {name: np.quantile([values[name] for _, values in all_curves], QUANTILES, axis=0) for name in first}
+    return Bands(t, quantiles, len(all_curves))
 
 
 def _odd(row: Row) -> InputRefused:

@@ -12,7 +12,7 @@ from twin.studies.sweep.statistics.ranking import parameter, value
 LEAST = 4
 """Runs below which the interval has no width to speak of: its variance is 1 / (n - 3)."""
 FEW = 30
-"""Runs below which only a correlation of 0.36 and more is told from none at 5 %."""
+"""Runs below which only a correlation of 0.36 and more differs from none at 5 %."""
 _NORMAL_95 = 1.959963984540054
 """Quantile of the standard normal distribution at 0.975."""
 

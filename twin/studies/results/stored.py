@@ -46,7 +46,7 @@ WRITTEN = re.compile(
 
 
 @dataclass(frozen=True)
-class KeptRun:
+class StoredRun:
     """A run's folder, results/EXPERIMENT/TIME, or results/NAME as its user has called it.
 
     Attributes:
@@ -157,7 +157,7 @@ class KeptRun:
         return last_time(self.recording) or 0.0
 
 
-def stored_runs(results: Path, experiments: Sequence[str] = ()) -> list[KeptRun]:
+def stored_runs(results: Path, experiments: Sequence[str] = ()) -> list[StoredRun]:
     """The runs below `results`, those of an experiment together, the newest first, then those with names.
 
     Args:
@@ -176,10 +176,10 @@ def stored_runs(results: Path, experiments: Sequence[str] = ()) -> list[KeptRun]
     return [run for run in runs if not experiments or run.experiment in experiments]
 
 
-def stored_run(recording: Path) -> KeptRun:
+def stored_run(recording: Path) -> StoredRun:
     """The run that wrote `recording`; its folder by its own name, not by that of a link to it."""
     folder = recording.parent.resolve()
-    return KeptRun(folder, recording, False)
+    return StoredRun(folder, recording, False)
 
 
 def other_folders(results: Path) -> dict[str, int]:
@@ -201,7 +201,7 @@ def _folders(results: Path) -> list[Path]:
     return sorted(path for path in results.iterdir() if path.is_dir() and not path.is_symlink())
 
 
-def _runs(home: Path) -> Iterator[KeptRun]:
+def _runs(home: Path) -> Iterator[StoredRun]:
     latest = os.path.realpath(home / LATEST)
     stamped = [path for path in home.iterdir() if STAMP.fullmatch(path.name) and not path.is_symlink()]
     # the second of two runs within a second ends in _2, the tenth in _10
@@ -209,7 +209,7 @@ def _runs(home: Path) -> Iterator[KeptRun]:
     for folder in (*stamped, home):
         for name in (RECORDING, f"{RECORDING}{PARTIAL}"):
             if (folder / name).is_file():
-                yield KeptRun(folder, folder / name, os.path.realpath(folder) == latest, folder == home)
+                yield StoredRun(folder, folder / name, os.path.realpath(folder) == latest, folder == home)
                 break
 
 
@@ -219,7 +219,7 @@ class ExperimentsNow:
     def __init__(self) -> None:
         self._facts: dict[tuple[str, ...], dict[str, str]] = {}
 
-    def differences(self, run: KeptRun) -> dict[str, tuple[str, str]]:
+    def differences(self, run: StoredRun) -> dict[str, tuple[str, str]]:
         """What of `run` would be otherwise if it were run again with the same options: (then, now) by key.
 
         A third-party controller leaves no gains in a recording, so there nothing can differ.
@@ -236,25 +236,25 @@ class ExperimentsNow:
     def _of(self, name: str, typed: Sequence[str]) -> dict[str, str]:
         known = (name, *typed)
         if known not in self._facts:
-            said: dict[str, list[str]] = {}
+            given: dict[str, list[str]] = {}
             for option, value in zip(typed[::2], typed[1::2], strict=True):
-                said.setdefault(option, []).append(value)
-            drive, body = (said.get(option, [None])[0] for option in ("--drive", "--body"))
+                given.setdefault(option, []).append(value)
+            drive, body = (given.get(option, [None])[0] for option in ("--drive", "--body"))
             file = experiment_file(name)
             # a name, as twin records it, and not whatever lies in the current folder
             if file.name != f"{name}.toml":
                 raise InputRefused(f"{name}: the recording calls its experiment so, which is no name of one")
             if body and Path(body).name != body:
                 raise InputRefused(f"its body {body} is named by a path, and only a name is looked up")
-            experiment = load_experiment(file, said.get("--set", ()), drive, body)
+            experiment = load_experiment(file, given.get("--set", ()), drive, body)
             hashes = {fmu.path.name: fmu.sha256 for one in experiment.drives for fmu in fmus(one).values()}
             # through JSON, as what is recorded
             self._facts[known] = experiment_facts(json.loads(json.dumps(named_files(experiment.values))), hashes)
         return self._facts[known]
 
 
-def describe_differences(run: KeptRun, now: ExperimentsNow) -> tuple[dict[str, tuple[str, str]], str]:
-    """The differences of `run`, and why nobody can tell them; one of the two is empty."""
+def describe_differences(run: StoredRun, now: ExperimentsNow) -> tuple[dict[str, tuple[str, str]], str]:
+    """The differences of `run`, and why they cannot be listed; one of the two is empty."""
     if "system" in run.metadata:
         return {}, "a system of FMUs, without an experiment"
     if "experiment" not in run.metadata:
@@ -266,16 +266,16 @@ def describe_differences(run: KeptRun, now: ExperimentsNow) -> tuple[dict[str, t
 
 
 FEW = 4
-"""Differences that are told of a run; `--json` has all of them."""
+"""The most differences in the text of a run; `--json` has all of them."""
 LONG = 40
-"""Characters of a value that are told; a list of way points says nothing in a line."""
+"""Characters of a value in the text; a list of waypoints does not fit in a line."""
 INDENT = " " * 6
 
 Differences = Mapping[str, tuple[str, str]]
 
 
 def runs_text(
-    results: Path, runs: Sequence[KeptRun], differences: Sequence[tuple[Differences, str]], others: Mapping[str, int]
+    results: Path, runs: Sequence[StoredRun], differences: Sequence[tuple[Differences, str]], others: Mapping[str, int]
 ) -> str:
     """How much there is, then run by run, the newest of each experiment first."""
     if not runs:
@@ -290,33 +290,33 @@ def runs_text(
             last = run.experiment
         lines += [*run_lines(run), *difference_lines(found, why)]
     if others:
-        said = ", ".join(f"{name} {size_text(size)}" for name, size in others.items())
-        lines += ["", *wrapped(f"also there: {said}", later=2)]
+        given = ", ".join(f"{name} {size_text(size)}" for name, size in others.items())
+        lines += ["", *wrapped(f"also there: {given}", later=2)]
     return "\n".join(lines)
 
 
-def run_lines(run: KeptRun) -> list[str]:
+def run_lines(run: StoredRun) -> list[str]:
     """When, size, verdict, and the options with which it was made."""
     latest = "  latest" if run.latest else ""
     made = wrapped(shlex.join(run.typed), f"{INDENT}with ", whole=True) if run.typed else []
     return [f"  {run.folder.name:17}  {size_text(run.size):>7}  {verdict(run)}{latest}", *made]
 
 
-def verdict(run: KeptRun) -> str:
+def verdict(run: StoredRun) -> str:
     """What it came to, in a few words."""
     if not run.finished:
         return f"not finished: ends at {run.reached:.3g} s"
-    told = []
+    words = []
     if run.summary.get("trip"):
-        told.append("safety trip")
+        words.append("safety trip")
     elif any(level in ("ERROR", "FATAL") for _, level, _ in _events(run.summary)):
-        told.append("failed")
+        words.append("failed")
     outcome = run.summary.get("outcome")
     if isinstance(outcome, dict):
         peak, error = outcome.get("peak"), outcome.get("force_error")
-        told += [f"{peak:.2f} N at most" if peak > 0.0 else "never touched"] if isinstance(peak, float) else []
-        told += [f"{error:.2f} N rms off"] if isinstance(error, float) else []
-    return ", ".join(told) or "finished"
+        words += [f"{peak:.2f} N at most" if peak > 0.0 else "never touched"] if isinstance(peak, float) else []
+        words += [f"{error:.2f} N rms off"] if isinstance(error, float) else []
+    return ", ".join(words) or "finished"
 
 
 def difference_lines(differences: Differences, why: str) -> list[str]:
@@ -346,7 +346,7 @@ def _events(summary: Mapping[str, Any]) -> list[tuple[Any, Any, Any]]:
 
 
 MANY = 10
-"""So many files that stay are told."""
+"""The most files that stay in the text."""
 
 
 def listed(results: Path, experiments: Sequence[str], say: Say) -> Answer:
@@ -355,7 +355,7 @@ def listed(results: Path, experiments: Sequence[str], say: Say) -> Answer:
     Args:
         results: folder.
         experiments: only runs of these; empty: all, and what else is there.
-        say: told what is being read.
+        say: called with what is being read.
 
     Raises:
         InputRefused: no run is of one of `experiments`.
@@ -389,7 +389,7 @@ def listed(results: Path, experiments: Sequence[str], say: Say) -> Answer:
     return Answer(runs_text(results, runs, found, others), facts)
 
 
-def doomed_runs(results: Path, experiments: Sequence[str], keep: int) -> list[KeptRun]:
+def doomed_runs(results: Path, experiments: Sequence[str], keep: int) -> list[StoredRun]:
     """The runs of each experiment but the newest `keep`, and but the one that its folder means by `latest`.
 
     A run that its user has given a name stays, and does not count.
@@ -408,7 +408,7 @@ def doomed_runs(results: Path, experiments: Sequence[str], keep: int) -> list[Ke
     return doomed
 
 
-def doomed_text(doomed: Sequence[KeptRun]) -> str:
+def doomed_text(doomed: Sequence[StoredRun]) -> str:
     """What would go."""
     lines = [f"{counted(len(doomed), 'run')}, {size_text(sum(run.size for run in doomed))}, would go:"]
     for experiment, runs in groupby(doomed, lambda run: run.experiment):
@@ -416,7 +416,7 @@ def doomed_text(doomed: Sequence[KeptRun]) -> str:
     return "\n".join([*lines, *_staying(doomed)])
 
 
-def removed(doomed: Sequence[KeptRun]) -> str:
+def removed(doomed: Sequence[StoredRun]) -> str:
     """Take the folders of `doomed` away; what has become of them.
 
     Raises:
@@ -436,8 +436,8 @@ def removed(doomed: Sequence[KeptRun]) -> str:
     return f"removed {counted(len(doomed), 'run')}, {size_text(size)}{stays}"
 
 
-def _staying(doomed: Sequence[KeptRun]) -> list[str]:
+def _staying(doomed: Sequence[StoredRun]) -> list[str]:
     """What lies in the folders of `doomed` and is not twin's."""
-    kept = [str(path) for run in doomed for path in run.others]
-    more = [f"  and {len(kept) - MANY} more"] if len(kept) > MANY else []
-    return ["stays, because twin did not write it:", *(f"  {path}" for path in kept[:MANY]), *more] if kept else []
+    left = [str(path) for run in doomed for path in run.others]
+    more = [f"  and {len(left) - MANY} more"] if len(left) > MANY else []
+    return ["stays, because twin did not write it:", *(f"  {path}" for path in left[:MANY]), *more] if left else []
