@@ -94,8 +94,8 @@ def main(release: str | None = None) -> int:
         found = part()
         everything += found
         print("\n".join(line(measurement) for measurement in found), flush=True)
-    told, code = closing(everything)
-    print(told)
+    summary, code = closing(everything)
+    print(summary)
     RESULT.parent.mkdir(exist_ok=True)
     facts = {
         "machine": platform.machine(),

@@ -13,8 +13,8 @@ with connect(sys.argv[1], subprotocols=[Subprotocol("foxglove.sdk.v1")]) as sock
     for data in socket:
         if isinstance(data, bytes):
             messages += data[0] == MESSAGE_DATA
-        elif (told := json.loads(data))["op"] == "advertise":
-            ids = [channel["id"] for channel in told["channels"]]
+        elif (message := json.loads(data))["op"] == "advertise":
+            ids = [channel["id"] for channel in message["channels"]]
             wanted = [{"id": number, "channelId": number} for number in ids]
             socket.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
 print(messages)

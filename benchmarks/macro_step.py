@@ -81,8 +81,8 @@ def fmpy_seconds(plan: DrivePlan) -> float:
         slave.setupExperiment(startTime=0.0)
         slave.enterInitializationMode()
         slave.exitInitializationMode()
-    told = [b.port.name for b in plan.bindings if b.role.causality == "output"]
-    theta_m, omega_m = told.index("theta_m"), told.index("omega_m")
+    names = [b.port.name for b in plan.bindings if b.role.causality == "output"]
+    theta_m, omega_m = names.index("theta_m"), told.index("omega_m")
     y = [slave.getReal(outputs) for slave in slaves]
     for values, start in zip(y, START, strict=True):
         values[theta_m] = start

@@ -36,7 +36,7 @@ FILES: tuple[tuple[str, ...], ...] = (
 """Name, role, type and description of what is carried."""
 
 
-def told_references() -> dict[str, Any]:
+def stated_references() -> dict[str, Any]:
     """What fmus/references.toml tells of each drive; one of which it tells nothing carries no reference files."""
     return tomllib.loads((FMUS / "references.toml").read_text(encoding="utf-8"))
 
@@ -52,12 +52,12 @@ def carry_references(name: str, target: Path) -> None:
     # what the drives are built with needs neither
     from fmpy import read_model_description, simulate_fmu
 
-    told = told_references()[name]
+    stated = stated_references()[name]
     description = read_model_description(str(target), validate=False)
-    set_ = told.get("parameters", {})
+    set_ = stated.get("parameters", {})
     parameters = [(v, set_.get(v.name, v.start)) for v in description.modelVariables if v.causality == "parameter"]
-    inputs = _ramps(told["inputs"])
-    names = told.get("results") or [v.name for v in description.modelVariables if v.causality == "output"]
+    inputs = _ramps(stated["inputs"])
+    names = stated.get("results") or [v.name for v in description.modelVariables if v.causality == "output"]
     done = simulate_fmu(
         str(target), stop_time=STOP, output_interval=STEP, step_size=STEP, input=inputs, output=names,
         start_values={v.name: value for v, value in parameters}, fmi_type="CoSimulation", validate=False,

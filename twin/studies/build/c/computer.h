@@ -25,7 +25,7 @@ extern "C" {
 void computer_defaults(computer_parameters *parameters);
 
 /* A computer before its first step, its time at 0. NULL: with the defaults. What follows from the parameters is worked
- * given here. If one is refused, computer_step will not start. */
+ * out here. If one is refused, computer_step will not start. */
 const char *computer_init(computer *it, const computer_parameters *parameters);
 
 /* Other values of parameters that are marked as tunable, between two steps; if any other differs, none is taken. */
