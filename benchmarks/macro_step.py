@@ -82,7 +82,7 @@ def fmpy_seconds(plan: DrivePlan) -> float:
         slave.enterInitializationMode()
         slave.exitInitializationMode()
     names = [b.port.name for b in plan.bindings if b.role.causality == "output"]
-    theta_m, omega_m = names.index("theta_m"), told.index("omega_m")
+    theta_m, omega_m = names.index("theta_m"), names.index("omega_m")
     y = [slave.getReal(outputs) for slave in slaves]
     for values, start in zip(y, START, strict=True):
         values[theta_m] = start

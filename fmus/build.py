@@ -13,7 +13,7 @@ from builder.compile import TARGETS, TARGETS_FMI3
 from builder.drive import FMUS, drive_names, folder_of, load_drive, part_names
 from builder.modelica import modelica_drive_names, pack_modelica_drive
 from builder.python_slave import pack_python_drive, python_drive_names
-from builder.references import carry_references, told_references
+from builder.references import carry_references, stated_references
 
 
 def main() -> None:
@@ -35,7 +35,7 @@ def main() -> None:
         try:
             if not asked.references:
                 build(name, FMUS / ".build" / name, target)
-            if name in told_references():
+            if name in stated_references():
                 carry_references(name, target)
         except CalledProcessError:
             # the compiler has said where and why
