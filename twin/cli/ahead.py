@@ -1,4 +1,4 @@
-"""What is begun before the command line has been read, which takes as long as half of what a run has to import."""
+"""Work begun before the command line is read: the imports that a run needs."""
 
 import os
 import sys

@@ -1,4 +1,4 @@
-"""The command `twin`: its commands, and what is said of a mistake in a command line."""
+"""The command `twin`: its subcommands and the errors of a command line."""
 
 from collections.abc import Mapping
 from itertools import pairwise

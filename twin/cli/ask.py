@@ -1,4 +1,4 @@
-"""Asks a study and prints its answers. If an FMU crashes meanwhile, the command ends with a sentence."""
+"""The call of a study from a command, and the printing of its answers; a crash of an FMU ends it with a sentence."""
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping

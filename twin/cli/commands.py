@@ -1,4 +1,4 @@
-"""Commands made of studies, see `twin.studies.command`: found by their files, listed without being imported."""
+"""Commands generated from studies, see `twin.studies.command`: found by their files, listed without being imported."""
 
 import inspect
 import re

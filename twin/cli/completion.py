@@ -1,4 +1,4 @@
-"""What the shell offers on TAB. It runs at every TAB: nothing here imports more than TOML files need."""
+"""Shell completion. It runs at every TAB: nothing here imports more than TOML files need."""
 
 import os
 from collections.abc import Iterable

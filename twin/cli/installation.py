@@ -1,4 +1,4 @@
-"""`twin doctor`: what this installation has and lacks, and what to do about it.
+"""`twin doctor`: the state of this installation, and a remedy for each finding.
 
 Packages, compiled code, unpacked FMUs, drives, processes, disk; and what they come to.
 """

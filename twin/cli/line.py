@@ -1,4 +1,4 @@
-"""A command line from beginning to end: answered by its words alone or by Typer, with one message and exit code.
+"""One command line: answered by its words alone or by Typer, with one message and exit code.
 
 What is answered before Typer, which takes longer to import than these answers all take, is kept
 (`twin.kernel.cache_folder`), so that in the end hardly anything is imported.

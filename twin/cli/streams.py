@@ -1,4 +1,4 @@
-"""Standard input, output and error as a command finds them: closed, full, without a reader, or a terminal."""
+"""Standard input, output and error of a command: closed, full, without a reader, or a terminal."""
 
 import contextlib
 import os

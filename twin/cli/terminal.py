@@ -1,4 +1,4 @@
-"""How far a run, a sweep or a check is, and what it compiles, on one line of a terminal that is gone when it is over.
+"""Progress of a run, a sweep, a check or a compilation on one line of a terminal, removed at the end.
 
 And what `twin run` says of a run that is done.
 """

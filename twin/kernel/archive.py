@@ -1,4 +1,4 @@
-"""FMUs and systems of them as files: zip archives, checked for tricks and damage before anything of them is used."""
+"""FMU and SSP archives: zip files, checked for tricks and damage before any content is used."""
 
 import hashlib
 import posixpath

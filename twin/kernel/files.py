@@ -1,4 +1,4 @@
-"""Files as every command reads them: regular ones of bounded size, of the kind that is expected."""
+"""Input files: regular, of bounded size, of the expected kind."""
 
 import json
 import os

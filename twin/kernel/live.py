@@ -1,4 +1,4 @@
-"""Who may connect, and who may tune: decided by the head of the first request, before anything is answered.
+"""Access control of the live server: who may connect and who may tune, decided from the head of the first request.
 
 A browser lets any page open a WebSocket to this machine, and says whose page it is only in Origin; so that header has
 to be looked at here. Host has to be ours because a page may give its own name our address ("DNS rebinding"). A page

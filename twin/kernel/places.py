@@ -1,4 +1,4 @@
-"""Where the experiments, robots, bodies, drives and baselines are that come with this product, and its source."""
+"""Folders of the experiments, robots, bodies, drives and baselines of this package, and its source."""
 
 import contextlib
 import functools

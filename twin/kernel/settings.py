@@ -1,4 +1,4 @@
-"""Settings: what a file may set, each declared once, beside the law that uses it.
+"""Settings: the keys of a TOML table, each declared once beside the law that uses it.
 
     class Damping(Settings):
         gain: float = setting("rad/s/(N m)", ge=0, help="motor speed per torque of the spring")

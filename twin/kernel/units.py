@@ -1,4 +1,4 @@
-"""Units: what they measure and how values become SI; of TOML keys, of columns of logs and of variables of FMUs.
+"""Units: dimensions and conversion to SI, for TOML keys, columns of logs and variables of FMUs.
 
 Both spellings are read: that of a TOML key (`mm_per_s`, `Nm_per_rad`) and that of a table's head (`mm/s`, `N m/rad`,
 `m/s^2`). Factors are exact: SI Brochure, 9th edition, tables 2, 4, 7 and 8; kgf by the standard gravity of CGPM 1901.

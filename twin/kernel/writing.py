@@ -1,4 +1,4 @@
-"""Files as every command writes them: whole or not at all, and what was there before stays until then."""
+"""Output files: written whole or not at all; the previous file stays until then."""
 
 import contextlib
 import json

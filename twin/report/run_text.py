@@ -1,4 +1,4 @@
-"""What a run has to say in text: the outcome first, then what happened, what it was made with, where it is."""
+"""A run as text: the outcome, the events, the provenance, the files."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any

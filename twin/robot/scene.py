@@ -1,4 +1,4 @@
-"""Where every part of the robot is: a frame each, relative to the base frame B.
+"""The pose of every part of the robot: a frame each, relative to the base frame B.
 
     link_i              origin B_i, x along the proximal link to A_i, y along the joint's axis
     rod_i_minus, _plus  origin at A_i, half the parallelogram's width to either side along the axis; x along the rod

@@ -1,4 +1,4 @@
-"""How a study is asked, every question in the same way, and what it says then."""
+"""Questions to a study and its answers, the same for every study."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""A study as a command: one function, whose arguments are those of the command line.
+"""The decorator that makes a command of a study: one function, whose arguments are those of the command line.
 
 The command's name is the function's, or the words that the decorator is given (`@study("drive check")`); its help is
 the docstring up to `Raises:`. A module holds it if it is `twin/studies/NAME.py` or `twin/studies/NAME/study.py`, or one

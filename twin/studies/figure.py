@@ -1,4 +1,4 @@
-"""How pictures look, and how they get to the disk."""
+"""Style and saving of pictures."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager

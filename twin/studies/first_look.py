@@ -1,4 +1,4 @@
-"""Early checks of what a command line names, before a study is loaded, which takes a second or two.
+"""Early checks of the files on a command line, made before a study is loaded, which takes a second or two.
 
 Whatever is refused here the study would refuse, too, in the same sentence. Each function takes the values of a study's
 arguments by name: `experiment` or `experiments`, `drive` or `drives`, `settings`, `body`, `log` or `runs`.

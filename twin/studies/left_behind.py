@@ -1,4 +1,4 @@
-"""Temporary folders and semaphores of studies of many runs, and how those of a killed one are found and removed.
+"""Temporary folders and semaphores of killed studies: found and removed.
 
 A folder's name says what it is for, and its process holds a named pipe in it open: a folder whose pipe has no holder
 was left behind. Semaphores have the name of the folder that they belong to.
@@ -36,7 +36,7 @@ def clear() -> None:
 
 
 def hold(pipe: Path) -> int:
-    """Make the named `pipe`, alone of its kind in its folder, and open it, at both ends: that waits for no other process."""
+    """Make the named `pipe`, alone of its kind in its folder, and open it at both ends, which does not block."""
     os.mkfifo(pipe)
     return os.open(pipe, os.O_RDWR)
 

@@ -1,4 +1,4 @@
-"""Samples as text: 32 bit floats, deflated (RFC 1950), in base 64.
+"""Compact text for samples: 32 bit floats, deflated (RFC 1950), in base 64.
 
 Their bit patterns, taken as integers, are replaced by differences of neighbours, and the bytes of like weight are put
 side by side: neighbours differ in their low bits only, and the whole takes a third of what the floats alone would.

@@ -1,4 +1,4 @@
-"""Pictures for a paper, as SVG or PDF: the width of its columns, its size of letters, its weights of lines."""
+"""Pictures for a paper, as SVG or PDF: column width, font size, line weights."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""What a study found, and how it is laid out: as text of 80 columns, for programs, as Markdown.
+"""The result of a study and its layout: text of 80 columns, JSON, Markdown.
 
 A study computes and returns a `Result`; where columns stand, how many digits they have and how sentences are folded is
 said in its tables and notes, and done here.

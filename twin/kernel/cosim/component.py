@@ -1,4 +1,4 @@
-"""What the master needs to know of a component."""
+"""The component interface of the master."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

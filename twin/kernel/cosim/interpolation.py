@@ -1,4 +1,4 @@
-"""What a held input stands for while time passes: the value at one end of the step, or of a line between both.
+"""Input signals between communication points: held, or interpolated linearly.
 
 A component takes its inputs as constants over a step. Held values that belong to one end of it make an error of order
 one in the step; the value of the middle makes one of order two, because what rises by as much after the middle as

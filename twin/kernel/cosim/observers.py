@@ -1,4 +1,4 @@
-"""A simulation before its observers: stepped slice by slice, and the events that are found in it."""
+"""Observers of a simulation and the events they report, slice by slice."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence

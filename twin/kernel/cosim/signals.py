@@ -1,4 +1,4 @@
-"""Signals that are all known beforehand, as a component."""
+"""A component that plays back known signals."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A system in motion: slices of compiled ticks, and failures turned into sentences.
+"""A running system: slices of compiled ticks, and failures turned into sentences.
 
 Failures of components as sentences.
 """

@@ -1,4 +1,4 @@
-"""A system inside a component: finer steps, components of its own, one place in the outer system.
+"""A subsystem as a component: finer steps and components of its own.
 
 A drive made of several FMUs, or one with a fast loop in front of it, is a system with its own tick that runs a whole
 number of times per outer step. The inner loop is the same compiled master.

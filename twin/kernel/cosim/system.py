@@ -1,4 +1,4 @@
-"""Components joined by wires, checked as a whole before anything runs.
+"""A system: components joined by wires, checked as a whole before the first step.
 
 Wires value by value: which output feeds which input, for code that builds a system or inserts components.
 """

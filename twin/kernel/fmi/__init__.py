@@ -1,4 +1,4 @@
-"""FMUs: the check before loading, the import, the compiled steps. The only importer of fmpy.
+"""FMU import: the check before loading, the instances, the compiled steps. The only importer of fmpy.
 
 Three files know what a motor drive or another part of the robot is: `contract`, `mapping`, `sampled`. All others know
 FMUs alone.

@@ -1,4 +1,4 @@
-"""An FMU as a component: brought to where it can be stepped, whatever kind it is of, and stepped by address.
+"""An FMU of any kind as a component: initialised, brought into step mode, stepped by address.
 
 In a process that was asked to, instances are kept for the next run and reset; else each is made anew. Only for
 drives of which it is known that a run after a reset is that of a new instance, bit for bit.

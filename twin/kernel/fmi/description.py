@@ -1,4 +1,4 @@
-"""Reads an FMU without loading it, and refuses what cannot work before a binary is touched.
+"""Model descriptions of FMUs, read and checked before a binary is loaded.
 
 FMPy reads modelDescription.xml; what it leaves out is filled in here. What an FMU says of its steps, events and clocks
 (FMI 3.0, 2.2.8) is announced, and held to the steps that it is to take.

@@ -1,4 +1,4 @@
-"""Equations of a model-exchange FMU by address: its memory, derivatives, indicators, events, and what goes wrong.
+"""The equations of a model-exchange FMU by address: memory, derivatives, event indicators, events, failures.
 
 Events are inputs that jump, times that the FMU asked for, indicators that change sign, and steps after which it wants
 one (FMI 2.0.4, 3.2.2; FMI 3.0, 3.2).

@@ -1,4 +1,4 @@
-"""Variables of an FMU set and got by address: in groups of one type, or as lines over a step.
+"""Access to FMU variables by address: in groups of one type, or interpolated over a step.
 
 A group holds where its values stand among the component's inputs or outputs, how they are scaled
 (contract value = gain * FMU value + offset), and a buffer of the FMI type.

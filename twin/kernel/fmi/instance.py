@@ -1,4 +1,4 @@
-"""One FMU instance through FMPy: loaded, instantiated, initialised, freed. Nothing here is called while stepping."""
+"""An FMU instance through FMPy: loaded, instantiated, initialised, freed. Nothing here is called while stepping."""
 
 import ctypes
 import os

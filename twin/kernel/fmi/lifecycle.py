@@ -1,4 +1,4 @@
-"""The versions of the FMI, each in its own words: how an FMU is loaded, instantiated and brought into step mode.
+"""The life cycle of an FMU per FMI version: load, instantiate, initialise, step mode.
 
 FMI 1.0 for Co-Simulation, 4.1; FMI 2.0.4, 4.2; FMI 3.0.2, 2.3 and 4.2. FMPy's instances are loaded quickly: what they
 find out about their functions is the same for every one of a kind. Clocks that we have to tick (FMI 3.0, 2.2.8) do so

@@ -1,4 +1,4 @@
-"""What integrates the equations of a model-exchange FMU, by address.
+"""Solvers for the equations of a model-exchange FMU, by address.
 
 CVODE of SUNDIALS, which FMPy brings along: step size and order as the tolerance asks, backward differences with Newton
 iterations and a dense Jacobian by differences, for stiff equations and others (Hindmarsh et al. 2005, ACM Transactions

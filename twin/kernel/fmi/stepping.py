@@ -1,4 +1,4 @@
-"""The ports of an FMU, and the compiled step that fits them: which of three, and the memory that it works on."""
+"""The ports of an FMU and the compiled step that fits them: one of three, with its memory."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Unpacked FMUs: one folder per content, which is what the archive holds whenever it is used.
+"""The folder of unpacked FMUs: one per content, verified against the archive at every use.
 
 A folder has the files of the archive in `fmu`, and in `seal.json` how they were found when they were last compared:
 size, times, inode. What is still found so is not read again."""

@@ -1,4 +1,4 @@
-"""A variable of an FMU as its model description has it: type, unit, values that have names."""
+"""Variables of an FMU as in its model description: type, unit, enumeration."""
 
 import hashlib
 import math

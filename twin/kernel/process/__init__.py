@@ -1,1 +1,1 @@
-"""Isolation: jobs that load foreign binaries run in a supervised process; what kills that process is named."""
+"""Process isolation: jobs that load foreign binaries run in a supervised process; a crash is reported by its cause."""

@@ -1,4 +1,4 @@
-"""Memory that outlives the process which writes it: who was being called or stepped, when, with which inputs.
+"""Shared memory that survives a crash: which call was in progress, when, with which inputs.
 
 A file without a name, open in two processes. The writer maps it and pays a store per value (see
 `twin.kernel.process.reporter.PipeReporter`), so the reader is not woken by what it need not know unless the

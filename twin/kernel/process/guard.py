@@ -1,4 +1,4 @@
-"""Runs a job in a guarded process and answers for how it ends."""
+"""The supervisor of a job in a guarded process: its limits and how it ended."""
 
 import sys
 import time

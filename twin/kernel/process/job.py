@@ -1,4 +1,4 @@
-"""A job: a function that another process calls by its name, its limits, how it ends, and what is left of it then.
+"""Jobs: functions that another process calls by name, their limits and their outcomes.
 
 It is named, because what it imports is loaded there.
 """

@@ -1,4 +1,4 @@
-"""One component's step across two processes: inputs and outputs in shared memory, a word that asks, one that answers.
+"""A component stepped in another process: inputs and outputs in shared memory, one word to ask, one to answer.
 
 The page stands in the black box of the process that has the component, where inputs stand in that of a run: four words
 and the status, a cache line for each side; then t and h, the inputs, the outputs.

@@ -1,4 +1,4 @@
-"""A guarded process seen from outside: orders in, reports out, and its end.
+"""The parent's side of a guarded process: orders, reports, end.
 
 A Python of our own: it finds this package and nothing that happens to lie in the folder where it is started.
 """

@@ -1,4 +1,4 @@
-"""Where runs live: results/<experiment>/<run>/run.mcap, and how to find one again."""
+"""The folders of runs: results/<experiment>/<run>/run.mcap, and the search for one."""
 
 import contextlib
 import os

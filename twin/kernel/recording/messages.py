@@ -1,4 +1,4 @@
-"""Whole series of protobuf messages at once, as numpy records of one stride.
+"""Encoding and decoding of whole series of protobuf messages, as numpy records of one stride.
 
 Every field has a fixed length on the wire (https://protobuf.dev/programming-guides/encoding: double and sfixed64 are 8
 bytes, bool is 1 as it is 0 or 1) and is written even where it is zero. So the messages of a topic have one length, and

@@ -1,4 +1,4 @@
-"""Reading a file that `Writer` wrote, whole, unfinished or damaged.
+"""Recordings read back: whole, unfinished or damaged.
 
 What a recording says of its origin, read without its samples.
 """

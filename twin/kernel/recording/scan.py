@@ -1,4 +1,4 @@
-"""The records of a recording's file, each checked before it is believed.
+"""The records of an MCAP file, each checked before it is used.
 
 A finished file ends in two CRCs which together cover every byte but those of the closing magic. A file whose writer was
 stopped has only the CRC of each chunk; what keeps its other bytes honest is that a chunk that went missing leaves a gap

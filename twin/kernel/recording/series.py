@@ -1,4 +1,4 @@
-"""Chunks taken apart into the series of numbers and the events they hold."""
+"""Series of numbers and events decoded from MCAP chunks."""
 
 from collections import Counter
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""The end of an MCAP file: everything a reader needs to jump into it (https://mcap.dev/spec#summary-section).
+"""The summary section of an MCAP file, the index for readers (https://mcap.dev/spec#summary-section).
 
 Chunks, compressed and unpacked: https://mcap.dev/spec#chunk-op0x06.
 """

@@ -1,4 +1,4 @@
-"""Writing a recording: slices of rows in, an MCAP file of protobuf messages out.
+"""Recordings written: slices of rows in, an MCAP file of protobuf messages out.
 
 The file a recording grows in: `NAME.mcap.partial` until finished, never with half a record at its end.
 

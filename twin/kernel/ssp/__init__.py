@@ -1,1 +1,1 @@
-"""Systems of FMUs as the standard SSP (System Structure and Parameterization 1.0, 2.0) writes them; nothing is run."""
+"""System Structure and Parameterization (SSP 1.0, 2.0): systems of FMUs, read and written, not run."""

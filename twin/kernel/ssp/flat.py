@@ -1,4 +1,4 @@
-"""A system without systems in it: components by their paths, what leads from one to another, what is set."""
+"""A flattened SSP system: components by path, connections, parameter values."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Values of parameters (SSV) and what they are called elsewhere (SSM).
+"""SSP parameter values (SSV) and parameter mappings (SSM).
 
 What files tell of themselves: who made them, and notes of tools that others may pass over. Units, and lines from one
 value to another (SSP 1.0, 4.5.3 and 4.5.4).

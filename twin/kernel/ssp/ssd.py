@@ -1,4 +1,4 @@
-"""The structure of a system (SystemStructure.ssd), read.
+"""The reader of SystemStructure.ssd.
 
 Parameter files, read: values (SSV), and where they go (SSM), of SSP 1.0 and 2.0. https://ssp-standard.org/docs/2.0
 """

@@ -1,4 +1,4 @@
-"""The structure of a system (SSD): its components, and what leads where.
+"""The structure of an SSP system (SSD): components, connectors, connections.
 
 Elements that all files of the standard share (SSC), read; by their names alone, as each name means one thing.
 """

@@ -1,4 +1,4 @@
-"""Structures (SSD) and parameter files (SSV) as SSP 1.0 has them, written; what is written is read back the same."""
+"""The writer of SSP 1.0 structures (SSD) and parameter files (SSV)."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence

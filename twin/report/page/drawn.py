@@ -1,4 +1,4 @@
-"""What a process that waits for pictures to draw does; it imports what draws them before it knows which."""
+"""The process that draws pictures; it imports matplotlib before it knows which."""
 
 import pickle
 from pathlib import Path

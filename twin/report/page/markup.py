@@ -1,4 +1,4 @@
-"""HTML in which nothing that came from a user is taken for markup.
+"""Escaped HTML: no user text is taken for markup.
 
 All samples of a run as one text that a browser turns back into numbers fast.
 """

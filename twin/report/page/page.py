@@ -1,4 +1,4 @@
-"""The page: gathers what a report shows and writes it as one file."""
+"""The report page: its sections gathered and written as one file."""
 
 import json
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What the plots of a report show, one panel under the other: truth beside belief, then the drives; with samples."""
+"""The plots of a report, panel by panel: truth beside belief, then the drives; with samples."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The figure of the paper that fits the runs, as a picture in the page."""
+"""The paper's figure for the runs of a report, as a picture in the page."""
 
 import base64
 import pickle

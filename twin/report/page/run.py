@@ -1,4 +1,4 @@
-"""One run of a report: its recording and what lies beside it."""
+"""One run of a report: its recording and the files beside it."""
 
 import hashlib
 import math

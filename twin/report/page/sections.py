@@ -1,4 +1,4 @@
-"""The sections of the page that are text, tables and a picture."""
+"""The text, tables and picture sections of the page."""
 
 import base64
 import json

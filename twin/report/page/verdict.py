@@ -1,4 +1,4 @@
-"""What a report says first: how it went, in a sentence, and every claim behind it.
+"""The verdict of a report: the outcome in a sentence, and every claim behind it.
 
 One run in the panels and colours that the caption of Fig. 4 names: height, pressing force, F_x and F_y.
 """

@@ -1,4 +1,4 @@
-"""The robot put together: its components in one table, made, joined, and broken where faults say so.
+"""The robot assembled: one table of components, built, wired, with faults inserted.
 
 The robot as one table: its components in the order of a tick, and where each of their inputs comes from.
 

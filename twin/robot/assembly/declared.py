@@ -1,4 +1,4 @@
-"""What the parts of the robot declare: the tables of an experiment, and where its numbers are in their memory."""
+"""The tables that the robot's parts declare, and the place of each number in their memory."""
 
 import math
 from collections.abc import Mapping

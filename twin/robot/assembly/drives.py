@@ -1,4 +1,4 @@
-"""A joint's drive: from its [drive] table to a plan that has passed every check without a binary, and to a component.
+"""A joint's drive: from its [drive] table to a checked plan, and to a component.
 
 The component has the contract's ports, whatever stands behind them; a plan also says how often it is stepped.
 """

@@ -1,4 +1,4 @@
-"""Faults into a system: which component each kind becomes, and between which wires it goes.
+"""Insertion of faults into a system: the component of each kind, and its wires.
 
 What of a fault would do nothing, or cannot be done, is refused.
 """

@@ -1,4 +1,4 @@
-"""Drives in processes of their own: a crash kills none but the drive that caused it, and single-instance FMUs fit.
+"""Drives in processes of their own: a crash ends that drive only, and single-instance FMUs fit.
 
 A step is a question and an answer through shared memory (`page.py`). Only one side works at a time, so all of them
 share one processor: switching between two processes there costs 2.5 microseconds, waking another processor ten times

@@ -1,4 +1,4 @@
-"""How a file, or a recording, becomes an experiment that the robot can carry out.
+"""Experiments loaded from a file or a recording, checked for this robot.
 
 [reference] as the way points that the controller follows.
 

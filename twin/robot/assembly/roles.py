@@ -1,4 +1,4 @@
-"""Parts of the robot that may be third-party: the ports that each has to have, and how one is made.
+"""Third-party parts of the robot: the ports each must have, and their components.
 
 An FMU and a Python class take their place in the same way; downstream only the name shows whether a part is twin's own.
 """

@@ -1,4 +1,4 @@
-"""What every run needs of compiled code; where it is lacking, two processes make it from both ends.
+"""The compiled code that every run needs; where it is missing, two processes make it from both ends.
 
 `python -m twin.robot.assembly.usual` is the second one.
 """

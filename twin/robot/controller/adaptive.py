@@ -1,4 +1,4 @@
-"""What a controller may do besides the law of Fig. 3 B: know the tissue, take gains for it, go along with the breath.
+"""Options beside the law of Fig. 3 B: tissue estimate, scheduled gains, compensation of breathing.
 
 All of it is optional and acts through the law: it sets the gains of the force loop, moves its integral and adds a shift
 to its reference. A controller without it does not know of it.

@@ -1,4 +1,4 @@
-"""The paper's controller (Fig. 3 B-D): its belief of the robot, its estimator, the force-position law, its way points.
+"""The paper's controller (Fig. 3 B-D): robot model, estimator, force-position law, waypoints.
 
 What the controller believes of the robot: its own model, not the plant's parameters.
 

@@ -1,4 +1,4 @@
-"""An energy tank behind the controller: what the robot gives to whatever it touches comes out of a store of known size.
+"""An energy tank behind the controller: the energy given to the environment comes from a store of known size.
 
 The observer adds up F_ee.dp as the estimator feels it (Hannaford and Ryu 2002), at every force: below a threshold a
 light stroke would get what it likes. That is the energy given, what moves, and what the joints' own friction takes; the

@@ -1,4 +1,4 @@
-"""The machine of phases: the paths of its reference, the walk through a table of phases, taps that learn.
+"""The state machine of phases: reference paths, phase transitions, taps that learn.
 
 How the reference of a phase moves: straight lines with smooth ends, circles that are spiralled into and out of.
 

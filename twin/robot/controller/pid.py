@@ -1,4 +1,4 @@
-"""The loops of the robot's computer and before its drives, with their settings, filters, damping and feed-forward.
+"""PID loops of the robot's computer and of its servos, with settings, filters, damping and feed-forward.
 
 What the robot's computer is besides its loops: period, delays, the largest command, what it knows of the robot.
 

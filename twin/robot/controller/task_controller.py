@@ -1,4 +1,4 @@
-"""The controller that carries out tasks: the machine of phases in front of the force-position law of Fig. 3 B.
+"""The task controller: the state machine of phases in front of the force-position law of Fig. 3 B.
 
 As `controller.py`, with four differences: the reference is a machine that feels its way (`machine.py`), velocity and
 the deflection of the springs are fed forward, oscillations of the platform on its springs are damped, and the force

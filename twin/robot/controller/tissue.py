@@ -1,4 +1,4 @@
-"""How stiff the tissue under the head is, found while pressing: recursive least squares with exponential forgetting.
+"""Tissue stiffness estimated while pressing: recursive least squares with exponential forgetting.
 
 Force and height while pressing are F = k (p_0 - z) - c dz/dt, with p_0 the height of a surface that is not known
 of and that breathes. Both pass the same band-pass, which leaves nothing of p_0, for breath is slow; what is left obeys

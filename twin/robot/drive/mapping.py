@@ -1,4 +1,4 @@
-"""Which variable of a foreign drive plays which role, and how its values become the contract's.
+"""The mapping of a third-party drive: which variable plays which role, with units and signs.
 
 What the user maps is taken as said, if it can be right; what is left is proposed from names, units, causality and
 descriptions, and only if there is one answer. Otherwise the error is the TOML to paste. Between the parts of a drive

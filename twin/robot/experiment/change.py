@@ -1,4 +1,4 @@
-"""[[change]]: a number of the controller that is another from some time on, such as a step of the force reference."""
+"""[[change]]: scheduled changes of controller parameters, such as a step of the force reference."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Files that an experiment is, or names: experiments, bodies, drives, third-party parts.
+"""The files that an experiment names: experiments, bodies, drives, third-party parts.
 
 Experiments that come with twin, and the file that is meant by a name or a path.
 

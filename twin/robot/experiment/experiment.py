@@ -1,4 +1,4 @@
-"""An experiment: its tables, each of them checked by itself, and what they come to.
+"""An experiment: its checked tables and the quantities derived from them.
 
 SI inside. And the same experiment with one thing changed, SI: what studies of the twin itself are made of.
 

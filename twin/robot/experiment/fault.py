@@ -1,4 +1,4 @@
-"""[[fault]]: the kinds of faults that there are, and those of an experiment.
+"""[[fault]]: the kinds of faults, and the faults of an experiment.
 
 Every kind of fault by name. `docs/faults_reference.md` shows it as a table, with the mechanisms.
 

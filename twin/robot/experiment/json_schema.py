@@ -1,4 +1,4 @@
-"""What an experiment may say: as JSON Schema for editors, as a commented file for people.
+"""The JSON Schema of experiment files for editors, and a commented file for people.
 
 The experiment file as JSON Schema (draft 2020-12), for editors that complete and check TOML.
 

@@ -1,4 +1,4 @@
-"""[[measure]]: what is measured of an experiment and held against what it was, and what a run is required to do.
+"""[[measure]]: regression measures and requirements of an experiment.
 
 A requirement is a formula of signal temporal logic (Maler and Nickovic 2004).
 

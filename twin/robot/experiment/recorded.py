@@ -1,4 +1,4 @@
-"""What a recording says of its experiment.
+"""The experiment stored in a recording.
 
 A new experiment file and its schema, written.
 

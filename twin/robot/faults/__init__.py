@@ -1,1 +1,1 @@
-"""What breaks, as components: in wires, behind drives, before parameters. Knows no other part and no experiment."""
+"""Faults as components: in wires, behind drives, before parameters. Knows no other part and no experiment."""

@@ -1,1 +1,1 @@
-"""A run that can be watched and tuned while it goes on, from Lichtblick or Foxglove (https://foxglove.dev)."""
+"""Live runs, watched and tuned from Lichtblick or Foxglove (https://foxglove.dev)."""

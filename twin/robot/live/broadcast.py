@@ -1,4 +1,4 @@
-"""One run on the air: an event loop in a thread of its own, to which viewers are connected."""
+"""The broadcast of one run: an event loop in a thread of its own, to which viewers connect."""
 
 import asyncio
 import logging

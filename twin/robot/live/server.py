@@ -1,4 +1,4 @@
-"""The server that runs are watched through: Foxglove's WebSocket protocol on this machine's own address."""
+"""The live server: Foxglove's WebSocket protocol on this machine's own address."""
 
 import socket
 import threading

@@ -1,4 +1,4 @@
-"""Kinematics, Eq. 7-17: joint angles and platform position, the Jacobian between their rates, and where it is singular.
+"""Kinematics, Eq. 7-17: joint angles, platform position, Jacobian, singularities.
 
 Where the robot loses a motion or a force, measured from its Jacobian without units.
 

@@ -1,4 +1,4 @@
-"""A leg at a pose without trigonometry: its knee as a point, Eq. 7 solved for that instead of for the angle.
+"""A leg without trigonometry: Eq. 7 solved for the knee as a point instead of for the angle.
 
 In the leg's own frame (outward, sideways, up from B_i) the platform joint P_i is at (u, w, z) and the knee A_i at
 (k_r, 0, k_z) = l_a (cos theta, 0, -sin theta). |A_iP_i| = l_b (Eq. 7) and |B_iA_i| = l_a give

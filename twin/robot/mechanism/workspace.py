@@ -1,4 +1,4 @@
-"""Where the robot can work: reach per leg, height range over a point, conditioning.
+"""The workspace: reach per leg, height range over a point, conditioning.
 
 What limits a delta besides its reach: how far its ball joints bend, and its rods and links that meet.
 

@@ -1,4 +1,4 @@
-"""What is compared with the limits: one measured value per reason, all by one rule.
+"""The limits of the safety monitor: one measured value per reason, all compared by one rule.
 
 A check's share is (value - rest) / (limit - rest), rest being the value at which nothing of the limit is used; it trips
 at 1. Checks that count time or look at one raw sample are debounced or not as docs/safety.md argues for each.

@@ -1,4 +1,4 @@
-"""What the monitor sees: its own belief of the robot, and what that makes of an encoder message.
+"""Quantities that the monitor computes from encoder messages with its own model of the robot.
 
 What the monitor believes of the robot: its own record, so that the controller's wrong model is not also its own.
 

@@ -1,4 +1,4 @@
-"""The plant as a co-simulation component, as equations for Python, and where it rests.
+"""The plant as a co-simulation component, as equations for Python, and its rest position.
 
 The step is classical Runge-Kutta over a tick, friction settled after each step.
 

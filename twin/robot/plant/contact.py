@@ -1,4 +1,4 @@
-"""What acts where: the contact of the platform with a surface, and the friction and stops of its joints.
+"""Forces on the plant: contact of the platform with a surface, friction and stops of the joints.
 
 The shape of what the robot presses on: depth, normal and tangents at a point.
 

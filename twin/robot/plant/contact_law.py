@@ -1,4 +1,4 @@
-"""What the robot presses on, [contact]: how its surface moves, and what it answers to being pressed in.
+"""Contact laws of [contact]: the motion of the surface and its reaction to indentation.
 
 A body that moves under the robot: breathing and shifts, as displacement and velocity of its surface.
 

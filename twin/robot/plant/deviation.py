@@ -1,4 +1,4 @@
-"""How far force and position are from what they should be over a block of rows, added up by compiled code."""
+"""Force and position errors over a block of rows, accumulated by compiled code."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""What is measured of the plant: the counts of its encoders, and the display of the scale under it.
+"""Measurements of the plant: encoder counts and the display of the scale.
 
 The encoders: angles become counts, and that is all a controller ever gets.
 

@@ -1,4 +1,4 @@
-"""What a run came to in a few numbers of what is true, summed up as it goes: nothing is read again."""
+"""The outcome of a run: a few numbers of the true state, accumulated while it runs."""
 
 import math
 from collections.abc import Sequence

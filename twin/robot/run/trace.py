@@ -1,4 +1,4 @@
-"""The topics of a run, and a run in memory: all of its rows or every n-th, all of its signals or some."""
+"""A run in memory: its topics, all or every n-th of its rows, all or some of its signals."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""Viewers of a run in progress: what a run asks of one."""
+"""Viewers of a running simulation: the interface that a run calls."""
 
 import math
 import time

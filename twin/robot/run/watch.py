@@ -1,4 +1,4 @@
-"""What happens in a run, for the time line: triggers, phases of tasks, trips, faults, messages of FMUs.
+"""The events of a run: triggers, phases of tasks, trips, faults, messages of FMUs.
 
 What a run takes in time and on the disk, before it begins.
 """

@@ -1,1 +1,1 @@
-"""Parts of the robot built for other people's masters."""
+"""Export of robot parts as FMUs, SSP archives and C."""

@@ -1,4 +1,4 @@
-"""The drives of an experiment on their way to other masters: FMUs as they came, and what of ours stands around them.
+"""The drives of an experiment for export: their FMUs as delivered, and adapters of ours around them.
 
 The master of a system of FMUs makes one step of all of them in each tick; a drive travels if that is all it needs.
 

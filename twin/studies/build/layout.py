@@ -1,4 +1,4 @@
-"""A part laid out for C: the values that FMI sees, inputs and outputs of its components, one block of memory.
+"""The memory layout of an exported part: FMI variables, inputs and outputs of its components, one block.
 
 A layout as C: what `part.h` declares.
 """

@@ -1,4 +1,4 @@
-"""C and object files to libraries of a platform.
+"""Platform libraries linked from C and object files.
 
 For the machine on which it is built any C compiler will do, for others that of the package ziglang, which brings the
 headers and libraries of all of them.

@@ -1,4 +1,4 @@
-"""Which numbers of an experiment's file stay open in what is built, and where its components keep them.
+"""Parameters that stay open in an exported part, and their place in its components' memory.
 
 A number has a place in the memory of a component, which is its SI value, or that divided or multiplied by a constant:
 so all that is derived of it is derived again when it is put there. What is not in these tables is fixed: it decides how

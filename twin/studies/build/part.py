@@ -1,4 +1,4 @@
-"""A part of the robot: its components, what joins them, and what comes in from outside."""
+"""An exported part of the robot: components, inner wires, outer inputs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The robot of an experiment as the structure of an SSP: its parts, the drives, and what leads where.
+"""The SSP structure of an experiment's robot: parts, drives, connections.
 
 What parts of ours and FMUs of others have in common in an SSP: units by their names, and where values come from.
 """

@@ -1,4 +1,4 @@
-"""`twin build`: parts of the robot for other people's masters."""
+"""`twin build`: parts of the robot as FMUs, SSP archives and C."""
 
 from collections.abc import Sequence
 from enum import StrEnum

@@ -1,4 +1,4 @@
-"""The whole robot of an experiment as an SSP archive, for masters that read such.
+"""The whole robot of an experiment as an SSP archive.
 
 What an SSP archive of a robot says of itself to people.
 """
@@ -29,8 +29,8 @@ from twin.studies.build.linking import Platform, platforms_named, refuse_platfor
 from twin.studies.build.parameters import fixed, parameters
 from twin.studies.build.part import RobotPart, part_of
 from twin.studies.build.structure import (
-    Member,
     ConnectorUnit,
+    Member,
     defined,
     foreign_connectors,
     foreign_values,

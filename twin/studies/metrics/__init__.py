@@ -1,1 +1,1 @@
-"""Numbers from curves: arrays in, numbers out."""
+"""Metrics: arrays in, numbers out."""

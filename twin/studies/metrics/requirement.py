@@ -1,4 +1,4 @@
-"""How far a run is from violating a formula: quantitative semantics of signal temporal logic at tick 0.
+"""Robustness of a run against a formula of signal temporal logic at tick 0 (quantitative semantics).
 
 A comparison's distance is the larger side minus the smaller one, `not` turns it round, `and` and `always` take the
 smallest, `or` and `eventually` the largest (Fainekos and Pappas 2009; Donze and Maler 2010). A window that reaches

@@ -1,4 +1,4 @@
-"""Numbers of a signal: its answer to a step, tracking errors, oscillation, path, effort.
+"""Metrics of a signal: step response, tracking error, oscillation, path, effort.
 
 The answer to a step: how soon, how far beyond, how close in the end. Definitions, for y from its value y_0 before the
 step to its final value y_inf, share = (y - y_0) / (y_inf - y_0): delay and rise times run between first crossings of

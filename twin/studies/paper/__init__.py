@@ -1,1 +1,1 @@
-"""What the paper claims, as data with quotes, and how each claim is measured."""
+"""The paper's claims as data with quotes, and the measure of each."""

@@ -1,4 +1,4 @@
-"""A claim of the paper: a quote, a number to measure, and bounds with their source."""
+"""A claim of the paper: a quote, a measure, and bounds with their source."""
 
 import math
 from collections.abc import Callable

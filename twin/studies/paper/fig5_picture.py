@@ -1,4 +1,4 @@
-"""Fig. 5 A-D as one picture: the way of each task in space, in the plane or over time, and its force."""
+"""Fig. 5 A-D as one picture: the path of each task in space, in the plane or over time, and its force."""
 
 import math
 from collections.abc import Callable

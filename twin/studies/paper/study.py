@@ -1,4 +1,4 @@
-"""Claims of the paper, from recordings to files: picture, facts."""
+"""The claims of the paper judged from recordings: picture and facts."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Claims beside what was measured, as text of at most 80 columns: the verdict first."""
+"""Claims beside measured values, as text of at most 80 columns: the verdict first."""
 
 from collections.abc import Iterable, Mapping, Sequence
 

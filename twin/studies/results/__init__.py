@@ -1,1 +1,1 @@
-"""What lies in results/: when, which experiment, what differs from its file as it is now, and what may go."""
+"""Stored runs: when, which experiment, differences from its file as it is now, and what may be removed."""

@@ -1,4 +1,4 @@
-"""The runs that a folder of results keeps.
+"""The runs in a folder of results.
 
 What experiments are by now, beside what they were when they ran.
 """

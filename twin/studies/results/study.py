@@ -1,4 +1,4 @@
-"""`twin runs`: what lies in results/, and what of it may go."""
+"""`twin runs`: the stored runs, and those that may be removed."""
 
 import sys
 from collections.abc import Iterator, Sequence

@@ -1,4 +1,4 @@
-"""SWEEP.toml: which experiment, which keys of it vary and how, on which drives. Checked as one file."""
+"""SWEEP.toml: the experiment, the keys that vary, the drives. Checked as one file."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What one run of a sweep says to the paper's Fig. 4, together with its companion that has no force control."""
+"""Judgement of a sweep's run by the paper's Fig. 4, together with a companion run without force control."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""A sweep's folder: what it is of, its rows, its recordings, whether it may go on; its rows as Apache Parquet."""
+"""The folder of a sweep: definition, rows, recordings, Parquet; whether it may be continued."""
 
 import os
 from collections.abc import Callable

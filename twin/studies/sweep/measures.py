@@ -1,4 +1,4 @@
-"""The numbers that a sweep keeps of a run: measures of what is true, with units in their names."""
+"""The measures of a sweep's run: numbers of the true state, with units in their names."""
 
 import math
 from collections.abc import Sequence

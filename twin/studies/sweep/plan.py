@@ -1,4 +1,4 @@
-"""A design made into runs: points, then every run with its key, checked as far as that goes without running it."""
+"""The plan of a sweep: the points of its design, and every run with its key, checked without running it."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""Engines, which run the runs of a sweep, and that of this machine: a thread per warm worker process; and Ctrl-C."""
+"""Engines of a sweep, and the local one: a thread per warm worker process; Ctrl-C."""
 
 import json
 import os

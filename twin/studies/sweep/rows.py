@@ -1,4 +1,4 @@
-"""The rows of a sweep: JSON lines on the disk, only ever appended to, and columns, on which statistics are made."""
+"""The rows of a sweep: JSON lines on disk, only appended to, and columns for statistics."""
 
 import json
 import os

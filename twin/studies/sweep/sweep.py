@@ -1,4 +1,4 @@
-"""A sweep run: what is not finished yet is run, every row is kept as it comes; and how far it is."""
+"""A sweep in progress: missing runs are made, every row is stored as it comes."""
 
 import time
 from collections.abc import Callable

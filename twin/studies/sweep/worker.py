@@ -1,4 +1,4 @@
-"""One run of a sweep, and the job of a worker process: runs one after the other for as long as orders come."""
+"""One run of a sweep, and the job of a worker process: runs until no more orders come."""
 
 import contextlib
 import gc

@@ -1,1 +1,1 @@
-"""Systems of other people's FMUs (SSP), without a robot, in the master of the twin."""
+"""SSP systems of third-party FMUs, without a robot, in twin's master."""

@@ -1,4 +1,4 @@
-"""A system of an SSP archive made ready: FMUs checked, connections and values in their units; nothing is loaded.
+"""The plan of an SSP system: FMUs checked, connections and values converted; nothing is loaded.
 
 Variables of FMUs as ports of components.
 

@@ -1,4 +1,4 @@
-"""An SSP archive in, a recording out.
+"""The run of an SSP archive: recording, text and facts.
 
 A topic for each component of a system: its outputs, elements of an array as one signal again.
 """

@@ -1,4 +1,4 @@
-"""`twin cosim`: systems of anybody's FMUs, without a robot."""
+"""`twin cosim`: SSP systems of third-party FMUs, without a robot."""
 
 import math
 from enum import StrEnum

@@ -1,4 +1,4 @@
-"""From a recording or a log to one file of another format, or a bag of ROS 2: which signals, and where to."""
+"""Export of a recording or log to one file of another format, or to a ROS 2 bag."""
 
 import os
 import re

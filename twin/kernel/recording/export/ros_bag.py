@@ -1,4 +1,4 @@
-"""A recording as a bag of ROS 2: MCAP with CDR, metadata.yaml, and the column map that reads it back.
+"""Export of a recording as a ROS 2 bag: MCAP with CDR, metadata.yaml, and the column map that reads it back.
 
 Messages are standard ones, so that every installation can show and play them: positions are PoseStamped, velocities
 TwistStamped, forces WrenchStamped, what turns JointState, anything else Float64MultiArray. The definitions:

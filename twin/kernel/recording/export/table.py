@@ -1,4 +1,4 @@
-"""Signals of several rates on one time base, and tables of them as files of other tools.
+"""Resampling of signals of several rates onto one time base, and tables for other tools.
 
 CSV (RFC 4180, but lines end with a line feed), Apache Parquet, MATLAB (level 5).
 """

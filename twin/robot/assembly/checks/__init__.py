@@ -1,1 +1,1 @@
-"""Whether the robot can do what an experiment says: its tables against its geometry, its encoders and its body."""
+"""Feasibility of an experiment: its tables against the robot's geometry, encoders and body."""

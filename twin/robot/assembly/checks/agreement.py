@@ -1,4 +1,4 @@
-"""Whether the tables of an experiment agree with one another and with the robot.
+"""Consistency of the tables of an experiment with one another and with the robot.
 
 The contradictions among the limits of [monitor], and between them and the robot.
 

@@ -1,4 +1,4 @@
-"""Whether the robot can do what reference and tasks ask of it: reach, room, speed, force.
+"""Feasibility of reference and tasks: reach, room, speed, force.
 
 Whether the robot gets wherever the reference leads it.
 

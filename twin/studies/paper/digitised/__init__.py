@@ -1,4 +1,4 @@
-"""A place for digitised figures of the paper: CSV curves with provenance in their head, see README.md here.
+"""Digitised figures of the paper: CSV curves with provenance in their head, see README.md here.
 
 There are none: no figure has been digitised yet, and none is made up.
 """

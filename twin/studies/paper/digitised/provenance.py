@@ -1,4 +1,4 @@
-"""Where a digitised curve comes from and how far it can be trusted: the head of its file, checked."""
+"""The provenance of a digitised curve: the head of its file, checked."""
 
 import datetime
 from collections.abc import Iterator

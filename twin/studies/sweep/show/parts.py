@@ -1,4 +1,4 @@
-"""What is said about a sweep, answer first: its parts, each a table with sentences, and all of them as text."""
+"""The report of a sweep, answer first: tables with sentences, and all of them as text."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The pictures of a sweep, each where there is something to draw."""
+"""The pictures of a sweep."""
 
 import math
 from collections.abc import Sequence

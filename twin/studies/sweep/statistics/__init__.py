@@ -1,4 +1,4 @@
-"""What the rows of a sweep have to say: best runs, what matters, what trades off, which drive is best, what holds."""
+"""Statistics of a sweep: best runs, sensitivities, trade-offs, ranking of drives, share within limits."""
 
 from twin.studies.sweep.statistics.ranking import USUAL_METRICS, best, usual_metric, value
 

@@ -1,4 +1,4 @@
-"""Which runs and drives are best, worst or on the Pareto front, and how a metric is distributed."""
+"""Ranking of runs and drives: best, worst, Pareto front, distribution of a metric."""
 
 import math
 from collections.abc import Iterator, Sequence

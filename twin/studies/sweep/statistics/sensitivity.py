@@ -1,4 +1,4 @@
-"""Which parameters matter: rank correlations, and Sobol indices where the design allows them."""
+"""Sensitivity to parameters: rank correlations, and Sobol indices where the design allows them."""
 
 import math
 from collections.abc import Sequence
