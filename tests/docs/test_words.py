@@ -92,3 +92,56 @@ def test_a_private_word_in_prose_is_noticed_and_one_that_a_program_prints_is_not
     page = tmp_path / "page.md"
     page.write_text("It is Told.\n```text\nnobody\n```\n")
     assert [line for line in prose(page) if PRIVATE.search(line)] == ["It is Told."]
+
+
+NO_WORD = re.compile(r"(?<![a-z])(told|whoever|nobody|of another make)(?![a-z])", re.IGNORECASE)
+"""In no name, docstring, comment or message of the program; an underscore separates words."""
+
+NO_NAME = re.compile(r"(^|_)(kept|said|what_is)(_|$)", re.IGNORECASE)
+"""In no name: participles and a question name no value."""
+
+
+def names(tree: ast.AST) -> Iterator[str]:
+    """What a module gives a name to: functions, classes, arguments, variables, attributes."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            yield node.name
+        elif isinstance(node, ast.arg):
+            yield node.arg
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            yield node.id
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            yield node.attr
+        elif isinstance(node, ast.alias) and node.asname:
+            yield node.asname
+
+
+def test_the_program_uses_the_words_of_the_field(root: Path):
+    files = [
+        path
+        for folder in ("twin", "fmus", "experiments", "examples", "benchmarks")
+        for suffix in ("py", "c", "h", "js", "css", "toml", "md")
+        for path in (root / folder).rglob(f"*.{suffix}")
+    ]
+    found = [
+        f"{path.relative_to(root)}:{number}: {line.strip()}"
+        for path in files
+        for number, line in enumerate(path.read_text().splitlines(), start=1)
+        if NO_WORD.search(line)
+    ]
+    assert len(files) > 300
+    assert not found
+
+
+def test_names_are_nouns_and_verbs_of_the_field(root: Path):
+    assert not [f"{module}: {name}" for module, tree in modules(root) for name in names(tree) if NO_NAME.search(name)]
+
+
+def test_a_private_word_in_a_name_or_a_message_is_noticed():
+    assert all(map(NO_WORD.search, ("told", "as_told", "NOBODY", "Told of", "nobody's", "whoever asks")))
+    assert not any(map(NO_WORD.search, ("extolled", "retold", "unit")))
+    tree = ast.parse(
+        "class Kept: ...\nkept_rows = 1\ndef said(what_is): self._kept = 2\nfrom a import b as said\nup = 1"
+    )
+    assert [name for name in names(tree) if not NO_NAME.search(name)] == ["up"]
+    assert {name for name in names(tree) if NO_NAME.search(name)} == {"Kept", "kept_rows", "said", "what_is", "_kept"}

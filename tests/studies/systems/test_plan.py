@@ -64,7 +64,7 @@ BAD: dict[str, tuple[str, Change | None, str]] = {
         "the connection from a.theta_m to b.omega_ref: from 'rad' to 'rad/s', which do not measure the same",
     ),
     "an unknown unit": (
-        ssd(wires=(connection("a.omega_m", "b.tau_load"),)), STRANGE, "nobody says what the unit 'furlong' is",
+        ssd(wires=(connection("a.omega_m", "b.tau_load"),)), STRANGE, "the unit 'furlong' is not defined",
     ),
     "units at odds": (
         ssd(A, component("b", "a.fmu", [connector("omega_ref", "input", "rpm")]), wires=(SPEED,)), None,
@@ -76,10 +76,10 @@ BAD: dict[str, tuple[str, Change | None, str]] = {
     ),
     "real into whole": (ssd(wires=(connection("a.omega_m", "b.tau_load"),)), WHOLE, "a Real into a Integer; expected"),
     "two writers": (ssd(wires=(SPEED, SPEED)), None, "b.omega_ref is fed by two connections"),
-    "no start value": (ssd(), NO_START, "input a.tau_load is fed by nobody and has no start value; connect it"),
+    "no start value": (ssd(), NO_START, "input a.tau_load has no source and no start value; connect it"),
     "a second instance": (ssd(), ONCE, "x.ssp: a.fmu: can be instantiated only once in a process"),
     "no such value": (ssd(bound=values("a.omega_ref=1 N.m")), None, "from 'N.m' to 'rad/s', which do not measure"),
-    "a unit of a value": (ssd(bound=values("a.omega_ref=1 furlong")), None, "nobody says what the unit 'furlong' is"),
+    "a unit of a value": (ssd(bound=values("a.omega_ref=1 furlong")), None, "the unit 'furlong' is not defined"),
     "no step": (ssd(A), STEPLESS, "neither the structure nor an FMU says how long a step is; say --tick-ms"),
     "no stop": (ssd(stop=None), None, "says nothing of how long to run (DefaultExperiment); say --stop-s"),
     "no whole step": (ssd(stop=0.0105), None, "0.0105 s are no whole number of steps of 1 ms"),
@@ -172,7 +172,7 @@ def test_a_way_on_which_nothing_happens_changes_no_bit(value: float):
     ("start", "line", "end", "told"),
     [
         ("m", Transformation(), "s", "from 'm' to 's', which do not measure the same"),
-        ("m", Transformation(), "ell", "nobody says what the unit 'ell' is"),
+        ("m", Transformation(), "ell", "the unit 'ell' is not defined"),
         ("m", Transformation(0.0), "m", "the factor 0"),
         ("m", Transformation(5e-324), "m", "more or less than a number can hold"),
         ("m", Transformation(1e-300, 1e300), "m", "more or less than a number can hold"),

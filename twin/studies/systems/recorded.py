@@ -214,7 +214,7 @@ def system_result(came: Mapping[str, Any]) -> Result:
     """For people, at most 80 columns but for paths; for programs what `facts` gave."""
     when = "the end of the last step" if came["scheme"] == "jacobi" else "the last step, leading back in the order"
     unfed = [f"{name} = {value:g}" if isinstance(value, float) else f"{name} = {value}"
-            for name, value in came["kept"].items()]  # fmt: skip
+            for name, value in came["not_fed"].items()]  # fmt: skip
     ignored, more = f"values that get to no variable: {_some(came['ignored'])}", len(came["events"]) - MOST_EVENTS
     late = f"{counted(len(came['late']), 'connection')} with values of {when}: {_some(came['late'])}"
     parts = [

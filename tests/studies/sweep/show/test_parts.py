@@ -47,9 +47,9 @@ def test_drives_that_cannot_be_told_apart_are_said_to_be():
     rng = np.random.default_rng(0)
     rows = [row(n + 1, {"k": float(n // 2)}, "ab"[n % 2], **metrics(rng.normal(5.0))) for n in range(40)]
     (part,) = (part for part in parts(kept(rows), ASKED) if part.key == "drives")
-    assert any(remark.startswith("not told apart from") for remark in part.remarks)
+    assert any(remark.startswith("not distinguished from") for remark in part.remarks)
     (part,) = (part for part in parts(kept(rows_of_drives()), ASKED) if part.key == "drives")
-    assert part.rows[0][0] == "one" and not any("not told apart" in remark for remark in part.remarks)
+    assert part.rows[0][0] == "one" and not any("not distinguished" in remark for remark in part.remarks)
 
 
 def test_each_drive_has_correlations_of_its_own_and_few_runs_are_warned_of():
