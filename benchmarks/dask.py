@@ -10,7 +10,7 @@ from statistics import median
 from benchmarks.measurement import Measurement
 from twin.kernel.process.job import JobLimits
 from twin.studies.sweep.definition import short_definition
-from twin.studies.sweep.plan import Plan, plan_of
+from twin.studies.sweep.plan import SweepPlan, plan_of
 from twin.studies.sweep.pool import Engine, Job, Pool
 
 WARM_UP = 10
@@ -50,7 +50,7 @@ def measurements(path: Path) -> list[Measurement]:
     ]
 
 
-def overhead(engine: Engine, job: Job, plan: Plan) -> float:
+def overhead(engine: Engine, job: Job, plan: SweepPlan) -> float:
     """Wall time per run of one warm process, but for the run itself (s)."""
     done, began, inside, first = 0, 0.0, 0.0, 0
     for results in engine.results(job, plan.tasks):

@@ -30,7 +30,7 @@ from twin.studies.sweep.folder import FACTS
 from twin.studies.sweep.measures import METRICS, RunFinding, failure
 from twin.studies.sweep.plan import plan_of
 from twin.studies.sweep.pool import Job, Pool
-from twin.studies.sweep.rows import ROWS, Rows
+from twin.studies.sweep.rows import ROWS, RowFile
 
 ROOT = Path(__file__).parents[1]
 EXPERIMENT = ROOT / "experiments" / "fig4_force_position.toml"
@@ -105,7 +105,7 @@ def made_up(folder: Path, runs: int) -> None:
     facts = {"sweep": "made_up", "runs": runs, "design": "random", "drives": [], "labels": labels, "metrics": metrics}
     write_json(made_folder(folder) / FACTS, facts | {"limits": {}, "configuration": {}})
     rng = np.random.default_rng(0)
-    with Rows(folder / ROWS) as rows:
+    with RowFile(folder / ROWS) as rows:
         for first in range(1, runs + 1, 10_000):
             numbers = rng.normal(5.0, 1.0, (min(10_000, runs + 1 - first), len(labels) + len(metrics))).tolist()
             batch = []

@@ -10,7 +10,7 @@ from pathlib import Path
 from benchmarks.measurement import Measurement
 from twin.kernel.process.job import JobLimits
 from twin.studies.sweep.definition import short_definition
-from twin.studies.sweep.plan import Plan, Task, plan_of
+from twin.studies.sweep.plan import SweepPlan, Task, plan_of
 from twin.studies.sweep.pool import Job, Pool, WorkerProcess
 
 WARM_UP = 5
@@ -43,7 +43,7 @@ def measurements(path: Path) -> list[Measurement]:
     ]
 
 
-def warm_run(job: Job, plan: Plan, processes: int) -> tuple[float, float]:
+def warm_run(job: Job, plan: SweepPlan, processes: int) -> tuple[float, float]:
     """(wall time between two runs, wall time of stepping in each) of warm processes (s)."""
     tasks = plan.tasks[: processes * (RUNS + WARM_UP)]
     done, began, first = 0, 0.0, 0

@@ -25,7 +25,7 @@ from twin.cli import terminal as display
 from twin.cli import terminal as progress
 from twin.cli.ask import ask
 from twin.cli.streams import Harmless
-from twin.cli.terminal import PIECES, Bar, Display, PlainLine, Progress, program
+from twin.cli.terminal import PIECES, Bar, PlainLine, PlainProgress, TerminalDisplay, program
 from twin.cli.terminal import compiling as compiling_text
 from twin.studies.check.study import check
 from twin.studies.command import JobIsolation
@@ -90,7 +90,7 @@ def test_what_was_counted_before_says_nothing_of_how_long_the_rest_takes(monkeyp
 
 @pytest.mark.parametrize("line", [Bar, PlainLine])
 def test_checks_are_counted_on_a_line_that_is_gone_in_the_end(
-    line: type[Progress], root: Path, monkeypatch: pytest.MonkeyPatch
+    line: type[PlainProgress], root: Path, monkeypatch: pytest.MonkeyPatch
 ):
     seen = Terminal()
     monkeypatch.setattr("sys.stderr", seen)
@@ -118,7 +118,7 @@ def test_without_a_terminal_a_line_a_minute_says_how_far_a_long_run_is(
 ):
     now = 0.0
     monkeypatch.setattr(progress.time, "monotonic", lambda: now)
-    line = Progress()
+    line = PlainProgress()
     line.begin("fig4", 20.0)
     for now in (1.0, 31.0, 91.0, 121.0, 152.0):
         line.move(now / 1600.0)
@@ -128,7 +128,7 @@ def test_without_a_terminal_a_line_a_minute_says_how_far_a_long_run_is(
     ]
 
 
-class Heard(Progress):
+class Heard(PlainProgress):
     """Keeps what it is told."""
 
     def __init__(self) -> None:
@@ -178,7 +178,7 @@ def test_what_is_compiled_is_told_piece_by_piece_until_the_run_moves(heard: Hear
 
     monkeypatch.setattr(compiling, "compiled_pieces", counted)
     monkeypatch.setattr(compiling, "PERIOD", 0.001)
-    with Display(as_json=False) as shown:
+    with TerminalDisplay(as_json=False) as shown:
         assert all_counted.wait(60.0)
         # the first step may have to wait for the last piece
         before = len(heard.told)
@@ -205,7 +205,7 @@ def test_without_a_terminal_the_long_wait_is_one_plain_line(monkeypatch, capsys)
 
     monkeypatch.setattr(compiling, "compiled_pieces", counted)
     monkeypatch.setattr(compiling, "PERIOD", 0.001)
-    with Display(as_json=True):
+    with TerminalDisplay(as_json=True):
         assert told_twice.wait(60.0)
     told = capsys.readouterr()
     assert told.out == "" and told.err == "compiling, once: some 10 s, more on a busy machine\n"
@@ -214,14 +214,14 @@ def test_without_a_terminal_the_long_wait_is_one_plain_line(monkeypatch, capsys)
 def test_a_run_that_is_refused_before_anything_is_compiled_does_not_speak_of_it(monkeypatch, capsys):
     monkeypatch.setattr(compiling, "compiled_pieces", lambda: 0)
     monkeypatch.setattr(compiling, "PERIOD", 0.001)
-    with Display(as_json=True):
+    with TerminalDisplay(as_json=True):
         time.sleep(0.02)
     assert capsys.readouterr().err == ""
 
 
 def test_runs_follow_one_another_and_the_next_step_names_all_of_them(heard: Heard, tmp_path: Path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    with Display(as_json=False) as shown:
+    with TerminalDisplay(as_json=False) as shown:
         for name in ("a", "b"):
             folder = tmp_path / "results" / name / "2026"
             folder.mkdir(parents=True)
@@ -237,7 +237,7 @@ def test_runs_follow_one_another_and_the_next_step_names_all_of_them(heard: Hear
 def test_the_clock_keeps_its_width_and_speed_is_simulated_over_wall_time(monkeypatch: pytest.MonkeyPatch):
     now = iter([0.0, 10.0, 10.05, 12.0])
     monkeypatch.setattr("twin.cli.terminal.time.monotonic", lambda: next(now))
-    line, said = Progress(), list[str]()
+    line, said = PlainProgress(), list[str]()
     monkeypatch.setattr(line, "say", said.append)
     line.begin("a", 1000.0)
     for share in (0.001, 0.002, 0.801):
@@ -347,7 +347,7 @@ def test_a_study_shows_what_it_is_doing_how_much_is_over_and_leaves_only_its_ans
 def test_what_is_left_is_told_once_it_can_be_known(monkeypatch: pytest.MonkeyPatch):
     now = [0.0]
     monkeypatch.setattr("twin.cli.terminal.time.monotonic", lambda: now[0])
-    line, said = Progress(), list[str]()
+    line, said = PlainProgress(), list[str]()
     monkeypatch.setattr(line, "say", said.append)
     for at, what, share in ((0.0, "a", 0.0), (200.0, "b", 0.25), (201.0, "c", None), (799.5, "d", 0.9995)):
         now[0] = at

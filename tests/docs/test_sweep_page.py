@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from twin.studies.sweep.definition import Definition, Vary
+from twin.studies.sweep.definition import SweepFile, Vary
 from twin.studies.sweep.measures import METRICS, RunFinding
 
 
@@ -15,7 +15,7 @@ def named(page: str, header: str) -> set[str]:
 
 def test_every_key_of_a_sweep_file_is_documented_and_no_other(root: Path):
     page = (root / "docs/sweep_reference.md").read_text()
-    assert named(page, "| key | meaning |") == set(Definition.model_fields)
+    assert named(page, "| key | meaning |") == set(SweepFile.model_fields)
     assert named(page, "| key of `[[vary]]` | meaning |") == {
         field.alias or n for n, field in Vary.model_fields.items()
     }

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from twin.cli.streams import show
-from twin.cli.terminal import Display
+from twin.cli.terminal import TerminalDisplay
 from twin.kernel.errors import ComponentFailed
 from twin.kernel.process.guard import JobEnded, guarded
 from twin.kernel.process.job import JobLimits, function_called, left_behind, recorded_until_then
@@ -58,7 +58,7 @@ def _answers(
     apart = marked.isolated is True or given.get(str(marked.isolated))
     isolate = shared["isolate"] if apart else JobIsolation.NONE
     if "reporter" in own:
-        with Display() as display:
+        with TerminalDisplay() as display:
             done = recorded(RECORDED, {"name": name, "asked": asked}, display, isolate, limits)
         yield Answer(**done)
     elif "say" not in own:
@@ -66,7 +66,7 @@ def _answers(
         yield from [answer_of(found)] if found else []
     else:
         several = inspect.isgeneratorfunction(function)
-        with Display(loading=False) as display:
+        with TerminalDisplay(loading=False) as display:
             if "isolate" in given or not several:
                 display.watch()
             if several:
@@ -83,7 +83,7 @@ def _answers(
 def recorded(
     job: str,
     arguments: dict[str, Any],
-    display: Display,
+    display: TerminalDisplay,
     isolate: JobIsolation | Isolation,
     limits: JobLimits,
     hear: Hear | None = None,

@@ -31,7 +31,7 @@ WHOLE = 1000
 """Most letters of a command's first sentence; Typer would cut it to what is left of a line."""
 
 
-class Declared(NamedTuple):
+class CommandText(NamedTuple):
     """A command as the text of its file has it: module, function, and the function's docstring."""
 
     module: str
@@ -39,14 +39,14 @@ class Declared(NamedTuple):
     help: str
 
 
-def declared() -> dict[str, Declared]:
+def declared() -> dict[str, CommandText]:
     """All commands by their words, such as `drive check`; nothing is imported."""
     found = {}
     for package, folder in FOLDERS.items():
         for file in sorted([*folder.glob("*/study.py"), *folder.glob("*.py")]):
             module = ".".join([package, *file.relative_to(folder).with_suffix("").parts])
             for words, function, settings in DECLARED.findall(file.read_text("utf-8")):
-                found[words or function] = Declared(module, function, settings)
+                found[words or function] = CommandText(module, function, settings)
     return found
 
 
@@ -117,7 +117,7 @@ class Commands(TyperGroup):
         return made.commands[name]
 
     @cached_property
-    def declared(self) -> dict[str, Declared]:
+    def declared(self) -> dict[str, CommandText]:
         """Those of this group, by all of their words."""
         return {words: one for words, one in declared().items() if words.startswith(self._first)}
 
@@ -141,7 +141,7 @@ class _Imported(Mapping[str, Any]):
         return len(self._group.list_commands(None))
 
 
-def asking(one: Declared) -> Callable[..., None]:
+def asking(one: CommandText) -> Callable[..., None]:
     """What Typer makes a command of: a function with the options of a study, which asks it."""
     function = getattr(import_module(one.module), one.function)
     own, marked = inspect.signature(function).parameters, vars(function)["study"]

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from twin.cli.ahead import JOB
 from twin.cli.ask import Hear, recorded
 from twin.cli.streams import show
-from twin.cli.terminal import Display
+from twin.cli.terminal import TerminalDisplay
 from twin.kernel.errors import InputRefused, plain
 from twin.kernel.process.guard import GRACE
 from twin.kernel.process.job import LONG, JobLimits
@@ -81,7 +81,7 @@ def run(
             )
         from twin.studies.sweep.study import short_sweep
 
-        with Display(loading=False) as display:
+        with TerminalDisplay(loading=False) as display:
             answer = short_sweep(experiments[0], ranges, drive, settings, out, limit_step, as_json, yes, display.say)
         show(answer, as_json)
         raise SystemExit(answer.exit_code)
@@ -108,7 +108,7 @@ def run(
     patience = limit_step + (GRACE if isolate == Isolation.DRIVE else 0.0)
     # a paced run lasts as long as it was asked to
     limits = JobLimits(patience, limit_wall, 1e6 * limit_memory, math.inf if yes or factor else LONG)
-    with Reported(report, as_json) as reported, Display(as_json) as display:
+    with Reported(report, as_json) as reported, TerminalDisplay(as_json) as display:
         recorded(LIVE_JOB if live else JOB, arguments, display, isolate, limits, reported.noting(display.hear))
 
 

@@ -35,7 +35,7 @@ def compiling(done: int, about: int, seconds: float) -> str:
     return f"compiling, once: {done}{of}, {seconds:.0f} s"
 
 
-class Progress:
+class PlainProgress:
     """Where there is no terminal, or one that cannot go back on its line: only a long wait is printed, in a line of its
     own, and a line each minute. Others show one thing after the other."""
 
@@ -96,7 +96,7 @@ class Progress:
         return gone / taken if taken > 0.1 else 0.0, taken * (1.0 - share) / gone if gone > 0.0 else 0.0
 
 
-class PlainLine(Progress):
+class PlainLine(PlainProgress):
     """A line of text that is written over itself; `rich` would move the cursor by escape codes."""
 
     def say(self, what: str) -> None:
@@ -118,7 +118,7 @@ class PlainLine(Progress):
         print("\r" + text[:width].ljust(width), end=end, file=sys.stderr, flush=True)
 
 
-class Bar(Progress):
+class Bar(PlainProgress):
     """A bar with simulated time, speed and remaining wall time, of `rich`."""
 
     def __init__(self) -> None:
@@ -187,13 +187,13 @@ class Bar(Progress):
             self._line.tasks[0].total = total
 
 
-def progress() -> Progress:
+def progress() -> PlainProgress:
     """What suits the terminal on standard error: a bar, a plain line without escape codes under NO_COLOR, or nothing.
 
     Standard output belongs to results, so that it can be piped while progress is still seen.
     """
     if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
-        return Progress()
+        return PlainProgress()
     return PlainLine() if os.environ.get("NO_COLOR") else Bar()
 
 
@@ -209,7 +209,7 @@ class CompileWatch:
     What other commands compile at the same time is counted too: it will not have to be compiled here.
     """
 
-    def __init__(self, progress: Progress):
+    def __init__(self, progress: PlainProgress):
         self._progress = progress
         self._before = compiled_pieces()
         self._over = threading.Event()
@@ -235,7 +235,7 @@ class CompileWatch:
                 self._progress.compile(new, about, time.monotonic() - began)
 
 
-class Display:
+class TerminalDisplay:
     """Progress on standard error if that is a terminal; what each run has to say, plain, on standard output.
 
     Args:
@@ -255,7 +255,7 @@ class Display:
         self._watch = CompileWatch(self._progress)
         self._done: list[Path] = []
 
-    def __enter__(self) -> "Display":
+    def __enter__(self) -> "TerminalDisplay":
         if self._loading:
             self._progress.say("loading")
             self._watch.start()

@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from twin.kernel.compiled.function import carray, njit
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.system import System
-from twin.kernel.recording.messages import BLANK_TIME, Form, blank
+from twin.kernel.recording.messages import BLANK_TIME, MessageForm, blank
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import AXIS, OUTWARD, Geometry, geometry_of, skeleton
 from twin.robot.plant.contact_law import Contact
@@ -335,9 +335,9 @@ class Scene:
         self._theta_l, self._p_B = system.columns("plant.theta_l"), system.columns("plant.p_B")
         self._F_ee_B, self._estimate_B = system.columns("plant.F_ee_B"), system.columns("estimator.F_ee_B")
         self.forms = (
-            Form("scene", scene_update(self._geometry, experiment.contact), 0, experiment.duration_ticks + 1),
-            Form("tf", transforms_example(), POSE * len(FRAMES), self._period),
-            Form("force", force_example(), WIDTH, self._period),
+            MessageForm("scene", scene_update(self._geometry, experiment.contact), 0, experiment.duration_ticks + 1),
+            MessageForm("tf", transforms_example(), POSE * len(FRAMES), self._period),
+            MessageForm("force", force_example(), WIDTH, self._period),
         )
 
     def drawings(self, first: int, rows: NDArray[np.float64]) -> Iterator[Drawing]:

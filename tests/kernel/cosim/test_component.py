@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from twin.kernel.compiled import native
-from twin.kernel.cosim.component import Component, Place, step_function
+from twin.kernel.cosim.component import Component, MemoryPlace, step_function
 
 
 def test_a_step_is_compiled_once_and_only_when_its_address_is_asked_for(monkeypatch: pytest.MonkeyPatch):
@@ -31,7 +31,7 @@ def component(memory: object) -> Component:
 
 def test_what_is_written_at_a_place_is_in_the_memory_itself():
     memory = np.zeros(1, dtype=MEMORY)
-    place = Place("robot", "law", "axes").memory_of(component(memory))
+    place = MemoryPlace("robot", "law", "axes").memory_of(component(memory))
     assert place is not None and place.shape == (1, 3)
     place[...] = 2.0
     assert memory["law"]["axes"][0].tolist() == [2.0, 2.0, 2.0]
@@ -48,8 +48,8 @@ def test_what_is_written_at_a_place_is_in_the_memory_itself():
     ids=["another field", "no record", "plain numbers", "nothing"],
 )
 def test_a_component_that_keeps_nothing_there_has_no_such_place(memory: object, record: str, field: str):
-    assert Place("robot", record, field).memory_of(component(memory)) is None
+    assert MemoryPlace("robot", record, field).memory_of(component(memory)) is None
 
 
 def test_a_component_without_memory_has_no_places():
-    assert Place("robot", "law", "gain").memory_of(Component("robot", (), (), True, 0, 0, np.zeros(0))) is None
+    assert MemoryPlace("robot", "law", "gain").memory_of(Component("robot", (), (), True, 0, 0, np.zeros(0))) is None

@@ -7,7 +7,7 @@ from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from hypothesis import strategies as st
 
-from twin.kernel.recording.messages import BLANK_TIME, Field, Form, Topic, blank
+from twin.kernel.recording.messages import BLANK_TIME, Field, MessageForm, Topic, blank
 from twin.kernel.recording.reader import Recording
 from twin.kernel.recording.writer import Writer
 
@@ -36,7 +36,7 @@ ENCODER = Topic(
 )
 SCALE = Topic("scale", (Field("moved", 2, "bool", "1", "left, right"), Field("n", 1, "int", "1", "readings")), 40)
 TOPICS = (PLANT, *(Topic(f"drive/{leg}", DRIVE, 1) for leg in (1, 2, 3)), ENCODER, SCALE)
-TF = Form(
+TF = MessageForm(
     "tf",
     FrameTransform(
         timestamp=BLANK_TIME, child_frame_id="platform", translation=Vector3(x=blank(1), y=blank(0), z=blank(1))

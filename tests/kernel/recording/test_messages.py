@@ -28,7 +28,7 @@ from twin.kernel.recording.messages import (
     HEAD_SIZE,
     LARGEST_FIELD,
     Field,
-    Form,
+    MessageForm,
     Topic,
     blank,
     described_fields,
@@ -170,11 +170,11 @@ def test_another_reader_finds_every_message_at_its_time(finished: Path):
 def test_a_column_without_a_blank_is_refused():
     example = FrameTransform(timestamp=BLANK_TIME, translation=Vector3(x=blank(0)))
     with pytest.raises(ValueError, match=r"form tf: columns \[1\] have no blank in the example"):
-        form_filling(1, Form("tf", example, 2, 1))
+        form_filling(1, MessageForm("tf", example, 2, 1))
 
 
 def test_a_form_without_columns_is_the_same_message_again(tmp_path: Path):
-    with Writer(tmp_path / "run.mcap", [], TICK, {}, [Form("scene", SceneUpdate(), 0, 1)]) as writer:
+    with Writer(tmp_path / "run.mcap", [], TICK, {}, [MessageForm("scene", SceneUpdate(), 0, 1)]) as writer:
         writer.write("scene", 0, np.empty((2, 0)))
     with (tmp_path / "run.mcap").open("rb") as file:
         assert [m.data for _, _, m in make_reader(file).iter_messages()] == [b"", b""]
@@ -182,9 +182,9 @@ def test_a_form_without_columns_is_the_same_message_again(tmp_path: Path):
 
 def test_a_form_needs_a_name_and_a_period():
     with pytest.raises(ValueError, match="topic name '/tf'"):
-        Form("/tf", SceneUpdate(), 0, 1)
+        MessageForm("/tf", SceneUpdate(), 0, 1)
     with pytest.raises(ValueError, match="period is 0 ticks"):
-        Form("tf", SceneUpdate(), 0, 0)
+        MessageForm("tf", SceneUpdate(), 0, 0)
 
 
 def test_pictures_that_went_missing_are_missed(tmp_path: Path):

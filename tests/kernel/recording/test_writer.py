@@ -22,7 +22,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from twin.kernel.errors import RecordingFailed
 from twin.kernel.recording.messages import Field, Topic
 from twin.kernel.recording.reader import read
-from twin.kernel.recording.writer import LARGEST_CHUNK, ROOM, Output, Pending, Shape, Woven, Writer, woven
+from twin.kernel.recording.writer import LARGEST_CHUNK, ROOM, BlockShape, Output, Pending, Woven, Writer, woven
 
 from . import samples
 from .samples import DRIVE, METADATA, TF, TF_ROWS, TICK, TICKS, TOPICS
@@ -128,7 +128,7 @@ def test_its_memory_grows_and_keeps_what_is_in_it(lengths: list[int]) -> None:
     records = [np.full((1, length), number, dtype=np.uint8) for number, length in enumerate(lengths)]
     for number, record in enumerate(records):
         pending.put(number, np.array([number]), record)
-    assert pending.shapes == [Shape(number, 1, length) for number, length in enumerate(lengths)]
+    assert pending.shapes == [BlockShape(number, 1, length) for number, length in enumerate(lengths)]
     assert pending.size == sum(lengths)
     assert woven(pending).content.tobytes() == b"".join(record.tobytes() for record in records)
 

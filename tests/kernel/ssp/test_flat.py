@@ -29,7 +29,7 @@ from twin.kernel.ssp.parameters import (
     Transformation,
 )
 from twin.kernel.ssp.ssd import read_package
-from twin.kernel.ssp.structure import Connection, Connector, End, SspComponent, SspSystem, Structure
+from twin.kernel.ssp.structure import Connection, Connector, Endpoint, SspComponent, SspSystem, Structure
 
 
 def flat(tmp_path: Path, whole: str) -> FlatSystem:
@@ -62,13 +62,15 @@ def test_connections_through_systems_lead_from_component_to_component(tmp_path: 
     ))  # fmt: skip
     assert list(found.components) == ["source", "robot.arm.motor", "sink"]
     leads = {lead.end: lead for lead in found.leads}
-    into = leads[End("robot.arm.motor", "u")]
-    assert into.start == End("source", "y")
+    into = leads[Endpoint("robot.arm.motor", "u")]
+    assert into.start == Endpoint("source", "y")
     assert into.hops == (
         Hop(Transformation(2.0, 1.0), True), Hop(unit="rpm"), Hop(Transformation(3.0)),
     )  # fmt: skip
-    assert leads[End("sink", "u")].start == leads[End("source", "u")].start == End("robot.arm.motor", "y")
-    assert [hop.unit for hop in leads[End("sink", "u")].hops] == ["", "deg", ""]
+    assert (
+        leads[Endpoint("sink", "u")].start == leads[Endpoint("source", "u")].start == Endpoint("robot.arm.motor", "y")
+    )
+    assert [hop.unit for hop in leads[Endpoint("sink", "u")].hops] == ["", "deg", ""]
 
 
 def test_the_kinds_of_connectors_say_which_way_a_value_goes_and_not_start_and_end(tmp_path: Path):
@@ -82,7 +84,8 @@ def test_the_kinds_of_connectors_say_which_way_a_value_goes_and_not_start_and_en
     wires = [connection("arm.speed", "a.y"), connection("a.u", "arm.angle"), connection("b.v", "a.y")]
     found = flat(tmp_path, system([arm, component("a", "a.fmu", ends), component("b", "a.fmu")], wires))
     assert {lead.end: lead.start for lead in found.leads} == {
-        End("arm.motor", "u"): End("a", "y"), End("a", "u"): End("arm.motor", "y"), End("b", "v"): End("a", "y"),
+        Endpoint("arm.motor", "u"): Endpoint("a", "y"), Endpoint("a", "u"): Endpoint("arm.motor", "y"),
+        Endpoint("b", "v"): Endpoint("a", "y"),
     }  # fmt: skip
     with pytest.raises(InputRefused, match=r"a\.y and arm\.angle, which both give values"):
         flat(tmp_path, system([arm, component("a", "a.fmu", ends)], [connection("a.y", "arm.angle")]))
@@ -165,7 +168,7 @@ def test_what_leads_nowhere_twice_or_in_a_circle_is_refused(tmp_path: Path, whol
 
 
 def test_a_circle_that_feeds_no_component_feeds_nobody(tmp_path: Path):
-    assert [lead.end for lead in flat(tmp_path, ROUND).leads] == [End("a", "u")]
+    assert [lead.end for lead in flat(tmp_path, ROUND).leads] == [Endpoint("a", "u")]
 
 
 class Counted(str):
@@ -187,8 +190,10 @@ def wide(n: int) -> SspSystem:
     motors = [SspComponent(name(f"m{k}"), "m.fmu", connectors=(Connector(name("u"), "input"),)) for k in range(n)]
     hub = SspComponent(name("hub"), "h.fmu", connectors=tuple(Connector(name(f"u{k}"), "input") for k in range(n)))
     own = tuple(Connector(name(f"in{k}"), "input") for k in range(2 * n))
-    ends = [End(name(f"m{k}"), name("u")) for k in range(n)] + [End(name("hub"), name(f"u{k}")) for k in range(n)]
-    joined = tuple(Connection(End("", name(f"in{k}")), end) for k, end in enumerate(ends))
+    ends = [Endpoint(name(f"m{k}"), name("u")) for k in range(n)] + [
+        Endpoint(name("hub"), name(f"u{k}")) for k in range(n)
+    ]
+    joined = tuple(Connection(Endpoint("", name(f"in{k}")), end) for k, end in enumerate(ends))
     given = ParameterSet("v", tuple(ParameterValue(name(f"v{k}"), "Real", (float(k),)) for k in range(2 * n)))
     led = ParameterMapping(tuple(MappingEntry(name(f"v{k}"), name(f"in{k}")) for k in range(2 * n)))
     return SspSystem("wide", (*motors, hub), joined, own, (ParameterBinding(given, "", led),))

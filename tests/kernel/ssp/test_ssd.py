@@ -22,7 +22,7 @@ from twin.kernel.files import xml_of
 from twin.kernel.ssp import ssd as package_module
 from twin.kernel.ssp.parameters import MappingEntry, Transformation, UnitDefinition
 from twin.kernel.ssp.ssd import mapping_of, parameter_set, read_package
-from twin.kernel.ssp.structure import Connection, Connector, End, SspComponent, SspSystem
+from twin.kernel.ssp.structure import Connection, Connector, Endpoint, SspComponent, SspSystem
 from twin.kernel.units import Dimension
 
 SSV = (
@@ -74,8 +74,10 @@ def test_all_that_a_structure_says_is_read(tmp_path: Path):
     assert [(one.name, one.values, one.unit) for one in binding.parameters.parameters] == [
         ("k", (2.5,), "mm"), ("j", (1.0,), ""),
     ]  # fmt: skip
-    assert sub.connections == (Connection(End("inner", "y"), End("", "out")),)
-    assert found.system.connections[1] == Connection(End("sub", "out"), End("a", "u"), Transformation(2.0, -1.0), True)
+    assert sub.connections == (Connection(Endpoint("inner", "y"), Endpoint("", "out")),)
+    assert found.system.connections[1] == Connection(
+        Endpoint("sub", "out"), Endpoint("a", "u"), Transformation(2.0, -1.0), True
+    )
     assert found.units == (UnitDefinition("mm", Dimension(m=1), 0.001),)
     assert (found.experiment.start, found.experiment.stop, found.version) == (0.0, 2.5, "1.0")
     assert found.annotations[0].type == "org.x" and 'size="1"' in found.annotations[0].content

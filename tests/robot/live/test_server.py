@@ -17,7 +17,7 @@ from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.messages import HEAD_SIZE, Field, Topic, message_layout, message_records
 from twin.kernel.recording.recorder import RowStream
 from twin.robot.live.runs import served_runs
-from twin.robot.live.server import Encoder, LiveServer
+from twin.robot.live.server import LiveServer, MessageEncoder
 from twin.robot.run.run import execute
 
 TOPICS = (
@@ -35,7 +35,7 @@ WHOLE = (3, 4, 28)
 def test_a_published_message_has_the_bytes_of_the_recorded_one(numbers: list[float]):
     row = np.array(numbers)
     row[list(WHOLE)] = np.clip(np.rint(row[list(WHOLE)]), -(2.0**62), 2.0**62)
-    encoder = Encoder(STREAMS)
+    encoder = MessageEncoder(STREAMS)
     # twice, because what was there before must not shine through
     list(encoder.messages(np.ones(29)))
     for stream, message in zip(STREAMS, encoder.messages(row), strict=True):

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.robot.plant.deviation import COLUMNS, Deviation
+from twin.robot.plant.deviation import COLUMNS, DeviationSums
 
 WIDTH = 12
 
@@ -15,7 +15,7 @@ def test_sums_are_those_of_the_rows_in_their_order_to_the_last_bit(seed: int, co
     rows = rng.normal(size=(count, WIDTH)) * 10.0**exponent
     columns = rng.permutation(WIDTH)[:COLUMNS]
     F_z, p_B, p_ref_B, on, F_z_ref = np.split(rows[:, columns].T, [1, 4, 7, 8])
-    block = Deviation(40)
+    block = DeviationSums(40)
     touched = bool(seed % 2)
     block.look(rows, columns, touched)
     assert (block.squares == np.cumsum(np.square(p_B - p_ref_B), axis=1)[:, -1]).all()
@@ -30,7 +30,7 @@ def test_sums_are_those_of_the_rows_in_their_order_to_the_last_bit(seed: int, co
 def test_of_two_equal_peaks_the_first_counts():
     rows = np.zeros((5, COLUMNS))
     rows[[1, 3], 0] = -2.0
-    block = Deviation(5)
+    block = DeviationSums(5)
     block.look(rows, np.arange(COLUMNS))
     assert (block.peak, block.place) == (2.0, 1)
 
@@ -38,7 +38,7 @@ def test_of_two_equal_peaks_the_first_counts():
 def test_what_is_nowhere_in_the_rows_is_not_a_number():
     columns = np.arange(COLUMNS)
     columns[4:7] = -1
-    block = Deviation(5)
+    block = DeviationSums(5)
     block.look(np.ones((5, COLUMNS)), columns, touched=True)
     assert np.isnan(block.squares).all() and block.off.tolist() == [4.0] * 5
     columns[7] = -1

@@ -12,7 +12,7 @@ from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.program import TASKS, PhaseKind, Press, Tap
 from twin.robot.experiment.schema import checked_tasks
-from twin.robot.run.outcome import SIGNALS, Held, HeldForce, Tally
+from twin.robot.run.outcome import SIGNALS, HeldForce, HeldForces, Tally
 from twin.robot.run.run import execute
 from twin.studies.metrics.response import rms
 from twin.studies.paper.fig5_measures import task_runs
@@ -38,7 +38,7 @@ def rows(*spans: tuple[int, PhaseKind, list[float]]) -> np.ndarray:
     return np.array([(0.0, 0.0, -F_z, task, phase) for task, phase, force in spans for F_z in force])
 
 
-def held(table: np.ndarray, size: int, *asked: dict[str, Any]) -> tuple[Held, ...]:
+def held(table: np.ndarray, size: int, *asked: dict[str, Any]) -> tuple[HeldForces, ...]:
     observer = HeldForce(cast(Any, SYSTEM), tasks(*asked))
     for first in range(0, len(table), size):
         observer.take(first, table[first : first + size], [])
@@ -58,10 +58,10 @@ def test_the_force_is_that_of_the_phases_that_hold_it_however_rows_are_sliced(si
         (2, PhaseKind.RISE, [0.5]),
     )
     assert held(table, size, PRESS, TAP, PRESS) == (
-        Held(1, "press", 8.0, 0, 7.9, 8.1, 0.002, 0.004),
+        HeldForces(1, "press", 8.0, 0, 7.9, 8.1, 0.002, 0.004),
         # the force of the first touch is none of a tap; a tap's peak may come while it rises
-        Held(2, "tap", 3.0, 2, 2.9, 3.1, 0.007, 0.012),
-        Held(3, "press", 8.0),
+        HeldForces(2, "tap", 3.0, 2, 2.9, 3.1, 0.007, 0.012),
+        HeldForces(3, "press", 8.0),
     )
 
 

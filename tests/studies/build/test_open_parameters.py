@@ -11,7 +11,7 @@ from tests.studies.build.conftest import DELAYED, FIG4, MASSAGE, ROOT
 from tests.studies.build.slaves import Kept, Slave
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import run_in_memory
-from twin.studies.build.parameters import START, Parameter, parameters
+from twin.studies.build.parameters import START, OpenParameter, parameters
 from twin.studies.build.part import part_of
 
 TICKS = 1500
@@ -31,7 +31,7 @@ TANK = ("controller.energy_tank={size_J=0.02,release_s=0.5}", "contact.height_mm
 WATCHED = ("monitor={command_limit_rad_per_s=7.0}", "contact.height_mm=-86")
 
 
-def another(parameter: Parameter, n: int) -> list[float]:
+def another(parameter: OpenParameter, n: int) -> list[float]:
     """Values a little off those of the experiment, of each parameter by another share."""
     if "counts" in parameter.key:
         return [round(1.01 * value) for value in parameter.start]

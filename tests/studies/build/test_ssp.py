@@ -20,7 +20,7 @@ from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import read
 from twin.kernel.ssp.parameters import Transformation
 from twin.kernel.ssp.ssd import read_package
-from twin.kernel.ssp.structure import End, SspComponent
+from twin.kernel.ssp.structure import Endpoint, SspComponent
 from twin.robot.assembly.build import planned_drives
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import run_in_memory
@@ -176,8 +176,8 @@ def test_a_drive_counts_from_where_the_robot_rests(archived: Built) -> None:
     rest = run_in_memory(load_experiment(FIG4, ["duration_s=0.001"])).of_drives("theta_m")[0]
     for part in ("computer", "plant"):
         for number, angle in enumerate(rest, start=1):
-            (line,) = (c for c in connections if c.end == End(part, f"theta_m[{number}]"))
-            assert (line.start, line.transformation.factor) == (End(f"drive_{number}", "theta_m"), 1.0)
+            (line,) = (c for c in connections if c.end == Endpoint(part, f"theta_m[{number}]"))
+            assert (line.start, line.transformation.factor) == (Endpoint(f"drive_{number}", "theta_m"), 1.0)
             assert line.transformation.offset == angle and line.suppress_unit_conversion
 
 

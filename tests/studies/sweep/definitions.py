@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from twin.kernel.process.job import JobLimits
-from twin.studies.sweep.definition import Definition
-from twin.studies.sweep.plan import Plan, planned
+from twin.studies.sweep.definition import SweepFile
+from twin.studies.sweep.plan import SweepPlan, planned
 from twin.studies.sweep.pool import Job
 
 STIFFNESS = "contact.stiffness_N_per_m"
@@ -13,8 +13,8 @@ SHORT = '{ key = "duration_s", values = [0.02] }'
 """A run this short costs little more than its set-up."""
 
 
-def definition(**table) -> Definition:
-    return Definition.model_validate({"experiment": "e.toml", **table})
+def definition(**table) -> SweepFile:
+    return SweepFile.model_validate({"experiment": "e.toml", **table})
 
 
 def written(folder: Path, text: str, name: str = "s.toml") -> Path:
@@ -23,7 +23,7 @@ def written(folder: Path, text: str, name: str = "s.toml") -> Path:
     return path
 
 
-def stiffnesses(root: Path, folder: Path, values: str, more: str = "") -> Plan:
+def stiffnesses(root: Path, folder: Path, values: str, more: str = "") -> SweepPlan:
     """A plan of short runs over contact stiffness."""
     return planned(written(folder, stiffness_text(root, values, more)))
 
@@ -36,7 +36,7 @@ vary = [{{ key = "{STIFFNESS}", values = {values} }}, {SHORT}]
 """
 
 
-def job(plan: Plan, folder: Path, record: str = "none", limits: JobLimits = JobLimits(step=2.0)) -> Job:  # noqa: B008
+def job(plan: SweepPlan, folder: Path, record: str = "none", limits: JobLimits = JobLimits(step=2.0)) -> Job:  # noqa: B008
     """What its runs have in common; recordings go to `folder`."""
     return Job(
         experiment=plan.experiment,

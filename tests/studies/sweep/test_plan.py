@@ -13,7 +13,16 @@ from scipy import stats
 from tests.studies.sweep.definitions import GAIN, SHORT, STIFFNESS, definition, stiffness_text, stiffnesses, written
 from twin.kernel.errors import InputRefused
 from twin.studies.sweep.definition import Condition, Value, Vary, why_not_saltelli
-from twin.studies.sweep.plan import MOST, Plan, Point, largest_count, planned, points, saltelli_cube, unit_cube
+from twin.studies.sweep.plan import (
+    MOST,
+    DesignPoint,
+    SweepPlan,
+    largest_count,
+    planned,
+    points,
+    saltelli_cube,
+    unit_cube,
+)
 
 numbers = st.lists(st.integers(-50, 50), min_size=1, max_size=4, unique=True)
 grids = st.lists(numbers, min_size=1, max_size=4)
@@ -28,7 +37,7 @@ def levels(key: str, values: list[int]) -> dict:
     return {"key": key, "values": values}
 
 
-def identity(point: Point) -> tuple[object, ...]:
+def identity(point: DesignPoint) -> tuple[object, ...]:
     return point.drive, *sorted(point.parameters.items())
 
 
@@ -275,7 +284,7 @@ def test_a_bad_end_of_a_range_is_found_among_many_runs(root: Path, tmp_path: Pat
 
 
 def test_measures_of_the_experiment_are_metrics_that_a_limit_may_name(root: Path, tmp_path: Path):
-    def plan(metric: str) -> Plan:
+    def plan(metric: str) -> SweepPlan:
         text = f'[limits]\n"{metric}" = 0.1\n[[vary]]\nkey = "duration_s"\nvalues = [2]\n'
         return planned(written(tmp_path, f'experiment = "{root}/experiments/step_z_air.toml"\n{text}'))
 

@@ -19,7 +19,7 @@ from tests.studies.sweep.definitions import job, stiffnesses, written
 from twin.kernel.errors import TwinError
 from twin.kernel.process.job import JobLimits
 from twin.studies.sweep.folder import stored_sweep
-from twin.studies.sweep.plan import Plan, Task, planned
+from twin.studies.sweep.plan import SweepPlan, Task, planned
 from twin.studies.sweep.pool import PATIENCE, Pool, WorkerProcess, raise_if_pressed, remembered
 from twin.studies.sweep.sweep import State, run_sweep
 
@@ -152,7 +152,7 @@ LIMITS = JobLimits(step=2.0)
 
 
 def results(
-    plan: Plan, tasks: list[Task], folder: Path, processes: int, record: str = "none", limits: JobLimits = LIMITS
+    plan: SweepPlan, tasks: list[Task], folder: Path, processes: int, record: str = "none", limits: JobLimits = LIMITS
 ):
     """Facts by run, without the cost."""
     found: dict[int, dict] = {}
@@ -164,10 +164,10 @@ def results(
 
 
 @pytest.fixture
-def hostile(root: Path, tmp_path: Path, drive: Path) -> Callable[[int, dict[int, int]], tuple[Plan, list[Task]]]:
+def hostile(root: Path, tmp_path: Path, drive: Path) -> Callable[[int, dict[int, int]], tuple[SweepPlan, list[Task]]]:
     """A plan of so many runs of which some, by number, are attacked by joint 2's drive after one second."""
 
-    def made(count: int, attacks: dict[int, int]) -> tuple[Plan, list[Task]]:
+    def made(count: int, attacks: dict[int, int]) -> tuple[SweepPlan, list[Task]]:
         text = f'extends = "{root}/experiments/fig4_position.toml"\nduration_s = 1.01\n'
         written(tmp_path, f"{text}[drive.joint_2]\nfmu = '{drive}'\nparameters.droop = 0\n", "e.toml")
         values = [500 + number for number in range(count)]

@@ -17,7 +17,7 @@ from twin.studies.sweep.rows import (
     Columns,
     DiskFailed,
     Row,
-    Rows,
+    RowFile,
     Words,
     columns_of,
     joined,
@@ -105,7 +105,7 @@ def keyed_row(number: int) -> dict:
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
-    with Rows(tmp_path / "rows.jsonl") as rows:
+    with RowFile(tmp_path / "rows.jsonl") as rows:
         rows.add([keyed_row(1), keyed_row(2)])
         rows.add([keyed_row(3)])
     return tmp_path / "rows.jsonl"
@@ -122,7 +122,7 @@ def test_a_line_torn_at_any_byte_is_dropped_and_its_run_can_be_added_again(file:
     begins = whole[:-1].rindex(b"\n") + 1
     for end in range(begins, len(whole)):
         file.write_bytes(whole[:end])
-        with Rows(file) as rows:
+        with RowFile(file) as rows:
             assert list(rows.before.words("key")) == ["k1", "k2"] and rows.count == 2
             rows.add([keyed_row(3)])
         assert file.read_bytes() == whole
@@ -143,13 +143,13 @@ def test_a_line_that_is_no_row_is_refused_with_its_number(file: Path):
     for damaged in (b"\0\0\0\n", b"{}\n", b"[1]\n", b'"key"\n'):
         file.write_bytes(lines[0] + damaged + lines[2])
         with pytest.raises(InputRefused, match="line 2 is no row of a sweep"):
-            Rows(file)
+            RowFile(file)
 
 
 def test_what_json_of_python_alone_can_read_and_what_another_version_wrote_more_is_a_row(file: Path):
     # half of a pair of code units: of a file's name that is no text in UTF-8
     odd = {**keyed_row(4), "reason": "no such file: \udce4", "of_another_version": {"a": 1}}
-    with Rows(file) as rows:
+    with RowFile(file) as rows:
         rows.add([odd])
     assert read_rows(file)[-1] == odd
     assert read_columns(file)[0].words("reason")[3] == odd["reason"]
@@ -158,7 +158,7 @@ def test_what_json_of_python_alone_can_read_and_what_another_version_wrote_more_
 @pytest.mark.parametrize("spare", [0, 1, 150])
 def test_a_full_disk_keeps_every_row_before_and_room_lets_it_go_on(file: Path, spare: int):
     before = file.read_bytes()
-    with Rows(file) as rows:
+    with RowFile(file) as rows:
         with largest_file(len(before) + spare), pytest.raises(DiskFailed, match="3 finished runs are kept"):
             rows.add([keyed_row(4), keyed_row(5)])
         assert file.read_bytes() == before
@@ -167,13 +167,13 @@ def test_a_full_disk_keeps_every_row_before_and_room_lets_it_go_on(file: Path, s
 
 
 def test_two_sweeps_never_write_to_the_same_file(file: Path):
-    with Rows(file), pytest.raises(InputRefused, match="another twin sweep is writing there"):
-        Rows(file)
+    with RowFile(file), pytest.raises(InputRefused, match="another twin sweep is writing there"):
+        RowFile(file)
 
 
 def test_a_number_that_json_does_not_have_is_never_written(file: Path):
     before = file.read_bytes()
-    with Rows(file) as rows, pytest.raises(ValueError, match="JSON"):
+    with RowFile(file) as rows, pytest.raises(ValueError, match="JSON"):
         rows.add([{"key": "k9", "metrics": {"peak_N": float("nan")}}])
     assert file.read_bytes() == before
     assert all(json.loads(line) for line in before.splitlines())

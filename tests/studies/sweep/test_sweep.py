@@ -14,7 +14,7 @@ from tests.studies.sweep.definitions import STIFFNESS, stiffnesses
 from twin.kernel.errors import InputRefused
 from twin.studies.sweep.folder import stored_sweep
 from twin.studies.sweep.measures import RunFinding
-from twin.studies.sweep.plan import Plan, Task
+from twin.studies.sweep.plan import SweepPlan, Task
 from twin.studies.sweep.pool import Job, Result
 from twin.studies.sweep.rows import ROWS, DiskFailed, read_rows
 from twin.studies.sweep.sweep import State, run_sweep
@@ -55,13 +55,13 @@ def facts(task: Task) -> dict:
 
 
 @pytest.fixture(scope="module")
-def plan(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Plan:
+def plan(root: Path, tmp_path_factory: pytest.TempPathFactory) -> SweepPlan:
     more = "[limits]\nforce_error_N = 550\n"
     return stiffnesses(root, tmp_path_factory.mktemp("plan"), VALUES, more)
 
 
 @pytest.fixture(scope="module")
-def undisturbed(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> list[dict]:
+def undisturbed(plan: SweepPlan, tmp_path_factory: pytest.TempPathFactory) -> list[dict]:
     folder = tmp_path_factory.mktemp("undisturbed")
     run_sweep(plan, folder, Pretender())
     return stored_sweep(folder).rows
@@ -71,7 +71,12 @@ def undisturbed(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> list[di
 @examples(25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.permutations(range(RUNS)), st.integers(1, RUNS), st.lists(st.integers(0, RUNS), max_size=3))
 def test_rows_do_not_depend_on_order_batches_and_interruptions(
-    plan: Plan, undisturbed: list[dict], tmp_path_factory: pytest.TempPathFactory, order, batch: int, cuts: list[int]
+    plan: SweepPlan,
+    undisturbed: list[dict],
+    tmp_path_factory: pytest.TempPathFactory,
+    order,
+    batch: int,
+    cuts: list[int],
 ):
     folder = tmp_path_factory.mktemp("disturbed")
     for cut in cuts:
@@ -88,7 +93,7 @@ def test_rows_do_not_depend_on_order_batches_and_interruptions(
     assert (folder / ROWS).read_bytes().count(b"\n") == RUNS
 
 
-def test_a_finished_sweep_runs_nothing_again(plan: Plan, tmp_path: Path):
+def test_a_finished_sweep_runs_nothing_again(plan: SweepPlan, tmp_path: Path):
     run_sweep(plan, tmp_path, Pretender())
     again = Pretender()
     run_sweep(plan, tmp_path, again)
@@ -96,7 +101,7 @@ def test_a_finished_sweep_runs_nothing_again(plan: Plan, tmp_path: Path):
     assert again.asked == []
 
 
-def test_an_interruption_by_whoever_is_shown_the_state_lets_the_engine_go(plan: Plan, tmp_path: Path):
+def test_an_interruption_by_whoever_is_shown_the_state_lets_the_engine_go(plan: SweepPlan, tmp_path: Path):
     def show(state: State) -> None:
         if state.done == 3:
             raise KeyboardInterrupt
@@ -109,7 +114,7 @@ def test_an_interruption_by_whoever_is_shown_the_state_lets_the_engine_go(plan: 
 
 
 @pytest.mark.slow
-def test_a_full_disk_loses_nothing_finished(plan: Plan, undisturbed: list[dict], tmp_path: Path):
+def test_a_full_disk_loses_nothing_finished(plan: SweepPlan, undisturbed: list[dict], tmp_path: Path):
     engine = Pretender()
     run_sweep(plan, tmp_path / "all", Pretender())
     size = (tmp_path / "all" / ROWS).stat().st_size
@@ -123,7 +128,7 @@ def test_a_full_disk_loses_nothing_finished(plan: Plan, undisturbed: list[dict],
 
 
 @pytest.mark.parametrize("what", ["the sweep", "the experiment, a body or an FMU", "the version of twin"])
-def test_rows_of_another_configuration_are_never_added_to(plan: Plan, tmp_path: Path, what: str):
+def test_rows_of_another_configuration_are_never_added_to(plan: SweepPlan, tmp_path: Path, what: str):
     run_sweep(plan, tmp_path, Pretender())
     changed = replace(plan, configuration={**plan.configuration, what: "other"})
     engine = Pretender()
@@ -133,7 +138,7 @@ def test_rows_of_another_configuration_are_never_added_to(plan: Plan, tmp_path: 
     assert len(stored_sweep(tmp_path).rows) == RUNS
 
 
-def test_a_changed_sweep_file_is_a_changed_configuration(root: Path, plan: Plan, tmp_path: Path):
+def test_a_changed_sweep_file_is_a_changed_configuration(root: Path, plan: SweepPlan, tmp_path: Path):
     other = stiffnesses(root, tmp_path, "[500, 510]")
     run_sweep(other, tmp_path / "s", Pretender())
     with pytest.raises(InputRefused, match="since then the sweep changed"):
@@ -146,7 +151,7 @@ def test_limits_are_a_verdict_and_a_failed_run_keeps_none(undisturbed: list[dict
         assert row["within_limits"] is (value is not None and value <= 550)
 
 
-def test_the_state_counts_runs_failures_and_the_best_so_far(plan: Plan, tmp_path: Path):
+def test_the_state_counts_runs_failures_and_the_best_so_far(plan: SweepPlan, tmp_path: Path):
     states: list[State] = []
     with pytest.raises(KeyboardInterrupt):
         run_sweep(plan, tmp_path, Pretender(until=6), show=states.append)
@@ -160,7 +165,7 @@ def test_the_state_counts_runs_failures_and_the_best_so_far(plan: Plan, tmp_path
 
 
 def test_of_runs_that_are_equally_good_the_first_is_the_best_whatever_came_first(
-    plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    plan: SweepPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     equal = RunFinding("done", "", {"force_error_N": 1.0}, 0.1, 0.05).facts
     monkeypatch.setitem(globals(), "facts", lambda task: equal)

@@ -223,7 +223,7 @@ class NativeComponent(Component):
 
 
 @dataclass(frozen=True)
-class Place:
+class MemoryPlace:
     """The `field` of a record in the memory of the component with the name `component`.
 
     `record`: names of records in records, joined by "."; "" the memory itself.

@@ -57,7 +57,7 @@ LONG_SLICE = 1000
 """Ticks. Where no observer waits for a slice it may be long; but its rows are to stay in the processor's cache."""
 
 
-class Progress(Observer):
+class ProgressObserver(Observer):
     """Reports how far a run of `ticks` has come: `report(ticks done, ticks)`."""
 
     def __init__(self, report: Callable[[int, int], None], ticks: int):

@@ -108,7 +108,7 @@ class Integrator:
 
     def __init__(
         self,
-        model: "Model",
+        model: "ModelExchange",
         solver: Solver = Solver(),  # noqa: B008, it is frozen
         tables: Sequence[np.ndarray] = (),
         width: int = 0,
@@ -200,7 +200,7 @@ class _Fmi3(Fmi3):
             instance.fmu.instantiate(logMessage=lambda environment, status, category, text: instance.hear(status, text))
 
 
-class Model(Instance):
+class ModelExchange(Instance):
     """An FMU instance of the kind model exchange; arguments, errors and attributes as those of `Instance`.
 
     Attributes:
@@ -356,7 +356,7 @@ def opened(
     Raises:
         InputRefused: it cannot be loaded, instantiated or initialised.
     """
-    kind = Model if description.kind == "model_exchange" else CosimInstance
+    kind = ModelExchange if description.kind == "model_exchange" else CosimInstance
     return kind(name, description, folder, settings, inputs, setup)
 
 
@@ -445,7 +445,7 @@ class FmuComponent(Component):
         try:
             self._stepping = (
                 ExchangeStepping(self.instance, solver or Solver(), inputs, outputs, shift)
-                if isinstance(self.instance, Model)
+                if isinstance(self.instance, ModelExchange)
                 else Stepping(self.instance, inputs, outputs, shift)
             )
         except TwinError:
@@ -477,7 +477,7 @@ class FmuComponent(Component):
     @property
     def called(self) -> str:
         """What of the FMU its step calls, for people."""
-        if isinstance(self.instance, Model):
+        if isinstance(self.instance, ModelExchange):
             return "its equations of model exchange"
         return f"{self.instance.description.prefix}DoStep"
 
@@ -539,7 +539,7 @@ class ExchangeStepping(Stepping):
 
     def __init__(
         self,
-        instance: Model,
+        instance: ModelExchange,
         solver: Solver,
         inputs: Sequence[FmuPort],
         outputs: Sequence[FmuPort],

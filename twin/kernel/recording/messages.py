@@ -445,7 +445,7 @@ def blank(column: int) -> float:
 
 
 @dataclass(frozen=True)
-class Form:
+class MessageForm:
     """A stream of messages that differ only in times and numbers.
 
     Attributes:
@@ -467,7 +467,7 @@ class Form:
         check_stream(self.name, self.period)
 
 
-def form_filling(channel: int, form: Form) -> Filling:
+def form_filling(channel: int, form: MessageForm) -> Filling:
     """Filling of the Message records of channel number `channel`.
 
     Raises:

@@ -44,7 +44,7 @@ class Event:
 
 
 @dataclass
-class Series:
+class TopicSeries:
     """The messages of one numeric topic as they lie in the file.
 
     Attributes:
@@ -82,7 +82,7 @@ class Contents:
         counts: messages so far by channel number, which is the sequence number expected next.
     """
 
-    series: dict[int, Series] = field(default_factory=dict)
+    series: dict[int, TopicSeries] = field(default_factory=dict)
     topics: dict[int, str] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
     foreign: set[int] = field(default_factory=set)
@@ -162,7 +162,7 @@ class Contents:
         check_stream(topic, 1)
         if topic in self.topics.values():
             raise ValueError(f"two channels of the topic {topic}")
-        self.series[channel.id] = Series(fields, message_layout(channel.id, fields))
+        self.series[channel.id] = TopicSeries(fields, message_layout(channel.id, fields))
         self.topics[channel.id] = topic
 
 

@@ -35,7 +35,7 @@ from twin.kernel.errors import RecordingFailed, disk_refusals
 from twin.kernel.recording.messages import (
     Field,
     Filling,
-    Form,
+    MessageForm,
     Topic,
     descriptor_set,
     descriptors_of,
@@ -131,7 +131,7 @@ ROOM = 256 * 1024
 """Bytes to begin with: those of a slice."""
 
 
-class Shape(NamedTuple):
+class BlockShape(NamedTuple):
     """Of a block of records: their channel, how many they are, and their length in bytes."""
 
     channel: int
@@ -163,7 +163,7 @@ class Pending:
 
     def add(self, channel: int, times: np.ndarray, stride: int) -> None:
         """What has been written into the room is a block: a record of `stride` bytes for each of `times`."""
-        self.shapes.append(Shape(channel, len(times), stride))
+        self.shapes.append(BlockShape(channel, len(times), stride))
         self.times.append(times)
         self.size += len(times) * stride
 
@@ -175,7 +175,7 @@ class Pending:
 
     def clear(self) -> None:
         """Forget all blocks; their memory is used again."""
-        self.shapes: list[Shape] = []
+        self.shapes: list[BlockShape] = []
         self.times: list[np.ndarray] = []
         self.size = 0
 
@@ -272,14 +272,14 @@ class _Weave:
         table: what `_scatter` takes of it.
     """
 
-    def __init__(self, shapes: Sequence[Shape], places: np.ndarray, pieces: tuple[Piece, ...]):
+    def __init__(self, shapes: Sequence[BlockShape], places: np.ndarray, pieces: tuple[Piece, ...]):
         self.pieces = pieces
         self._blocks, self._places = np.array([shape[1:] for shape in shapes], dtype=np.int64), places
         self.table = self._blocks.ctypes.data, len(shapes), places.ctypes.data, len(places)
 
 
 @lru_cache(CACHED)
-def _block_times(shapes: tuple[Shape, ...], times: bytes) -> _Weave:
+def _block_times(shapes: tuple[BlockShape, ...], times: bytes) -> _Weave:
     """`times` (n,) int64 since the first message, of one block after another."""
     counts = [shape.messages for shape in shapes]
     since = np.frombuffer(times, dtype=np.int64)
@@ -338,9 +338,9 @@ class OpenTopic:
     next_tick: int = 0
 
     @classmethod
-    def of(cls, topic: Topic | Form, channel: int) -> Self:
+    def of(cls, topic: Topic | MessageForm, channel: int) -> Self:
         """`topic` on channel number `channel`."""
-        if isinstance(topic, Form):
+        if isinstance(topic, MessageForm):
             return cls(channel, topic.period, topic.width, form_filling(channel, topic), ())
         width = sum(field.size for field in topic.fields)
         return cls(channel, topic.period, width, message_layout(channel, topic.fields).filling, topic.fields)
@@ -359,7 +359,7 @@ class Writer:
         topics: Sequence[Topic],
         tick: float,
         metadata: Mapping[str, Mapping[str, str]],
-        forms: Sequence[Form] = (),
+        forms: Sequence[MessageForm] = (),
     ) -> None:
         """Create the partial file and write its header and metadata.
 
@@ -375,7 +375,7 @@ class Writer:
             ValueError: two topics of one name, or of different fields whose names give one message type; a form whose
                 example lacks a column.
         """
-        streams: list[Topic | Form] = [*topics, *forms]
+        streams: list[Topic | MessageForm] = [*topics, *forms]
         names = [stream.name for stream in streams]
         if len({*names, EVENTS}) <= len(names):
             raise ValueError(f"topics {names}: expected different names, none of them {EVENTS!r}")
@@ -545,7 +545,7 @@ def append_chunks(output: Output, summary: Summary, pending: Pending, compressor
         summary.note_chunk(record, start, len(data), indexes)
 
 
-def _declarations(topics: Sequence[Topic], forms: Sequence[Form]) -> tuple[list[Schema], list[Channel]]:
+def _declarations(topics: Sequence[Topic], forms: Sequence[MessageForm]) -> tuple[list[Schema], list[Channel]]:
     """Schemas and channels of `topics` and `forms` in their order, and last those of `/events`; ids count from 1."""
     schemas: dict[str, Schema] = {}
     channels: list[Channel] = []

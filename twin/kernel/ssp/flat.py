@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.ssp.parameters import NONE, ParameterBinding, ParameterValue, Transformation, UnitDefinition
-from twin.kernel.ssp.structure import Connection, Connector, End, Patience, SspComponent, SspSystem, Structure
+from twin.kernel.ssp.structure import Connection, Connector, Endpoint, Patience, SspComponent, SspSystem, Structure
 
 SOURCES, SINKS = ("output", "calculatedParameter", "constant", "local"), ("input", "parameter", "structuralParameter")
 """Kinds of connectors that values leave, and get to; seen from inside a system its own are the other way round."""
@@ -32,8 +32,8 @@ class Hop(NamedTuple):
 class Lead:
     """What goes from an output of one component to an input of another one; each end is a path and a connector."""
 
-    start: End
-    end: End
+    start: Endpoint
+    end: Endpoint
     hops: tuple[Hop, ...]
 
 
@@ -82,15 +82,15 @@ def flattened(structure: Structure, where: str) -> FlatSystem:
 class _Flat:
     """What is known of all systems in one.
 
-    Attributes of a node: an `End` whose element is the path of a component or of a system ("" for the outermost).
+    Attributes of a node: an `Endpoint` whose element is the path of a component or of a system ("" for the outermost).
     """
 
     def __init__(self, outermost: SspSystem, where: str):
         self._where = where
         self._components: dict[str, SspComponent] = {}
         self._systems: dict[str, SspSystem] = {"": outermost}
-        self._into: dict[End, tuple[End, Connection]] = {}
-        self._out: dict[End, list[tuple[End, Connection]]] = {}
+        self._into: dict[Endpoint, tuple[Endpoint, Connection]] = {}
+        self._out: dict[Endpoint, list[tuple[Endpoint, Connection]]] = {}
         self._assigned: dict[str, dict[str, Assigned]] = {}
         self._ignored: dict[str, None] = {}
         self._count = 0
@@ -124,7 +124,7 @@ class _Flat:
             self._into[end] = start, connection
             self._out.setdefault(start, []).append((end, connection))
 
-    def _directed(self, connection: Connection, path: str, system: SspSystem) -> tuple[End, End]:
+    def _directed(self, connection: Connection, path: str, system: SspSystem) -> tuple[Endpoint, Endpoint]:
         """Where the value comes from, and where it gets: the standard leaves that to the kinds of the connectors."""
         start, end = (self._node(at, path, system) for at in (connection.start, connection.end))
         gives = [self._gives(at, inside) for at, inside in ((start, connection.start), (end, connection.end))]
@@ -136,7 +136,7 @@ class _Flat:
             )
         return (end, start) if gives[0] is False or gives[1] is True else (start, end)
 
-    def _gives(self, node: End, stated: End) -> bool | None:
+    def _gives(self, node: Endpoint, stated: Endpoint) -> bool | None:
         """Whether values leave a connector here; None: not stated."""
         within = self._systems.get(node.element)
         owner = within or self._components[node.element]
@@ -147,10 +147,10 @@ class _Flat:
         # a system's own connector, seen from inside
         return (kind in SOURCES) == bool(stated.element)
 
-    def _node(self, end: End, path: str, system: SspSystem) -> End:
+    def _node(self, end: Endpoint, path: str, system: SspSystem) -> Endpoint:
         if not end.element:
             self._known(system, end.connector, path)
-            return End(path, end.connector)
+            return Endpoint(path, end.connector)
         part = system.element_of.get(end.element)
         if part is None:
             known = ", ".join(part.name for part in system.elements)
@@ -161,7 +161,7 @@ class _Flat:
         below = f"{path}.{part.name}" if path else part.name
         if isinstance(part, SspSystem):
             self._known(part, end.connector, below)
-        return End(below, end.connector)
+        return Endpoint(below, end.connector)
 
     def _known(self, system: SspSystem, connector: str, path: str) -> Connector:
         found = system.connector_of.get(connector)
@@ -172,7 +172,7 @@ class _Flat:
             )
         return found
 
-    def _lead(self, end: End) -> Lead | None:
+    def _lead(self, end: Endpoint) -> Lead | None:
         """What feeds an end; None: a connector of the outermost system, which has no source."""
         hops: list[Hop] = []
         node, seen = end, {end}
@@ -191,7 +191,7 @@ class _Flat:
                 return Lead(node, end, tuple(reversed(hops)))
         return None
 
-    def _hop(self, end: End, connection: Connection) -> Hop:
+    def _hop(self, end: Endpoint, connection: Connection) -> Hop:
         unit = ""
         if end.element in self._systems:
             unit = self._known(self._systems[end.element], end.connector, end.element).unit
@@ -227,23 +227,23 @@ class _Flat:
                     if not reached:
                         self._ignored[f"{path}.{target}" if path else target] = None
 
-    def _resolved(self, name: str, path: str, hops: tuple[Hop, ...]) -> Iterator[tuple[End, tuple[Hop, ...]]]:
+    def _resolved(self, name: str, path: str, hops: tuple[Hop, ...]) -> Iterator[tuple[Endpoint, tuple[Hop, ...]]]:
         """The variables of components that `name`, in the component or system at `path`, means."""
         if path in self._components:
-            yield End(path, name), hops
+            yield Endpoint(path, name), hops
             return
         system = self._systems[path]
         own = system.connector_of.get(name)
         if own is not None:
             led = (*hops[:-1], hops[-1]._replace(unit=own.unit)) if hops else (Hop(unit=own.unit),)
-            yield from self._forward(End(path, name), led)
+            yield from self._forward(Endpoint(path, name), led)
             return
         # names of elements may have dots themselves
         inner = next((name[:n] for n in system.lengths if name[n : n + 1] == "." and name[:n] in system.element_of), "")
         if inner:
             yield from self._resolved(name[len(inner) + 1 :], f"{path}.{inner}" if path else inner, hops)
 
-    def _forward(self, start: End, hops: tuple[Hop, ...]) -> Iterator[tuple[End, tuple[Hop, ...]]]:
+    def _forward(self, start: Endpoint, hops: tuple[Hop, ...]) -> Iterator[tuple[Endpoint, tuple[Hop, ...]]]:
         """Where a value gets from a connector of a system; on one way at most, as nothing is fed twice."""
         seen, ahead = {start}, [(start, hops)]
         while ahead:
@@ -259,5 +259,5 @@ class _Flat:
                     ahead.append((end, (*way, self._hop(end, connection))))
 
 
-def _text(end: End) -> str:
+def _text(end: Endpoint) -> str:
     return f"{end.element}.{end.connector}" if end.element else end.connector

@@ -34,7 +34,7 @@ from twin.kernel.ssp.structure import (
     Connector,
     ConnectorKind,
     DefaultExperiment,
-    End,
+    Endpoint,
     Implementation,
     Patience,
     SspComponent,
@@ -206,7 +206,7 @@ def structure_of(content: bytes, where: str, bring: Bring) -> Structure:
         experiment = DefaultExperiment(start, stop, annotations_of(stated))
     return Structure(
         name=root.get("name", ""),
-        system=_Reader(where, bring).system(system, "system"),
+        system=_SystemReader(where, bring).system(system, "system"),
         version=version,
         units=units_of(root, where),
         enumerations=enumerations,
@@ -216,7 +216,7 @@ def structure_of(content: bytes, where: str, bring: Bring) -> Structure:
     )
 
 
-class _Reader:
+class _SystemReader:
     """Reads systems within systems.
 
     Args:
@@ -301,7 +301,7 @@ class _Reader:
     def _connection(self, element: ET.Element) -> Connection:
         self._patience.spend()
         start, end = (
-            End(element.get(f"{side}Element", ""), named(element, f"{side}Connector", self._where))
+            Endpoint(element.get(f"{side}Element", ""), named(element, f"{side}Connector", self._where))
             for side in ("start", "end")
         )
         if element.get("startIndices") or element.get("endIndices"):

@@ -243,7 +243,7 @@ class SspComponent:
         return {one.name: one for one in self.connectors}
 
 
-class End(NamedTuple):
+class Endpoint(NamedTuple):
     """Where a connection begins or ends; `element` is a component or system, "" for the system it stands in."""
 
     element: str
@@ -258,8 +258,8 @@ class Connection:
         suppress_unit_conversion: the transformation is all that is done to the value.
     """
 
-    start: End
-    end: End
+    start: Endpoint
+    end: Endpoint
     transformation: Transformation = NONE
     suppress_unit_conversion: bool = False
 

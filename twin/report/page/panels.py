@@ -87,7 +87,7 @@ MOST_SAMPLES = 4_000_000
 """In a page: about 4 MB, and a dozen milliseconds of decoding."""
 
 
-class Quantity(NamedTuple):
+class PanelCurve(NamedTuple):
     """One curve of a panel, in every run that has it.
 
     Attributes:
@@ -109,7 +109,7 @@ class Panel(NamedTuple):
 
     title: str
     unit: str
-    quantities: tuple[Quantity, ...]
+    quantities: tuple[PanelCurve, ...]
 
 
 def series(key: str, column: int | None = None, scale: float = 1.0) -> Reader:
@@ -168,13 +168,13 @@ def commanded_speed(joint: int) -> Reader:
     return samples
 
 
-def _of_joints(label: str, role: Role, read: Callable[[int], Reader], shown: bool = True) -> tuple[Quantity, ...]:
-    return tuple(Quantity(f"{label} {joint + 1}", role, read(joint), joint, shown) for joint in JOINTS)
+def _of_joints(label: str, role: Role, read: Callable[[int], Reader], shown: bool = True) -> tuple[PanelCurve, ...]:
+    return tuple(PanelCurve(f"{label} {joint + 1}", role, read(joint), joint, shown) for joint in JOINTS)
 
 
-def _x_and_y(role: Role, word: str, key: str, scale: float, shown: bool = True) -> tuple[Quantity, ...]:
+def _x_and_y(role: Role, word: str, key: str, scale: float, shown: bool = True) -> tuple[PanelCurve, ...]:
     return tuple(
-        Quantity(f"{letter}, {word}", role, series(key, axis, scale), axis, shown) for axis, letter in enumerate("xy")
+        PanelCurve(f"{letter}, {word}", role, series(key, axis, scale), axis, shown) for axis, letter in enumerate("xy")
     )
 
 
@@ -182,25 +182,25 @@ PANELS = (
     Panel(
         "Pressing force F_z", "N",
         (
-            Quantity("estimated", "belief", series("controller.F_z")),
-            Quantity("true", "truth", series("plant.F_ee_B", 2, -1.0)),
-            Quantity("reference", "reference", series("controller.F_z_ref")),
-            Quantity("scale", "display", series("scale.F_z"), shown=False),
+            PanelCurve("estimated", "belief", series("controller.F_z")),
+            PanelCurve("true", "truth", series("plant.F_ee_B", 2, -1.0)),
+            PanelCurve("reference", "reference", series("controller.F_z_ref")),
+            PanelCurve("scale", "display", series("scale.F_z"), shown=False),
         ),
     ),
     Panel(
         "Height z", "mm",
         (
-            Quantity("after the force loop", "shifted", series("controller.p_cmd_B", 2, MM)),
-            Quantity("estimated", "belief", series("estimator.p_B", 2, MM)),
-            Quantity("true", "truth", series("plant.p_B", 2, MM)),
-            Quantity("pre-defined", "reference", series("controller.p_ref_B", 2, MM)),
-            Quantity("surface", "display", surface_height),
+            PanelCurve("after the force loop", "shifted", series("controller.p_cmd_B", 2, MM)),
+            PanelCurve("estimated", "belief", series("estimator.p_B", 2, MM)),
+            PanelCurve("true", "truth", series("plant.p_B", 2, MM)),
+            PanelCurve("pre-defined", "reference", series("controller.p_ref_B", 2, MM)),
+            PanelCurve("surface", "display", surface_height),
         ),
     ),
     Panel(
         "Deviation from the pre-defined path, true", "mm",
-        tuple(Quantity(letter, "truth", deviation(axis), axis) for axis, letter in enumerate("xyz")),
+        tuple(PanelCurve(letter, "truth", deviation(axis), axis) for axis, letter in enumerate("xyz")),
     ),
     Panel(
         "Position x, y", "mm",
@@ -236,7 +236,7 @@ PANELS = (
     ),
     Panel(
         "Use of the safety monitor's limits", "1",
-        (Quantity("largest share of any limit", "truth", series("monitor.utilisation")),),
+        (PanelCurve("largest share of any limit", "truth", series("monitor.utilisation")),),
     ),
 )  # fmt: skip
 KNOWN = ("theta_m", "omega_m", "tau_motor")

@@ -30,7 +30,7 @@ KEYS = (
 END = "force at the end, mean of the last second"
 
 
-class Measure(NamedTuple):
+class RunMeasure(NamedTuple):
     """A number about a run; `true` is judged, `believed` is what the robot would say. NaN: there is none.
 
     Infinity: it never happened. `short` is its name in a verdict on several runs, "" where less is not better.
@@ -61,9 +61,9 @@ def outcome(run: "ReportRun") -> str:
     return f"The true force {when} and ends at {number(found[END].true, 'N')}"
 
 
-def measures(run: "ReportRun") -> list[Measure]:
+def measures(run: "ReportRun") -> list[RunMeasure]:
     """All measures that `run` holds the series for, the force first."""
-    found: list[Measure] = []
+    found: list[RunMeasure] = []
     if run.has("plant.F_ee_B"):
         found += _force(run)
     if run.has("plant.p_B"):
@@ -71,7 +71,7 @@ def measures(run: "ReportRun") -> list[Measure]:
     if run.has(*(f"drive/{joint}.{name}" for joint in (1, 2, 3) for name in ("omega_m", "tau_motor"))):
         found += _drives(run)
     if run.has("monitor.tripped"):
-        found.append(Measure("safety monitor tripped at", "s", trip_time(run.recording)))
+        found.append(RunMeasure("safety monitor tripped at", "s", trip_time(run.recording)))
     return found
 
 
@@ -80,7 +80,7 @@ def scored(run: "ReportRun") -> dict[str, float]:
     return {m.short: m.true for m in run.measures if m.short and not math.isnan(m.true)}
 
 
-def key_measures(runs: Sequence["ReportRun"]) -> list[list[Measure]]:
+def key_measures(runs: Sequence["ReportRun"]) -> list[list[RunMeasure]]:
     """Of each run the three that say most: the first of `KEYS` that all of them have; fewer if there are not three."""
     found = [
         {name: m for m in run.measures for name in (m.short, m.text) if name and not math.isnan(m.true)} for run in runs
@@ -116,23 +116,23 @@ def _why_not(run: "ReportRun") -> str:
     return "no constant force was asked for" if touches else "it never touched"
 
 
-def _force(run: "ReportRun") -> list[Measure]:
+def _force(run: "ReportRun") -> list[RunMeasure]:
     t = run.times["plant"]
     F_z = -run.recording["plant.F_ee_B"][:, 2]
     # not the force's z component: pulling sideways on a tilted surface has one, too
     touching = (run.recording["plant.F_n"] if run.has("plant.F_n") else F_z) > 0.0
     believed = run.held("controller.F_z", t) if run.has("controller.F_z") else np.full_like(t, math.nan)
     found = [
-        Measure("first touch at", "s", first_time(t, touching)),
-        Measure("largest pressing force", "N", float(F_z.max()), float(believed.max())),
+        RunMeasure("first touch at", "s", first_time(t, touching)),
+        RunMeasure("largest pressing force", "N", float(F_z.max()), float(believed.max())),
     ]
     if not np.any(touching):
         return found
     if run.has("controller.triggered") and np.any(on := run.held("controller.triggered", t) > 0.0):
         lead = max(0.0, first_time(t, touching) - first_time(t, on))
-        found.insert(1, Measure("force loop on before the first touch for", "s", lead))
+        found.insert(1, RunMeasure("force loop on before the first touch for", "s", lead))
     found.append(
-        Measure(
+        RunMeasure(
             "error of the estimated force in contact, rms",
             "N",
             rms((believed - F_z)[touching]),
@@ -146,17 +146,17 @@ def _force(run: "ReportRun") -> list[Measure]:
     return found + _regulation(t, F_z, believed, run.held("controller.F_z_ref", t), touching)
 
 
-def _force_error(run: "ReportRun", t: Curve, F_z: Curve, believed: Curve) -> list[Measure]:
+def _force_error(run: "ReportRun", t: Curve, F_z: Curve, believed: Curve) -> list[RunMeasure]:
     """The `force_error` of `twin.robot.run.outcome`: off the reference, force loop on, from the first touch on."""
     on = (run.held("controller.triggered", t) > 0.0) & np.logical_or.accumulate(F_z > 0.0)
     if not np.any(on):
         return []
     F_z_ref = run.held("controller.F_z_ref", t)
     text = "rms of F_z off its reference, force loop on, from the first touch on"
-    return [Measure(text, "N", rms((F_z - F_z_ref)[on]), rms((believed - F_z_ref)[on]), short="force error")]
+    return [RunMeasure(text, "N", rms((F_z - F_z_ref)[on]), rms((believed - F_z_ref)[on]), short="force error")]
 
 
-def _regulation(t: Curve, F_z: Curve, believed: Curve, F_z_ref: Curve, touching: np.ndarray) -> list[Measure]:
+def _regulation(t: Curve, F_z: Curve, believed: Curve, F_z_ref: Curve, touching: np.ndarray) -> list[RunMeasure]:
     """How well a constant force is reached and kept; the second half of the contact is what has settled."""
     target = float(F_z_ref[-1])
     if target <= 0.0:
@@ -164,8 +164,8 @@ def _regulation(t: Curve, F_z: Curve, believed: Curve, F_z_ref: Curve, touching:
     contact = np.flatnonzero(touching)
     late = contact[len(contact) // 2 :]
 
-    def both(text: str, unit: str, of: Callable[[Curve], float], short: str = "") -> Measure:
-        return Measure(text, unit, of(F_z), of(believed), short)
+    def both(text: str, unit: str, of: Callable[[Curve], float], short: str = "") -> RunMeasure:
+        return RunMeasure(text, unit, of(F_z), of(believed), short)
 
     return [
         both(f"within {100.0 * BAND:g} % of {target:g} N to the end from", "s",
@@ -177,32 +177,34 @@ def _regulation(t: Curve, F_z: Curve, believed: Curve, F_z_ref: Curve, touching:
     ]  # fmt: skip
 
 
-def _path(run: "ReportRun") -> list[Measure]:
+def _path(run: "ReportRun") -> list[RunMeasure]:
     t, p_B = run.times["plant"], run.recording["plant.p_B"]
     found = []
     if run.has("controller.p_ref_B"):
         off = MM * (p_B - run.held("controller.p_ref_B", t))
         across = np.hypot(off[:, 0], off[:, 1])
         found += [
-            Measure("horizontal distance from the reference, rms", "mm", rms(across), short="distance from the path"),
-            Measure("horizontal distance from the reference, largest", "mm", float(across.max())),
+            RunMeasure(
+                "horizontal distance from the reference, rms", "mm", rms(across), short="distance from the path"
+            ),
+            RunMeasure("horizontal distance from the reference, largest", "mm", float(across.max())),
         ]
     if run.has("estimator.p_B"):
         error = np.linalg.norm(run.held("estimator.p_B", t) - p_B, axis=1)
         found.append(
-            Measure("error of the estimated position, rms", "mm", MM * rms(error), short="the estimated position")
+            RunMeasure("error of the estimated position, rms", "mm", MM * rms(error), short="the estimated position")
         )
     return found
 
 
-def _drives(run: "ReportRun") -> list[Measure]:
+def _drives(run: "ReportRun") -> list[RunMeasure]:
     worst = {
         name: max(float(np.abs(run.recording[f"drive/{joint}.{name}"]).max()) for joint in (1, 2, 3))
         for name in ("omega_m", "tau_motor")
     }
     return [
-        Measure("largest motor speed", "rad/s", worst["omega_m"]),
-        Measure("largest motor torque", "N m", worst["tau_motor"]),
+        RunMeasure("largest motor speed", "rad/s", worst["omega_m"]),
+        RunMeasure("largest motor torque", "N m", worst["tau_motor"]),
     ]
 
 
@@ -266,7 +268,7 @@ class ReportRun:
         return {topic: self.recording.time(topic) for topic in self.recording.streams}
 
     @cached_property
-    def measures(self) -> list[Measure]:
+    def measures(self) -> list[RunMeasure]:
         """See the function of this name."""
         return measures(self)
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from twin.report.page.markup import Markup, element, joined, section, table
-from twin.report.page.run import Measure, ReportRun, key_measures, number
+from twin.report.page.run import ReportRun, RunMeasure, key_measures, number
 from twin.report.page.verdict import PageVerdict, RunGroup
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.experiment.recorded import (
@@ -333,7 +333,7 @@ def _measures(runs: Sequence[ReportRun]) -> Markup:
     return table(("measure", "unit", *(run.label for run in runs)), rows, "measures")
 
 
-def _measure(measure: Measure | None) -> Markup:
+def _measure(measure: RunMeasure | None) -> Markup:
     if measure is None:
         return Markup("-")
     believed = [] if math.isnan(measure.believed) else [element("small", f"believed {number(measure.believed)}")]

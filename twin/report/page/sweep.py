@@ -8,7 +8,7 @@ from twin.report.page.markup import Markup, element, joined, table
 from twin.report.page.page import plain_page
 from twin.report.page.picture import figure
 from twin.studies.sweep.folder import SweepRows
-from twin.studies.sweep.show.parts import Asked, Part, headline, parts
+from twin.studies.sweep.show.parts import Asked, ReportPart, headline, parts
 
 PAGE = "sweep.html"
 CAPTIONS = {
@@ -62,14 +62,14 @@ def _subtitle(sweep: SweepRows) -> str:
     )
 
 
-def _content(part: Part) -> list[Markup]:
+def _content(part: ReportPart) -> list[Markup]:
     shown = [position for position, title in enumerate(part.head) if title not in part.text_only]
     rows = [[_cell(row[position], part) for position in shown] for row in part.rows]
     inside = [table([part.head[position] for position in shown], rows, part.title)] if rows else []
     return inside + [element("p", remark, class_="hint") for remark in part.remarks]
 
 
-def _cell(text: str, part: Part) -> str:
+def _cell(text: str, part: ReportPart) -> str:
     # the two ends of an interval stay on one line
     unbroken = text.replace(" .. ", "\u00a0..\u00a0")
     note = part.notes.get(text)

@@ -50,7 +50,7 @@ from twin.robot.experiment.experiment import Experiment
 Source = tuple[str, str]
 
 
-class Row(NamedTuple):
+class ComponentRow(NamedTuple):
     """Components of the robot.
 
     Attributes:
@@ -64,10 +64,10 @@ class Row(NamedTuple):
     inputs: Mapping[str, tuple[Source, ...]]
 
 
-def _row(name: str, parts: Parts, **inputs: str | tuple[str, ...]) -> Row:
+def _row(name: str, parts: Parts, **inputs: str | tuple[str, ...]) -> ComponentRow:
     """A row with its sources as "row.port"."""
     named = {port: (source,) if isinstance(source, str) else source for port, source in inputs.items()}
-    return Row(name, parts, {port: tuple(map(_source, sources)) for port, sources in named.items()})
+    return ComponentRow(name, parts, {port: tuple(map(_source, sources)) for port, sources in named.items()})
 
 
 def _source(text: str) -> Source:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from twin.kernel.cosim.component import Place
+from twin.kernel.cosim.component import MemoryPlace
 from twin.kernel.settings import FieldSource, Settings, Values, taken
 from twin.robot.controller.adaptive import Breath, Scheduling
 from twin.robot.controller.controller import Belief, Law
@@ -105,16 +105,16 @@ def key_of(source: FieldSource) -> str:
     return f"{PATHS[source.table]}.{source.setting.key(source.name)}"
 
 
-_TUNABLE: dict[str, tuple[Place, FieldSource]] = {}
+_TUNABLE: dict[str, tuple[MemoryPlace, FieldSource]] = {}
 for _memory in MEMORIES:
     for _field, _source in _memory.fields.items():
         if _source.setting.tunable:
             # of one that lies in two places the first: the other one is a copy that a schedule goes back to
-            _TUNABLE.setdefault(key_of(_source), (Place(_memory.component, _memory.record, _field), _source))
+            _TUNABLE.setdefault(key_of(_source), (MemoryPlace(_memory.component, _memory.record, _field), _source))
 PLACES = {key: place for key, (place, _) in _TUNABLE.items()}
 """Where the numbers lie that may change while the robot runs, by their keys in the file."""
 BROKEN = {
-    kind: Place(memory.component, memory.record, field)
+    kind: MemoryPlace(memory.component, memory.record, field)
     for memory in MEMORIES
     for kind, field in memory.broken_by.items()
 }

@@ -114,7 +114,7 @@ def requirement(text: str) -> Formula:
     """
     if len(text) > LONGEST:
         raise ValueError(f"{len(text)} characters; expected at most {LONGEST}")
-    reader = _Reader(text)
+    reader = _FormulaReader(text)
     try:
         formula = reader.formula()
     except RecursionError:
@@ -146,7 +146,7 @@ def _named(terms: Sum) -> Iterator[tuple[str, int | None]]:
             yield from _named(term.what)
 
 
-class _Reader:
+class _FormulaReader:
     """Reads a formula from left to right; `token` is what comes next, "" at the end."""
 
     def __init__(self, text: str):

@@ -273,7 +273,7 @@ METHOD = "of model exchange: holds the tolerance, or goes in steps of one length
 SOLVER_STEP = "longest step of rk4; without it, one per step of the drive"
 
 
-class Part(Settings):
+class DrivePart(Settings):
     """[drive.parts.NAME]: one FMU of a drive that is made of several."""
 
     fmu: str = setting(help="an .fmu file")
@@ -309,7 +309,7 @@ class Drive(Settings):
     velocity_loop: VelocityLoop | None = None
     position_command: PositionCommand | None = None
     rotor: Rotor | None = None
-    parts: dict[str, Part] = Field(default_factory=dict, description="FMUs of a drive that is made of several")
+    parts: dict[str, DrivePart] = Field(default_factory=dict, description="FMUs of a drive that is made of several")
     wires: dict[str, str] = Field(default_factory=dict, description="between parts: part.input = part.output")
 
     @model_validator(mode="after")

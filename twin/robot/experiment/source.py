@@ -82,7 +82,7 @@ def names_stand_in(table: Mapping[str, Any]) -> bool:
     return any(key in table for key in NAMING)
 
 
-class Rule(NamedTuple):
+class Replacement(NamedTuple):
     """A table that names something altogether takes the place of what was said of another one.
 
     Attributes:
@@ -98,16 +98,16 @@ class Rule(NamedTuple):
     by_option: tuple[str, ...] | None = None
 
 
-RULES: dict[str, tuple[Rule, ...]] = {
-    "drive": (Rule(names_drive, None),),
-    "contact": (Rule(_has("body"), None, by_option=("height_mm",)),),
+RULES: dict[str, tuple[Replacement, ...]] = {
+    "drive": (Replacement(names_drive, None),),
+    "contact": (Replacement(_has("body"), None, by_option=("height_mm",)),),
     # of way points one file may give the times and another the places
-    "reference": (Rule(_has(*SHAPES), ()), Rule(_has("t_s", "p_mm"), ("t_s", "p_mm"))),
-    **{role: (Rule(names_stand_in, retained, by_key=True),) for role, retained in RETAINED.items()},
+    "reference": (Replacement(_has(*SHAPES), ()), Replacement(_has("t_s", "p_mm"), ("t_s", "p_mm"))),
+    **{role: (Replacement(names_stand_in, retained, by_key=True),) for role, retained in RETAINED.items()},
 }
 
 
-def rules_for(name: str, table: Any, by_key: bool = False) -> list[Rule]:
+def rules_for(name: str, table: Any, by_key: bool = False) -> list[Replacement]:
     """By which rules `table`, called `name`, takes another one's place; `by_key`: it is a key of the command line."""
     rules = RULES.get(name, ()) if isinstance(table, Mapping) else ()
     return [rule for rule in rules if rule.names(table) and (rule.by_key or not by_key)]

@@ -42,7 +42,7 @@ class Topics:
     """
 
     def __init__(self, streams: Sequence[RowStream], scene: Scene, tick: float):
-        self._encoder, self._scene, self._tick = Encoder(streams), scene, tick
+        self._encoder, self._scene, self._tick = MessageEncoder(streams), scene, tick
         self._layouts = {form.name: form_filling(0, form) for form in scene.forms}
         events: _Channel = (EVENTS, Log.DESCRIPTOR.full_name, log_descriptor_set(), {}, False)
         channels = [*_streams(streams), *_forms(scene), events]
@@ -104,7 +104,7 @@ def _log(event: TickEvent, time: int) -> bytes:
     return log.SerializeToString()
 
 
-class Encoder:
+class MessageEncoder:
     """The newest row of all `streams` as protobuf messages, all of them at once.
 
     The layout is the recording's: every number has its place in the bytes of its message (`recording/messages.py`). So

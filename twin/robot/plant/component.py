@@ -312,7 +312,7 @@ def _settle_at(m):
     settle(m.parameters, apex_frame(m.parameters), m.x, STILL, STILL)
 
 
-class Equations:
+class PlantEquations:
     """The plant's equations with given constants.
 
     Args:

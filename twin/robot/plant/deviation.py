@@ -45,7 +45,7 @@ def _add_up(rows, count, width, columns, touched, found, off):
     return controlled
 
 
-class Deviation:
+class DeviationSums:
     """What blocks of at most `size` rows come to, one at a time.
 
     Attributes:

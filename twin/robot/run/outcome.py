@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.system import System
 from twin.robot.controller.program import PhaseKind, Tap, Task
-from twin.robot.plant.deviation import Deviation
+from twin.robot.plant.deviation import DeviationSums
 
 UNDER_FORCE = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
 SIGNALS = ("plant.F_ee_B", "controller.task", "controller.phase")
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldForces:
     """The true pressing force of one task.
 
     Attributes:
@@ -99,16 +99,16 @@ class HeldForce(Observer):
         self._spans[index] = (int(ticks[0]) if begin < 0 else begin, int(ticks[-1]))
 
     @property
-    def held(self) -> tuple[Held, ...]:
+    def held(self) -> tuple[HeldForces, ...]:
         """Of each task in its order; nothing if the controller does not say which task is on."""
         return tuple(self._held(index) for index in range(len(self._tasks) if self._columns else 0))
 
-    def _held(self, index: int) -> Held:
+    def _held(self, index: int) -> HeldForces:
         task, (begin, end), peaks = self._tasks[index], self._spans[index], self._peaks[index]
         if begin < 0:
-            return Held(index + 1, task.kind, task.force)
+            return HeldForces(index + 1, task.kind, task.force)
         least, largest = (min(peaks), max(peaks)) if peaks else self._extremes[index]
-        return Held(
+        return HeldForces(
             index + 1, task.kind, task.force, len(peaks), least, largest, begin * self._tick, end * self._tick
         )  # fmt: skip
 
@@ -168,7 +168,7 @@ class Tally(Observer):
         # of rows that wait for the others of their block
         self._waiting_columns = np.where(self._columns < 0, -1, np.arange(len(self._columns)))
         self._waiting, self._filled = np.empty((BLOCK, len(self._columns))), 0
-        self._deviation = Deviation(BLOCK)
+        self._deviation = DeviationSums(BLOCK)
         self._count = self._controlled = 0
         self._squares = np.zeros(3)
         self._force_squares = 0.0

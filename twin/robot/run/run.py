@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.kernel.cosim.observers import Progress, simulate
+from twin.kernel.cosim.observers import ProgressObserver, simulate
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import ComponentFailed, Unreachable
 from twin.kernel.fmi.variable import FILE, to_json
@@ -24,9 +24,9 @@ from twin.robot.controller.program import PhaseKind
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.source import NAMING, RETAINED
 from twin.robot.monitor.component import trip_reason
-from twin.robot.plant.component import Equations, resting
+from twin.robot.plant.component import PlantEquations, resting
 from twin.robot.plant.dynamics import STATES, PlantParameters
-from twin.robot.run.outcome import Held, HeldForce, RunOutcome, Tally
+from twin.robot.run.outcome import HeldForce, HeldForces, RunOutcome, Tally
 from twin.robot.run.trace import streams_of
 from twin.robot.run.viewer import Pace, Punctuality, Shown, Viewer
 from twin.robot.run.watch import Tuning, Watch
@@ -141,7 +141,7 @@ def fastest_pole(experiment: Experiment) -> float:
 
 def _fastest(parameters: PlantParameters, x: np.ndarray, theta_m: np.ndarray) -> float:
     jacobian = np.empty((STATES, STATES))
-    plant = Equations(parameters)
+    plant = PlantEquations(parameters)
     # dry friction is stiffest while it holds
     plant.hold(x, theta_m)
     for i, small in enumerate(SMALL):
@@ -190,7 +190,7 @@ class Run:
     changed: bool
     punctuality: Punctuality | None
     parts: dict[str, str] = field(default_factory=dict)
-    held: tuple[Held, ...] = ()
+    held: tuple[HeldForces, ...] = ()
 
     @property
     def real_time_factor(self) -> float:
@@ -251,7 +251,14 @@ def _recorded(
     with Writer(path, topics, system.tick, provenance(experiment, assembly), scene.forms) as writer:
         recorder = Recorder(writer, streams, scene.drawings, lambda: tuning.first)
         held = HeldForce(system, experiment.tasks)
-        observers = [tuning, Watch(assembly, experiment), tally, held, recorder, Progress(progress, last_tick + 1)]
+        observers = [
+            tuning,
+            Watch(assembly, experiment),
+            tally,
+            held,
+            recorder,
+            ProgressObserver(progress, last_tick + 1),
+        ]
         observers += [pace] if pace else []
         observers += [Shown(viewer, streams, scene, tuning)] if viewer else []
         slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS

@@ -15,7 +15,7 @@ from twin.kernel.units import Unit, known_unit
 from twin.kernel.writing import made_folder, refuse_unwritable, write_bytes
 from twin.robot.assembly.load import load_experiment
 from twin.studies.answer import Answer
-from twin.studies.build.layout import Kind, Layout, Variable, laid_out, sizes, tables
+from twin.studies.build.layout import ExportedVariable, Kind, Layout, laid_out, sizes, tables
 from twin.studies.build.linking import (
     HERE,
     Platform,
@@ -28,7 +28,7 @@ from twin.studies.build.linking import (
     shared_library,
     universal,
 )
-from twin.studies.build.parameters import Parameter, fixed, parameters
+from twin.studies.build.parameters import OpenParameter, fixed, parameters
 from twin.studies.build.part import RobotPart, part_of
 
 TOOL = "twin"
@@ -42,7 +42,7 @@ _VARIABILITY: dict[Kind, str] = {
 
 
 def model_description(
-    fmi: str, name: str, guid: str, about: str, variables: Sequence[Variable], tick: float, duration: float
+    fmi: str, name: str, guid: str, about: str, variables: Sequence[ExportedVariable], tick: float, duration: float
 ) -> bytes:
     """modelDescription.xml, UTF-8, the same bytes for the same part.
 
@@ -96,7 +96,7 @@ def model_description(
     return ET.tostring(root, encoding="UTF-8", xml_declaration=True) + b"\n"
 
 
-def _append_units(root: ET.Element, variables: Sequence[Variable], new: bool) -> None:
+def _append_units(root: ET.Element, variables: Sequence[ExportedVariable], new: bool) -> None:
     units: dict[str, Unit] = {variable.text: variable.unit for variable in variables}
     second = known_unit("s")
     if new and second is not None:
@@ -109,7 +109,7 @@ def _append_units(root: ET.Element, variables: Sequence[Variable], new: bool) ->
         ET.SubElement(ET.SubElement(definitions, "Unit", name=text), "BaseUnit", powers | factor)
 
 
-def _attributes(variable: Variable, reference: int) -> dict[str, str]:
+def _attributes(variable: ExportedVariable, reference: int) -> dict[str, str]:
     attributes = {
         "name": variable.name,
         "valueReference": str(reference),
@@ -120,19 +120,19 @@ def _attributes(variable: Variable, reference: int) -> dict[str, str]:
     return attributes | ({"initial": "calculated"} if variable.kind == "output" else {})
 
 
-def _bounds(variable: Variable) -> dict[str, str]:
+def _bounds(variable: ExportedVariable) -> dict[str, str]:
     above, at_least, below, at_most = variable.limits
     lower, upper = at_least if above is None else above, at_most if below is None else below
     return {name: repr(float(x)) for name, x in (("min", lower), ("max", upper)) if x is not None}
 
 
-def _append_scalar(inside: ET.Element, variable: Variable, reference: int) -> None:
+def _append_scalar(inside: ET.Element, variable: ExportedVariable, reference: int) -> None:
     scalar = ET.SubElement(inside, "ScalarVariable", _attributes(variable, reference))
     start = {} if variable.kind == "output" else {"start": repr(variable.start[0])}
     ET.SubElement(scalar, "Real", {"unit": variable.text} | _bounds(variable) | start)
 
 
-def _append_array(inside: ET.Element, variable: Variable, reference: int) -> None:
+def _append_array(inside: ET.Element, variable: ExportedVariable, reference: int) -> None:
     start = {} if variable.kind == "output" else {"start": " ".join(map(repr, variable.start))}
     attributes = _attributes(variable, reference) | {"unit": variable.text} | _bounds(variable) | start
     array = ET.SubElement(inside, "Float64", attributes)
@@ -140,7 +140,7 @@ def _append_array(inside: ET.Element, variable: Variable, reference: int) -> Non
         ET.SubElement(array, "Dimension", start=str(len(variable.start)))
 
 
-def _append_structure(structure: ET.Element, variables: Sequence[Variable], new: bool) -> None:
+def _append_structure(structure: ET.Element, variables: Sequence[ExportedVariable], new: bool) -> None:
     # outputs change with a step, never with an input at the same instant; at the start they follow from all there is
     outputs = [reference for reference, variable in enumerate(variables) if variable.kind == "output"]
     if new:
@@ -356,7 +356,7 @@ def _text(
     platforms: Sequence[Platform],
     size: int,
     layout: Layout,
-    offered: Sequence[Parameter],
+    offered: Sequence[OpenParameter],
     closed: Sequence[str],
 ) -> str:
     inputs, outputs = _names(layout, "input"), _names(layout, "output")

@@ -15,7 +15,7 @@ from twin.kernel.cosim.component import NativeComponent
 from twin.kernel.cosim.port import Port, by_port, width
 from twin.kernel.cosim.system import End
 from twin.kernel.units import Unit, known_unit
-from twin.studies.build.parameters import UNLIMITED, Destination, Limits, Parameter
+from twin.studies.build.parameters import UNLIMITED, Destination, Limits, OpenParameter
 from twin.studies.build.part import Beginning, RobotPart
 
 ALIGNED = 64
@@ -24,7 +24,7 @@ ALIGNED = 64
 Kind = Literal["parameter", "tunable", "input", "output"]
 
 
-class Variable(NamedTuple):
+class ExportedVariable(NamedTuple):
     """A variable of the FMU: one value, or an array of several.
 
     Attributes:
@@ -57,7 +57,7 @@ class Slot(NamedTuple):
     times: float
 
 
-class Row(NamedTuple):
+class EntryRow(NamedTuple):
     """A component's row of the table of C, or that of what begins it.
 
     Attributes:
@@ -82,8 +82,8 @@ class Row(NamedTuple):
 class Layout:
     """See the tables of `part.h`, whose names these are."""
 
-    variables: tuple[Variable, ...]
-    rows: tuple[Row, ...]
+    variables: tuple[ExportedVariable, ...]
+    rows: tuple[EntryRow, ...]
     places: tuple[Slot, ...]
     pointers: tuple[tuple[int, int], ...]
     sources: tuple[int, ...]
@@ -94,7 +94,7 @@ class Layout:
         """How many values the variables have."""
         return sum(len(variable.start) for variable in self.variables)
 
-    def scalars(self) -> tuple[Variable, ...]:
+    def scalars(self) -> tuple[ExportedVariable, ...]:
         """The same variables for who knows no arrays: `p_B[1]`, `p_B[2]`, `p_B[3]`."""
         return tuple(
             variable
@@ -105,7 +105,7 @@ class Layout:
         )
 
 
-def laid_out(part: RobotPart, parameters: Sequence[Parameter]) -> Layout:
+def laid_out(part: RobotPart, parameters: Sequence[OpenParameter]) -> Layout:
     """The layout of `part` with its open `parameters`."""
     blocks = list(_blocks(part))
     variables = list(_variables(part, parameters))
@@ -174,7 +174,7 @@ def _image(part: RobotPart, blocks: Sequence[_Block]) -> bytes:
     return bytes(image)
 
 
-def _places(blocks: Sequence[_Block], parameter: Parameter, first: int, destination: Destination) -> Iterator[Slot]:
+def _places(blocks: Sequence[_Block], parameter: OpenParameter, first: int, destination: Destination) -> Iterator[Slot]:
     memory, unit = destination.memory, parameter.unit
     factor, divisor = (unit.scale, 1.0) if unit.pi else (float(unit.factor.numerator), float(unit.factor.denominator))
     for n, index in enumerate(np.ndindex(memory.shape)):
@@ -185,11 +185,11 @@ def _places(blocks: Sequence[_Block], parameter: Parameter, first: int, destinat
         yield Slot(value, _offset(blocks, address), factor, divisor * destination.divisor, destination.times)
 
 
-def _variables(part: RobotPart, parameters: Sequence[Parameter]) -> Iterator[Variable]:
+def _variables(part: RobotPart, parameters: Sequence[OpenParameter]) -> Iterator[ExportedVariable]:
     first = 0
     for p in parameters:
         kind: Kind = "tunable" if p.tunable else "parameter"
-        yield Variable(p.key, kind, p.meaning, p.unit, _bracketed(p.text), first, p.start, p.limits)
+        yield ExportedVariable(p.key, kind, p.meaning, p.unit, _bracketed(p.text), first, p.start, p.limits)
         first += len(p.start)
     named: list[tuple[Kind, str, Port, np.ndarray]] = []
     named += [("input", name, port, start) for name, (port, start) in part.starts.items()]
@@ -198,7 +198,7 @@ def _variables(part: RobotPart, parameters: Sequence[Parameter]) -> Iterator[Var
         text = port.unit.replace(" ", ".")
         unit = known_unit(text)
         assert unit is not None, f"{name} is in {port.unit}"
-        yield Variable(name, kind, port.meaning, unit, _bracketed(text), first, tuple(float(x) for x in start))
+        yield ExportedVariable(name, kind, port.meaning, unit, _bracketed(text), first, tuple(float(x) for x in start))
         first += port.size
 
 
@@ -227,13 +227,13 @@ def _beginnings(part: RobotPart) -> Iterator[tuple[str, Beginning]]:
             yield name, beginning
 
 
-def _rows(part: RobotPart, memory: dict[str, int], first_of: dict[str, int]) -> Iterator[Row]:
+def _rows(part: RobotPart, memory: dict[str, int], first_of: dict[str, int]) -> Iterator[EntryRow]:
     u = 0
     placed = {}
     for component in part.components:
         name, outputs = component.name, component.outputs
         y = _first(name, outputs, first_of)
-        row = Row(component, f"step_{name}", component.step, component.period, memory[name], u, y, width(outputs))
+        row = EntryRow(component, f"step_{name}", component.step, component.period, memory[name], u, y, width(outputs))
         placed[name] = row
         yield row
         u += width(component.inputs)
@@ -260,7 +260,7 @@ STATUS = {"plant": "left the workspace, a leg cannot reach the platform"}
 """What status 2 means of a component whose own words are of this moment."""
 
 
-def sizes(layout: Layout, variables: Sequence[Variable], guid: str, tick: float) -> str:
+def sizes(layout: Layout, variables: Sequence[ExportedVariable], guid: str, tick: float) -> str:
     """The header `sizes.h`."""
     numbers = {
         "N_VARIABLES": len(variables),
@@ -275,7 +275,7 @@ def sizes(layout: Layout, variables: Sequence[Variable], guid: str, tick: float)
     return "\n".join([*lines, *(f"#define {name} {number}" for name, number in numbers.items()), ""])
 
 
-def tables(layout: Layout, variables: Sequence[Variable]) -> str:
+def tables(layout: Layout, variables: Sequence[ExportedVariable]) -> str:
     """The source `tables.c`."""
     steps = {row.symbol for row in layout.rows}
     doubles = struct.unpack(f"<{len(layout.image) // 8}Q", layout.image)
@@ -283,7 +283,7 @@ def tables(layout: Layout, variables: Sequence[Variable]) -> str:
         [
             '#include "part.h"',
             *(f"DECLARE_STEP({symbol});" for symbol in sorted(steps)),
-            _array("Variable", "variables[N_VARIABLES]", map(_variable, variables)),
+            _array("ExportedVariable", "variables[N_VARIABLES]", map(_variable, variables)),
             _array("double", "start_values[N_VALUES]", (_number(x) for v in layout.variables for x in v.start)),
             _array(
                 "Place", "places[N_PLACES + 1]",
@@ -307,7 +307,7 @@ def _array(kind: str, declared: str, values: Iterable[str]) -> str:
     return f"static const {kind} {declared} = {{\n    {inside}}};"
 
 
-def _variable(variable: Variable) -> str:
+def _variable(variable: ExportedVariable) -> str:
     above, at_least, below, at_most = variable.limits
     lower = next((x for x in (above, at_least) if x is not None), -math.inf)
     upper = next((x for x in (below, at_most) if x is not None), math.inf)
@@ -317,7 +317,7 @@ def _variable(variable: Variable) -> str:
     )
 
 
-def _component(row: Row) -> str:
+def _component(row: EntryRow) -> str:
     n_u = sum(port.size for port in row.component.inputs)
     name = row.component.name
     status = f'"{STATUS.get(name) or row.component.explain(2)}"'

@@ -17,7 +17,7 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.monitor.checks import Reason
 from twin.studies.answer import Answer
 from twin.studies.build.fmu import HOME
-from twin.studies.build.layout import STATUS, Layout, Variable, laid_out, sizes, tables
+from twin.studies.build.layout import STATUS, ExportedVariable, Layout, laid_out, sizes, tables
 from twin.studies.build.linking import (
     HERE,
     PLATFORMS,
@@ -125,7 +125,7 @@ def fields(part: RobotPart, layout: Layout) -> bytes:
     ).encode()
 
 
-def parameters_of(layout: Layout) -> list[Variable]:
+def parameters_of(layout: Layout) -> list[ExportedVariable]:
     """The first of its variables."""
     return [v for v in layout.variables if v.kind in ("parameter", "tunable")]
 
@@ -173,7 +173,7 @@ def _members(fields: Mapping[str, Any], indent: str) -> Iterator[str]:
         if isinstance(field, Port):
             meaning = field.meaning if field.unit == "1" else f"{field.unit}, {field.meaning}"
             yield _member(indent, TYPES[field.kind], name, field.size, meaning)
-        elif isinstance(field, Variable):
+        elif isinstance(field, ExportedVariable):
             start = ", ".join(f"{x:g}" for x in field.start)
             tunable = "; tunable" if field.kind == "tunable" else ""
             meaning = f"{start}: {field.meaning}; {expected(field.limits)}{tunable}"

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twin.kernel.cosim.component import NativeComponent, Place
+from twin.kernel.cosim.component import MemoryPlace, NativeComponent
 from twin.kernel.settings import taken
 from twin.kernel.units import Unit, known_unit
 from twin.robot.assembly.declared import MEMORIES, PATHS, PLACES
@@ -79,7 +79,7 @@ class Destination(NamedTuple):
     times: float = 1.0
 
 
-class Parameter(NamedTuple):
+class OpenParameter(NamedTuple):
     """A number of the experiment's file that stays open.
 
     Attributes:
@@ -102,7 +102,7 @@ class Parameter(NamedTuple):
     tunable: bool
 
 
-def parameters(part: RobotPart) -> list[Parameter]:
+def parameters(part: RobotPart) -> list[OpenParameter]:
     """All of them, in the order of the tables of the file."""
     found: dict[str, list[Destination]] = {}
     worked_out = {f"controller.model.{name}" for name in Model.model_fields} if senses(part) else set()
@@ -118,7 +118,7 @@ def parameters(part: RobotPart) -> list[Parameter]:
         metre = known_unit("m")
         assert metre is not None
         start = tuple(float(x) for x in part.start)
-        offered.append(Parameter(START, meaning, start, metre, "m", UNLIMITED, tuple(found[START]), False))
+        offered.append(OpenParameter(START, meaning, start, metre, "m", UNLIMITED, tuple(found[START]), False))
     return offered
 
 
@@ -131,7 +131,7 @@ def _order(key: str) -> tuple[int, int]:
     )
 
 
-def _parameter(experiment: Experiment, key: str, destinations: tuple[Destination, ...]) -> Parameter:
+def _parameter(experiment: Experiment, key: str, destinations: tuple[Destination, ...]) -> OpenParameter:
     table, _, attribute = key.rpartition(".")
     fault = fault_of(experiment, table)
     field = (table_of(CATALOGUE[fault.kind]) if fault else _MODELS[table]).model_fields[attribute]
@@ -147,7 +147,7 @@ def _parameter(experiment: Experiment, key: str, destinations: tuple[Destination
     )
     key = f"{table}.{name}"
     limits = above, at_least, below, at_most
-    return Parameter(key, field.description or "", start, unit, text, limits, destinations, key in PLACES)
+    return OpenParameter(key, field.description or "", start, unit, text, limits, destinations, key in PLACES)
 
 
 Found = Iterator[tuple[str, Destination]]
@@ -158,7 +158,7 @@ def _numbers(part: RobotPart, component: NativeComponent) -> Found:
     name = component.name
     for memory in MEMORIES:
         for field, source in memory.fields.items() if memory.component == name else ():
-            path, numbers = PATHS[source.table], Place(name, memory.record, field).memory_of(component)
+            path, numbers = PATHS[source.table], MemoryPlace(name, memory.record, field).memory_of(component)
             shown = source.setting.exported and source.form != "i8"
             if shown and numbers is not None and _is_open(part, memory.record, path, source.name):
                 yield f"{path}.{source.name}", Destination(name, numbers, source.divisor, source.times)
@@ -237,7 +237,7 @@ _FIXED = {
 """What decides on a component and may be fixed in it; what is offered after all is not."""
 
 
-def fixed(part: RobotPart, offered: Sequence[Parameter]) -> list[str]:
+def fixed(part: RobotPart, offered: Sequence[OpenParameter]) -> list[str]:
     """The keys of the experiment's file that decide on the part, and cannot be set any more."""
     open_ones = {parameter.key for parameter in offered}
     experiment = part.experiment

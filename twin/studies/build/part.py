@@ -11,7 +11,7 @@ from twin.kernel.cosim.delay import filled
 from twin.kernel.cosim.port import Port, width
 from twin.kernel.cosim.system import End, Feeds
 from twin.kernel.errors import InputRefused, nearest
-from twin.robot.assembly.assemble import HERE, ROBOT, Row, broken, connected
+from twin.robot.assembly.assemble import HERE, ROBOT, ComponentRow, broken, connected
 from twin.robot.assembly.build import JOINTS, Build, at_rest
 from twin.robot.assembly.roles import CONTRACTS
 from twin.robot.experiment.experiment import Experiment
@@ -118,7 +118,7 @@ def part_of(experiment: Experiment, name: str) -> RobotPart:
     return RobotPart(name, experiment, tuple(chosen), within, beginnings, starts, experiment.start)
 
 
-def _made(row: Row, build: Build) -> list[Component]:
+def _made(row: ComponentRow, build: Build) -> list[Component]:
     """The components of a row; of drives and third-party parts nothing but the ports."""
     if row.name == DRIVE:
         return [Component(DRIVE, COMMANDS, SHAFTS, False, 0, 0, build.theta_m)]

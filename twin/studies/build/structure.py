@@ -26,7 +26,7 @@ from twin.kernel.ssp.structure import (
     Connector,
     ConnectorKind,
     DefaultExperiment,
-    End,
+    Endpoint,
     SspComponent,
     SspSystem,
     Structure,
@@ -172,7 +172,7 @@ def _last(given: Mapping[str, Socket], sources: Sequence[str]) -> str:
 def _joined(source: Socket, target: Socket) -> Connection:
     factor, offset = source.gain / target.gain, (source.offset - target.offset) / target.gain
     line = Transformation(factor, offset)
-    ends = End(source.element, source.variable), End(target.element, target.variable)
+    ends = Endpoint(source.element, source.variable), Endpoint(target.element, target.variable)
     # a line does all of it: a tool that converts units as well would do it twice
     return Connection(*ends, line, suppress_unit_conversion=line != Transformation())
 

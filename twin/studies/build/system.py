@@ -24,7 +24,7 @@ from twin.robot.run.run import named_files
 from twin.studies.answer import Answer
 from twin.studies.build.drives import Element, JointDrive, travelling_drives
 from twin.studies.build.fmu import HOME, about, archive, packed, readme
-from twin.studies.build.layout import Kind, Variable, laid_out
+from twin.studies.build.layout import ExportedVariable, Kind, laid_out
 from twin.studies.build.linking import Platform, platforms_named, refuse_platform
 from twin.studies.build.parameters import fixed, parameters
 from twin.studies.build.part import RobotPart, part_of
@@ -43,13 +43,13 @@ KINDS: dict[Kind, ConnectorKind] = {
 }  # fmt: skip
 
 
-def own_connectors(variables: Sequence[Variable]) -> tuple[ConnectorUnit, ...]:
+def own_connectors(variables: Sequence[ExportedVariable]) -> tuple[ConnectorUnit, ...]:
     """One for each of its scalars."""
     return tuple((Connector(v.name, KINDS[v.kind], "Real", v.text, (), v.meaning), _unit(v)) for v in variables)
 
 
 def own_values(
-    experiment: Experiment, name: str, variables: Sequence[Variable], source: str, metadata: Metadata
+    experiment: Experiment, name: str, variables: Sequence[ExportedVariable], source: str, metadata: Metadata
 ) -> ParameterSet:
     """The parameters of a part of ours, each with where it comes from.
 
@@ -69,7 +69,7 @@ def own_values(
     return ParameterSet(name, tuple(values), tuple(units.values()), source, metadata)
 
 
-def _unit(variable: Variable) -> UnitDefinition:
+def _unit(variable: ExportedVariable) -> UnitDefinition:
     return UnitDefinition(variable.text, variable.unit.dimension, variable.unit.scale)
 
 

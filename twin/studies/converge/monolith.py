@@ -29,7 +29,7 @@ from twin.robot.assembly.computer import belief, controller
 from twin.robot.assembly.drives import ALONE, DrivePlan
 from twin.robot.controller.controller import Estimator
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.plant.component import MOTION, OUTPUTS, STILL, Equations, outputs_near, resting
+from twin.robot.plant.component import MOTION, OUTPUTS, STILL, PlantEquations, outputs_near, resting
 from twin.robot.plant.contact import ANCHORS, apex_frame
 from twin.robot.plant.dynamics import PARAMETERS, STATES, UNTOUCHED, PlantParameters, derivative
 from twin.robot.plant.encoder import Encoder
@@ -195,7 +195,7 @@ def monolithic_rows(
     encoder = Sampled(Encoder(*shafts(p)))
     estimator = Sampled(Estimator(belief(experiment), experiment.controller.gravity_compensation))
     law = Sampled(controller(experiment))
-    plant, coupled = Equations(parameters), Coupled(parameters, drives.T_m, drives.droop)
+    plant, coupled = PlantEquations(parameters), Coupled(parameters, drives.T_m, drives.droop)
     T_s = experiment.controller_ticks * experiment.cosim.tick
     y = np.empty(experiment.duration_ticks // experiment.controller_ticks + 1, dtype=MOTION)
     shaft = np.empty((len(y), 9))

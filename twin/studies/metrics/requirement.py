@@ -28,7 +28,7 @@ from twin.robot.experiment.measure import AtMost, Formula, Holds, Joined, Not, S
 Curve = NDArray[np.float64]
 
 
-class Run(Protocol):
+class TracedRun(Protocol):
     """A run as `Trace` keeps it."""
 
     @property
@@ -37,7 +37,7 @@ class Run(Protocol):
     def held(self, key: str, /) -> NDArray: ...
 
 
-def distance(formula: Formula, run: Run) -> float:
+def distance(formula: Formula, run: TracedRun) -> float:
     """Distance of `run` from violating `formula`, in the unit of its comparisons; negative: it violates it.
 
     Args:
@@ -46,7 +46,7 @@ def distance(formula: Formula, run: Run) -> float:
     return float(_distances(formula, run)[0])
 
 
-def _distances(formula: Formula, run: Run) -> Curve:
+def _distances(formula: Formula, run: TracedRun) -> Curve:
     """At every tick, (n,)."""
     match formula:
         case AtMost(smaller, larger):
@@ -69,7 +69,7 @@ def _distances(formula: Formula, run: Run) -> Curve:
             return np.minimum(np.minimum(before, after), _largest(reached, first, last))
 
 
-def _ticks(begin: float, end: float | None, run: Run) -> tuple[int, int | None]:
+def _ticks(begin: float, end: float | None, run: TracedRun) -> tuple[int, int | None]:
     return round(begin / run.tick), None if end is None else round(end / run.tick)
 
 
@@ -99,12 +99,12 @@ def _untimed(held: Curve, reached: Curve) -> Curve:
     return found
 
 
-def _value(terms: Sum, run: Run) -> Curve:
+def _value(terms: Sum, run: TracedRun) -> Curve:
     """(n,), or (n, k) where the signals are vectors; a number where there are none."""
     return np.asarray(sum(term.sign * _term(term, run) for term in terms))
 
 
-def _term(term: Term, run: Run) -> Curve:
+def _term(term: Term, run: TracedRun) -> Curve:
     if isinstance(term.what, tuple):
         inside = _value(term.what, run)
         return np.linalg.norm(inside, axis=1) if np.ndim(inside) == 2 else np.abs(inside)
@@ -114,7 +114,7 @@ def _term(term: Term, run: Run) -> Curve:
     return values if term.index is None else values[:, term.index]
 
 
-class Signal(Protocol):
+class SignalInfo(Protocol):
     """What is known of a recorded signal before a run, as `twin.kernel.recording.messages.Field` has it."""
 
     @property
@@ -125,7 +125,7 @@ class Signal(Protocol):
     def unit(self) -> str: ...
 
 
-def checked_requirement(text: str, signals: Mapping[str, Signal]) -> tuple[Formula, str]:
+def checked_requirement(text: str, signals: Mapping[str, SignalInfo]) -> tuple[Formula, str]:
     """The formula that `text` spells, and the SI unit of its distance; "1" where it compares nothing.
 
     Args:
@@ -147,7 +147,7 @@ def checked_requirement(text: str, signals: Mapping[str, Signal]) -> tuple[Formu
     return formula, units.pop() if units else "1"
 
 
-def _units(formula: Formula, signals: Mapping[str, Signal]) -> set[str]:
+def _units(formula: Formula, signals: Mapping[str, SignalInfo]) -> set[str]:
     """SI units of the comparisons in `formula`.
 
     Raises:
@@ -182,7 +182,7 @@ def _common(one: _Measure, other: _Measure) -> str:
     return one.unit
 
 
-def _measure(terms: Sum, signals: Mapping[str, Signal]) -> _Measure:
+def _measure(terms: Sum, signals: Mapping[str, SignalInfo]) -> _Measure:
     found = [_of_term(term, signals) for term in terms]
     for one in found[1:]:
         _common(found[0], one)
@@ -191,7 +191,7 @@ def _measure(terms: Sum, signals: Mapping[str, Signal]) -> _Measure:
     return found[0]
 
 
-def _of_term(term: Term, signals: Mapping[str, Signal]) -> _Measure:
+def _of_term(term: Term, signals: Mapping[str, SignalInfo]) -> _Measure:
     if isinstance(term.what, tuple):
         return _measure(term.what, signals)._replace(size=1)
     if not isinstance(term.what, str):
@@ -205,7 +205,7 @@ def _of_term(term: Term, signals: Mapping[str, Signal]) -> _Measure:
     return _Measure(signal.size if term.index is None else 1, unit.si if unit else signal.unit)
 
 
-def _known(name: str, signals: Mapping[str, Signal]) -> Signal:
+def _known(name: str, signals: Mapping[str, SignalInfo]) -> SignalInfo:
     if name not in signals:
         raise ValueError(f"no such signal as {name}; {nearest(name, signals, 'there are {}', 3)}")
     return signals[name]

@@ -8,11 +8,11 @@ from typing import Any, Literal
 from twin.kernel.errors import UnknownSeries
 
 Verdict = Literal["holds", "fails", "trivial", "not reproduced", "reproduced after all", "not scored"]
-""""Not reproduced" and "reproduced after all" are of claims with a `Miss`; "fails" is unexpected."""
+""""Not reproduced" and "reproduced after all" are of claims with a `KnownMiss`; "fails" is unexpected."""
 
 
 @dataclass(frozen=True)
-class Miss:
+class KnownMiss:
     """A claim that the twin is known not to reproduce.
 
     Attributes:
@@ -54,7 +54,7 @@ class Claim:
     digits: int = 2
     source: str = ""
     trivial: Callable[[Any], str] = lambda runs: ""
-    miss: Miss | None = None
+    miss: KnownMiss | None = None
 
     @property
     def expected(self) -> str:

@@ -13,7 +13,7 @@ from operator import attrgetter
 
 from twin.studies.metrics.response import overshoot
 from twin.studies.paper import fig4_measures as measure
-from twin.studies.paper.claim import Claim, ClaimFinding, Miss, Verdict, as_facts, judged
+from twin.studies.paper.claim import Claim, ClaimFinding, KnownMiss, Verdict, as_facts, judged
 from twin.studies.paper.fig4_measures import Fig4Runs, in_x, while_sweeping
 
 SMALL_Z = "ours: 0.6 mm, 3 % of the 20 mm that it comes down"
@@ -95,32 +95,32 @@ CLAIMS = (
         "z_tracks_position", "... average difference, in its worst part", "4 A",
         "the average tracking difference of this trajectory keeps small values",
         lambda runs: measure.z_error(runs.position), high=0.5, unit="mm", scale=1e3, source=CURVE,
-        miss=Miss(LAGS, high=2.6),
+        miss=KnownMiss(LAGS, high=2.6),
     ),
     Claim(
         "z_lag", "... lag in time", "4 A",
         "the used position control can enable the end-effector to accurately follow the pre-defined trajectory",
         lambda runs: measure.lag(runs.position)[0], high=0.5, unit="s",
-        source="ours: less than the delay of the force that the text calls 'severe'", miss=Miss(LAGS, high=0.75),
+        source="ours: less than the delay of the force that the text calls 'severe'", miss=KnownMiss(LAGS, high=0.75),
     ),
     Claim(
         "z_place", "... error in place, without the lag", "4 A",
         "the used position control can enable the end-effector to accurately follow the pre-defined trajectory",
         lambda runs: measure.lag(runs.position)[1], high=0.5, unit="mm", scale=1e3, source=CURVE,
-        miss=Miss("pressed in by the scale the drives give way, and z arrives late and 0.4 mm short", high=1.1),
+        miss=KnownMiss("pressed in by the scale the drives give way, and z arrives late and 0.4 mm short", high=1.1),
     ),
     Claim(
         "z_tracks", "whole curve, force-position: average difference", "4 A",
         "the proposed force-position control strategy can enable the end-effector to track the pre-defined "
         "trajectory and force",
         lambda runs: measure.z_error(runs.force_position), high=0.5, unit="mm", scale=1e3, source=CURVE,
-        miss=Miss(LAGS, high=2.6),
+        miss=KnownMiss(LAGS, high=2.6),
     ),
     Claim(
         "z_same", "whole curve: z of both runs nearly the same", "4 A",
         "the z-axis trajectory based on the force-position control strategy is almost the same as the z-axis "
         "control-based trajectory",
-        measure.z_gap, high=0.5, unit="mm", scale=1e3, source=CURVE, miss=Miss(DELAYED, high=1.1),
+        measure.z_gap, high=0.5, unit="mm", scale=1e3, source=CURVE, miss=KnownMiss(DELAYED, high=1.1),
     ),
     Claim(
         "force_tracks", "F_z tracks 5 N while sweeping", "4 B",
@@ -203,7 +203,7 @@ CLAIMS = (
     Claim(
         "backlash_offset", "position error comes from backlash", "4 A",
         "The position tracking difference is generated owing to the mechanical backlash",
-        miss=Miss("in this model backlash leaves no such offset, the droop of the drives does: docs/paper_errata.md"),
+        miss=KnownMiss("here backlash leaves no such offset, the droop of the drives does: docs/paper_errata.md"),
     ),
 )  # fmt: skip
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.robot.assembly.drives import DrivePlan, rates
-from twin.robot.experiment.schema import Drive, Part
+from twin.robot.experiment.schema import Drive, DrivePart
 from twin.studies.metrics.response import Curve, overshoot, rise_time, settling_time
 from twin.studies.qualify.bench import Response, response
 from twin.studies.qualify.definitions import (
@@ -315,7 +315,7 @@ def step_error(plan: DrivePlan, cycle: Response) -> Measure:
     return Measure("step_error", change, "" if change < RESOLUTION else f"seen by the robot's encoder: {remedy}")
 
 
-def _half_step(table: Drive | Part) -> dict[str, float]:
+def _half_step(table: Drive | DrivePart) -> dict[str, float]:
     return {} if table.solver_step is None else {"solver_step": 0.5 * table.solver_step}
 
 

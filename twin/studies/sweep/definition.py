@@ -18,18 +18,18 @@ _SHAPES = {"normal": ("mean", "std"), "lognormal": ("median", "sigma")}
 _KEYS = {"low": "from", "high": "to"}
 
 
-class _Table(BaseModel):
+class _SweepTable(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
-class Condition(_Table):
+class Condition(_SweepTable):
     """when = { key, value }: the keys vary only in runs in which an earlier `key` has `value`."""
 
     key: str
     value: Value
 
 
-class Vary(_Table):
+class Vary(_SweepTable):
     """The keys of [[vary]].
 
     Attributes:
@@ -150,7 +150,7 @@ def _why_not(vary: Vary, name: str, sampled: bool) -> str:
 DESIGNS = Literal["grid", "latin_hypercube", "sobol", "random", "saltelli"]
 
 
-class Definition(BaseModel):
+class SweepFile(BaseModel):
     """The keys of a sweep file.
 
     Attributes:
@@ -175,7 +175,7 @@ class Definition(BaseModel):
     limits: dict[str, float] = Field(default_factory=dict)
 
 
-def read_definition(path: Path) -> tuple[Definition, Path]:
+def read_definition(path: Path) -> tuple[SweepFile, Path]:
     """The sweep file at `path`, and the experiment that it names.
 
     Raises:
@@ -185,7 +185,7 @@ def read_definition(path: Path) -> tuple[Definition, Path]:
     return definition, located(definition.experiment, path.resolve().parent)
 
 
-def short_definition(experiment: Path, ranges: Sequence[str], drive: str | None) -> Definition:
+def short_definition(experiment: Path, ranges: Sequence[str], drive: str | None) -> SweepFile:
     """The grid of `ranges`, each "key=from:to:count".
 
     Raises:
@@ -205,18 +205,18 @@ def short_definition(experiment: Path, ranges: Sequence[str], drive: str | None)
     return _checked(table, f"--sweep {' '.join(ranges)}")
 
 
-def _checked(table: dict[str, Any], place: str) -> Definition:
+def _checked(table: dict[str, Any], place: str) -> SweepFile:
     try:
-        definition = Definition.model_validate(table)
+        definition = SweepFile.model_validate(table)
         mistakes = _disagreements(definition)
     except ValidationError as error:
-        mistakes = [_placed(sentence) for sentence in sentences(error, Definition, "")]
+        mistakes = [_placed(sentence) for sentence in sentences(error, SweepFile, "")]
     if mistakes:
         raise InputRefused("\n".join(f"{place}: {mistake}" for mistake in mistakes))
     return definition
 
 
-def _disagreements(definition: Definition) -> list[str]:
+def _disagreements(definition: SweepFile) -> list[str]:
     """What no key can see alone."""
     sampled = definition.design != "grid"
     mistakes = [] if definition.vary or definition.drives else ["varies nothing; add a table [[vary]], or drives"]

@@ -13,17 +13,28 @@ from pydantic import Field
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_bytes
 from twin.kernel.writing import made_folder, write_json, written
-from twin.studies.sweep.rows import MOST_RUNS, ROWS, Column, Columns, Row, Shape, Words, parsed, read_columns, read_rows
+from twin.studies.sweep.rows import (
+    MOST_RUNS,
+    ROWS,
+    Column,
+    Columns,
+    FileShape,
+    Row,
+    Words,
+    parsed,
+    read_columns,
+    read_rows,
+)
 
 if TYPE_CHECKING:
-    from twin.studies.sweep.plan import Plan
+    from twin.studies.sweep.plan import SweepPlan
 
 
 HOME = Path("results/sweeps")
 FACTS = "sweep.json"
 
 
-class Facts(Shape):
+class Facts(FileShape):
     """sweep.json; its keys as in `SweepRows`, and what all runs have in common."""
 
     sweep: str
@@ -66,7 +77,7 @@ class SweepRows:
         return sorted(self.read(), key=lambda row: row["run"])
 
 
-def claim(folder: Path, plan: "Plan") -> None:
+def claim(folder: Path, plan: "SweepPlan") -> None:
     """Make `folder` that of `plan`, or find that it is already.
 
     Raises:

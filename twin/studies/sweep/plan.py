@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from twin.kernel.errors import InputRefused
 from twin.robot.experiment.source import NAMING
-from twin.studies.sweep.definition import Definition, Value, Vary, read_definition
+from twin.studies.sweep.definition import SweepFile, Value, Vary, read_definition
 from twin.studies.sweep.measures import checked_metric, metric_names
 
 if TYPE_CHECKING:
@@ -28,14 +28,14 @@ _TINY = 2.0**-53
 
 
 @dataclass(frozen=True)
-class Point:
+class DesignPoint:
     """One run: the drive (None: the experiment's own) and the values decided, by the label of their [[vary]]."""
 
     drive: str | None
     parameters: dict[str, Value]
 
 
-def largest_count(definition: Definition) -> int:
+def largest_count(definition: SweepFile) -> int:
     """How many runs it makes if every condition holds; no point is made for that."""
     if definition.design == "grid":
         points = math.prod(len(vary.values) if vary.values else vary.count or 1 for vary in definition.vary)
@@ -46,7 +46,7 @@ def largest_count(definition: Definition) -> int:
     return points * max(1, len(definition.drives))
 
 
-def points(definition: Definition) -> list[Point]:
+def points(definition: SweepFile) -> list[DesignPoint]:
     """Every run, no two alike. Each drive runs the same points, so that drives can be compared.
 
     Raises:
@@ -55,7 +55,7 @@ def points(definition: Definition) -> list[Point]:
     if (count := largest_count(definition)) > MOST:
         raise InputRefused(f"{count:,} runs: more than {MOST:,} cannot be planned; take fewer levels, or draw")
     cube = None if definition.design == "grid" else unit_cube(definition)
-    found: dict[tuple[object, ...], Point] = {}
+    found: dict[tuple[object, ...], DesignPoint] = {}
     drives: list[str | None] = [*definition.drives] or [None]
     for drive in drives:
         start: dict[str, Value] = {} if drive is None else {"drive": drive}
@@ -63,7 +63,7 @@ def points(definition: Definition) -> list[Point]:
         for chosen in rows:
             chosen.pop("drive", None)
             # without the keys that a condition left out, two draws can be the same run
-            found.setdefault((drive, *((type(v), k, v) for k, v in chosen.items())), Point(drive, chosen))
+            found.setdefault((drive, *((type(v), k, v) for k, v in chosen.items())), DesignPoint(drive, chosen))
     return list(found.values())
 
 
@@ -80,7 +80,7 @@ def grid(tables: list[Vary], chosen: dict[str, Value]) -> Iterator[dict[str, Val
         yield from grid(rest, {**chosen, first.label: level})
 
 
-def unit_cube(definition: Definition) -> NDArray[np.float64]:
+def unit_cube(definition: SweepFile) -> NDArray[np.float64]:
     """Draws of the design, (runs, tables), inside 0 .. 1. Same seed, same draws. Of "saltelli" see `saltelli_cube`.
 
     Source: scipy.stats.qmc; Latin hypercube after McKay, Beckman and Conover (1979), Sobol' scrambled after Owen.
@@ -139,7 +139,7 @@ class Task:
 
     Attributes:
         run: its number, from 1.
-        key: says what it computes, see `Plan`.
+        key: says what it computes, see `SweepPlan`.
         drive: None: the experiment's own.
         parameters: by label.
         settings: for `load_experiment`.
@@ -153,7 +153,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Plan:
+class SweepPlan:
     """A sweep that may begin.
 
     Attributes:
@@ -167,14 +167,14 @@ class Plan:
     """
 
     name: str
-    definition: Definition
+    definition: SweepFile
     experiment: Path
     tasks: tuple[Task, ...]
     metrics: tuple[str, ...]
     configuration: dict[str, str]
 
 
-def planned(path: Path) -> Plan:
+def planned(path: Path) -> SweepPlan:
     """The sweep file at `path` as a plan.
 
     Raises:
@@ -184,7 +184,7 @@ def planned(path: Path) -> Plan:
     return plan_of(definition, experiment, path.stem, str(path))
 
 
-def plan_of(definition: Definition, experiment: Path, name: str, source: str, settings: Sequence[str] = ()) -> Plan:
+def plan_of(definition: SweepFile, experiment: Path, name: str, source: str, settings: Sequence[str] = ()) -> SweepPlan:
     """What `definition` means for the file `experiment`: first and extreme runs loaded, their FMUs described.
 
     Args:
@@ -212,10 +212,10 @@ def plan_of(definition: Definition, experiment: Path, name: str, source: str, se
         "the experiment, a body or an FMU": _hash(sorted(files.digests.values())),
         "the version of twin": version("twin"),
     }
-    return Plan(name, definition, experiment, tasks, metrics, configuration)
+    return SweepPlan(name, definition, experiment, tasks, metrics, configuration)
 
 
-def _settings(definition: Definition, point: Point) -> tuple[str, ...]:
+def _settings(definition: SweepFile, point: DesignPoint) -> tuple[str, ...]:
     """What `load_experiment` takes; JSON writes numbers, texts and truth values as TOML does."""
     return tuple(
         f"{name}={json.dumps(point.parameters[vary.label])}"
@@ -225,7 +225,7 @@ def _settings(definition: Definition, point: Point) -> tuple[str, ...]:
     )
 
 
-Draft = tuple[Point, tuple[str, ...]]
+Draft = tuple[DesignPoint, tuple[str, ...]]
 
 
 def _extremes(drafts: Sequence[Draft]) -> Iterable[Draft]:
@@ -259,14 +259,14 @@ class _Files:
         self.digests: dict[tuple[str | None, tuple[str, ...]], str] = {}
         self._found: dict[tuple[str | None, tuple[str, ...]], tuple[str, tuple[str, ...]]] = {}
 
-    def key(self, point: Point, settings: tuple[str, ...]) -> str:
+    def key(self, point: DesignPoint, settings: tuple[str, ...]) -> str:
         return _hash([self._version, self._known(point, settings)[0], point.drive, settings])[:16]
 
-    def pins(self, point: Point, settings: tuple[str, ...]) -> tuple[str, ...]:
+    def pins(self, point: DesignPoint, settings: tuple[str, ...]) -> tuple[str, ...]:
         """Settings by which a run takes no other file for a third-party part than the one that was planned with."""
         return self._known(point, settings)[1]
 
-    def _known(self, point: Point, settings: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
+    def _known(self, point: DesignPoint, settings: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
         """Digest and pins of the files of a run, found out once."""
         files = point.drive, texts(settings)
         if files not in self._found:

@@ -191,7 +191,7 @@ Whole = Annotated[int, Field(ge=-(2**63), lt=2**64)]
 _LOOSE = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
 
 
-class Shape(BaseModel):
+class FileShape(BaseModel):
     """What a file of a sweep's folder looks like; whatever else somebody made of it is refused."""
 
     model_config = _LOOSE
@@ -309,7 +309,7 @@ def _each(path: Path) -> Iterator[tuple[Row, bytes, int]]:
             yield row, line, end
 
 
-class Rows:
+class RowFile:
     """The file at `path`, open for more rows; a context manager. One process at a time has it.
 
     Attributes:
@@ -339,7 +339,7 @@ class Rows:
         os.ftruncate(self._fd, self._end)
         self.count = len(self.before)
 
-    def __enter__(self) -> "Rows":
+    def __enter__(self) -> "RowFile":
         return self
 
     def __exit__(self, *failure: object) -> None:

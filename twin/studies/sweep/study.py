@@ -15,9 +15,9 @@ from twin.studies.command import Argument, AsJson, Interrupted, LimitStep, Optio
 from twin.studies.steps import Say
 
 if TYPE_CHECKING:
-    from twin.studies.sweep.definition import Definition
+    from twin.studies.sweep.definition import SweepFile
     from twin.studies.sweep.folder import SweepRows
-    from twin.studies.sweep.plan import Plan
+    from twin.studies.sweep.plan import SweepPlan
     from twin.studies.sweep.pool import Engine
 
 MANY = 100_000
@@ -135,7 +135,7 @@ def short_sweep(
     return carried_out(_checked(plan, None, yes), folder, engine, limits, say, as_json=as_json)
 
 
-def check_start(place: str, definition: "Definition", sure: bool) -> None:
+def check_start(place: str, definition: "SweepFile", sure: bool) -> None:
     """Ask before a sweep of many runs, unless they are `sure`.
 
     Raises:
@@ -155,7 +155,7 @@ def check_start(place: str, definition: "Definition", sure: bool) -> None:
         raise InputRefused(f"{question}; nothing was run")
 
 
-def _checked(plan: "Plan", by: str | None, sure: bool) -> "Plan":
+def _checked(plan: "SweepPlan", by: str | None, sure: bool) -> "SweepPlan":
     """The plan, if there is such a metric, and its runs do not take hours each; also the estimate makes two of them."""
     from twin.studies.sweep.statistics.ranking import checked_rank
 
@@ -186,7 +186,7 @@ def _engine(name: EngineName, scheduler: str | None, processes: int) -> "Engine"
     return Dask(scheduler, processes)
 
 
-def _estimated(plan: "Plan", record: Record, processes: int, limits: JobLimits, say: Say) -> Answer:
+def _estimated(plan: "SweepPlan", record: Record, processes: int, limits: JobLimits, say: Say) -> Answer:
     from twin.studies.sweep.sweep import estimate_text, estimated
 
     say("trying the first one")
@@ -198,7 +198,7 @@ def _estimated(plan: "Plan", record: Record, processes: int, limits: JobLimits, 
 
 
 def carried_out(
-    plan: "Plan",
+    plan: "SweepPlan",
     folder: Path,
     engine: "Engine",
     limits: JobLimits,

@@ -11,9 +11,9 @@ from twin.kernel.process.job import JobLimits
 from twin.studies.left_behind import SCRATCH, held_folder
 from twin.studies.sweep.folder import claim
 from twin.studies.sweep.measures import within
-from twin.studies.sweep.plan import Plan, Task
+from twin.studies.sweep.plan import SweepPlan, Task
 from twin.studies.sweep.pool import Engine, Job, Pool, raise_if_pressed, remembered
-from twin.studies.sweep.rows import ROWS, Columns, Row, Rows, columns_of
+from twin.studies.sweep.rows import ROWS, Columns, Row, RowFile, columns_of
 from twin.studies.sweep.statistics import USUAL_METRICS, best, value
 
 RECORDINGS = "runs"
@@ -53,7 +53,7 @@ class State:
 
 
 def run_sweep(
-    plan: Plan,
+    plan: SweepPlan,
     folder: Path,
     engine: Engine,
     record: str = "none",
@@ -74,7 +74,7 @@ def run_sweep(
         KeyboardInterrupt: rows until then are kept; so they are with every other end.
     """
     claim(folder, plan)
-    with Rows(folder / ROWS) as rows:
+    with RowFile(folder / ROWS) as rows:
         finished = {*rows.before.words("key").words}
         tasks = [task for task in plan.tasks if task.key not in finished]
         tally = _Tally(len(plan.tasks), rows.before)
@@ -139,7 +139,7 @@ class SweepEstimate:
         return self.start + self.run * -(-runs // processes), self.size * runs
 
 
-def estimated(plan: Plan, record: str, limits: JobLimits = JobLimits()) -> tuple[SweepEstimate, Row]:  # noqa: B008, it is frozen
+def estimated(plan: SweepPlan, record: str, limits: JobLimits = JobLimits()) -> tuple[SweepEstimate, Row]:  # noqa: B008, it is frozen
     """What a run of `plan` costs, and the row of its first one, measured by running it twice and keeping nothing."""
     with held_folder(SCRATCH) as scratch:
         began = time.monotonic()
@@ -153,11 +153,11 @@ def estimated(plan: Plan, record: str, limits: JobLimits = JobLimits()) -> tuple
     return SweepEstimate(times[0], times[-1] - times[0], recorded + len(str(rows[0]))), rows[0]
 
 
-def _job(plan: Plan, folder: Path, record: str, limits: JobLimits) -> Job:
+def _job(plan: SweepPlan, folder: Path, record: str, limits: JobLimits) -> Job:
     return Job(plan.experiment, folder / RECORDINGS, record, limits, plan.definition.claims or "")
 
 
-def _row(plan: Plan, task: Task, facts: dict[str, Any]) -> Row:
+def _row(plan: SweepPlan, task: Task, facts: dict[str, Any]) -> Row:
     return {
         "run": task.run,
         "key": task.key,

@@ -163,7 +163,7 @@ def _stated(package: Package, descriptions: Mapping[str, FmuDescription]) -> tup
     return steps[shortest], f"what the FMU of {shortest} wants{'' if len(steps) == 1 else ', the shortest'}"
 
 
-class Measure(NamedTuple):
+class SpeltUnit(NamedTuple):
     """A unit as spelt in a file, and its meaning; None: not known. No unit is spelt ""."""
 
     text: str
@@ -192,13 +192,13 @@ def measure(
     units: Sequence[UnitDefinition],
     description: FmuDescription,
     where: str,
-) -> Measure:
+) -> SpeltUnit:
     """In what a variable of an FMU is, by the FMU and by the connector that stands for it.
 
     Raises:
         InputRefused: they say different things.
     """
-    own = Measure(
+    own = SpeltUnit(
         variable_unit, conversion(variable_unit, description.model.unitDefinitions) if variable_unit else None
     )
     if connector is None or not connector.unit or connector.unit == variable_unit:
@@ -212,12 +212,12 @@ def measure(
     return read
 
 
-def spelt(text: str, units: Sequence[UnitDefinition]) -> Measure:
+def spelt(text: str, units: Sequence[UnitDefinition]) -> SpeltUnit:
     """A unit by what an SSP file defines, or else by what all know."""
-    return Measure(text, (stated_unit(text, units) or meant(text)) if text else None)
+    return SpeltUnit(text, (stated_unit(text, units) or meant(text)) if text else None)
 
 
-def way(start: Measure, hops: Iterable[Hop], end: Measure, units: Sequence[UnitDefinition], where: str) -> Way:
+def way(start: SpeltUnit, hops: Iterable[Hop], end: SpeltUnit, units: Sequence[UnitDefinition], where: str) -> Way:
     """The whole way of a value.
 
     Args:
@@ -250,7 +250,7 @@ def way(start: Measure, hops: Iterable[Hop], end: Measure, units: Sequence[UnitD
     return found
 
 
-def _between(here: Measure, there: Measure, where: str) -> Way:
+def _between(here: SpeltUnit, there: SpeltUnit, where: str) -> Way:
     if not here.text or not there.text or here.text == there.text:
         return Way()
     for one in (here, there):
@@ -269,7 +269,7 @@ STARTED = ("exact", "approx")
 
 
 @dataclass(frozen=True)
-class Part:
+class SystemPart:
     """A component of the system.
 
     Attributes:
@@ -292,7 +292,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Plan:
+class SystemPlan:
     """A system that can be made.
 
     Attributes:
@@ -305,7 +305,7 @@ class Plan:
     """
 
     package: Package
-    parts: tuple[Part, ...]
+    parts: tuple[SystemPart, ...]
     wires: tuple[tuple[str, str], ...]
     timing: Timing
     scheme: Scheme
@@ -362,7 +362,7 @@ def planned(
     tick: float | None,
     stop: float | None,
     scheme: Scheme,
-) -> Plan:
+) -> SystemPlan:
     """The plan of a system.
 
     Args:
@@ -383,7 +383,7 @@ def planned(
         raise InputRefused(f"{package.file}: no FMU has an output that is a number; there is nothing to record")
     when = timing(package, {part.path: part.description for part in parts}, tick, stop)
     ignored = (*flat.ignored, *reader.ignored)
-    return Plan(package, parts, tuple(reader.wires()), when, scheme, ignored)
+    return SystemPlan(package, parts, tuple(reader.wires()), when, scheme, ignored)
 
 
 class _Planner:
@@ -419,7 +419,7 @@ class _Planner:
             self._leads[lead.end.element].append((lead, self._input(lead)))
         self._ports = {path: distinct_ports([port for _, port in self._leads[path]]) for path in self._leads}
 
-    def part(self, path: str) -> Part:
+    def part(self, path: str) -> SystemPart:
         description = self._descriptions[path]
         fed = {lead.end.connector for lead, _ in self._leads[path]}
         unfed = tuple(v for v in description.offered("input") if v.name not in fed)
@@ -435,7 +435,7 @@ class _Planner:
             for name, value in self._given[path].items()
             if (variable := description.variables[name])
         ]
-        return Part(
+        return SystemPart(
             path, self._names[path], description, tuple(self._ports[path]), self._outputs[path], tuple(settings), unfed
         )
 
@@ -482,7 +482,7 @@ class _Planner:
         own = measure(variable.unit, self._connector(path, variable.name), self._units, description, where)
         start = spelt(assigned.value.unit, (*assigned.units, *self._units))
         if start.text and start.conversion is None:
-            start = Measure(start.text, conversion(start.text, description.model.unitDefinitions))
+            start = SpeltUnit(start.text, conversion(start.text, description.model.unitDefinitions))
         led = way(start, assigned.hops or (Hop(),), own, self._units, where)
         numbers = [led.end(float(value)) for value in values]
         return numbers[0] if len(numbers) == 1 else numbers

@@ -19,7 +19,7 @@ import numpy as np
 
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.interpolation import Scheme
-from twin.kernel.cosim.observers import Messages, Progress, Simulated, TickEvent, simulate
+from twin.kernel.cosim.observers import Messages, ProgressObserver, Simulated, TickEvent, simulate
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.fmi.component import FmuComponent
@@ -39,13 +39,13 @@ from twin.kernel.ssp.ssd import Package, read_package
 from twin.kernel.writing import made_folder, write_bytes
 from twin.studies.lines import counted
 from twin.studies.result import Result, note
-from twin.studies.systems.plan import Part, Plan, distinct, element, field, fmu_sources, planned
+from twin.studies.systems.plan import SystemPart, SystemPlan, distinct, element, field, fmu_sources, planned
 
 _T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
-class Coupled:
+class PreparedSystem:
     """A system ready to be run.
 
     Attributes:
@@ -58,7 +58,7 @@ class Coupled:
 
 
 @contextmanager
-def coupled(plan: Plan, folders: Mapping[str, Path]) -> Iterator[Coupled]:
+def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedSystem]:
     """The system of a plan, whose FMUs are freed at the end.
 
     All FMUs are in initialisation mode together, until their inputs have what feeds them; those of FMI 1.0, which has
@@ -100,17 +100,17 @@ def coupled(plan: Plan, folders: Mapping[str, Path]) -> Iterator[Coupled]:
                 )
             )
             made.callback(components[-1].close)
-        yield Coupled(System(components, plan.wires, tick, plan.scheme), settled)
+        yield PreparedSystem(System(components, plan.wires, tick, plan.scheme), settled)
 
 
-def _refuse_step(part: Part, tick: float) -> None:
+def _refuse_step(part: SystemPart, tick: float) -> None:
     try:
         refuse_step(part.description, tick, 1)
     except InputRefused as refusal:
         raise InputRefused(f"{str(refusal).partition(': choose ')[0]}: choose another --tick-ms") from None
 
 
-def _settle(plan: Plan, instances: dict[str, Instance]) -> bool:
+def _settle(plan: SystemPlan, instances: dict[str, Instance]) -> bool:
     """Give every input what feeds it, again and again until nothing changes; False: it never ends."""
     ports = {
         f"{part.name}.{port.port.name}": (instances[part.name], port) for part in plan.parts for port in part.outputs
@@ -166,7 +166,12 @@ SCHEMES = {"gauss_seidel": "Gauss-Seidel in the order of the file", "jacobi": "J
 
 
 def facts(
-    plan: Plan, made: Coupled, done: Simulated, events: Sequence[TickEvent], writing: float, recording: Path
+    plan: SystemPlan,
+    made: PreparedSystem,
+    done: Simulated,
+    events: Sequence[TickEvent],
+    writing: float,
+    recording: Path,
 ) -> dict[str, Any]:
     """For programs."""
     simulated = plan.timing.ticks * plan.timing.tick
@@ -202,7 +207,7 @@ def facts(
     }
 
 
-def _start(part: Part, variable: Variable) -> Any:
+def _start(part: SystemPart, variable: Variable) -> Any:
     """The value of an input without a source."""
     given = next((to_json(value) for v, value in part.settings if v == variable), variable.start)
     # of an array FMPy has the text
@@ -240,7 +245,7 @@ def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:MOST]) + (f" and {len(names) - MOST} more" if len(names) > MOST else "")
 
 
-def streams(plan: Plan, system: System) -> list[RowStream]:
+def streams(plan: SystemPlan, system: System) -> list[RowStream]:
     """In the order of the components; none of one that has no outputs."""
     columns = {
         part.name: slice(int(system.y_start[c]), int(system.y_start[c + 1])) for c, part in enumerate(plan.parts)
@@ -248,7 +253,7 @@ def streams(plan: Plan, system: System) -> list[RowStream]:
     return [RowStream(topic, columns[topic.name]) for topic in topics(plan)]
 
 
-def topics(plan: Plan) -> list[Topic]:
+def topics(plan: SystemPlan) -> list[Topic]:
     """The same before there is a system.
 
     Raises:
@@ -262,7 +267,7 @@ def topics(plan: Plan) -> list[Topic]:
     return found
 
 
-def _fields(part: Part) -> list[Field]:
+def _fields(part: SystemPart) -> list[Field]:
     groups = _arrays(part.outputs)
     names = distinct(field(element(group[0].variable.name)[0] if len(group) > 1 else group[0].variable.name, part.path)
                      for group in groups)  # fmt: skip
@@ -336,7 +341,7 @@ def opened(
     stop: float | None = None,
     scheme: Scheme = "gauss_seidel",
     compiled: bool = False,
-) -> Iterator[tuple[Plan, Coupled]]:
+) -> Iterator[tuple[SystemPlan, PreparedSystem]]:
     """The system of an archive, planned and ready to be run; arguments but `package` as of `recorded_system`.
 
     Raises:
@@ -356,7 +361,7 @@ def opened(
 
 def _planned(
     package: Package, scratch: Path, tick: float | None, stop: float | None, scheme: Scheme, compiled: bool
-) -> Plan:
+) -> SystemPlan:
     flat = flattened(package.structure, f"{package.file}")
     files: dict[str, Path] = {}
     for entry in fmu_sources(package, flat).values():
@@ -388,11 +393,13 @@ def _folder(file: Path, out: Path | None) -> Path:
     return claim_run_folder(out) if out else create_run_folder(HOME, file.stem, datetime.now())
 
 
-def _recorded(plan: Plan, made: Coupled, path: Path, reporter: Reporter) -> tuple[Simulated, list[TickEvent], float]:
+def _recorded(
+    plan: SystemPlan, made: PreparedSystem, path: Path, reporter: Reporter
+) -> tuple[Simulated, list[TickEvent], float]:
     rows = streams(plan, made.system)
     with Writer(path, [stream.topic for stream in rows], plan.timing.tick, _provenance(plan)) as writer:
         recorder = Recorder(writer, rows)
-        observers = [Messages(made.system), recorder, Progress(reporter.progress, plan.timing.ticks + 1)]
+        observers = [Messages(made.system), recorder, ProgressObserver(reporter.progress, plan.timing.ticks + 1)]
         done = simulate(made, plan.timing.ticks, observers, BLOCK_TICKS, timed=True)
         if done.failure:
             raise ComponentFailed(recorder.abandon(done.failure))
@@ -400,7 +407,7 @@ def _recorded(plan: Plan, made: Coupled, path: Path, reporter: Reporter) -> tupl
     return done, recorder.events, recorder.writing
 
 
-def _provenance(plan: Plan) -> dict[str, dict[str, str]]:
+def _provenance(plan: SystemPlan) -> dict[str, dict[str, str]]:
     """What a recording says of its origin; nothing in it depends on when, where or by whom it was made."""
     return {
         "system": {

@@ -9,7 +9,7 @@ from tests.kernel.recording import samples
 from tests.kernel.recording.export.readers import csv_columns
 from twin.kernel.errors import InputRefused, NotWritten
 from twin.kernel.recording.export.export import export_recording
-from twin.kernel.recording.export.table import NANOSECONDS, Column, Table, row_times, write_csv
+from twin.kernel.recording.export.table import NANOSECONDS, SignalColumn, SignalTable, row_times, write_csv
 from twin.kernel.recording.reader import read
 
 pq = pytest.importorskip("pyarrow.parquet")
@@ -40,8 +40,8 @@ def test_every_number_of_the_fastest_topic_comes_back_from_csv_exactly(run: Path
 
 def test_names_that_are_formulas_commas_or_escapes_do_no_harm_in_a_spreadsheet(tmp_path: Path):
     names = ("=1+1", "+a", "-a", "@a", "a,b", 'a"b', "a\nb", "\x1b[31ma", "\ta", "plant.p_B[0]")
-    columns = tuple(Column(name, "m", "", np.array([0.5, -1.5])) for name in names)
-    write_csv(tmp_path / "a.csv", Table(np.array([0.0, 1.0]), columns))
+    columns = tuple(SignalColumn(name, "m", "", np.array([0.5, -1.5])) for name in names)
+    write_csv(tmp_path / "a.csv", SignalTable(np.array([0.0, 1.0]), columns))
     text = (tmp_path / "a.csv").read_text()
     assert len(text.splitlines()) == 3 and "\x1b" not in text
     with (tmp_path / "a.csv").open(newline="") as file:
@@ -153,7 +153,9 @@ def test_a_rate_that_fills_the_memory_is_refused():
 
 
 def test_rows_are_written_in_blocks_as_in_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    table = Table(np.arange(7.0), (Column("a", "1", "", np.arange(7) > 3), Column("b", "m", "", np.arange(7) / 3)))
+    table = SignalTable(
+        np.arange(7.0), (SignalColumn("a", "1", "", np.arange(7) > 3), SignalColumn("b", "m", "", np.arange(7) / 3))
+    )
     write_csv(tmp_path / "whole.csv", table)
     monkeypatch.setattr("twin.kernel.recording.export.table.ROWS_AT_ONCE", 3)
     write_csv(tmp_path / "blocks.csv", table)

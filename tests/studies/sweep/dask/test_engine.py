@@ -18,7 +18,7 @@ from twin.studies.sweep.dask import worker as worker_module
 from twin.studies.sweep.dask.engine import ClusterLost, Dask
 from twin.studies.sweep.dask.worker import FILES
 from twin.studies.sweep.folder import stored_sweep
-from twin.studies.sweep.plan import Plan, planned
+from twin.studies.sweep.plan import SweepPlan, planned
 from twin.studies.sweep.pool import Engine, Pool
 from twin.studies.sweep.sweep import RECORDINGS, State, run_sweep
 
@@ -28,7 +28,13 @@ COSTS = ("seconds", "stepping_s")
 FEW, SOME = "[500, 1000, 2000]", str([500 + 10 * number for number in range(24)])
 
 
-def rows(plan: Plan, folder: Path, engine: Engine, record: str = "none", limits: JobLimits = JobLimits()) -> list[dict]:  # noqa: B008
+def rows(
+    plan: SweepPlan,
+    folder: Path,
+    engine: Engine,
+    record: str = "none",
+    limits: JobLimits = JobLimits(),  # noqa: B008
+) -> list[dict]:
     """Of every run, without what it cost."""
     run_sweep(plan, folder, engine, record, limits)
     return bare(folder)
@@ -38,19 +44,19 @@ def bare(folder: Path) -> list[dict]:
     return [{k: v for k, v in row.items() if k not in COSTS} for row in stored_sweep(folder).rows]
 
 
-def shown_rows(plan: Plan, folder: Path, cluster: Running, watch: Callable[[State], None]) -> list[dict]:
+def shown_rows(plan: SweepPlan, folder: Path, cluster: Running, watch: Callable[[State], None]) -> list[dict]:
     run_sweep(plan, folder, Dask(cluster.address, 1), show=watch)
     return stored_sweep(folder).rows
 
 
 @pytest.fixture
-def short(root: Path, tmp_path: Path) -> Plan:
+def short(root: Path, tmp_path: Path) -> SweepPlan:
     """Three short runs."""
     return stiffnesses(root, tmp_path, FEW)
 
 
 @pytest.fixture
-def longer(root: Path, tmp_path: Path) -> Plan:
+def longer(root: Path, tmp_path: Path) -> SweepPlan:
     """Two dozen runs, long enough for something to happen meanwhile."""
     return stiffnesses(root, tmp_path, SOME)
 
@@ -90,7 +96,7 @@ vary = [
     assert all(worker.poll() is None for worker in cluster.workers)
 
 
-def test_a_sweep_leaves_no_process_and_no_file_in_a_worker(short: Plan, tmp_path: Path, cluster: Running):
+def test_a_sweep_leaves_no_process_and_no_file_in_a_worker(short: SweepPlan, tmp_path: Path, cluster: Running):
     rows(short, tmp_path / "out", Dask(cluster.address, 1))
     assert [children(worker.pid) for worker in cluster.workers] == [[], []]
     assert list(cluster.folder.rglob(f"{FILES}*")) == []
@@ -111,7 +117,7 @@ def test_a_sweep_whose_command_is_killed_ends_in_the_workers(root: Path, tmp_pat
     wait_until(lambda: not list(cluster.folder.rglob(f"{FILES}*")))
 
 
-def test_a_worker_that_comes_later_gets_the_files_and_works(root: Path, longer: Plan, tmp_path: Path):
+def test_a_worker_that_comes_later_gets_the_files_and_works(root: Path, longer: SweepPlan, tmp_path: Path):
     with running(root, tmp_path, 1) as cluster:
 
         def watch(state: State) -> None:
@@ -125,7 +131,7 @@ def test_a_worker_that_comes_later_gets_the_files_and_works(root: Path, longer: 
     assert [row["status"] for row in found] == ["done"] * 24
 
 
-def test_a_worker_killed_at_work_loses_no_run_and_none_is_counted_twice(root: Path, longer: Plan, tmp_path: Path):
+def test_a_worker_killed_at_work_loses_no_run_and_none_is_counted_twice(root: Path, longer: SweepPlan, tmp_path: Path):
     with running(root, tmp_path, 2) as cluster:
 
         def watch(state: State) -> None:
@@ -155,7 +161,7 @@ def test_a_run_whose_worker_dies_twice_is_a_row_and_the_others_are_done(
 
 @pytest.mark.endurance
 def test_a_scheduler_that_is_killed_is_named_and_after_its_restart_the_sweep_goes_on(
-    root: Path, longer: Plan, tmp_path: Path
+    root: Path, longer: SweepPlan, tmp_path: Path
 ):
     folder = tmp_path / "out"
     with running(root, tmp_path, 1) as cluster:
@@ -183,7 +189,7 @@ def test_a_scheduler_that_is_killed_is_named_and_after_its_restart_the_sweep_goe
 
 # distributed sets variables for the workers that it starts, and leaves them to whatever this process starts later
 @mock.patch.dict(os.environ)
-def test_an_own_cluster_is_gone_when_the_sweep_is_over(short: Plan, tmp_path: Path):
+def test_an_own_cluster_is_gone_when_the_sweep_is_over(short: SweepPlan, tmp_path: Path):
     before = children(os.getpid())
     assert [row["status"] for row in rows(short, tmp_path / "out", Dask(None, 1))] == ["done"] * 3
     assert children(os.getpid()) == before

@@ -22,25 +22,25 @@ from twin.studies.sweep.dask import worker as worker_module
 from twin.studies.sweep.dask.cluster import versions
 from twin.studies.sweep.dask.engine import Dask
 from twin.studies.sweep.folder import stored_sweep
-from twin.studies.sweep.plan import Plan
+from twin.studies.sweep.plan import SweepPlan
 from twin.studies.sweep.sweep import run_sweep
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
-def plan(root: Path, tmp_path: Path) -> Plan:
+def plan(root: Path, tmp_path: Path) -> SweepPlan:
     return stiffnesses(root, tmp_path, "[500, 600]")
 
 
-def refusal(plan: Plan, folder: Path, scheduler: str | None) -> str:
+def refusal(plan: SweepPlan, folder: Path, scheduler: str | None) -> str:
     with pytest.raises(InputRefused) as refused:
         run_sweep(plan, folder, Dask(scheduler, 1))
     assert stored_sweep(folder).rows == []
     return str(refused.value)
 
 
-def refusal_with_a_worker_in(folder: Path, plan: Plan, cluster: Running) -> str:
+def refusal_with_a_worker_in(folder: Path, plan: SweepPlan, cluster: Running) -> str:
     """The refusal for a third worker, which finds its packages in `folder` first."""
     worker = cluster.worker(folder)
     try:
@@ -54,7 +54,7 @@ def refusal_with_a_worker_in(folder: Path, plan: Plan, cluster: Running) -> str:
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:{port}", "nothing://there", "127.0.0.1", "tcp://[oops"])
 def test_a_scheduler_that_is_not_there_is_named(
-    plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str
+    plan: SweepPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str
 ):
     monkeypatch.setattr(cluster_module, "PATIENCE", 0.3)
     with closing(socket.socket()) as silent:
@@ -67,7 +67,7 @@ def test_a_scheduler_that_is_not_there_is_named(
     assert said.endswith("such as tcp://127.0.0.1:8786")
 
 
-def test_a_scheduler_without_workers_is_told_from_one_that_is_not_there(root: Path, plan: Plan, tmp_path: Path):
+def test_a_scheduler_without_workers_is_told_from_one_that_is_not_there(root: Path, plan: SweepPlan, tmp_path: Path):
     cluster = Running(root, tmp_path)
     try:
         cluster.begin(0)
@@ -81,7 +81,7 @@ def test_a_scheduler_without_workers_is_told_from_one_that_is_not_there(root: Pa
 
 @pytest.mark.parametrize(("package", "told"), [("numpy", "numpy 1.0"), ("numba", "numba 1.0"), ("twin", "twin 1.0")])
 def test_a_worker_with_another_version_is_named_with_both(
-    plan: Plan, tmp_path: Path, cluster: Running, package: str, told: str
+    plan: SweepPlan, tmp_path: Path, cluster: Running, package: str, told: str
 ):
     other = tmp_path / f"{package}-1.0.dist-info"
     other.mkdir()
@@ -91,14 +91,14 @@ def test_a_worker_with_another_version_is_named_with_both(
     assert f", this machine has {versions()[package]}" in said
 
 
-def test_a_worker_without_twin_is_named(plan: Plan, tmp_path: Path, cluster: Running):
+def test_a_worker_without_twin_is_named(plan: SweepPlan, tmp_path: Path, cluster: Running):
     (tmp_path / "twin.py").write_text("raise ImportError('no twin here')\n")
     said = refusal_with_a_worker_in(tmp_path, plan, cluster)
     assert "has no twin like this one" in said
 
 
 def test_a_worker_that_comes_later_with_another_version_runs_nothing(
-    plan: Plan, tmp_path: Path, cluster: Running, monkeypatch: pytest.MonkeyPatch
+    plan: SweepPlan, tmp_path: Path, cluster: Running, monkeypatch: pytest.MonkeyPatch
 ):
     # nobody has asked it before, and to it it is the same who of the two is the other
     monkeypatch.setattr(cluster_module, "refuse_unlike", lambda client: None)
@@ -107,7 +107,7 @@ def test_a_worker_that_comes_later_with_another_version_runs_nothing(
     assert f"has Python {versions()['Python']}, this machine has 2.7; runs would not give the same numbers" in said
 
 
-def test_without_dask_the_extra_is_named(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_without_dask_the_extra_is_named(plan: SweepPlan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert "pip install 'dask>=2024.8' 'distributed>=2024.8'" in refusal(plan, tmp_path / "out", None)
 

@@ -37,7 +37,7 @@ LONGEST_NAME = 63
 
 
 @dataclass(frozen=True)
-class Column:
+class SignalColumn:
     """One number per row.
 
     Attributes:
@@ -54,7 +54,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class SignalTable:
     """Columns that share their rows' times.
 
     Attributes:
@@ -63,10 +63,10 @@ class Table:
     """
 
     t: np.ndarray
-    columns: tuple[Column, ...]
+    columns: tuple[SignalColumn, ...]
 
 
-def table(recording: Recording, signals: Sequence[str], rate: float | None = None) -> Table:
+def table(recording: Recording, signals: Sequence[str], rate: float | None = None) -> SignalTable:
     """`signals` on one time base, each value the newest one at or before the row's time.
 
     Nothing is interpolated and nothing filtered: every number is one that was recorded, which is also what a sampled
@@ -82,14 +82,14 @@ def table(recording: Recording, signals: Sequence[str], rate: float | None = Non
     """
     fields = recording.fields()
     times, rows = time_base(recording, signals, rate)
-    columns: list[Column] = []
+    columns: list[SignalColumn] = []
     for name in signals:
         topic = name.rpartition(".")[0]
         values = recording[name][np.searchsorted(times[topic], rows, side="right") - 1]
         parts = [(name, values)] if values.ndim == 1 else [(f"{name}[{i}]", v) for i, v in enumerate(values.T)]
         field = fields[name]
-        columns += [Column(label, field.unit, field.meaning, np.ascontiguousarray(part)) for label, part in parts]
-    return Table(rows / NANOSECONDS, tuple(columns))
+        columns += [SignalColumn(label, field.unit, field.meaning, np.ascontiguousarray(part)) for label, part in parts]
+    return SignalTable(rows / NANOSECONDS, tuple(columns))
 
 
 def time_base(
@@ -138,7 +138,7 @@ def row_times(times: Sequence[np.ndarray], rate: float | None, numbers: int = 1)
     return first + np.rint(np.arange(count) * (NANOSECONDS / rate)).astype(np.int64)
 
 
-def write_csv(path: Path, table: Table) -> None:
+def write_csv(path: Path, table: SignalTable) -> None:
     """Write `table` to `path`; names carry the unit, numbers are the shortest that read back to the same float64.
 
     A name with a comma or a quote is quoted, one that spreadsheets would take for a formula begins with an apostrophe.
@@ -156,14 +156,14 @@ def write_csv(path: Path, table: Table) -> None:
             file.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
 
 
-def heading(column: Column) -> str:
+def heading(column: SignalColumn) -> str:
     """`plant.p_B[0]_m`, `plant.tau_l[0]_Nm`, `drive/1.omega_m_rad_per_s`: name and unit, like keys of TOML."""
     if column.unit == "1":
         return column.name
     return f"{column.name}_{column.unit.replace('N m', 'Nm').replace('/', '_per_').replace(' ', '_')}"
 
 
-def write_parquet(path: Path, table: Table, metadata: Mapping[str, Mapping[str, str]]) -> None:
+def write_parquet(path: Path, table: SignalTable, metadata: Mapping[str, Mapping[str, str]]) -> None:
     """Write `table` to `path`: column `t` in s, then one column per number, each with `unit` and `meaning`.
 
     Args:
@@ -186,7 +186,7 @@ def write_parquet(path: Path, table: Table, metadata: Mapping[str, Mapping[str, 
         arrays.append(array)
     origin = {name: json.dumps(dict(entries)) for name, entries in metadata.items()}
     with written(path) as beside:
-        pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields, origin)), beside, compression="zstd")
+        pq.write_table(pa.SignalTable.from_arrays(arrays, schema=pa.schema(fields, origin)), beside, compression="zstd")
 
 
 def write_matlab(path: Path, recording: Recording, signals: Sequence[str], rate: float | None = None) -> int:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.port import Port
-from twin.robot.plant.component import INPUTS, OUTPUTS, Equations
+from twin.robot.plant.component import INPUTS, OUTPUTS, PlantEquations
 from twin.robot.plant.dynamics import PlantParameters
 from twin.studies.analyse.linear.drive_model import DriveModel, Matrix
 from twin.studies.analyse.linear.loops import (
@@ -94,11 +94,11 @@ def linear_plant(parameters: PlantParameters, x: NDArray, theta_m: NDArray) -> c
 
 
 def _derivative(t: float, x: NDArray, u: NDArray, params: dict[str, Any]) -> NDArray[np.float64]:
-    return Equations(PlantParameters(**params)).derivative(x, u)
+    return PlantEquations(PlantParameters(**params)).derivative(x, u)
 
 
 def _outputs(t: float, x: NDArray, u: NDArray, params: dict[str, Any]) -> NDArray[np.float64]:
-    y: NDArray[np.float64] = Equations(PlantParameters(**params)).outputs(x, u).view(np.float64)
+    y: NDArray[np.float64] = PlantEquations(PlantParameters(**params)).outputs(x, u).view(np.float64)
     return y
 
 

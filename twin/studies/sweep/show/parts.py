@@ -40,7 +40,7 @@ from twin.studies.sweep.statistics.sensitivity import (
 
 
 @dataclass(frozen=True)
-class Part:
+class ReportPart:
     """A table with a title and sentences.
 
     Attributes:
@@ -112,7 +112,7 @@ def least_sure(found: Sequence[Likelihood]) -> str:
     return text if least.share >= LIKELY else f"{text}; least sure: {least.claim.key} ({100 * least.share:.0f} %)"
 
 
-def claims_part(sweep: SweepRows) -> Part | None:
+def claims_part(sweep: SweepRows) -> ReportPart | None:
     """Each claim with the probability that it holds; None if none was asked for."""
     found = likelihoods(sweep.columns)
     if not found:
@@ -136,7 +136,7 @@ def claims_part(sweep: SweepRows) -> Part | None:
     if missing := len(columns) - judged:
         remarks.append(f"{missing} of {len(columns)} runs came to no end and are not judged: reasons below")
     remarks += [f"{one.claim.key}: trivial in {one.trivial} runs, not counted" for one in found if one.trivial]
-    return Part(
+    return ReportPart(
         "claims",
         f"claims of Fig. 4 over {judged} runs",
         head,
@@ -159,9 +159,9 @@ SURE = 0.05
 """Chance of a mistake that a star allows for, over all parameters of a table together (Holm 1979)."""
 
 
-def sensitivity_parts(sweep: SweepRows, metric: str) -> list[Part]:
+def sensitivity_parts(sweep: SweepRows, metric: str) -> list[ReportPart]:
     """For each drive by itself: what moves one drive need not move another."""
-    found: list[Part | None] = []
+    found: list[ReportPart | None] = []
     drives = drives_in(sweep.columns)
     for drive in drives:
         columns = sweep.columns if len(drives) == 1 else sweep.columns.at(of_drive(sweep.columns, drive))
@@ -187,7 +187,7 @@ def starred(correlations: dict[str, Correlation]) -> set[str]:
     return stars
 
 
-def _correlations(sweep: SweepRows, columns: Columns, metric: str, of: str) -> Part | None:
+def _correlations(sweep: SweepRows, columns: Columns, metric: str, of: str) -> ReportPart | None:
     names = short(sweep.labels)
     found = {
         label: correlation
@@ -211,17 +211,17 @@ def _correlations(sweep: SweepRows, columns: Columns, metric: str, of: str) -> P
     if fewest < FEW:
         remarks.append(f"only {fewest} runs: intervals are wide, and what has no star may matter all the same")
     title = f"rank correlation with {metric}{of} (Spearman: + rises with the parameter)"
-    return Part("correlation", title, ["parameter", "rho ", "95 %", "p"], lines, remarks)
+    return ReportPart("correlation", title, ["parameter", "rho ", "95 %", "p"], lines, remarks)
 
 
-def _indices(sweep: SweepRows, columns: Columns, metric: str, of: str) -> Part | None:
+def _indices(sweep: SweepRows, columns: Columns, metric: str, of: str) -> ReportPart | None:
     if sweep.design != "saltelli":
         return None
     found = sobol_indices(columns, sweep.labels, sweep.runs // max(1, len(sweep.drives)), metric)
     title = f"Sobol indices of {metric}{of}, {found.blocks} of {found.planned} blocks"
     remarks = [found.remark] if found.remark else []
     if not found.of:
-        return Part("indices", title, [], [], remarks)
+        return ReportPart("indices", title, [], [], remarks)
     names = short(sweep.labels)
     lines = [
         [names[one.label], f"{one.first:.2f}", _range(one.first_interval), f"{one.total:.2f}",
@@ -238,7 +238,7 @@ def _indices(sweep: SweepRows, columns: Columns, metric: str, of: str) -> Part |
     if max((high - low for low, high in ranges), default=0.0) > WIDE:
         remarks.append("some intervals are wide: four times the blocks make them half as wide")
     remarks.append("first: share of the variance that it explains alone; total: together with others")
-    return Part("indices", title, ["parameter", "first", "95 %", "total", "95 %"], lines, remarks)
+    return ReportPart("indices", title, ["parameter", "first", "95 %", "total", "95 %"], lines, remarks)
 
 
 def _range(found: Interval) -> str:
@@ -270,11 +270,11 @@ class Asked:
     worst_over: str | None = None
 
 
-def parts(sweep: SweepRows, asked: Asked) -> list[Part]:
+def parts(sweep: SweepRows, asked: Asked) -> list[ReportPart]:
     """Everything there is to say, most wanted first. In a sweep with claims these come first and no run is best: what
     is drawn there cannot be chosen."""
     judged = claims_part(sweep)
-    found: list[Part | None] = [judged] if judged else [_best(sweep, asked), _drives(sweep, asked)]
+    found: list[ReportPart | None] = [judged] if judged else [_best(sweep, asked), _drives(sweep, asked)]
     if asked.worst_over is not None:
         found.insert(0, _worst(sweep, asked, asked.worst_over))
     found += sensitivity_parts(sweep, asked.by)
@@ -303,13 +303,13 @@ def headline(sweep: SweepRows, by: str) -> str:
     return text + "".join(f"; {one}" for one in counts)
 
 
-def _best(sweep: SweepRows, asked: Asked) -> Part | None:
+def _best(sweep: SweepRows, asked: Asked) -> ReportPart | None:
     ranked = best(sweep.columns, asked.by)
     head, rows = _runs(sweep, ranked[: asked.top], asked)
-    return Part("best", f"best runs by {asked.by}", head, rows) if len(ranked) else None
+    return ReportPart("best", f"best runs by {asked.by}", head, rows) if len(ranked) else None
 
 
-def _worst(sweep: SweepRows, asked: Asked, label: str) -> Part:
+def _worst(sweep: SweepRows, asked: Asked, label: str) -> ReportPart:
     columns, names = sweep.columns, short(sweep.labels)
     found = worst_over(columns, asked.by, label, sweep.labels)
     others = [other for other in sweep.labels if other != label]
@@ -332,10 +332,10 @@ def _worst(sweep: SweepRows, asked: Asked, label: str) -> Part:
         remarks.append(f"and {len(found) - MOST_WORST} more")
     if found and max(one.runs for one in found) == 1:
         remarks.append(f"each choice has one run: {names[label]} does not vary by itself, as it does in a grid")
-    return Part("worst", f"worst {asked.by} over {names[label]}, least worst first", head, rows, remarks)
+    return ReportPart("worst", f"worst {asked.by} over {names[label]}, least worst first", head, rows, remarks)
 
 
-def _front(sweep: SweepRows, asked: Asked) -> Part | None:
+def _front(sweep: SweepRows, asked: Asked) -> ReportPart | None:
     front = pareto_front(sweep.columns, asked.by, asked.against)
     if not len(front) or asked.by == asked.against:
         return None
@@ -343,7 +343,7 @@ def _front(sweep: SweepRows, asked: Asked) -> Part | None:
     more = [f"and {len(front) - MOST_OF_FRONT} more"] if len(front) > MOST_OF_FRONT else []
     ranked = len(best(sweep.columns, asked.by))
     title = f"Pareto front of {asked.by} and {asked.against}: {counted(len(front), 'run')} of {ranked}"
-    return Part("front", title, head, rows, more)
+    return ReportPart("front", title, head, rows, more)
 
 
 def _runs(sweep: SweepRows, rows: Positions, asked: Asked) -> tuple[list[str], list[list[str]]]:
@@ -362,7 +362,7 @@ def _runs(sweep: SweepRows, rows: Positions, asked: Asked) -> tuple[list[str], l
     ]
 
 
-def _drives(sweep: SweepRows, asked: Asked) -> Part | None:
+def _drives(sweep: SweepRows, asked: Asked) -> ReportPart | None:
     if len(drives_in(sweep.columns)) < 2:
         return None
     scores = drive_ranking(sweep.columns, asked.by)
@@ -383,10 +383,10 @@ def _drives(sweep: SweepRows, asked: Asked) -> Part | None:
     remarks = ["behind: median difference to the first, point by point; first, P: chance to rank first, both resampled"]
     if tied:
         remarks.append(f"not distinguished from {leader.drive}: {', '.join(tied)}")
-    return Part("drives", f"drives by {asked.by}", head, rows, remarks)
+    return ReportPart("drives", f"drives by {asked.by}", head, rows, remarks)
 
 
-def _distributions(sweep: SweepRows) -> Part | None:
+def _distributions(sweep: SweepRows) -> ReportPart | None:
     spreads = [found for metric in metrics_in(sweep.columns) if (found := spread(sweep.columns, metric))]
     if not spreads or len(sweep.columns) < 2:
         return None
@@ -400,10 +400,10 @@ def _distributions(sweep: SweepRows) -> Part | None:
         ]
         for one in spreads
     ]
-    return Part("metrics", "each metric over all runs, quantiles", head, rows, text_only=(SKETCH,))
+    return ReportPart("metrics", "each metric over all runs, quantiles", head, rows, text_only=(SKETCH,))
 
 
-def _reasons(sweep: SweepRows) -> Part | None:
+def _reasons(sweep: SweepRows) -> ReportPart | None:
     reasons: dict[tuple[str, str], list[int]] = {}
     columns = sweep.columns
     rows = columns.words("status").are(lambda status: status != "done")
@@ -419,7 +419,7 @@ def _reasons(sweep: SweepRows) -> Part | None:
         lines.append(plain(f"run {runs[0]}{others} {status}: {reason}"))
     if len(reasons) > MOST_REASONS:
         lines.append(f"{len(reasons) - MOST_REASONS} other reasons are in the rows")
-    return Part("reasons", "runs that are not done", [], [], lines)
+    return ReportPart("reasons", "runs that are not done", [], [], lines)
 
 
 def axes_of(sweep: SweepRows, x: str | None, y: str | None) -> tuple[str, str] | None:

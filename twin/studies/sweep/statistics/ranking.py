@@ -137,7 +137,7 @@ BINS = 12
 
 
 @dataclass(frozen=True)
-class Spread:
+class MetricSpread:
     """The numbers of a metric.
 
     Attributes:
@@ -159,7 +159,7 @@ class Spread:
 
 
 @once
-def spread(columns: Columns, metric: str) -> Spread | None:
+def spread(columns: Columns, metric: str) -> MetricSpread | None:
     """Over all finished runs, limits kept or not; None if none has the metric."""
     numbers = value(columns, metric)
     numbers = numbers[~np.isnan(numbers)]
@@ -167,7 +167,9 @@ def spread(columns: Columns, metric: str) -> Spread | None:
         return None
     counts, edges = np.histogram(numbers, *_bins(numbers))
     quantiles = tuple(float(number) for number in np.quantile(numbers, QUANTILES))
-    return Spread(metric, numbers, len(columns) - len(numbers), quantiles, tuple(int(count) for count in counts), edges)
+    return MetricSpread(
+        metric, numbers, len(columns) - len(numbers), quantiles, tuple(int(count) for count in counts), edges
+    )
 
 
 def _bins(numbers: Numbers) -> tuple[int, tuple[float, float]]:
