@@ -283,7 +283,7 @@ def tables(layout: Layout, variables: Sequence[ExportedVariable]) -> str:
         [
             '#include "part.h"',
             *(f"DECLARE_STEP({symbol});" for symbol in sorted(steps)),
-            _array("ExportedVariable", "variables[N_VARIABLES]", map(_variable, variables)),
+            _array("Variable", "variables[N_VARIABLES]", map(_variable, variables)),
             _array("double", "start_values[N_VALUES]", (_number(x) for v in layout.variables for x in v.start)),
             _array(
                 "Place", "places[N_PLACES + 1]",

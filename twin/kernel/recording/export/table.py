@@ -186,7 +186,7 @@ def write_parquet(path: Path, table: SignalTable, metadata: Mapping[str, Mapping
         arrays.append(array)
     origin = {name: json.dumps(dict(entries)) for name, entries in metadata.items()}
     with written(path) as beside:
-        pq.write_table(pa.SignalTable.from_arrays(arrays, schema=pa.schema(fields, origin)), beside, compression="zstd")
+        pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields, origin)), beside, compression="zstd")
 
 
 def write_matlab(path: Path, recording: Recording, signals: Sequence[str], rate: float | None = None) -> int:
