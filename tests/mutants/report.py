@@ -53,7 +53,7 @@ class Report:
         return 1.0 - sum(map(_is_alive, self.outcomes.values())) / max(1, len(self.outcomes))
 
     def text(self, possible: int, day: str) -> str:
-        """What docs/testing.md says of a draw: when it was made, of what, how many were killed, and a row per survivor.
+        """The text of a draw for SURVIVORS.md: when it was made, of what, how many were killed, and a row per survivor.
 
         Args:
             possible: mutants that it was drawn from.
