@@ -21,8 +21,8 @@ def line(finding: Finding) -> str:
     """What is said of a finding while they come in."""
     stated = finding.yardstick
     difference = "" if finding.difference is None else f"{finding.difference:.2g} {stated.unit}, {finding.quantity}"
-    told = finding.remark or f"{difference}; at most {stated.bound:g}"
-    return f"{finding.verdict:<9} {finding.name}: {stated.claim}\n          {told}"
+    text = finding.remark or f"{difference}; at most {stated.bound:g}"
+    return f"{finding.verdict:<9} {finding.name}: {stated.claim}\n          {text}"
 
 
 def code(findings: Sequence[Finding]) -> int:

@@ -69,9 +69,9 @@ def draw(path: Path) -> None:
         axes = figure.subplots()
         for name, color in zip(REGIONS, COLORS, strict=True):
             axes.plot(1e3 * depths, [force(name, d) for d in depths], color=color, lw=1.5, label=name.replace("_", " "))
-        for held, told in ((5.0, "Fig. 4"), (15.0, "the monitor trips")):
+        for held, label in ((5.0, "Fig. 4"), (15.0, "the monitor trips")):
             axes.axhline(held, color=GREY, lw=0.8, ls="--")
-            axes.text(1e3 * DEEPEST, held, f"{told} ", color=GREY, ha="right", va="bottom", fontsize=9)
+            axes.text(1e3 * DEEPEST, held, f"{label} ", color=GREY, ha="right", va="bottom", fontsize=9)
         axes.set(xlim=(0.0, 1e3 * DEEPEST), ylim=(0.0, 20.0), xlabel="depth (mm)", ylabel="force (N)")
         axes.legend(loc="lower right", bbox_to_anchor=(1.0, 0.02), ncols=2, fontsize=9)
 

@@ -93,9 +93,9 @@ def _surveyed(place: Path, sources: Path | None, wall: float) -> dict[str, Any]:
     files = sorted(file for file in place.rglob("*.fmu") if file.is_file())
     if not 0 < len(files) <= MOST_FMUS:
         raise InputRefused(f"{place}: {len(files)} FMUs below it; expected 1 to {MOST_FMUS}")
-    told = read_toml(sources) if sources else {}
+    described = read_toml(sources) if sources else {}
     groups = {file: file.relative_to(place).parts[0] if file.parent != place else "" for file in files}
-    if sources and (silent := sorted(set(groups.values()) - set(told))):
+    if sources and (silent := sorted(set(groups.values()) - set(described))):
         raise InputRefused(f"{sources}: nothing of {', '.join(silent)}; expected a table for each folder in {place}")
     rows: dict[str, dict[str, Any]] = {}
     for number, file in enumerate(files, 1):
@@ -103,7 +103,7 @@ def _surveyed(place: Path, sources: Path | None, wall: float) -> dict[str, Any]:
         if (digest := sha256(file)) not in rows:
             print(f"{number} of {len(files)}: {file.name}", flush=True)
             rows[digest] = {"source": groups[file], **row(file, digest, JobLimits(wall=wall, memory=MEMORY))}
-    origins = {name: told.get(name, {}).get("from", "") for name in sorted(set(groups.values()))}
+    origins = {name: described.get(name, {}).get("from", "") for name in sorted(set(groups.values()))}
     where = f"{platform.machine()} {platform.system()}"
     return {"platform": where, "sources": origins, "fmus": list(rows.values())}
 
@@ -150,12 +150,12 @@ def tried(reporter: Reporter, file: str) -> dict[str, Any]:
     reporter.note(tried=counted(came, "experiment") + " that came with it" if came else DEFAULT)
     found = references(path, apart=False)
     if not (came and found):
-        return _told(outcome_of(path, Trial(DEFAULT)))
+        return _facts(outcome_of(path, Trial(DEFAULT)))
     order = (*BAD, "agrees", "ran")
-    return _told(min(found.outcomes, key=lambda outcome: order.index(outcome.word)))
+    return _facts(min(found.outcomes, key=lambda outcome: order.index(outcome.word)))
 
 
-def _told(outcome: Outcome) -> dict[str, Any]:
+def _facts(outcome: Outcome) -> dict[str, Any]:
     return {"word": outcome.word, "detail": outcome.detail}
 
 
@@ -252,13 +252,13 @@ def _plain(text: str) -> str:
 
 def main(arguments: Sequence[str]) -> int:
     """The exit code: 0 done whatever came out, 2 refused."""
-    told = argparse.ArgumentParser(prog="python -m validation.survey", description=__doc__)
-    told.add_argument("place", metavar="FOLDER", type=Path, help="with FMUs, or the .json of an earlier survey")
-    told.add_argument("--sources", metavar="FILE", type=Path, help="TOML: for each folder in FOLDER a table, `from`")
-    told.add_argument("--data", metavar="FILE", type=Path, default=DOCS / "compatibility.json", help="JSON to write")
-    told.add_argument("--page", metavar="FILE", type=Path, default=DOCS / "compatibility.md", help="page to write")
-    told.add_argument("--limit-wall", metavar="S", type=float, default=60.0, help="longest time of one FMU")
-    asked = told.parse_args(arguments)
+    parser = argparse.ArgumentParser(prog="python -m validation.survey", description=__doc__)
+    parser.add_argument("place", metavar="FOLDER", type=Path, help="with FMUs, or the .json of an earlier survey")
+    parser.add_argument("--sources", metavar="FILE", type=Path, help="TOML: for each folder in FOLDER a table, `from`")
+    parser.add_argument("--data", metavar="FILE", type=Path, default=DOCS / "compatibility.json", help="JSON to write")
+    parser.add_argument("--page", metavar="FILE", type=Path, default=DOCS / "compatibility.md", help="page to write")
+    parser.add_argument("--limit-wall", metavar="S", type=float, default=60.0, help="longest time of one FMU")
+    asked = parser.parse_args(arguments)
     try:
         facts = survey(asked.place, asked.sources, asked.data, asked.page, asked.limit_wall)
     except TwinError as refusal:

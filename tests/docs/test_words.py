@@ -119,7 +119,7 @@ def names(tree: ast.AST) -> Iterator[str]:
 def test_the_program_uses_the_words_of_the_field(root: Path):
     files = [
         path
-        for folder in ("twin", "fmus", "experiments", "examples", "benchmarks")
+        for folder in ("twin", "fmus", "experiments", "examples", "benchmarks", "validation")
         for suffix in ("py", "c", "h", "js", "css", "toml", "md")
         for path in (root / folder).rglob(f"*.{suffix}")
     ]

@@ -79,11 +79,11 @@ def private_folder(folder: Path) -> Path:
         link = folder.lstat()
     if not stat.S_ISDIR(found.st_mode):
         raise InputRefused(f"{folder}: not a folder; remove it, or {REMEDY}")
-    kept = "and what is kept there is run"
+    risk = "and its content is run"
     if owner := _other_owner(link, found):
-        raise InputRefused(f"{folder}: {owner}, {kept}; {REMEDY}")
+        raise InputRefused(f"{folder}: {owner}, {risk}; {REMEDY}")
     if open_ := _open_to_others(found):
-        raise InputRefused(f"{folder}: {open_}, {kept}; {REMEDY}, or take that right away if no other user has used it")
+        raise InputRefused(f"{folder}: {open_}, {risk}; {REMEDY}, or take that right away if no other user has used it")
     if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
         raise InputRefused(f"{folder}: cannot be written; {REMEDY}")
     return folder
@@ -194,12 +194,12 @@ def _entries_below(folder: str | os.PathLike[str]) -> Iterator["os.DirEntry[str]
                     folders.append(entry.path)
 
 
-def evict(home: Path, kept: int, names: re.Pattern[str] = _NAME) -> None:
-    """Leave in `home` the `kept` folders or files that were used last, and those that a process holds.
+def evict(home: Path, most: int, names: re.Pattern[str] = _NAME) -> None:
+    """Leave in `home` the `most` folders or files that were used last, and those that a process holds.
 
     Args:
         home: a `private_folder`.
-        kept: how many.
+        most: how many.
         names: of those that count; others stay.
     """
     used: list[tuple[float, Path]] = []
@@ -208,7 +208,7 @@ def evict(home: Path, kept: int, names: re.Pattern[str] = _NAME) -> None:
         with contextlib.suppress(OSError):
             used.append((entry.stat().st_mtime, entry))
     counted = [entry for _, entry in sorted(used, reverse=True) if names.fullmatch(entry.name)]
-    for old in counted[kept:]:
+    for old in counted[most:]:
         with contextlib.suppress(OSError), _alone(old):
             remove(old)
     for last, entry in used:

@@ -27,7 +27,7 @@ class Master:
         run: has it run a robot, all of its components exchanging their values between steps.
         source: who made it.
         packages: distributions that it comes in.
-        starts_inside: its wires cannot add, so that the drives are told where they begin.
+        starts_inside: its wires cannot add, so that the drives are given their start angles.
     """
 
     run: Callable[[Robot], Signals]

@@ -16,7 +16,7 @@ from twin.studies.build.fmu import build_fmu
 
 ROOT = Path(__file__).parents[2]
 PLACE = ROOT / "results" / "validation"
-"""Where the parts are left, for whoever wants to open them in another tool."""
+"""Where the parts are left, to be opened in another tool."""
 JACOBI = ("cosim.scheme=jacobi", "controller.bus_delay_ticks=1")
 """What a master in which all exchange their values between steps comes to."""
 DRIVES = ("drive_1", "drive_2", "drive_3")
@@ -90,7 +90,7 @@ class Robot:
         return len(self.own.t) - 1
 
     def starting_inside(self) -> "Robot":
-        """The same for a master whose wires cannot add: the drives are told where they begin."""
+        """The same for a master whose wires cannot add: the drives are given their start angles."""
         parameters = {name: {**self.parameters[name], "theta_m": self.zeros[name]} for name in DRIVES}
         wires = tuple(replace(wire, offset=0.0) for wire in self.wires)
         return replace(self, parameters=parameters, wires=wires, zeros=dict.fromkeys(DRIVES, 0.0))

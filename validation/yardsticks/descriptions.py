@@ -40,11 +40,11 @@ def toolbox_complaints(file: Path) -> int:
     from fmu_manipulation_toolbox.checker import get_checkers
     from fmu_manipulation_toolbox.operations import FMU
 
-    told: list[str] = []
+    complaints: list[str] = []
 
     class Listener(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
-            told.append(record.getMessage())
+            complaints.append(record.getMessage())
 
     listener, logger = Listener(logging.ERROR), logging.getLogger("fmu_manipulation_toolbox")
     logger.addHandler(listener)
@@ -54,7 +54,7 @@ def toolbox_complaints(file: Path) -> int:
                 fmu.apply_operation(checker())
     finally:
         logger.removeHandler(listener)
-    return len(told)
+    return len(complaints)
 
 
 def complaints(count: Callable[[Path], int]) -> Mapping[str, float]:

@@ -129,7 +129,7 @@ YARDSTICKS = (
         ENGINE,
         "of the mass",
         5e-4,
-        "a percentage that is told to a tenth",
+        "a percentage given to a tenth",
         heavier,
         ("mujoco",),
     ),

@@ -95,7 +95,7 @@ UNREAD = "nothing was compared"
 
 
 def unread(claim: str, source: str, unit: str, why: str = ABSTRACT) -> Yardstick:
-    """A row for what nobody here could read."""
+    """A row for a source that could not be read."""
     return Yardstick(claim, source, unit, 0.0, UNREAD, partial(not_here, why))
 
 
@@ -130,7 +130,7 @@ YARDSTICKS = (
         "recordings of Krilavicius et al., Baltic Institute of Advanced Technologies, 2013, published by Pohl",
         "mm",
         2.95,
-        "known and not mended: what is told of the belly elsewhere was run with 4 mm, see docs/bodies.md; the bound "
+        "known and not mended: the belly of the other pages was run with 4 mm, see docs/bodies.md; the bound "
         "says that it is no farther out",
         lift,
     ),

@@ -43,12 +43,12 @@ def theirs(text: str, curves: Curves) -> float:
     """What rtamt says of the same."""
     import rtamt
 
-    told = re.sub(r"\[(\d+) s, (\d+) s\]", r"[\1:\2]", re.sub(r" m\b", "", re.sub(r"x\.", "", text)))
+    formula = re.sub(r"\[(\d+) s, (\d+) s\]", r"[\1:\2]", re.sub(r" m\b", "", re.sub(r"x\.", "", text)))
     monitor = rtamt.StlDiscreteTimeSpecification()
     data = {name.removeprefix("x."): list(values) for name, values in curves.values.items()}
     for name in data:
         monitor.declare_var(name, "float")
-    monitor.spec = told
+    monitor.spec = formula
     monitor.parse()
     length = len(next(iter(data.values())))
     return monitor.evaluate({"time": list(range(length)), **data})[0][1]

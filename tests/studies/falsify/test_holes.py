@@ -10,7 +10,7 @@ def test_places_without_a_run_are_named():
     where = space("drive_dead", "breathing")
     holes = Holes.of(where, [FIRST, THIRD, Wrong("breathing", "contact", 5.0)], {}, ())
     assert [(hole["kind"], hole["target"]) for hole in holes.facts["not_tried"]] == [("drive_dead", "drive_2")]
-    assert holes.kept == ["drive_dead", "breathing"]
+    assert holes.not_violated == ["drive_dead", "breathing"]
     assert "Not tried, 1 place" in holes.lines()[0] and "drive_dead 1 of 3." in " ".join(holes.lines())
 
 
@@ -18,7 +18,7 @@ def test_a_run_that_a_failure_ended_is_not_kept_and_one_that_was_refused_is_not_
     where = space("drive_dead")
     ended = {SECOND: Ended(False, "drive_2 failed"), THIRD: Ended(True, "[[fault]] 1: changes nothing")}
     holes = Holes.of(where, [FIRST, SECOND, THIRD], ended, ())
-    assert holes.kept == []
+    assert holes.not_violated == []
     assert [hole["target"] for hole in holes.facts["not_tried"]] == ["drive_3"]
     told = " ".join(holes.lines())
     assert "judged until then: drive_dead (1 of 3 runs). The first: drive_2 failed" in told
@@ -27,7 +27,7 @@ def test_a_run_that_a_failure_ended_is_not_kept_and_one_that_was_refused_is_not_
 
 def test_of_a_kind_that_violates_nothing_is_left_to_say():
     holes = Holes.of(space("drive_dead"), [FIRST], {FIRST: Ended(False, "")}, {"drive_dead"})
-    assert (holes.lines(), holes.kept, holes.facts["not_tried"]) == ([], [], [])
+    assert (holes.lines(), holes.not_violated, holes.facts["not_tried"]) == ([], [], [])
 
 
 def test_lines_fit_80_columns():

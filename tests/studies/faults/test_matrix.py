@@ -138,7 +138,7 @@ def test_without_having_been_said_the_broken_bound_of_a_kind_fails(kind, monkeyp
 
 
 def test_without_the_monitor_the_matrix_is_visibly_worse():
-    detectable = [row for row in pressing() if row.detection_expected and not row.said_to_go_beyond]
+    detectable = [row for row in pressing() if row.detection_expected and not row.expected_beyond]
     worst = max(row.watched.peak for row in detectable)
     worst_unwatched = max(row.unwatched.peak for row in detectable)
     # 64 N against 17.5 N were measured

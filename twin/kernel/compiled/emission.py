@@ -2,7 +2,7 @@
 
 Numba keeps the optimised LLVM module of a `cfunc`. Beside the function that C can call, which asks the interpreter for
 its error messages, stands an inner one, `int inner(result *, void **exception, <arguments>)`. That one is kept, and
-what it calls; the counting of references to arrays in memory that nobody counts goes once LLVM sees the whole.
+what it calls; the counting of references to arrays in memory, which needs none, goes once LLVM sees the whole.
 """
 
 import re
@@ -87,8 +87,8 @@ define {returned} @"{module.symbol}"({taken}) {{
         # numba's code of a function that ended with a value
         body += f"""  %ended = icmp eq i32 %status, 0
   %value = load {returned}, ptr %result
-  %told = select i1 %ended, {returned} %value, {returned} {bad}
-  ret {returned} %told
+  %outcome = select i1 %ended, {returned} %value, {returned} {bad}
+  ret {returned} %outcome
 }}
 """
     return module._replace(inner=module.symbol, text=module.text + body)

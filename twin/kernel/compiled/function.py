@@ -98,7 +98,7 @@ class Function(Name):
             try:
                 return self.compiled(*arguments)
             except Exception as problem:
-                # what it takes or gives is nothing for Python, but whoever called it may be
+                # what it takes or gives is nothing for Python, but its caller may be
                 raise missing from problem
 
     @cached_property

@@ -152,8 +152,8 @@ class Native:
         from numba import cfunc
 
         with compiling():
-            self._kept = cfunc(self.signature, error_model="numpy")(self.function)
-        return int(self._kept.address)
+            self._compiled = cfunc(self.signature, error_model="numpy")(self.function)
+        return int(self._compiled.address)
 
 
 def address_of(array: np.ndarray) -> int:

@@ -58,7 +58,7 @@ def infer(function: Any, *signatures: tuple[Any, ...]) -> None:
     from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
 
     cases = [signature(*types) for types in signatures]
-    infer_global(function)(type("Told", (ConcreteTemplate,), {"key": function, "cases": cases}))
+    infer_global(function)(type("Cases", (ConcreteTemplate,), {"key": function, "cases": cases}))
 
 
 def _target() -> Any:

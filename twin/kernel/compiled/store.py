@@ -42,13 +42,13 @@ _OWN = _PACKAGE.name
 _INSTALLED = re.compile(re.escape(sysconfig.get_path("stdlib") + os.sep) + r"|.*[/\\](site|dist)-packages[/\\]")
 """What lies there is known by the version of Python and numba, but for this package."""
 _IMPORT = re.compile(rb"^[ \t]*(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|.*)|import[ \t]+(.*))", re.MULTILINE)
-_KEPT = re.compile(r".+\.(o|ll)")
+_OBJECT = re.compile(r".+\.(o|ll)")
 _refusal: list[str] = []
 _reported: set[Path] = set()
 
 
 class Unnamed(Exception):
-    """A function whose code cannot be told from that of another one by its name."""
+    """A function whose code has no unique name."""
 
 
 def name_of(function: Any, made_for: str) -> str:
@@ -59,7 +59,7 @@ def name_of(function: Any, made_for: str) -> str:
         made_for: what tells its types, the compiler and the processor.
 
     Raises:
-        Unnamed: its source is in no file, or it is closed over something whose value cannot be told.
+        Unnamed: its source is in no file, or it is closed over something without a known value.
     """
     modules: set[str] = set()
     variant = _hash(f"{_identity(function, modules)}\0{made_for}".encode())
@@ -75,7 +75,7 @@ def keep(file: str, content: bytes) -> None:
         with open(aside, "wb", opener=lambda path, flags: os.open(path, flags, 0o600)) as written:
             written.write(sealed(file, content))
         aside.replace(folder() / file)
-        evict(folder(), MOST, _KEPT)
+        evict(folder(), MOST, _OBJECT)
 
 
 def sealed(file: str, content: bytes) -> bytes:
@@ -108,11 +108,11 @@ def stored_code(file: str) -> bytes:
 
 @contextlib.contextmanager
 def alone(name: str) -> Iterator[None]:
-    """Nobody else makes the object file of that name meanwhile."""
+    """No other process makes the object file of that name meanwhile."""
     try:
         lock = open(folder() / f".{name}.lock", "w")  # noqa: SIM115, its end is below
     except OSError:
-        # nothing can be kept, so nobody can wait for it
+        # nothing can be stored, so no process can wait for it
         yield
         return
     with lock:

@@ -232,7 +232,7 @@ class _Trace:
 
 
 def accuracy_budget(experiment: Experiment, say: Say = silent) -> Budget:
-    """Run `experiment` as it is, without any imperfection, and with each of them alone; `say` is told which.
+    """Run `experiment` as it is, without any imperfection, and with each of them alone; `say` is called with its name.
 
     Raises:
         InputRefused: it has faults, taps, or never presses. ComponentFailed: a component failed.

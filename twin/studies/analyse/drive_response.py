@@ -91,7 +91,7 @@ def identified(plan: DrivePlan, tick: float, tau_load: float) -> DriveModel:
         ComponentFailed: the drive failed.
     """
     measured = frequency_response(plan, tick, tau_load, AT_REST)
-    # whatever it refuses, the measurement of the turning shaft may still be told
+    # whatever it refuses, the measurement of the turning shaft may still be shown
     with suppress(InputRefused):
         at_rest = fitted_drive(*measured, tick, plan.label)
         if at_rest.residual <= PROPORTIONAL:
@@ -270,7 +270,7 @@ def _stepping(experiment: Experiment) -> Stepping:
             "commands on late; the analysis knows only monitors that divide the controller's period and delay"
         )
     jacobi = experiment.cosim.scheme == "jacobi"
-    # what is behind the monitor, and before the encoders, nobody samples
+    # nothing behind the monitor and before the encoders is sampled
     latency = whole_ticks(experiment.plant.encoder_latency, experiment.cosim.tick) or 0
     late = delay + c.bus_delay_ticks + latency
     return Stepping(experiment.cosim.tick, experiment.plant.substeps, period, late, jacobi)

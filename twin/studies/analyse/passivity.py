@@ -348,7 +348,7 @@ def passivity(experiment: Experiment, tried: bool, say: Say) -> Passivity:
 
     Args:
         tried: whether the mass that makes it swing is tried in the co-simulation.
-        say: told what is being done.
+        say: called with what is being done.
 
     Raises:
         InputRefused: as of `twin.studies.analyse.stability.stability`. ComponentFailed: a drive failed.

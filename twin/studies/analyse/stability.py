@@ -190,7 +190,7 @@ NEUTRAL = 1e-9
 STIFFNESSES = np.geomspace(100.0, 50_000.0, 41)
 """N/m: from fat to a table."""
 FACTORS = np.geomspace(0.1, 300.0, 61)
-POLES_TOLD = 6
+MOST_POLES = 6
 
 
 @dataclass(frozen=True)
@@ -234,7 +234,7 @@ class PointStability:
             "disk_margins": {name: found.facts() for name, found in self.disks.items()},
             "sensitivity": self.sensitivity,
             "gain_limits": self.limits,
-            "poles": [pole._asdict() for pole in self.poles[:POLES_TOLD]],
+            "poles": [pole._asdict() for pole in self.poles[:MOST_POLES]],
             "least_damped": self.least_damped._asdict(),
         }
 
@@ -323,7 +323,7 @@ def stability(experiment: Experiment, tried: bool = False, say: Say = silent) ->
 
     Args:
         tried: whether the gain limits are tried in the co-simulation, too.
-        say: told what is being done.
+        say: called with what is being done.
 
     Raises:
         InputRefused: no operating point, no linear model of a drive, or a rate that the analysis does not know.

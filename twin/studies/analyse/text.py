@@ -95,12 +95,12 @@ def _verdict(done: Stability) -> Iterator[Block]:
     yield _tied("", f"{done.experiment.name}  {'STABLE' if done.stable else 'UNSTABLE'} at {points}{left_out}")
     for law in ("position", "force"):
         critical = done.critical(law)
-        told = [_checked(done, check) for check in done.checks if check.law == law]
+        limits = [_checked(done, check) for check in done.checks if check.law == law]
         if critical is not None:
-            told = told or [_limit(done, law, critical)]
+            limits = limits or [_limit(done, law, critical)]
         elif any(law in judged.limits for judged in done.points):
-            told = told or [f"nothing limits its gains up to {LARGEST_GAIN:g} times what is set"]
-        yield from (_tied(f"  {law:8}  ", text) for text in told)
+            limits = limits or [f"nothing limits its gains up to {LARGEST_GAIN:g} times what is set"]
+        yield from (_tied(f"  {law:8}  ", text) for text in limits)
 
 
 def _limit(done: Stability, law: str, critical: PointStability) -> str:
@@ -139,8 +139,8 @@ def _gains(done: Stability, law: str, factor: float) -> str:
     c = done.experiment.controller
     if law == "position":
         return f"kp = {_digits(factor * c.position.kp)} 1/s"
-    told = [f"kp = {_digits(1e3 * factor * c.force.kp)} mm/N"] if c.force.kp else []
-    return ", ".join([*told, f"ki = {_digits(1e3 * factor * c.force.ki)} mm/(N s)"] if c.force.ki else told)
+    terms = [f"kp = {_digits(1e3 * factor * c.force.kp)} mm/N"] if c.force.kp else []
+    return ", ".join([*terms, f"ki = {_digits(1e3 * factor * c.force.ki)} mm/(N s)"] if c.force.ki else terms)
 
 
 def _damping(judged: PointStability) -> str:
@@ -205,8 +205,8 @@ def _hertz(omega: float | None) -> str:
 
 def _tied(head: str, text: str) -> Note:
     """`text` after `head`; numbers stay with their units, and what stands in brackets together."""
-    kept = BOUND.sub(lambda found: found.group().replace(" ", TIE), text)
-    return Note(kept, head, max(2, len(head)), whole=True)
+    tied = BOUND.sub(lambda found: found.group().replace(" ", TIE), text)
+    return Note(tied, head, max(2, len(head)), whole=True)
 
 
 def passivity_result(done: Passivity, files: Sequence[str] = ()) -> Result:
@@ -253,13 +253,15 @@ def _passive_point(point: PointPassivity) -> list[Block]:
     rows = [(axis, springs.get(axis), _passive(point.bands[axis])) for axis in (*AXES, "all")]
     worst = point.worst
     x, y, z = worst.direction
-    told = f"{worst.mass:.3g} kg on {worst.stiffness:.3g} N/m along ({x:.2f}, {y:.2f}, {z:.2f})"
-    swings = f"{told}, swings at {worst.frequency:.2g} Hz, {worst.growth:+.2g} 1/s"
+    environment = f"{worst.mass:.3g} kg on {worst.stiffness:.3g} N/m along ({x:.2f}, {y:.2f}, {z:.2f})"
+    swings = f"{environment}, swings at {worst.frequency:.2g} Hz, {worst.growth:+.2g} 1/s"
     return [
         "",
         Note(point_name(point.point) + ("" if point.stable else ": UNSTABLE in an empty hand")),
         Table(AXIS_COLUMNS, rows),
-        Note(f"worst environment: {swings if worst.swings else f'none swings; slowest to die out {told}'}", "  "),
+        Note(
+            f"worst environment: {swings if worst.swings else f'none swings; slowest to die out {environment}'}", "  "
+        ),
     ]
 
 

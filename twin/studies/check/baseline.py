@@ -33,8 +33,8 @@ FOLDER = Path("tests/baselines")
 """Where baselines are written to and looked for, one folder per experiment."""
 BESIDE = "baselines"
 """Where those of somebody's own experiment are in a clone of twin, beside its file."""
-_UNTOLD = ("title", "recording", "drive")
-"""Tables that do not change what is measured; drives are told of one by one."""
+_NEUTRAL = ("title", "recording", "drive")
+"""Tables that do not change what is measured; drives are listed one by one."""
 _LATER = ("tolerance", "position_command", "rotor", "kind", "solver", "solver_step")
 """Keys of [drive] that baselines of before do not know: only where one says something is it another experiment."""
 _REFUSING = ("ball_joint_limit_deg", "link_diameter_mm", "rod_diameter_mm", "rod_spacing_mm")
@@ -52,7 +52,7 @@ class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Kept(_Table):
+class BaselineMetric(_Table):
     """A number of a baseline: off by more than its bound either way is a deviation.
 
     Attributes:
@@ -116,7 +116,7 @@ class Baseline(_Table):
     twin: str
     fmus: dict[str, str]
     history: tuple[Entry, ...]
-    metrics: dict[str, Kept]
+    metrics: dict[str, BaselineMetric]
     tubes: dict[str, StoredCurve] = Field(default={})
 
 
@@ -126,7 +126,7 @@ def baselines_here() -> Path:
 
 
 def baselines_of(file: Path, update: bool) -> Path:
-    """Where the baselines of the experiment in `file` are, if nobody says where.
+    """Where the baselines of the experiment in `file` are by default.
 
     That is `FOLDER` here. In a clone of twin what is there belongs to twin's own experiments, to which the tests hold
     it: the baselines of any other experiment are beside its file.
@@ -157,7 +157,7 @@ def fingerprint(experiment: Experiment) -> str:
 
     Files of FMUs are left out: they have hashes of their own.
     """
-    values = {key: value for key, value in experiment.values.items() if key not in _UNTOLD}
+    values = {key: value for key, value in experiment.values.items() if key not in _NEUTRAL}
     for table in ("robot", "plant"):
         values[table] = {key: value for key, value in values[table].items() if key not in _REFUSING}
     drives = [_drive_facts(drive.model_dump()) for drive in experiment.drives]
@@ -172,9 +172,9 @@ def baseline_of(
     metrics = {}
     for name, metric in now.metrics.items():
         old = before.metrics.get(name) if before else None
-        kept = old is not None and old.keep
-        bound = old.bound if old is not None and kept else _rounded(metric.bound, 3)
-        metrics[name] = Kept(value=_rounded(metric.value), unit=metric.unit, bound=bound, keep=kept)
+        keep = old is not None and old.keep
+        bound = old.bound if old is not None and keep else _rounded(metric.bound, 3)
+        metrics[name] = BaselineMetric(value=_rounded(metric.value), unit=metric.unit, bound=bound, keep=keep)
     return Baseline(
         experiment=experiment.name,
         drive=drive,
@@ -188,7 +188,7 @@ def baseline_of(
 
 
 def known_baseline(folder: Path, experiment: str, drive: str) -> Baseline | None:
-    """The baseline of `experiment` with `drive`, None if there is none; drives are told apart by their file names.
+    """The baseline of `experiment` with `drive`, None if there is none; drives are distinguished by their file names.
 
     Raises:
         InputRefused: the file that should be it cannot be read, is no baseline, or one of another pair.
@@ -229,7 +229,7 @@ def baseline_text(baseline: Baseline) -> str:
     about = f"twin check {baseline.experiment} --drive {baseline.drive}"
     text.add(tomlkit.comment(f"{about}: SI units; a bound with keep = true stays"))
     facts = baseline.model_dump(exclude_defaults=True)
-    facts["metrics"] = {name: inline_table(kept) for name, kept in facts["metrics"].items()}
+    facts["metrics"] = {name: inline_table(stored) for name, stored in facts["metrics"].items()}
     for tube in facts.get("tubes", {}).values():
         tube |= {name: _array(tube[name]) for name in ("t_s", "values")}
     text.update(facts)
@@ -274,8 +274,8 @@ def _rounded(value: float, digits: int = 6) -> float:
 
 def _drive_facts(drive: dict[str, Any]) -> dict[str, Any]:
     """What a table [drive], or one of its parts, says: without places of FMUs, and later keys that say nothing."""
-    told = {k: v for k, v in drive.items() if k != "fmu" and not (k in _LATER and v is None)}
-    return told | (
+    keys = {k: v for k, v in drive.items() if k != "fmu" and not (k in _LATER and v is None)}
+    return keys | (
         {"parts": {name: _drive_facts(part) for name, part in drive["parts"].items()}} if "parts" in drive else {}
     )
 
@@ -355,7 +355,7 @@ class CheckVerdict:
 def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: Measured) -> CheckVerdict:
     """Hold `now` against `baseline`; if there is none, everything is new.
 
-    A changed experiment or FMU is compared all the same, which is what a baseline is for, and told in a note. A number
+    A changed experiment or FMU is compared all the same, which is what a baseline is for, and a note says so. A number
     that is in another unit than it was is another number: the old one is gone.
     """
     if baseline is None:
@@ -382,16 +382,16 @@ def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: 
 
 
 def _metric_rows(baseline: Baseline, now: Measured) -> Iterator[CheckRow]:
-    for name, kept in baseline.metrics.items():
+    for name, stored in baseline.metrics.items():
         metric = now.metrics.get(name)
-        if metric is None or metric.unit != kept.unit:
-            yield CheckRow(name, kept.unit, kept.value, None, None, None, "gone")
+        if metric is None or metric.unit != stored.unit:
+            yield CheckRow(name, stored.unit, stored.value, None, None, None, "gone")
             continue
         word: Word = "ok"
         # written so that what is not a number is not ok
-        if not abs(metric.value - kept.value) <= kept.bound:
-            word = _direction(metric, kept.value)
-        yield CheckRow(name, kept.unit, kept.value, metric.value, kept.bound, None, word)
+        if not abs(metric.value - stored.value) <= stored.bound:
+            word = _direction(metric, stored.value)
+        yield CheckRow(name, stored.unit, stored.value, metric.value, stored.bound, None, word)
     for name, metric in now.metrics.items():
         if name not in baseline.metrics or baseline.metrics[name].unit != metric.unit:
             yield CheckRow(name, metric.unit, None, metric.value, None, None, "new")
@@ -434,8 +434,8 @@ def _notes(experiment: Experiment, baseline: Baseline, now: Measured) -> Iterato
             yield f"{name} is another FMU than the baseline's {', '.join(baseline.fmus)}"
         elif was != digest:
             yield f"{name} has changed: was sha256 {was[:12]}, now {digest[:12]}"
-    for name, kept in baseline.metrics.items():
-        if name in now.metrics and now.metrics[name].unit != kept.unit:
-            yield f"{name} was in {kept.unit} and is in {now.metrics[name].unit}: another quantity, not compared"
+    for name, stored in baseline.metrics.items():
+        if name in now.metrics and now.metrics[name].unit != stored.unit:
+            yield f"{name} was in {stored.unit} and is in {now.metrics[name].unit}: another quantity, not compared"
     if baseline.twin != __version__:
         yield f"the baseline was measured by twin {baseline.twin}, this is {__version__}"

@@ -48,10 +48,10 @@ class Deviation:
 
     def __str__(self) -> str:
         row, at = self.row, "" if self.row.at is None else f" at {self.row.at:g} s"
-        told = f"{self.experiment}, {self.drive}: {row.name} is {row.word}"
+        head = f"{self.experiment}, {self.drive}: {row.name} is {row.word}"
         if row.now is None or row.before is None:
-            return told
-        return f"{told}: {row.now:.6g} {row.unit}{at}, was {row.before:.6g} within {row.bound:g}"
+            return head
+        return f"{head}: {row.now:.6g} {row.unit}{at}, was {row.before:.6g} within {row.bound:g}"
 
 
 def check(experiment: str | Path, drive: str | None = None, baselines: str | Path | None = None) -> list[Deviation]:
@@ -96,7 +96,7 @@ def stored_baseline(folder: Path, file: Path, drive: str) -> Baseline:
     """
     known = known_baseline(folder, file.stem, drive)
     if known is None:
-        # whoever misspells experiment or drive is told of that
+        # a misspelt experiment or drive is reported
         _loaded(file, drive)
         raise InputRefused(_no_baseline(folder, file, drive))
     return known
@@ -136,7 +136,7 @@ class CheckOutcome:
 
     Attributes:
         verdict: None if it could not be measured or compared.
-        text: of the baseline's file as it would be after an update; "" if that changes nothing, or nobody asked.
+        text: of the baseline's file as it would be after an update; "" if that changes nothing, or none was asked for.
         failure: why there is no verdict, in a sentence; "" if there is one.
         exit_code: that goes with it.
     """
@@ -185,13 +185,13 @@ def pairs(
     return [
         Pair(str(file), drive, str(folder))
         for file, folder in folders.items()
-        # without a baseline the one that is missing is told of
+        # a missing baseline is reported
         for drive in dict.fromkeys(named or stored_drives(folder, file.stem) or [OWN])
     ]
 
 
 def _file_of(name: str) -> Path:
-    """The file of an experiment that has a baseline; one that has gone costs the others nothing, and is told of when
+    """The file of an experiment that has a baseline; one that has gone costs the others nothing, and is reported when
     its turn comes."""
     here = Path(f"{name}.toml")
     return here if here.is_file() else located(f"experiments/{name}.toml", Path.cwd())
@@ -203,7 +203,7 @@ def checked(reporter: Any, work: Sequence[Pair], date: str, reason: str) -> None
     Args:
         work: what to check.
         date: of an update.
-        reason: of an update; "": nobody asked for one.
+        reason: of an update; "": none was asked for.
     """
     for pair in work:
         reporter.loading()
@@ -236,9 +236,9 @@ def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> li
 
     Args:
         pairs: what to check.
-        reason: of an update; "": nobody asked for one.
+        reason: of an update; "": none was asked for.
         processes: how many at a time; 0: this one, where a drive that crashes takes it along.
-        say: told how many are done.
+        say: called with how many are done.
 
     Raises:
         KeyboardInterrupt: after every process has ended.

@@ -158,12 +158,12 @@ def refuse_unknown(experiment: Experiment, system: System) -> None:
                 mistakes.append(f"[measure {number}] formula = {problem}")
         for key, signal in _signals(measure):
             vector, index = split(signal.removeprefix("-"))
-            said = f'[measure {number}] {key} = "{signal}"'
+            entry = f'[measure {number}] {key} = "{signal}"'
             if vector not in sizes:
-                mistakes.append(f"{said}: no such signal; {nearest(vector, sizes, 'there are {}')}")
+                mistakes.append(f"{entry}: no such signal; {nearest(vector, sizes, 'there are {}')}")
             elif (index is None) != (sizes[vector] == 1) or (index or 0) >= sizes[vector]:
                 wanted = f"[0] to [{sizes[vector] - 1}]" if sizes[vector] > 1 else "no index"
-                mistakes.append(f"{said}: it has {sizes[vector]} components; expected {wanted}")
+                mistakes.append(f"{entry}: it has {sizes[vector]} components; expected {wanted}")
     if mistakes:
         raise InputRefused("\n".join(f"{experiment.name}: {mistake}" for mistake in mistakes))
 
@@ -179,7 +179,7 @@ SETTLING_FLOOR = 0.02
 LAG_FLOOR = 5e-4
 """Of lags (s), which lie between ticks: so that a drive that is late by one tick of 1 ms is noticed."""
 POINTS = 40
-"""Of a tube: more would make its file unreadable, and between them a curve is still told by its metrics."""
+"""Of a tube: more would make its file unreadable, and between them a curve is still judged by its metrics."""
 TUBE_TIME = 0.004
 """Half width of a tube in time (s): two periods of the robot's controller."""
 TUBE_FLOORS = {"m": 2.5e-5, "rad": 4e-4, "N": 0.05, "N m": 3e-3}
@@ -319,7 +319,7 @@ def _lag(measure: measures.Lag, signals: Signals, inside: NDArray[np.bool_]) -> 
     reference, y = signals[measure.reference][inside], signals[measure.signal][inside]
     for name, values in ((measure.reference, reference), (measure.signal, y)):
         if np.ptp(values) <= _still(values):
-            raise InputRefused(f"{name} does not move, so no lag can be told; measure while it does")
+            raise InputRefused(f"{name} does not move, so it has no lag; measure while it does")
     t = signals.t[inside]
     found = lag(t, y, reference, measure.longest)
     if found >= measure.longest - (t[1] - t[0]):

@@ -74,7 +74,7 @@ def check(
     done = outcomes(pairs(experiments, drives, baselines, update), reason, processes, say)
     verdicts = [outcome.verdict for outcome in done if outcome.verdict]
     failures = [outcome for outcome in done if outcome.failure]
-    told = [{"experiment": Path(o.pair.file).stem, "drive": o.pair.drive, "failure": o.failure} for o in failures]
+    failed = [{"experiment": Path(o.pair.file).stem, "drive": o.pair.drive, "failure": o.failure} for o in failures]
     places = []
     moved = [outcome for outcome in done if outcome.text]
     for outcome in moved:
@@ -92,6 +92,6 @@ def check(
     return replace(
         result,
         body=[*result.body, *([""] if places else []), *places],
-        facts={"verdicts": [verdict.facts() for verdict in verdicts], "failures": told},
+        facts={"verdicts": [verdict.facts() for verdict in verdicts], "failures": failed},
         exit_code=failures[0].exit_code if failures else int(deviates),
     )

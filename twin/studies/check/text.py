@@ -25,7 +25,7 @@ COLUMNS = (
     Column("bound", 10, ".4g", gap=0),
 )
 MOST = 5
-"""Checks that deviate and are told in full; of the others what they come to. All are in the JSON."""
+"""The most deviating checks that are shown in full; the others in a line. All are in the JSON."""
 
 
 def check_result(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> Result:
@@ -36,9 +36,9 @@ def check_result(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> R
         failures: sentences on those that could not.
     """
     parts: list[Block] = []
-    told = verdicts if len(verdicts) == 1 else [verdict for verdict in verdicts if verdict.deviations]
-    told = [verdict for verdict in told if len(verdicts) == 1 or not _first(verdict)]
-    for verdict in told[:MOST]:
+    shown = verdicts if len(verdicts) == 1 else [verdict for verdict in verdicts if verdict.deviations]
+    shown = [verdict for verdict in shown if len(verdicts) == 1 or not _first(verdict)]
+    for verdict in shown[:MOST]:
         rows = verdict.rows if len(verdicts) == 1 else verdict.deviations
         parts += [
             "",
@@ -48,10 +48,10 @@ def check_result(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> R
         as_it_was = len(verdict.rows) - len(rows)
         parts += [f"  and {as_it_was} as they were"] if as_it_was else []
         parts += [line for note in verdict.notes for line in _labelled("note", note)]
-    parts += [""] * (len(told) > MOST)
-    parts += [f"{verdict.experiment}, {verdict.drive}: {_words([verdict])}" for verdict in told[MOST:]]
-    # a note that a hundred checks share is told once
-    others = Counter(note for verdict in verdicts if verdict not in told[:MOST] for note in verdict.notes)
+    parts += [""] * (len(shown) > MOST)
+    parts += [f"{verdict.experiment}, {verdict.drive}: {_words([verdict])}" for verdict in shown[MOST:]]
+    # a note that a hundred checks share is shown once
+    others = Counter(note for verdict in verdicts if verdict not in shown[:MOST] for note in verdict.notes)
     parts += [""] * bool(others)
     for note, count in others.items():
         parts += _labelled("note", f"{note} ({count} checks)" if count > 1 else note)
@@ -75,8 +75,8 @@ def _answer(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> str:
     if not wrong:
         return "\n  ".join(filter(None, (f"All as it was: {of}", added, missed)))
     share = f"{len(wrong)} of {counted(len(verdicts), 'check')} {'deviates' if len(wrong) == 1 else 'deviate'}"
-    told = f"{share if len(verdicts) > 1 else 'Deviates'}: {_words(wrong)}"
-    return "\n  ".join(filter(None, (told, f"of {of}", added, missed)))
+    head = f"{share if len(verdicts) > 1 else 'Deviates'}: {_words(wrong)}"
+    return "\n  ".join(filter(None, (head, f"of {of}", added, missed)))
 
 
 def _words(verdicts: Sequence[CheckVerdict]) -> str:

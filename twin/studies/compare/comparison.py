@@ -186,9 +186,9 @@ def coverage(ours: LogSeries, theirs: LogSeries) -> float:
 
 
 FEW = 8
-"""Differences that are told; the JSON has all."""
+"""The most differences in the text; the JSON has all."""
 LONG = 24
-"""Characters of a value that are told."""
+"""Characters of a value in the text."""
 
 Differences = dict[str, tuple[str, ...]]
 
@@ -214,13 +214,13 @@ def differences_lines(differences: Differences | None) -> list[Note | str]:
         return []
     if not differences:
         return ["", "Nothing differs in the experiments."]
-    told = [
+    lines = [
         Note(" and ".join(cut(value, LONG) for value in values), f"  {key}  ", later=6, whole=True)
         for key, values in list(differences.items())[:FEW]
     ]
     more = len(differences) - FEW
     rest = [f"  and {counted(more, 'more value')}"] if more > 0 else []
-    return ["", "What differs in the experiments, A and B:", *told, *rest]
+    return ["", "What differs in the experiments, A and B:", *lines, *rest]
 
 
 IN_PLACE = Alignment()

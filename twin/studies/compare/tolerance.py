@@ -158,20 +158,20 @@ def _table(path: Path, mistakes: list[str]) -> dict[str, object]:
 
 
 def _add(found: list[Rule], mistakes: list[str], where: str, pattern: str, text: object) -> None:
-    said = f"{where}: {pattern} = {text!r}" if where != "--tol" else f"--tol {pattern}={text}"
+    option = f"{where}: {pattern} = {text!r}" if where != "--tol" else f"--tol {pattern}={text}"
     match = _RULE.fullmatch(text) if isinstance(text, str) and text.strip() else None
     try:
         numbers = [float(part) if part is not None else None for part in (match[1], match[3])] if match else []
     except ValueError:
         numbers = []
     if not match or not pattern or not numbers or any(n is not None and not 0.0 <= n < math.inf for n in numbers):
-        mistakes.append(f"{said}: expected VALUE UNIT, SHARE % or @ TIME, such as 0.05 N @ 4 ms")
+        mistakes.append(f"{option}: expected VALUE UNIT, SHARE % or @ TIME, such as 0.05 N @ 4 ms")
         return
     value, dt = numbers
     unit, stamp = match[2] or "", match[4] or "s"
     time_unit = known_unit(stamp)
     if time_unit is None or time_unit.dimension != SECONDS:
-        mistakes.append(f"{said}: time in '{stamp}'; expected s, ms or us")
+        mistakes.append(f"{option}: time in '{stamp}'; expected s, ms or us")
         return
     dt = None if dt is None else time_unit.in_si(dt)
     if value is None or unit == "%":
@@ -179,7 +179,7 @@ def _add(found: list[Rule], mistakes: list[str], where: str, pattern: str, text:
         return
     value_unit = known_unit(unit or "1")
     if value_unit is None:
-        mistakes.append(f"{said}: unknown unit '{unit}'; expected one such as N, mm, deg, rad/s or %")
+        mistakes.append(f"{option}: unknown unit '{unit}'; expected one such as N, mm, deg, rad/s or %")
         return
     found.append(Rule(pattern, value_unit.in_si(value), value_unit.dimension, dt))
 

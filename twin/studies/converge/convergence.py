@@ -360,7 +360,7 @@ def convergence(
         tolerance: of the pressing force (N).
         duration: of each run (s); None: the whole experiment.
         smooth: take backlash and friction out as well.
-        say: told what is being run.
+        say: called with what is being run.
 
     Raises:
         InputRefused: the experiment has faults or tasks, or a drive does not fit.

@@ -102,11 +102,11 @@ def observed_order(ticks: ArrayLike, errors: ArrayLike, floor: float) -> Order:
     h, e = np.asarray(ticks, dtype=float), np.asarray(errors, dtype=float)
     if not np.all(np.isfinite(e)):
         return Order(None, OrderFinding.UNSTABLE)
-    told = e > 10.0 * floor
-    if np.count_nonzero(told) < FEWEST:
+    clear = e > 10.0 * floor
+    if np.count_nonzero(clear) < FEWEST:
         return Order(None, OrderFinding.AT_FLOOR)
-    by_tick = np.argsort(h[told])
-    log_h, log_e = np.log(h[told][by_tick]), np.log(e[told][by_tick])
+    by_tick = np.argsort(h[clear])
+    log_h, log_e = np.log(h[clear][by_tick]), np.log(e[clear][by_tick])
     pairs = np.diff(log_e) / np.diff(log_h)
     slope = float(np.polyfit(log_h, log_e, 1)[0])
     if slope < LEAST:

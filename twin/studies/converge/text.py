@@ -65,16 +65,16 @@ def _headline(study: CouplingStudy) -> list[Block]:
     if study.choice is None:
         return [f"{study.name}: no coupling at any of these ticks keeps F_z within {limit}"]
     coupling, point = study.choice.coupling, study.choice.point
-    told: list[Block] = [
+    blocks: list[Block] = [
         f"{study.name}: use {coupling.name} at {1e3 * point.tick:g} ms",
         f"  the longest tick, and the simplest coupling there, that keeps F_z within {limit}:",
         f"  {_number(1e3 * point.errors[FORCE.name])} mN, for {1e3 * point.cost:.1f} ms of computing per second",
     ]
     if (own := _own(study)) is not None:
         error, cost = _number(1e3 * own.errors[FORCE.name]), 1e3 * own.cost
-        told.append(f"  as it is, {study.coupling.name} at {1e3 * study.tick:g} ms: {error} mN, {cost:.1f} ms")
-        told += _why_not(study, own)
-    return told
+        blocks.append(f"  as it is, {study.coupling.name} at {1e3 * study.tick:g} ms: {error} mN, {cost:.1f} ms")
+        blocks += _why_not(study, own)
+    return blocks
 
 
 def _why_not(study: CouplingStudy, own: TickPoint) -> list[Block]:
@@ -87,7 +87,7 @@ def _why_not(study: CouplingStudy, own: TickPoint) -> list[Block]:
     if error <= study.tolerance:
         why = "it keeps the tolerance, too, and only computes more"
     elif study.resolution and error < study.resolution:
-        why = f"its error is {error / study.resolution:.0%} of a step of the scale's display, which nobody could read"
+        why = f"its error is {error / study.resolution:.0%} of a step of the scale's display, which cannot be read"
     else:
         return [Note(f"its error can be seen: take the other with {_settings(study)}", "  ", whole=True)]
     text = f"it stays the default because {why}, and recordings stay comparable; take the other with {_settings(study)}"
@@ -98,10 +98,10 @@ def _settings(study: CouplingStudy) -> str:
     """The options that make the experiment as recommended."""
     assert study.choice is not None
     new, old = study.choice.coupling, study.coupling
-    said = {"tick_ms": f"{1e3 * study.choice.point.tick:g}"} if study.choice.point.tick != study.tick else {}
-    said |= {name: str(getattr(new, name)) for name in ("scheme", "inputs", "iterations")
+    settings = {"tick_ms": f"{1e3 * study.choice.point.tick:g}"} if study.choice.point.tick != study.tick else {}
+    settings |= {name: str(getattr(new, name)) for name in ("scheme", "inputs", "iterations")
              if getattr(new, name) != getattr(old, name)}  # fmt: skip
-    return " ".join(f"--set cosim.{key}={value}" for key, value in said.items())
+    return " ".join(f"--set cosim.{key}={value}" for key, value in settings.items())
 
 
 def _own(study: CouplingStudy) -> TickPoint | None:

@@ -92,7 +92,7 @@ class Crew:
         self._count = 0
 
     def findings(self, files: Sequence[Path]) -> list[dict[str, Any]]:
-        """What the experiments in `files` come to, in their order, whoever ran them: facts of `RunFinding`."""
+        """What the experiments in `files` come to, in their order, stored ones too: facts of `RunFinding`."""
         return list(self._threads.map(self._finding, files))
 
     def _finding(self, file: Path) -> dict[str, Any]:

@@ -221,7 +221,7 @@ class Holes:
         )
 
     @property
-    def kept(self) -> list[str]:
+    def not_violated(self) -> list[str]:
         """Kinds of which every run came to its end, and none violated what is required."""
         return [kind for kind in self.places if kind not in self.ended]
 
@@ -229,7 +229,7 @@ class Holes:
     def facts(self) -> dict[str, Any]:
         """For JSON."""
         return {
-            "kept": self.kept,
+            "not_violated": self.not_violated,
             "not_tried": [{"kind": kind, **place._asdict()} for kind, some in self.untried.items() for place in some],
             "ended_early": [
                 {**vars(wrong), "refused": end.refused, "reason": end.reason}
@@ -242,21 +242,21 @@ class Holes:
         """Sentences of at most 80 columns, if there is anything to say."""
         lines = []
         for refused, what in ((False, "Ended by a component that failed, judged until then"), (True, "Refused")):
-            told = []
+            cut_short = []
             reasons = []
             for kind, some in self.ended.items():
                 of_these = [end.reason for _, end in some if end.refused == refused]
                 if of_these:
-                    told.append(f"{kind} ({len(of_these)} of {counted(self.runs[kind], 'run')})")
+                    cut_short.append(f"{kind} ({len(of_these)} of {counted(self.runs[kind], 'run')})")
                     reasons += of_these
-            if told:
+            if cut_short:
                 first = (reasons[0].splitlines() or ["no reason was given"])[0]
-                lines += wrapped(f"{what}: {', '.join(told)}. The first: {first}")
+                lines += wrapped(f"{what}: {', '.join(cut_short)}. The first: {first}")
         if self.untried:
-            told = [f"{kind} {len(some)} of {self.places[kind]}" for kind, some in self.untried.items()]
+            left = [f"{kind} {len(some)} of {self.places[kind]}" for kind, some in self.untried.items()]
             number = sum(map(len, self.untried.values()))
             text = (
-                f"Not tried, {counted(number, 'place')} (target, sign, body; --runs N tries more): {', '.join(told)}."
+                f"Not tried, {counted(number, 'place')} (target, sign, body; --runs N tries more): {', '.join(left)}."
             )
             lines += wrapped(text)
         return lines

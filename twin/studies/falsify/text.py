@@ -72,8 +72,8 @@ class Found:
 
 def header(experiment: str, found: Found, requirements: Sequence[Requirement]) -> list[str]:
     """Comments of the experiment that keeps `found`."""
-    told = [f"{r.name}: {_distance(found, r)}, negative is beyond it" for r in requirements]
-    return [f"Found by twin falsify {experiment}: {found.wrong.kind} violates what is required.", *told]
+    lines = [f"{r.name}: {_distance(found, r)}, negative is beyond it" for r in requirements]
+    return [f"Found by twin falsify {experiment}: {found.wrong.kind} violates what is required.", *lines]
 
 
 def falsify_result(
@@ -97,8 +97,8 @@ def falsify_result(
     violating = [one for one in found if one.share < 0.0]
     verdict = f"{experiment}  VIOLATED by {len(violating)} of {len(space.kinds)} kinds of fault"
     if not violating:
-        kept = "any" if len(holes.kept) == len(space.kinds) else str(len(holes.kept))
-        verdict = f"{experiment}  not violated by {kept} of {len(space.kinds)} kinds of fault, as far as was searched"
+        count = "any" if len(holes.not_violated) == len(space.kinds) else str(len(holes.not_violated))
+        verdict = f"{experiment}  not violated by {count} of {len(space.kinds)} kinds of fault, as far as was searched"
     last = max((one.first or 0 for one in violating), default=0)
     when = f", the last of these kinds was found in run {last}" if violating else ""
     nearest = [*violating, *[one for one in found if one.share >= 0.0][:SHOWN]]

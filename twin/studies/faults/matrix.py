@@ -273,7 +273,7 @@ class FaultRow:
         return self.stays and CATALOGUE[self.kind].expects_detection(self.magnitude, self.in_contact)
 
     @property
-    def said_to_go_beyond(self) -> bool:
+    def expected_beyond(self) -> bool:
         """Whether the catalogue said before the run that the force may go beyond the bound."""
         return CATALOGUE[self.kind].expects_excess(self.magnitude)
 
@@ -285,7 +285,7 @@ class FaultRow:
     @property
     def loose(self) -> bool:
         """Whether the force went beyond the bound and was not said to."""
-        return not self.safe and not self.said_to_go_beyond
+        return not self.safe and not self.expected_beyond
 
     @property
     def fails(self) -> bool:
@@ -311,7 +311,7 @@ class FaultRow:
             "detection_stated": CATALOGUE[self.kind].detection,
             "as_stated": self.as_stated,
             "detectable": self.detection_expected,
-            "said_to_go_beyond": self.said_to_go_beyond,
+            "expected_beyond": self.expected_beyond,
             "failed": self.fails,
             "with_monitor": _facts(self.watched),
             "without_monitor": _facts(self.unwatched),
@@ -330,7 +330,7 @@ def healthy_trial(experiment: Experiment) -> FaultTrial:
     """The run that every row is compared with: no fault, with the monitor.
 
     Raises:
-        InputRefused: nobody watches in `experiment`, or it has faults of its own.
+        InputRefused: `experiment` has no monitor, or it has faults of its own.
         SafetyTrip: the monitor trips although nothing is wrong; nothing can be said of faults then.
         ComponentFailed: a component failed.
     """

@@ -66,8 +66,8 @@ def fault_matrix_result(experiment: str, rows: Sequence[FaultRow], picture: Path
         f"the limit of {first.limit:g} N plus {100 * (ALLOWANCE - 1):.0f} %; without the monitor {safe_unwatched}. "
         f"Healthy: no trip, at most {max(r.healthy_peak for r in rows):.1f} N."
     )
-    claimed, allowed = [r for r in rows if r.detection_expected], [r for r in rows if r.said_to_go_beyond]
-    said = (
+    claimed, allowed = [r for r in rows if r.detection_expected], [r for r in rows if r.expected_beyond]
+    counts = (
         f"Said before: the monitor sees {len(claimed)} cases; it saw {sum(r.detected for r in claimed)} of them. "
         f"Said before: the force may go beyond in {len(allowed)}; it did in {sum(not r.safe for r in allowed)} of them "
         f"and in {sum(r.loose for r in rows)} others."
@@ -77,7 +77,7 @@ def fault_matrix_result(experiment: str, rows: Sequence[FaultRow], picture: Path
         f"Without the monitor {ended} more runs end early because a component fails; their peak is the one until then."
     )
     worst = Table(COLUMNS, [(row.kind, *_cells(row, of_kind)) for row, of_kind in _worst(rows)], indent=0)
-    parts = [Note(said, later=4), *([Note(early, later=4)] if ended else []), "", worst, *_exceptions(rows), ""]
+    parts = [Note(counts, later=4), *([Note(early, later=4)] if ended else []), "", worst, *_exceptions(rows), ""]
     facts = {"experiment": experiment, "rows": [row.facts() for row in rows]}
     return Result(Note(verdict, later=4), parts, facts, {"picture": picture}, label=0, exit_code=int(failing))
 
@@ -136,9 +136,9 @@ def _exceptions(rows: Sequence[FaultRow]) -> Iterator[Block]:
 
 
 def _named(row: FaultRow) -> str:
-    told = " ".join(filter(None, (row.kind, magnitude_text(row.kind, row.magnitude))))
+    fault = " ".join(filter(None, (row.kind, magnitude_text(row.kind, row.magnitude))))
     seen = f"{row.watched.reason} after {1e3 * (row.watched.delay or 0.0):.0f} ms" if row.detected else "not seen"
-    return f"{told} at {row.onset:.2f} s: {row.watched.peak:.1f} N, {seen}"
+    return f"{fault} at {row.onset:.2f} s: {row.watched.peak:.1f} N, {seen}"
 
 
 BEYOND = VERMILION

@@ -10,7 +10,7 @@ and the slow robot obeys (P5), docs/physics.md, without the terms in the square 
     J^T (tau_l + g_a - b_j theta_l' - I_a theta_l'') - W e_z - m p'' = F_ee,  p'' = J^-1 theta_l''.
 
 In free air F_ee = 0: three equations. On the scale F_ee,z = -F is measured, but the bristles of friction pull sideways
-by up to mu F and nobody measures it: only the z row holds, whatever they do. All are divided by k N (and by the length
+by up to mu F, unmeasured: only the z row holds, whatever they do. All are divided by k N (and by the length
 of the z column of J), so that residuals are deflections in rad: the rounding of the encoders is then the error of the
 response and not of the regressor, which would bias k low. The second equation on the scale is its own law, Hunt and
 Crossley's at a slow speed, on a plane of slopes m_x and m_y:

@@ -77,8 +77,8 @@ def line(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.int
 
 BLIND = 0.3
 """Sizes: a direction that is known to no better than this is not seen."""
-TOLD = 0.1
-"""Sizes: a parameter is told if its interval and what hides in unseen directions stay within this."""
+WIDEST = 0.1
+"""Sizes: a parameter is reported if its interval and what hides in unseen directions stay within this."""
 JOINTS = slice(JOINT_ZERO, JOINT_ZERO + 3)
 DIFFERENCE = 1e-5
 """Sizes."""
@@ -131,8 +131,8 @@ class Fit:
         return float(max(scatter, independent) + hidden)
 
     def is_determined(self, direction: NDArray[np.float64], size: float) -> bool:
-        """Whether direction . x is known to `TOLD` of `size`."""
-        return self.half_width(direction) < TOLD * size
+        """Whether direction . x is known to `WIDEST` of `size`."""
+        return self.half_width(direction) < WIDEST * size
 
     @property
     def force_residual(self) -> NDArray[np.float64]:

@@ -20,7 +20,7 @@ from twin.studies.identify.windows import BACKLASH, JOINT_ZERO, Estimate, Window
 
 SLIDING = 1e-3
 """m/s: slower is rest."""
-TOLD = 0.1
+WIDEST = 0.1
 """A coefficient less sure than this is no number."""
 SETTLED = 0.35
 """s in one direction, in which even the slowest sweep is past the 0.3 mm that bristles stretch."""
@@ -52,7 +52,7 @@ def friction(springs: Fit, seen: Windows, belief: Belief) -> Estimate | None:
     mu = np.linalg.pinv(A)[0]
     through = springs.half_width_through(lambda x: float(mu @ sideways(x)))
     width = float(np.hypot(found.half_widths[0], through))
-    return Estimate(float(found.coefficients[0]), width, "1") if width < TOLD else None
+    return Estimate(float(found.coefficients[0]), width, "1") if width < WIDEST else None
 
 
 def _equations(force: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:

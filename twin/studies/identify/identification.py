@@ -10,7 +10,7 @@ from twin.kernel.errors import TwinError, Unreachable
 from twin.kernel.recording.logs.log import Log, LogRefused
 from twin.robot.controller.controller import Belief
 from twin.studies.identify.balance import CONTACT, OnePose, in_air, on_scale, one_pose
-from twin.studies.identify.fit import TOLD, Fit, fit
+from twin.studies.identify.fit import WIDEST, Fit, fit
 from twin.studies.identify.friction import friction, spring_stiffness
 from twin.studies.identify.windows import (
     COMPLIANCE,
@@ -113,7 +113,7 @@ def identified(
         model: geometry, masses, N and counts that are believed.
         height: of the scale (m), if it was measured and the scale is level: that makes the joints' zeros exact.
         motor_torque: whether drive/n.tau_motor is a measured torque.
-        say: told what is being done.
+        say: called with what is being done.
 
     Raises:
         LogRefused: signals are missing, in wrong units or of the wrong sign.
@@ -173,8 +173,8 @@ def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
     k, believed, axis = found.x[KAPPA], belief.k_s * belief.eta, found.one(KAPPA)
     pressing, air = int(np.sum(on_scale(found.seen))), int(np.sum(in_air(found.seen)))
     plausible = 1.0 / PLAUSIBLE < k / believed < PLAUSIBLE
-    told = found.is_determined(axis, found.unknowns[KAPPA].size)
-    if told and plausible and found.converged:
+    determined = found.is_determined(axis, found.unknowns[KAPPA].size)
+    if determined and plausible and found.converged:
         return
     doubt = (
         "is the scale in N, are N and counts per turn those of this robot, and do motors and joints count in the same "
@@ -220,7 +220,7 @@ def _split(found: Fit, belief: Belief, log: Log, motor_torque: bool) -> dict[str
 
 def _quantities(found: Fit, height: float | None) -> dict[str, Quantity]:
     """The other unknowns of the fit, with the scale's stiffness for its compliance."""
-    told: dict[str, Quantity] = {}
+    reported: dict[str, Quantity] = {}
     for index, one in enumerate(found.unknowns):
         if index in (KAPPA, LOSS, RATE) or (index in LEVEL and height is not None):
             continue
@@ -229,19 +229,19 @@ def _quantities(found: Fit, height: float | None) -> dict[str, Quantity]:
         if index == COMPLIANCE:
             if estimate is not None:
                 estimate = Estimate(1.0 / x, estimate.half_width / x**2, "N/m")
-            told["stiffness"] = Quantity("stiffness of the scale", None, estimate)
+            reported["stiffness"] = Quantity("stiffness of the scale", None, estimate)
             continue
         believed = one.start if index == HEIGHT or (one.unit == "rad" and index not in LEVEL) else None
-        told[one.name] = Quantity(one.meaning, believed, estimate)
-    return told
+        reported[one.name] = Quantity(one.meaning, believed, estimate)
+    return reported
 
 
 def _alike(found: Fit) -> tuple[tuple[str, ...], ...]:
     """The unknowns that stand in unseen directions, in groups that share one."""
     hidden = np.abs(found.unseen @ found.unseen.T)
     # how fast a loss turns over means nothing where there is none
-    members = np.setdiff1d(np.flatnonzero(np.sqrt(np.diag(hidden)) > TOLD), RATE)
-    _, group = connected_components(hidden[np.ix_(members, members)] > TOLD**2, directed=False)
+    members = np.setdiff1d(np.flatnonzero(np.sqrt(np.diag(hidden)) > WIDEST), RATE)
+    _, group = connected_components(hidden[np.ix_(members, members)] > WIDEST**2, directed=False)
     return tuple(
         tuple(found.unknowns[i].meaning for i in members[group == number]) for number in dict.fromkeys(group.tolist())
     )

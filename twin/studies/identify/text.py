@@ -72,12 +72,12 @@ def _row(name: str, quantity: Quantity, true: Mapping[str, float]) -> list[str]:
 
 def _unknown(one: Identification) -> list[str]:
     """What this log does not say, in plain words."""
-    told = []
+    reasons = []
     if not one.apart:
         loss = (
             "and loading and unloading agree" if one.loss is not None else "and loading is not compared with unloading"
         )
-        told.append(
+        reasons.append(
             f"k_s and eta one by one: encoders and scale see only their product (20), {loss}; a measured motor torque "
             "would part them (--motor-torque)"
         )
@@ -87,15 +87,15 @@ def _unknown(one: Identification) -> list[str]:
         if quantity.found is None and name not in ("k_s", "eta", "friction")
     ]
     if missing:
-        told.append(f"{_list(missing)}: less sure than a tenth of what they may plausibly be")
+        reasons.append(f"{_list(missing)}: less sure than a tenth of what they may plausibly be")
     if one.quantities["friction"].found is None:
-        told.append("friction under the head: no sweep under load that is long enough")
+        reasons.append("friction under the head: no sweep under load that is long enough")
     alike = dict.fromkeys(_list(group) for group in one.alike if len(group) > 1)
-    told += [f"trade against each other: {names}" for names in alike]
+    reasons += [f"trade against each other: {names}" for names in alike]
     if "height" in one.quantities:
-        told.append("joint zeros as well as a level scale of known height would give them: measure it (--height MM)")
+        reasons.append("joint zeros as well as a level scale of known height would give them: measure it (--height MM)")
     return [
-        *told,
+        *reasons,
         "b_j by itself: encoders of motor and joint that are read dt apart look like friction of k_s eta N^2 dt",
         "lengths, N and masses: taken from the experiment; weigh and measure them",
     ]

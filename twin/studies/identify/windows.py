@@ -56,7 +56,7 @@ ACCELERATION = 0.05
 JOINTS_PER_METRE = 17.0
 """rad/m: d theta_l / d p_z at home."""
 GUARD = 0.1
-"""s: a scale may show what it carries this late; until then nobody knows whether the robot still touches it."""
+"""s: a scale may show what it carries this late; until then it is open whether the robot still touches it."""
 CLUSTER = 2.0
 """s: windows this close share errors (a place, a press, a turn of an encoder) and are no independent witnesses."""
 
@@ -179,7 +179,7 @@ class Parameter:
         meaning: for people.
         unit: SI.
         start: the believed value.
-        size: how far belief and truth may plausibly be apart; only what the data pins down to a tenth of it is told.
+        size: plausible difference of belief and truth; only a parameter known to a tenth of it is reported.
     """
 
     name: str

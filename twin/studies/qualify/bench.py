@@ -1,6 +1,6 @@
 """The bench: a drive at a commanded speed and a load, both known beforehand; a part at what it would get in a run.
 
-What an FMU has, for whoever has to say which of its variables plays which role.
+The variables of an FMU, listed for a user who maps them to roles.
 """
 
 import time
@@ -34,7 +34,7 @@ from twin.studies.qualify.definitions import TICK
 from twin.studies.result import Block, Column, Table, laid_out
 
 MOST_VARIABLES = 60
-"""Variables of a causality that are listed; a body in a few thousand helps nobody."""
+"""Variables of a causality that are listed; a list of thousands is of no help."""
 
 
 VARIABLE = (Column("", 8, left=True, gap=2), Column("", 10, left=True), Column(folds=True))
@@ -132,7 +132,7 @@ _hear: list[Hear] = []
 
 @contextmanager
 def reporting_ticks(hear: Hear) -> Iterator[None]:
-    """Within the block `hear` is told how many ticks are over, and how long they took (s), as they come."""
+    """Within the block `hear` is called with how many ticks are over, and how long they took (s), as they come."""
     _hear.append(hear)
     try:
         yield

@@ -94,7 +94,7 @@ class TrueRun:
         if not self._tasks:
             pressing = late & (self.t >= first_time(self.t, self.F_z > 0.0))
         # taps are no holding, however hard
-        untold = "no contact" if np.any(pressing) else "no task holds a force"
+        unscored = "no contact" if np.any(pressing) else "no task holds a force"
         shaft_power = self.run["plant.tau_load"] * self.run.of_drives("omega_m")
         current, power = self.run.of_drives("current"), self.run.of_drives("power")
         return (
@@ -102,7 +102,7 @@ class TrueRun:
             Measure(
                 "rms_force_error",
                 rms(self.F_z[pressing] - self.F_z_ref[pressing]) if touching else None,
-                "" if touching else untold,
+                "" if touching else unscored,
             ),
             Measure("rms_z_error", rms(self.z[late] - self.z_ref[late])),
             _format_measure("peak_current", float(np.max(np.abs(current))) if current.size else None),
@@ -205,7 +205,7 @@ def trials(
         experiments: files.
         drives: see `load_experiment`.
         settings, body: see `load_experiment`; of all experiments.
-        say: told which one is on.
+        say: called with the drive in progress.
 
     Raises:
         InputRefused: an experiment or a drive has a mistake; no experiment has been run.
@@ -230,11 +230,11 @@ def verdict(compared: Sequence[DriveTrials]) -> list[str]:
     for one in compared:
         for name, its in one.standings().items():
             by_drive.setdefault(name, []).append(its)
-    said = [overall(standings).sentence(name, first) for name, standings in by_drive.items()]
+    verdicts = [overall(standings).sentence(name, first) for name, standings in by_drive.items()]
     failed = {
         f"{t.name} failed in {one.name}, and is not judged there" for one in compared for t in one.trials if t.failure
     }
-    return said + sorted(failed)
+    return verdicts + sorted(failed)
 
 
 def comparison_facts(compared: DriveTrials) -> dict[str, Any]:

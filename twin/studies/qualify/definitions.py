@@ -28,20 +28,20 @@ class Workload:
 
     Args:
         label: of the drive.
-        say: told how far it is.
+        say: called with the progress.
         sure: whether a check that takes more than an hour is meant.
     """
 
     def __init__(self, label: str, say: Say = silent, sure: bool = True):
         self._label, self._say, self._sure = label, say, sure
         self._done, self._taken = 0, 0.0
-        self._told = time.monotonic()
+        self._reported = time.monotonic()
 
     def take(self, ticks: int, taken: float) -> None:
         """So many more `ticks` are over; they have `taken` so long (s).
 
         Raises:
-            InputRefused: all of them will take more than an hour, and nobody says that it is meant.
+            InputRefused: all of them will take more than an hour, and that was not confirmed.
         """
         self._done += ticks
         self._taken += taken
@@ -52,8 +52,8 @@ class Workload:
                 f"{self._label}: a step takes {1e3 * each:.3g} ms, and the whole check about "
                 f"{duration_text(each * total)}; say --yes if that is meant"
             )
-        if self._taken > SOON and time.monotonic() - self._told > SOON:
-            self._told = time.monotonic()
+        if self._taken > SOON and time.monotonic() - self._reported > SOON:
+            self._reported = time.monotonic()
             self._say(f"{self._label}, {1e3 * each:.3g} ms a step", self._done / total)
 
 
@@ -74,7 +74,7 @@ SMALL_SPEED = 0.1
 BIAS_SPEED = 0.25
 """rad/s. Mean speed of the frequency response: above the amplitude, so that friction never changes sign."""
 RESOLUTION = 1.5e-3
-"""rad. One count of the robot's own 12-bit motor encoder: an angle that nobody in the robot can see."""
+"""rad. One count of the robot's own 12-bit motor encoder: the robot cannot see a smaller angle."""
 
 
 COMMANDED = 0.2
@@ -168,7 +168,7 @@ MEASURES = {
 }  # fmt: skip
 
 NEGLIGIBLE_DROOP = RESOLUTION / LOAD_IN_USE
-"""rad/s per N m. One encoder count per second of averaging: less than this is not told from none."""
+"""rad/s per N m. One encoder count per second of averaging: less than this counts as none."""
 
 
 Verdict = Literal["ok", "FAIL", "note"]

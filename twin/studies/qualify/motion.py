@@ -106,10 +106,10 @@ def load_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
     first = round(LOADED / TICK)
     behind = (free.theta_m - cycle.theta_m)[first : first + round(SOON / TICK)]
     most = float(behind[np.argmax(np.abs(behind))])
-    told = "not felt" if abs(most) <= NOT_FELT else f"{abs(most):.3g} rad {'behind' if most > 0 else 'AHEAD'}"
+    felt = "not felt" if abs(most) <= NOT_FELT else f"{abs(most):.3g} rad {'behind' if most > 0 else 'AHEAD'}"
     droop = (free.mean_speed(END - AVERAGE, END) - cycle.mean_speed(END - AVERAGE, END)) / LOAD_IN_USE
     return [
-        judged("load", most >= -NOT_FELT, f"{told} within {SOON:g} s of a load of {LOAD_IN_USE:g} N m"),
+        judged("load", most >= -NOT_FELT, f"{felt} within {SOON:g} s of a load of {LOAD_IN_USE:g} N m"),
         Measure("droop", droop, "less than an encoder shows" if abs(droop) < NEGLIGIBLE_DROOP else ""),
     ]
 
@@ -233,7 +233,7 @@ def held_torque(found: float, carries: Callable[[float], bool]) -> float:
         low, high = above, LOAD_MOST
     else:
         return found
-    # nothing is told from nothing
+    # nothing follows from nothing
     while high - low > max(2.0 * UNCERTAINTY * high, RATE * WINDOW):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if carries(middle) else (low, middle)
@@ -259,7 +259,7 @@ def _stalled(theta_m: Curve) -> bool:
 USUAL_TOLERANCE = 1e-4
 """Relative, of the solver in an FMU that states none; what Dymola and OpenModelica export with is 1e-4 and 1e-6."""
 TIGHTER = 0.01
-NOBODY_SEES = 0.01 * RESOLUTION
+UNSEEN = 0.01 * RESOLUTION
 """rad. An error of the solver below it is not worth a word."""
 
 
@@ -275,12 +275,12 @@ def repetition_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
     """
     again = [response(plan, *work_cycle()) for _ in range(2)]
     differs = (cycle.theta_m != again[0].theta_m) | (cycle.omega_m != again[0].omega_m)
-    said = f"bit for bit over {len(cycle.t)} steps"
+    sentence = f"bit for bit over {len(cycle.t)} steps"
     if differs.any():
         at, most = cycle.t[np.argmax(differs)], _apart(cycle, again[0])
-        said = f"differs from t = {at:g} s on, by up to {most:.3g} rad"
+        sentence = f"differs from t = {at:g} s on, by up to {most:.3g} rad"
     return [
-        judged("repeats", not differs.any(), said),
+        judged("repeats", not differs.any(), sentence),
         Measure("cost", min(run.cost for run in (cycle, *again))),
     ]
 
@@ -306,7 +306,7 @@ def step_error(plan: DrivePlan, cycle: Response) -> Measure:
         return Measure("step_error", None, f"refuses a step of {0.5e3 * TICK / steps:g} ms: {refusal}")
     change = _apart(finer, cycle)
     by_solver, tolerance = _tolerance_error(plan, cycle)
-    if by_solver > max(change, NOBODY_SEES):
+    if by_solver > max(change, UNSEEN):
         return Measure(
             "step_error", change, f"with tolerance = {tolerance:g} it moves by {by_solver:.2g} rad: set that"
         )
@@ -327,7 +327,7 @@ def _tolerance_error(plan: DrivePlan, cycle: Response) -> tuple[float, float]:
     table = plan.table.model_copy(update={"tolerance": tolerance, "parts": parts})
     try:
         exact = response(replace(plan, table=table), *work_cycle())
-    # an FMU need not take what nobody has to say
+    # an FMU need not have an input that is not fed
     except (ComponentFailed, InputRefused):
         return 0.0, tolerance
     return _apart(exact, cycle), tolerance

@@ -61,7 +61,7 @@ def checked_part(
         experiment: of the run.
         period: of the part, in ticks.
         own: whether twin's own component had the part in that run.
-        say: told what is being done.
+        say: called with what is being done.
 
     Raises:
         InputRefused: the part cannot be made.
@@ -137,8 +137,8 @@ def _of_fmu(bench: _Bench, inputs: Inputs, first: Played) -> Iterator[Check]:
         assert isinstance(component, FmuComponent)
         try:
             same = replayed_from_state(component, inputs)
-            said = "set back, it does " + ("the same" if same else "something else")
-            yield judged("state", same, said, otherwise="note")
+            sentence = "set back, it does " + ("the same" if same else "something else")
+            yield judged("state", same, sentence, otherwise="note")
         except ComponentFailed as problem:
             yield Check("state", "note", str(problem))
 
@@ -193,7 +193,7 @@ def part_check(
         part: an FMU, a mapping, a folder with one, or FILE:CLASS; None: the one that the experiment names.
         experiment: its file or name; a run of it with twin's own part, or with the one it names, makes the inputs.
         settings: laid over the experiment that has the part; mapping and parameters go here.
-        say: told what is being done.
+        say: called with what is being done.
 
     Raises:
         InputRefused: the part or the experiment cannot be used.

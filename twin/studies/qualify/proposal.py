@@ -136,7 +136,7 @@ def quoted(name: str) -> str:
 
 
 MOST = 20
-"""Inputs listed that nobody feeds."""
+"""The most unconnected inputs in the list."""
 
 
 class KnownWire(NamedTuple):
@@ -164,7 +164,7 @@ def parts_proposal(
     Args:
         parts: FMUs by part.
         folder: where the file will stand.
-        connections: what leads where, of whoever knows it; None: proposed.
+        connections: the known connections; None: proposed.
     """
     variables = {qualified(part, v.name): v for part, fmu in parts.items() for v in fmu.variables.values()}
     if connections is None:

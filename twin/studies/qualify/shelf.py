@@ -70,7 +70,7 @@ def shelf_text(drives: Sequence[ShelvedDrive]) -> str:
 
 
 def _made_of(shelf: Path) -> str | None:
-    """What lies in `shelf`, and what was compiled of such; None if that cannot be told."""
+    """What lies in `shelf`, and what was compiled of such; None if it cannot be read."""
     try:
         lies, compiled = contents(shelf), contents(cache_folder(COMPILED))
     except InputRefused:
@@ -93,17 +93,17 @@ def _is_complete(shelf: Path) -> bool:
         return False
 
 
-def _named(said: Any, key: str = "") -> Iterator[str]:
+def _named(node: Any, key: str = "") -> Iterator[str]:
     """The files that a mapping, or the value of a `key` in it, names."""
-    if isinstance(said, dict):
-        for inner, value in said.items():
+    if isinstance(node, dict):
+        for inner, one in node.items():
             # { value = .., source = .. }
-            yield from _named(value, key if inner == "value" else inner)
-    elif isinstance(said, list):
-        for value in said:
-            yield from _named(value, key)
-    elif isinstance(said, str) and (key in ("fmu", "extends") or said.startswith("file:")):
-        yield said.removeprefix("file:")
+            yield from _named(one, key if inner == "value" else inner)
+    elif isinstance(node, list):
+        for one in node:
+            yield from _named(one, key)
+    elif isinstance(node, str) and (key in ("fmu", "extends") or node.startswith("file:")):
+        yield node.removeprefix("file:")
 
 
 def _looked_at(shelf: Path) -> tuple[ShelvedDrive, ...]:

@@ -113,8 +113,8 @@ def drive_new(
     from twin.studies.qualify.proposal import begun
 
     mapping, complete = begun(fmus, Path.cwd())
-    said = "complete" if complete else "NOT complete: remove the # from one line of each choice"
-    text = f"{mapping}\n{said}\nthen: {shlex.join(['twin', 'drive', 'check', str(mapping)])}"
+    sentences = "complete" if complete else "NOT complete: remove the # from one line of each choice"
+    text = f"{mapping}\n{sentences}\nthen: {shlex.join(['twin', 'drive', 'check', str(mapping)])}"
     return Answer(text, {"mapping": str(mapping), "complete": complete})
 
 
@@ -149,7 +149,7 @@ def drive_check(
 
     from twin.robot.experiment.drive_files import lone_drive
 
-    # a misspelt one is told before any is checked
+    # a misspelt one is reported before any is checked
     tables = [lone_drive(fmu, Path.cwd()) for fmu in fmus]
     answers = []
     for fmu, drive in zip(fmus, tables, strict=True):
@@ -181,7 +181,7 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Result | 
         out: folder.
         apart: see `qualified`.
         sure: whether a check that takes more than an hour is meant.
-        say: told what is being done.
+        say: called with what is being done.
 
     Raises:
         InputRefused, ComponentFailed: see `qualified`.
@@ -230,7 +230,7 @@ def compare_drives(
         experiments: their files or names.
         settings, body: see `trials`.
         out: folder.
-        say: told what is being done.
+        say: called with what is being done.
 
     Raises:
         InputRefused: a drive does not fit; none has run.
@@ -243,16 +243,16 @@ def compare_drives(
 
     folder, files = made_folder(out), [experiment_file(experiment) for experiment in experiments]
     compared = trials(files, list(fmus), settings, body, say)
-    said = verdict(compared)
+    sentences = verdict(compared)
     facts: list[dict[str, Any]] = []
-    blocks: list[Block] = [Note(sentence, later=2, whole=True) for sentence in said] or [""]
+    blocks: list[Block] = [Note(sentence, later=2, whole=True) for sentence in sentences] or [""]
     for file, one in zip(files, compared, strict=True):
         picture = folder / f"{file.stem}.png"
         draw_drive_compare(one.trials, f"Drives compared in {file.name}", picture)
         facts.append(comparison_facts(one) | {"picture": str(picture)})
         blocks += ["", one.name, *compare_blocks(one), f"picture  {picture}"]
     everything = {
-        "verdict": said,
+        "verdict": sentences,
         "set": [*settings, *([f"body {body}"] if body else [])],
         "definitions": {name: definition._asdict() for name, definition in COMPARED.items()},
         "experiments": facts,

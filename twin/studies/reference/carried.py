@@ -130,7 +130,7 @@ def carried(file: Path) -> Carried:
         else:
             unread.append((source, f"{role} of type {type_}; read are results (CSV) and one set of parameters (SSV)"))
     trials = [
-        Trial(PurePosixPath(entry).name, entry, told if (told := _inputs_of(entry)) in names else "", parameters, True)
+        Trial(PurePosixPath(entry).name, entry, fed if (fed := _inputs_of(entry)) in names else "", parameters, True)
         for entry in results
     ]
     return Carried(tuple(unread), (*trials, *_beside(file)))

@@ -32,7 +32,7 @@ from twin.studies.metrics.response import Curve
 from twin.studies.reference.carried import Carried, Prepared, Series, Trial, carried, prepared
 
 STEPS = 500
-"""Of an experiment for which nobody states a step: what FMPy and others take."""
+"""The step of an experiment that states none: what FMPy and others take."""
 MOST_STEPS = 2_000_000
 MOST_VALUES = 20_000_000
 """Of all outputs over all steps: 160 MB."""
@@ -72,8 +72,8 @@ def bare_run(description: FmuDescription, trial: Trial, files: Prepared, ended: 
     Args:
         description: the FMU.
         trial: the experiment.
-        files: what it is told, and its results.
-        ended: told of the run before the FMU is freed, in which some crash.
+        files: its inputs and its results.
+        ended: called with the run before the FMU is freed, in which some crash.
 
     Raises:
         InputRefused: a step, duration or input that cannot be.
@@ -114,7 +114,7 @@ def _steps(description: FmuDescription, trial: Trial, results: Series | None) ->
     """Step (s) and how many of them."""
     stated = description.model.defaultExperiment
     start = _first(getattr(stated, "startTime", None))
-    # where nobody states an end: as the results, or as FMPy
+    # without a stated end: as the results, or as FMPy
     stop = _first(getattr(stated, "stopTime", None)) or (1.0 if results is None else float(results.t[-1]))
     if start:
         raise InputRefused(f"{trial.name}: starts at {start:g} s; expected 0 s, where runs begin here")
@@ -297,7 +297,7 @@ def _apart(file: Path, number: int, trial: Trial, limits: JobLimits) -> Outcome:
 
 
 def outcome_of(file: Path, trial: Trial, ended: Callable[[Outcome], None] = lambda outcome: None) -> Outcome:
-    """What comes of an experiment of the FMU `file` in this process; `ended` is told of it before the FMU is freed."""
+    """Run an experiment of the FMU `file` in this process; `ended` gets the outcome before the FMU is freed."""
     name = trial.name
     outcomes: list[Outcome] = []
 

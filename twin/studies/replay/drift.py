@@ -252,7 +252,7 @@ def _lag(residual: Residual) -> float:
 
 
 class Rounding(NamedTuple):
-    """What the sensors' rounding alone makes of a residual, in its own unit: nothing below that can be told apart.
+    """What the sensors' rounding alone makes of a residual, in its own unit: smaller differences cannot be seen.
 
     Each encoder is off by up to half a count and, over poses, evenly distributed in that range: a deviation of
     1/sqrt(12) count. At rest it does not average out.

@@ -51,7 +51,7 @@ SCALE = "scale.F_z"
 COUNTS = {"count_m": "theta_m", "count_l": "theta_l"}
 """The counts of the motor and joint encoders, and the angles that a log may have in their place."""
 LONGEST = 1e8
-"""s; three years, after which nobody replays a log."""
+"""s; three years, the longest log."""
 MANY = 12
 """So many names are not listed in a sentence."""
 

@@ -74,11 +74,11 @@ def _change(one: Indicator) -> str:
 
 
 def _reasons(replay: Replay) -> list[Block]:
-    told: list[Block] = []
+    blocks: list[Block] = []
     if replay.indicators:
-        told += ["", Table(INDICATORS, [_indicator(one) for one in replay.indicators])]
+        blocks += ["", Table(INDICATORS, [_indicator(one) for one in replay.indicators])]
     if replay.first_alarm:
-        told.append(
+        blocks.append(
             Note("A spring, belt, encoder, the body or the force sensor has changed; this cannot tell which.", "  ")
         )
     if not replay.indicators and replay.log.force is not None:
@@ -89,8 +89,8 @@ def _reasons(replay: Replay) -> list[Block]:
             "believes, it is wrong by that share and nothing contradicts it. Name a measured force with "
             "--map scale.F_z=COLUMN[N]" + ("." if replay.plant else ", or let the plant model run with --plant.")
         )
-        told.append(Note(text, "  ", whole=True))
-    return told
+        blocks.append(Note(text, "  ", whole=True))
+    return blocks
 
 
 def _indicator(one: Indicator) -> list[str]:

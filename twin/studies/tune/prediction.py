@@ -110,7 +110,7 @@ class LawGains(NamedTuple):
 
 
 def rounded(gains: LawGains) -> LawGains:
-    """`gains` with three digits, as they are told and written."""
+    """`gains` with three digits, as they are shown and written."""
     return LawGains(*(float(f"{gain:.2e}") for gain in gains))
 
 

@@ -37,13 +37,13 @@ from twin.studies.tune.tuned import (
 )
 
 RANGE = (300.0, 5000.0)
-"""Stiffness (N/m) where nobody says another."""
+"""Stiffness (N/m) by default."""
 STRIDE = 2.0
 """Largest ratio of the stiffness of two neighbours."""
 DOUBT = 1.3
 """Factor by which the estimate may be wrong either way: the tolerance of [controller.tissue]."""
 WORSE = 1.05
-"""Rms force with the schedule over that with one set from which on it is told."""
+"""Rms force with the schedule over that with one set from which on it is reported."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Scheduled:
     @property
     def contradictions(self) -> list[str]:
         """What the co-simulation does not confirm, and where the gains between two points are not stable."""
-        told = [
+        doubts = [
             f"between the points, {prediction.corner.name}: unstable"
             for prediction in self.between
             if not prediction.stable
@@ -101,16 +101,16 @@ class Scheduled:
             for i, trial in point.trials.items():
                 doubt = "the co-simulation failed"
                 doubt = doubt if trial is None else contradiction(trial, point.predictions[i], self.goals)
-                told += [f"{name}: {doubt}"] if doubt else []
+                doubts += [f"{name}: {doubt}"] if doubt else []
             for drive, (_, scheduled) in enumerate(point.wholes):
                 where = f"{name} with {Path(scheduled.drive).stem}"
                 if scheduled.outcome is None:
-                    told.append(f"{where}: the experiment itself fails")
+                    doubts.append(f"{where}: the experiment itself fails")
                 elif point.ratio(drive) > WORSE:
-                    told.append(
+                    doubts.append(
                         f"{where}: the force is off by {100 * point.ratio(drive):.0f} % of what it is with one set"
                     )
-        return told
+        return doubts
 
     @property
     def met(self) -> bool:
@@ -232,7 +232,7 @@ def _between(base: Tuned, places: Sequence[OperatingPoint], points: Sequence[Poi
 
 
 def _wholes(base: Tuned, points: Sequence[Point], at: Point) -> list[tuple[Whole, Whole]]:
-    """The experiment on the stiffness of `at`, with each drive; nobody watches, for what is soft is pressed in deep."""
+    """The experiment on the stiffness of `at`, with each drive, without a monitor: soft tissue is pressed in deep."""
     done = []
     for experiment, shared in zip(base.experiments, base.drives, strict=True):
         contact = experiment.contact.model_copy(update={"stiffness": at.stiffness})

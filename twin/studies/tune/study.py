@@ -39,7 +39,7 @@ def tune(
     Searched on the linear model at every place, stiffness and drive, then
     tried in the co-simulation. The experiment's file is left as it is:
     tuned.toml extends it. Exit code: 0 goals met and confirmed, 1 they are
-    not (the best found is told), 2 input refused or no linear model, 3 a
+    not (the best found is shown), 2 input refused or no linear model, 3 a
     drive failed, crashed or hung.
 
     Example: twin tune experiments/fig4_force_position.toml

@@ -63,7 +63,7 @@ PRICES = {"bandwidth": 1e2, "overshoot": 1e4, "margin": 1e4, "stability": 1e8}
 """A goal that is missed costs more than any slowness; what keeps people safe comes before bandwidth."""
 
 
-Told = Callable[[float], None]
+Progress = Callable[[float], None]
 
 
 class Miss(NamedTuple):
@@ -127,14 +127,14 @@ def best_gains(
     start: LawGains,
     laws: str = "both",
     allowed: Callable[[LawGains], bool] = lambda gains: True,
-    told: Told = lambda done: None,
+    progress: Progress = lambda done: None,
 ) -> LawGains:
     """The gains of least `cost`. Those of the force law stay as in `start` where no corner has it.
 
     Args:
         laws: "both", or "force": kp of the position law stays as in `start`, too.
         allowed: which gains come into question at all.
-        told: hears after each generation how much of the longest search is over, 0 .. 1.
+        progress: called after each generation with the finished share of the longest search, 0 .. 1.
     """
     force = any(corner.point.force_on for corner in corners)
     first, last = (1 if laws == "force" else 0), (len(BOUNDS) if force else 1)
@@ -163,7 +163,7 @@ def best_gains(
         tol=1e-3,
         polish=False,
         init="sobol",
-        callback=lambda intermediate_result: told(next(generations) / GENERATIONS),
+        callback=lambda intermediate_result: progress(next(generations) / GENERATIONS),
     )
     return gains(found.x)
 
@@ -182,7 +182,7 @@ SPECTRUM = 2**18
 DOUBT = 0.05
 """Share of a step by which a simulated overshoot may exceed its goal: backlash and counts are not linear."""
 SWING = 0.1
-"""Peak to peak (share of the step) from which a simulated swing that lasts is told."""
+"""Peak to peak (share of the step) from which a simulated swing that lasts is reported."""
 SLOWER = 0.1
 """Share of the bandwidth asked for that the simulated one may lack."""
 
@@ -300,7 +300,7 @@ def contradiction(trial: StepTrial, prediction: Prediction, goals: Goals) -> str
         within = f"within {100.0 * SETTLED:g} % of its end"
         return f"the co-simulation is not {within} after {HORIZON:g} s; predicted are {linear.settling:.2g} s"
     if goals.bandwidth and trial.law == goals.law:
-        # a goal that is predicted to be missed is told as such
+        # a goal that is predicted to be missed is reported as such
         expected = min(goals.bandwidth, linear.bandwidth)
         if simulated.bandwidth < (1.0 - SLOWER) * expected:
             return f"the co-simulation has a bandwidth of {simulated.bandwidth / (2.0 * math.pi):.3g} Hz only"
@@ -379,22 +379,22 @@ class Tuned:
     @property
     def contradictions(self) -> list[str]:
         """What the co-simulation does not confirm of the gains found, one sentence each."""
-        told = []
+        doubts = []
         for prediction in self.after.predictions:
             M_s = prediction.sensitivity
             if prediction.stable and not confirmed(prediction.corner, self.after.gains, M_s):
-                told.append(f"{_where(prediction)}: the eigenvalues do not bear out its M_s of {M_s:.3g}")
+                doubts.append(f"{_where(prediction)}: the eigenvalues do not bear out its M_s of {M_s:.3g}")
         for i, trial in self.after.trials.items():
             prediction = self.after.predictions[i]
             doubt = "the co-simulation failed" if trial is None else contradiction(trial, prediction, self.goals)
             if doubt:
-                told.append(f"{_where(prediction)}: {doubt}")
+                doubts.append(f"{_where(prediction)}: {doubt}")
         for whole in self.after.wholes:
             if whole.outcome is None:
-                told.append(f"the experiment itself fails with {whole.drive}")
+                doubts.append(f"the experiment itself fails with {whole.drive}")
             elif whole.trip:
-                told.append(f"the safety monitor trips in the experiment itself with {whole.drive}: {whole.trip}")
-        return told
+                doubts.append(f"the safety monitor trips in the experiment itself with {whole.drive}: {whole.trip}")
+        return doubts
 
     @property
     def met(self) -> bool:
@@ -426,7 +426,7 @@ def tuned(
         experiments: the same experiment with each drive for which the gains have to do, at least one.
         goals: `law` is filled in.
         stiffness: range of the contact's (N/m).
-        say: told what is being done.
+        say: called with what is being done.
 
     Raises:
         InputRefused: goals that nothing can meet, gains that are not tuned, no linear model.
@@ -449,7 +449,7 @@ def tuned(
         )
     law = "force" if any(corner.point.force_on for corner in found) else "position"
     goals = replace(goals, law=law)
-    after = best_gains(found, goals, start, told=lambda done: say("searching gains", SEARCH * done))
+    after = best_gains(found, goals, start, progress=lambda done: say("searching gains", SEARCH * done))
     predictions = [predicted(corner, after) for corner in found]
     tried = [i for i in worst_places(predictions) if can_be_tried(found[i])]
     say("trying them in the co-simulation", SEARCH)

@@ -177,7 +177,7 @@ def _rows_of(plain: Path, columns: Mapping[str, MappedColumn], file: Path) -> tu
 class Rows:
     """What is stored in the SQLite file `bag` of `size` bytes, and nothing that is computed from it.
 
-    An SQLite file is a program, too: views, virtual tables and generated columns are worked out by whoever reads them,
+    An SQLite file is a program, too: views, virtual tables and generated columns are computed by the reader,
     to any size and for any time. And pages may refer to each other so that few of them hold any number of rows.
 
     Args:
@@ -245,7 +245,7 @@ def _read(rows: Rows, file: Path, size: int, columns: Mapping[str, MappedColumn]
         query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
         definitions = {kind: (encoding, text) for kind, encoding, text in rows.of(query)}
     topics: dict[int, LoggedTopic] = {}
-    kept: set[int] = set()
+    chosen_ids: set[int] = set()
     for number, name, kind, form in rows.of("SELECT id, name, type, serialization_format FROM topics"):
         if not isinstance(number, int) or not all(isinstance(text, str) for text in (name, kind, form)):
             raise LogRefused(
@@ -255,8 +255,8 @@ def _read(rows: Rows, file: Path, size: int, columns: Mapping[str, MappedColumn]
         schema = Schema(0, str(text or "").encode("utf-8", "replace"), str(encoding), kind)
         topics[number] = LoggedTopic(Channel(0, name, form, {}, 0), schema)
         if wanted(name, columns):
-            kept.add(number)
-    chosen = ", ".join(map(str, kept))
+            chosen_ids.add(number)
+    chosen = ", ".join(map(str, chosen_ids))
     query = f"SELECT topic_id, timestamp, CASE WHEN topic_id IN ({chosen}) THEN data END FROM messages ORDER BY id"
     for row, (number, time, data) in enumerate(rows.of(query)):
         if row * LEAST_ROW > size:
@@ -264,7 +264,7 @@ def _read(rows: Rows, file: Path, size: int, columns: Mapping[str, MappedColumn]
         if number not in topics or not isinstance(time, int) or time < 0:
             raise LogRefused(f"{file}: a message of topic {number} at time {time!r}; expected a topic that is there")
         topics[number].times.append(time)
-        if number in kept:
+        if number in chosen_ids:
             if not isinstance(data, bytes):
                 raise LogRefused(
                     f"{file}: a message of {topics[number].channel.topic} holds {data!r:.40}; expected bytes"
@@ -274,7 +274,7 @@ def _read(rows: Rows, file: Path, size: int, columns: Mapping[str, MappedColumn]
 
 
 def _define(topic: LoggedTopic, folder: Path) -> None:
-    """Give a topic whose type nobody defines what `PACKAGE/msg/NAME.msg` files in the bag's folder say."""
+    """Give a topic of an undefined type what `PACKAGE/msg/NAME.msg` files in the bag's folder say."""
     schema = topic.schema
     if not topic.data or schema is None or schema.data or decoding.is_known(schema.name):
         return
@@ -328,7 +328,7 @@ def topics_in(
     where = file or path
     schemas: dict[int, Schema] = {}
     channels: dict[int, LoggedTopic] = {}
-    kept: set[int] = set()
+    chosen_ids: set[int] = set()
     with path.open("rb") as content:
         content.seek(-len(MAGIC), 2)
         finished = content.read() == MAGIC and content.tell() > len(MAGIC)
@@ -342,10 +342,10 @@ def topics_in(
                 elif isinstance(record, Channel):
                     channels.setdefault(record.id, LoggedTopic(record, schemas.get(record.schema_id)))
                     if wanted(record.topic, columns):
-                        kept.add(record.id)
+                        chosen_ids.add(record.id)
                 elif isinstance(record, Message):
                     channels[record.channel_id].times.append(record.log_time)
-                    if record.channel_id in kept:
+                    if record.channel_id in chosen_ids:
                         channels[record.channel_id].data.append(record.data)
                 elif isinstance(record, Statistics):
                     expected = record.message_count

@@ -102,7 +102,7 @@ def log_of(
                 mistakes.append(f"{path}: no topic of '{column.name}' for {signal}; {hint}")
             else:
                 sources.setdefault(name, {})[signal] = column.name.removeprefix(f"{name}.")
-    readings, said = _readings(path, topics, columns.get(TIME), sources, mistakes)
+    readings, remarks = _readings(path, topics, columns.get(TIME), sources, mistakes)
     series: dict[str, LogSeries] = {}
     for name, reading in readings.items():
         for signal, field_path in sources[name].items():
@@ -112,7 +112,7 @@ def log_of(
                 mistakes.append(str(problem))
     if mistakes:
         raise LogRefused("\n".join(dict.fromkeys(mistakes)))
-    return Log(path, {name: series[name] for name in columns if name != TIME}, (*notes, *said))
+    return Log(path, {name: series[name] for name in columns if name != TIME}, (*notes, *remarks))
 
 
 def _readings(
@@ -234,7 +234,7 @@ class TopicReading:
             raise LogRefused(f"{self._path}: time '{time.name}' is in {time.unit}; expected s, ms, us, ns or min")
         if not np.any(stamps.values):
             raise LogRefused(
-                f"{self._path}: {self._name}.{time.name} is 0 in all messages: whoever publishes them sets none; leave "
+                f"{self._path}: {self._name}.{time.name} is 0 in all messages: the publisher sets none; leave "
                 "out --map time=... to take log times"
             )
         return factor.in_si(stamps.values)

@@ -1,4 +1,4 @@
-// The one time of the page. Whoever shows something at a time listens to it.
+// The one time of the page. Each part that shows something at a time listens to it.
 
 class Clock {
   constructor(end) {

@@ -234,8 +234,8 @@ def hand_of(robot: control.StateSpace, law: LinearLaw, gains: dict[str, float]) 
     rest = np.setdiff1d(np.arange(closed.nstates), force)
     A, B = closed.A[np.ix_(rest, rest)], closed.A[np.ix_(rest, force)]
     C = np.eye(3, len(rest))
-    kept = connected(A, B, C)
-    return Hand(A[np.ix_(kept, kept)], B[kept], C[:, kept], closed.dt)
+    linked = connected(A, B, C)
+    return Hand(A[np.ix_(linked, linked)], B[linked], C[:, linked], closed.dt)
 
 
 def hertz(period: float, count: int) -> Matrix:

@@ -157,7 +157,7 @@ def _call(settings: Settings, estimation: Estimation, state: Matrix, inputs: Mat
     position = [_pid(settings.position, state[3 * i : 3 * i + 3], error[i], h) for i in range(3)]
     lead, slow = _damped(settings, state[13:], estimation.tau_l @ angles)
     omega_ref = settings.N * estimation.J @ u_in + estimation.turned @ angles + lead
-    u_out, pid_states = [u for u, _ in position], [kept for _, kept in position]
+    u_out, pid_states = [u for u, _ in position], [state for _, state in position]
     return np.concatenate([*pid_states, force_state, [F_z], slow, omega_ref, u_out, [-force], p, [F_z]])
 
 
@@ -265,19 +265,19 @@ def period_map(tick: control.StateSpace, stepping: Stepping) -> control.StateSpa
             early = early + tick.B
         else:
             late = late + tick.B
-    n, kept = tick.nstates, q + (1 if r else 0)
+    n, delays = tick.nstates, q + (1 if r else 0)
     # states: those of the tick, then the commands of 1, 2 .. periods ago
-    A_, B_ = np.zeros((n + 3 * kept, n + 3 * kept)), np.zeros((n + 3 * kept, 3))
+    A_, B_ = np.zeros((n + 3 * delays, n + 3 * delays)), np.zeros((n + 3 * delays, 3))
     A_[:n, :n] = A
-    A_[n + 3 :, n:-3] = np.eye(3 * max(0, kept - 1))
+    A_[n + 3 :, n:-3] = np.eye(3 * max(0, delays - 1))
     for age, share in ((q, late), (q + 1, early)):
         if age == 0:
             B_[:n] += share
-        elif age <= kept:
+        elif age <= delays:
             A_[:n, n + 3 * (age - 1) : n + 3 * age] += share
-    if kept:
+    if delays:
         B_[n : n + 3] = np.eye(3)
-    C = np.hstack([tick.C, np.zeros((len(tick.C), 3 * kept))])
+    C = np.hstack([tick.C, np.zeros((len(tick.C), 3 * delays))])
     T = stepping.period * stepping.tick
     return control.ss(A_, B_, C, tick.D, T, inputs=list(COMMANDS), outputs=tick.output_labels, name="robot")
 
@@ -318,8 +318,8 @@ def open_loops(robot: control.StateSpace, law: LinearLaw, whole: bool = False) -
     D = np.zeros((len(C), B.shape[1]))
     D[: len(law.D), : at_the_law.shape[1]] = np.vstack([law.D[rest, angles:], law.D[omega, angles:]])
     outputs = [*LOOPS, *ESTIMATED, *COMMANDS, *robot.output_labels[angles:]]
-    kept = np.arange(len(A)) if whole else connected(A, B, C)
-    A, B, C = A[np.ix_(kept, kept)], B[kept], C[:, kept]
+    used = np.arange(len(A)) if whole else connected(A, B, C)
+    A, B, C = A[np.ix_(used, used)], B[used], C[:, used]
     return control.ss(A, B, C, D, robot.dt, inputs=[*LOOPS, *REFERENCES, *COMMANDS], outputs=outputs, name="loops")
 
 

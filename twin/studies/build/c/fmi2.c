@@ -29,8 +29,8 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging_on)
 {
     (void)resources, (void)visible, (void)logging_on;
-    static const Instance NOBODY;
-    Instance unborn = NOBODY;
+    static const Instance NO_INSTANCE;
+    Instance unborn = NO_INSTANCE;
     unborn.log = log_fmi2;
     unborn.logger = functions ? (void *)functions->logger : NULL;
     unborn.environment = functions ? functions->componentEnvironment : NULL;

@@ -1,5 +1,5 @@
 """Getting hold of a Dask cluster: a running one by its address, or one of this machine that lives as long as we do; of
-machines on which runs give the same bits as here; and of its answers, for which nobody waits without end."""
+machines on which runs give the same bits as here; and its answers, each awaited for a limited time."""
 
 import asyncio
 import functools
@@ -89,7 +89,7 @@ def connected(scheduler: str | None, processes: int) -> Iterator["Client"]:
     """A client of the cluster of `scheduler`, or of a new one with `processes` workers on this machine.
 
     Raises:
-        InputRefused: dask.distributed is not installed, nobody answers at that address, there are no workers, or one is
+        InputRefused: dask.distributed is not installed, that address does not answer, there are no workers, or one is
             not like this machine.
         ClusterLost: the new one does not start.
     """
@@ -172,12 +172,12 @@ def difference(who: str, theirs: dict[str, str] | BaseException, ours: dict[str,
     """
     if not isinstance(theirs, dict):
         return f"{who} has no twin like this one ({type(theirs).__name__}: {theirs})"
-    told = [
+    problems = [
         f"{what} {theirs.get(what, 'none')}, this machine has {own}"
         for what, own in ours.items()
         if theirs.get(what) != own
     ]
-    return f"{who} has {'; and '.join(told)}" if told else ""
+    return f"{who} has {'; and '.join(problems)}" if problems else ""
 
 
 def refusal(difference: str) -> str:
@@ -189,7 +189,7 @@ def refusal(difference: str) -> str:
 
 
 def _refuse_no_scheduler(address: str) -> None:
-    """Ask whoever is at `address` who it is. A client of Dask's would wait for ever for one who never answers.
+    """Ask the server at `address` for its identity. A client of Dask's would wait for ever for one who never answers.
 
     Raises:
         InputRefused: no scheduler.
@@ -232,7 +232,7 @@ def _local_cluster(processes: int) -> Iterator["LocalCluster"]:
         # Ctrl-C at a terminal reaches every process there; how a sweep stops is for us to say, so the workers do not
         # hear it: they inherit what is blocked in the thread that starts them
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        # every web page may ask what Dask serves: it serves nothing, at ports that nobody knows beforehand
+        # every web page may ask what Dask serves: it serves nothing, at ports that are not known beforehand
         routes: dict[str, list[str]] = {f"distributed.{role}.http.routes": [] for role in ("scheduler", "worker")}
         with dask.config.set({"temporary-directory": str(folder), **routes}):
             cluster = LocalCluster(

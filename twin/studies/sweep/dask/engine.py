@@ -36,7 +36,7 @@ PAUSE = 0.01
 LOOK = 1.0
 """How often (s) the cluster is looked at: connection, threads."""
 NO_WORKERS = 30.0
-"""Seconds without any worker after which nobody waits for one any more."""
+"""Seconds without any worker after which the sweep ends."""
 DIED = failure("the Dask worker died whenever it was tried")
 
 
