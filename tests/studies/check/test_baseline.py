@@ -12,7 +12,7 @@ from twin.kernel.errors import InputRefused
 from twin.studies.check.baseline import (
     Baseline,
     CheckVerdict,
-    Entry,
+    HistoryEntry,
     baseline_file,
     baseline_of,
     baseline_text,
@@ -22,12 +22,12 @@ from twin.studies.check.baseline import (
     verdict,
     write_baseline,
 )
-from twin.studies.check.measurement import Measured, Metric, Sampled, Sense
+from twin.studies.check.measurement import Measured, Metric, SampledCurve, Sense
 
-FIRST = Entry(date="2026-01-01", reason='first, "as it is"')
+FIRST = HistoryEntry(date="2026-01-01", reason='first, "as it is"')
 NOW = Measured(
     {"z.rise_time": Metric(1.0, "s", 2e-3), "z.peak": Metric(-0.09, "m", 2e-6, "none", scale=0.005)},
-    {"z": Sampled("plant.p_B[2]", "m", t, np.sin(t), 0.05, 0.004)},
+    {"z": SampledCurve("plant.p_B[2]", "m", t, np.sin(t), 0.05, 0.004)},
     {"x.fmu": "0" * 64},
 )
 
@@ -116,12 +116,14 @@ SINE = np.sin(t)
 
 
 def coming_to(value: float, sense: Sense = "less", curve: np.ndarray = SINE, unit: str = "s") -> Measured:
-    sampled = Sampled("plant.p_B[2]", "m", t, curve, 0.05, 0.004)
+    sampled = SampledCurve("plant.p_B[2]", "m", t, curve, 0.05, 0.004)
     return Measured({"z.number": Metric(value, unit, 0.0, sense)}, {"z": sampled}, {"x.fmu": "0" * 64})
 
 
 def baseline(value: float = 1.0, sense: Sense = "less") -> Baseline:
-    return baseline_of(EXPERIMENT, "x", coming_to(value, sense), [Entry(date="2026-01-01", reason="first")], None)
+    return baseline_of(
+        EXPERIMENT, "x", coming_to(value, sense), [HistoryEntry(date="2026-01-01", reason="first")], None
+    )
 
 
 def words(found: CheckVerdict) -> list[str]:
@@ -201,7 +203,7 @@ def test_a_number_in_another_unit_is_another_number_and_that_is_told():
 @pytest.mark.parametrize("first", [0, 9, 71, 204])
 def test_a_tube_may_begin_at_any_tick(first: int):
     # one tick in eight is a little later than its decimals say
-    window = Sampled("plant.p_B[2]", "m", t[first:], SINE[first:], 0.05, 0.004)
+    window = SampledCurve("plant.p_B[2]", "m", t[first:], SINE[first:], 0.05, 0.004)
     now = replace(coming_to(1.0), curves={"z": window})
-    stored = baseline_of(EXPERIMENT, "x", now, [Entry(date="2026-01-01", reason="first")], None)
+    stored = baseline_of(EXPERIMENT, "x", now, [HistoryEntry(date="2026-01-01", reason="first")], None)
     assert words(verdict(EXPERIMENT, "x", stored, now)) == ["ok", "ok"]

@@ -9,7 +9,7 @@ from tests.studies.check.files import step_file
 from twin import check
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.reporter import DirectReporter
-from twin.studies.check.baseline import Entry, baseline_file, read_baseline, write_baseline
+from twin.studies.check.baseline import HistoryEntry, baseline_file, read_baseline, write_baseline
 from twin.studies.check.job import CheckOutcome, Pair, checked, pairs
 
 STIFFER = "[controller.position]\nkp_per_s = 2.0"
@@ -53,7 +53,10 @@ def test_a_stiffer_loop_is_better_is_outside_of_the_tube_and_is_accepted_with_it
     assert words(stiffer)["z.tube"] == "outside"
     assert stiffer.verdict and stiffer.verdict.notes[0].startswith("the experiment's file has changed")
     history = read_baseline(folder / f"mine/{DRIVE}.toml").history
-    assert history == (Entry(date="2026-01-02", reason="first"), Entry(date="2026-01-02", reason="stiffer on purpose"))
+    assert history == (
+        HistoryEntry(date="2026-01-02", reason="first"),
+        HistoryEntry(date="2026-01-02", reason="stiffer on purpose"),
+    )
     assert check(mine, baselines=folder) == []
 
 

@@ -1,14 +1,14 @@
 """What a search cannot say is said."""
 
 from tests.studies.falsify.test_search import space
-from twin.studies.falsify.space import Ended, Holes, Wrong
+from twin.studies.falsify.space import Ended, Holes, TriedFault
 
-FIRST, SECOND, THIRD = (Wrong("drive_dead", f"drive_{i}", onset=500) for i in (1, 2, 3))
+FIRST, SECOND, THIRD = (TriedFault("drive_dead", f"drive_{i}", onset=500) for i in (1, 2, 3))
 
 
 def test_places_without_a_run_are_named():
     where = space("drive_dead", "breathing")
-    holes = Holes.of(where, [FIRST, THIRD, Wrong("breathing", "contact", 5.0)], {}, ())
+    holes = Holes.of(where, [FIRST, THIRD, TriedFault("breathing", "contact", 5.0)], {}, ())
     assert [(hole["kind"], hole["target"]) for hole in holes.facts["not_tried"]] == [("drive_dead", "drive_2")]
     assert holes.not_violated == ["drive_dead", "breathing"]
     assert "Not tried, 1 place" in holes.lines()[0] and "drive_dead 1 of 3." in " ".join(holes.lines())

@@ -7,7 +7,7 @@ import pytest
 
 from twin.robot.experiment.fault import CATALOGUE
 from twin.studies.falsify.search import Search
-from twin.studies.falsify.space import Space, Wrong
+from twin.studies.falsify.space import Space, TriedFault
 from twin.studies.falsify.study import RUNS
 
 TICKS = 13_000
@@ -19,7 +19,7 @@ def space(*kinds: str, bodies: Sequence[str | None] = (None,)) -> Space:
     return Space({}, [], kinds or tuple(CATALOGUE), TICKS, 0.001, None, bodies, 0)
 
 
-def share(wrong: Wrong) -> float:
+def share(wrong: TriedFault) -> float:
     """Two kinds violate: one everywhere if it is large, and most at one time; one only early."""
     if wrong.kind == "surface_jump":
         assert wrong.magnitude is not None
@@ -30,7 +30,7 @@ def share(wrong: Wrong) -> float:
 
 
 def searched(
-    runs: int, where: Space | None = None, of: Callable[[Wrong], float] = share, onsets: Sequence[int] = ONSETS
+    runs: int, where: Space | None = None, of: Callable[[TriedFault], float] = share, onsets: Sequence[int] = ONSETS
 ) -> Search:
     search = Search(where or space(), lambda batch: [of(wrong) for wrong in batch], runs, onsets)
     search.go()
@@ -80,7 +80,7 @@ def test_by_default_every_kind_is_tried_at_each_target_and_with_each_sign():
 def test_a_fault_that_violates_at_one_target_or_with_one_sign_only_is_found(kind: str, target: str, way: int):
     where = space()
 
-    def of(wrong: Wrong) -> float:
+    def of(wrong: TriedFault) -> float:
         violates = wrong.kind == kind and wrong.target == target and where.place(wrong).way == way
         return -1.0 if violates else 1.0
 
@@ -98,7 +98,7 @@ def test_the_nearer_half_of_what_has_been_everywhere_goes_to_other_times_and_sma
     """Not the very nearest, to which evolution goes."""
     nearness = {"breathing": 0.5, "contact_loss": 0.6, "sample_delay": 0.7, "brown_out": 0.8}
 
-    def of(wrong: Wrong) -> float:
+    def of(wrong: TriedFault) -> float:
         inside = wrong.kind == "contact_loss" and wrong.onset not in ONSETS and wrong.magnitude != 20.0
         return -1.0 if inside else nearness[wrong.kind]
 
@@ -114,7 +114,7 @@ def test_the_nearer_half_of_what_has_been_everywhere_goes_to_other_times_and_sma
 def test_evolution_goes_to_where_the_other_sign_is_worse():
     """From +2 deg/s, which just violates, to below -1 deg/s: the race itself has no run left to go there."""
 
-    def of(wrong: Wrong) -> float:
+    def of(wrong: TriedFault) -> float:
         assert wrong.magnitude is not None
         return -0.1 + 0.2 * wrong.magnitude if wrong.magnitude < 0.0 else -0.1
 
@@ -130,7 +130,7 @@ def test_each_run_of_a_noisy_robot_has_a_seed_of_its_own():
 
 
 def test_bodies_take_turns_and_the_worst_one_is_found():
-    def on_body(batch: Sequence[Wrong]) -> list[float]:
+    def on_body(batch: Sequence[TriedFault]) -> list[float]:
         return [-1.0 if wrong.body == "back" else -0.5 for wrong in batch]
 
     search = Search(space("breathing", bodies=(None, "back")), on_body, 20, (5_500, 500))

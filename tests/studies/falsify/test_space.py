@@ -13,7 +13,7 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.fault import CATALOGUE
 from twin.studies.falsify.judge import judged
-from twin.studies.falsify.space import Space, Wrong
+from twin.studies.falsify.space import Space, TriedFault
 
 PRESSING = EXPERIMENTS / "pressing.toml"
 TICK = 0.001
@@ -24,7 +24,7 @@ def space(base: Mapping[str, Any] | None = None, seed: int = 0) -> Space:
     return Space(base or {}, quiet, tuple(CATALOGUE), 13_000, TICK, None, (None,), seed)
 
 
-def written(folder: Path, where: Space, wrong: Wrong) -> Path:
+def written(folder: Path, where: Space, wrong: TriedFault) -> Path:
     file = folder / f"{wrong.kind}_{wrong.target}_{wrong.magnitude}_{wrong.seed}.toml"
     file.write_text(where.file(wrong, PRESSING))
     return file
@@ -32,13 +32,15 @@ def written(folder: Path, where: Space, wrong: Wrong) -> Path:
 
 def test_what_is_drawn_as_seed_is_added_to_that_of_the_noise_and_is_that_of_the_fault(tmp_path: Path):
     for seed in (0, 3):
-        loaded = load_experiment(written(tmp_path, space(seed=7), Wrong("sample_loss", "encoder", 0.02, seed=seed)), ())
+        loaded = load_experiment(
+            written(tmp_path, space(seed=7), TriedFault("sample_loss", "encoder", 0.02, seed=seed)), ()
+        )
         assert (loaded.seed, loaded.faults[0].seed) == (7 + seed if seed else 0, seed)
 
 
 def test_another_seed_is_another_run_of_a_noisy_robot_and_the_same_one_the_same(tmp_path: Path):
     noisy = {"plant": {"joint_noise_deg": 0.02}}
-    files = [written(tmp_path, space(noisy), Wrong("breathing", "contact", 1.0, 2000, seed=s)) for s in (1, 2)]
+    files = [written(tmp_path, space(noisy), TriedFault("breathing", "contact", 1.0, 2000, seed=s)) for s in (1, 2)]
     one, other, again = (judged(PRESSING, None, [str(file)]).metrics["quiet.distance"] for file in (*files, files[0]))
     assert one == again != other
 
@@ -47,7 +49,7 @@ def test_each_kind_at_its_largest_is_an_experiment_that_can_be_run_with_either_s
     where = space()
     for kind in where.kinds:
         for place in where.places(kind)[-2:]:
-            wrong = Wrong(kind, place.target, where.magnitude(kind, float(place.way)), 500, place.body)
+            wrong = TriedFault(kind, place.target, where.magnitude(kind, float(place.way)), 500, place.body)
             assert where.place(wrong) == place
             with assemble(load_experiment(written(tmp_path, where, wrong), ())):
                 pass
@@ -61,7 +63,7 @@ def test_a_magnitude_and_its_share_say_the_same(kind: str, share: float):
     magnitude = where.magnitude(kind, share)
     assert magnitude is not None
     # four digits, over a range of 1.4 at least: belief_eta and encoder_bias; of delays whole ticks of at least 2
-    again = where.share(Wrong(kind, "", magnitude))
+    again = where.share(TriedFault(kind, "", magnitude))
     assert again == pytest.approx(share, abs=0.2 if CATALOGUE[kind].unit == "ms" else 2e-3)
     if CATALOGUE[kind].unit == "ms":
         assert magnitude == pytest.approx(round(magnitude), abs=1e-9)

@@ -163,7 +163,7 @@ def _made() -> tuple[Any, Any]:
     lanes, number = Lanes(), types.float64
 
     @register_model(Lanes)
-    class Model(models.PrimitiveModel):  # type: ignore[misc]
+    class LaneModel(models.PrimitiveModel):  # type: ignore[misc]
         def __init__(self, dmm: Any, fe_type: Any):
             super().__init__(dmm, fe_type, register)
 

@@ -40,8 +40,8 @@ from twin.studies.analyse.linear.loops import (
     LOOPS,
     Estimation,
     Loops,
-    Settings,
-    Stepping,
+    LoopSettings,
+    LoopStepping,
     estimation,
     linear_law,
     open_loops,
@@ -219,11 +219,11 @@ class Linearised:
         other.experiment = experiment
         return other
 
-    def settings(self, force_on: bool) -> Settings:
+    def settings(self, force_on: bool) -> LoopSettings:
         """Of the controller, with its force loop on or off."""
         c = self.experiment.controller
         damping = c.damping if self.experiment.tasks else None
-        return Settings(
+        return LoopSettings(
             N=c.model.N,
             eta=c.model.eta,
             position=Gains.made(c.position),
@@ -247,7 +247,7 @@ class Linearised:
         return estimation(belief(self.experiment), compensation, read, standing)
 
 
-def closed_in(settings: Settings) -> tuple[str, ...]:
+def closed_in(settings: LoopSettings) -> tuple[str, ...]:
     """Those of `LOOPS` that a controller with these `settings` closes."""
     return LOOPS if any(settings.force[:3]) else LOOPS[:3]
 
@@ -261,7 +261,7 @@ def _loads(point: OperatingPoint) -> np.ndarray:
     return np.array([spring_stiffness(p, leg) * series_share(p, leg) * stopped(p, loaded[leg]) for leg in range(3)])
 
 
-def _stepping(experiment: Experiment) -> Stepping:
+def _stepping(experiment: Experiment) -> LoopStepping:
     c = experiment.controller
     period, delay = experiment.controller_ticks, c.delay_ticks
     if experiment.monitor is not None and (period % experiment.monitor_ticks or delay % experiment.monitor_ticks):
@@ -273,4 +273,4 @@ def _stepping(experiment: Experiment) -> Stepping:
     # nothing behind the monitor and before the encoders is sampled
     latency = whole_ticks(experiment.plant.encoder_latency, experiment.cosim.tick) or 0
     late = delay + c.bus_delay_ticks + latency
-    return Stepping(experiment.cosim.tick, experiment.plant.substeps, period, late, jacobi)
+    return LoopStepping(experiment.cosim.tick, experiment.plant.substeps, period, late, jacobi)

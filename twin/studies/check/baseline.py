@@ -23,7 +23,7 @@ from twin.kernel.places import HOME, is_clone
 from twin.kernel.writing import finite, inline_table, made_folder, write_text
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.mistakes import sentences
-from twin.studies.check.measurement import POINTS, Measured, Metric, Sampled
+from twin.studies.check.measurement import POINTS, Measured, Metric, SampledCurve
 from twin.studies.compare.tolerance import reach
 from twin.studies.metrics.response import within
 
@@ -66,7 +66,7 @@ class BaselineMetric(_Table):
     keep: bool = False
 
 
-class Entry(_Table):
+class HistoryEntry(_Table):
     """When a baseline was accepted, and why."""
 
     date: str
@@ -74,7 +74,7 @@ class Entry(_Table):
 
 
 class StoredCurve(_Table):
-    """A curve, thinned; as `Sampled` has it, with the units of times in their names."""
+    """A curve, thinned; as `SampledCurve` has it, with the units of times in their names."""
 
     signal: str
     unit: str
@@ -92,9 +92,11 @@ class StoredCurve(_Table):
         return self
 
     @property
-    def curve(self) -> Sampled:
+    def curve(self) -> SampledCurve:
         """The curve, to be compared with."""
-        return Sampled(self.signal, self.unit, np.array(self.t_s), np.array(self.values), self.tolerance, self.dt_s)
+        return SampledCurve(
+            self.signal, self.unit, np.array(self.t_s), np.array(self.values), self.tolerance, self.dt_s
+        )
 
 
 class Baseline(_Table):
@@ -115,7 +117,7 @@ class Baseline(_Table):
     fingerprint: str
     twin: str
     fmus: dict[str, str]
-    history: tuple[Entry, ...]
+    history: tuple[HistoryEntry, ...]
     metrics: dict[str, BaselineMetric]
     tubes: dict[str, StoredCurve] = Field(default={})
 
@@ -166,7 +168,7 @@ def fingerprint(experiment: Experiment) -> str:
 
 
 def baseline_of(
-    experiment: Experiment, drive: str, now: Measured, history: Iterable[Entry], before: Baseline | None
+    experiment: Experiment, drive: str, now: Measured, history: Iterable[HistoryEntry], before: Baseline | None
 ) -> Baseline:
     """The baseline that `now` makes; the bounds that the one `before` keeps stay."""
     metrics = {}
@@ -255,7 +257,7 @@ def _array(values: Sequence[float]) -> Any:
     return array
 
 
-def _thinned(curve: Sampled) -> StoredCurve:
+def _thinned(curve: SampledCurve) -> StoredCurve:
     """Some samples, evenly spread, with six digits."""
     chosen = np.unique(np.linspace(0, len(curve.t) - 1, POINTS).round().astype(int))
     return StoredCurve(
@@ -404,7 +406,7 @@ def _direction(metric: Metric, before: float) -> Word:
     return "better" if now < (before if metric.sense == "less" else abs(before)) else "worse"
 
 
-def _tube_row(name: str, tube: Sampled, curve: Sampled) -> tuple[CheckRow, Outside]:
+def _tube_row(name: str, tube: SampledCurve, curve: SampledCurve) -> tuple[CheckRow, Outside]:
     """At the instants that the baseline has, where a thinned curve is as good as the whole."""
     # the times of a baseline are rounded, so its ends may lie beside the first and last tick
     inside = within(tube.t, curve.t[0], curve.t[-1])

@@ -24,7 +24,7 @@ from twin.studies.check.baseline import (
     Baseline,
     CheckRow,
     CheckVerdict,
-    Entry,
+    HistoryEntry,
     baseline_file,
     baseline_of,
     baseline_text,
@@ -223,7 +223,7 @@ def _outcome(pair: Pair, date: str, reason: str) -> CheckOutcome:
     known = known_baseline(folder, file.stem, pair.drive)
     experiment, now = measured_with(file, pair.drive)
     history = known.history if known else ()
-    after = baseline_of(experiment, pair.drive, now, (*history, Entry(date=date, reason=reason)), known)
+    after = baseline_of(experiment, pair.drive, now, (*history, HistoryEntry(date=date, reason=reason)), known)
     same = known is not None and baseline_text(known) == baseline_text(after.model_copy(update={"history": history}))
     return CheckOutcome(pair, verdict(experiment, pair.drive, known, now), "" if same else baseline_text(after))
 

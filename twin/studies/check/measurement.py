@@ -194,7 +194,7 @@ Curve = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Sampled:
+class SampledCurve:
     """A curve as a baseline keeps it.
 
     Attributes:
@@ -222,7 +222,7 @@ class Measured:
     """
 
     metrics: Metrics
-    curves: dict[str, Sampled]
+    curves: dict[str, SampledCurve]
     fmus: dict[str, str]
 
 
@@ -269,10 +269,10 @@ def _inside(measure: measures.Window, signals: Signals) -> NDArray[np.bool_]:
     return within(signals.t, measure.begin, np.inf if measure.until is None else measure.until)
 
 
-def _curve(signal: str, signals: Signals, inside: NDArray[np.bool_]) -> Sampled:
+def _curve(signal: str, signals: Signals, inside: NDArray[np.bool_]) -> SampledCurve:
     values, unit = signals[signal][inside], signals.unit(signal)
     tolerance = max(SHARE * float(np.ptp(values)), TUBE_FLOORS.get(unit, 0.0))
-    return Sampled(signal, unit, signals.t[inside], values, tolerance, TUBE_TIME)
+    return SampledCurve(signal, unit, signals.t[inside], values, tolerance, TUBE_TIME)
 
 
 def _step(measure: measures.Step, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:

@@ -168,7 +168,7 @@ FINER = 32
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferenceRun:
     """samples: of the controller's ticks. floor: how far they may be off, by signal. meaning: where they come from."""
 
     samples: Samples
@@ -181,7 +181,7 @@ class Reference:
         return bool(np.any(self.samples[FORCE.name]))
 
 
-def reference_of(experiment: Experiment) -> Reference:
+def reference_of(experiment: Experiment) -> ReferenceRun:
     """Without any coupling where the drives' equations are known, else the finest co-simulation.
 
     Raises:
@@ -196,7 +196,7 @@ def reference_of(experiment: Experiment) -> Reference:
         rows = monolithic_rows(experiment, drives)
         if within_limits(rows, drives):
             meaning = "monolithic: drives and plant as one equation"
-            return Reference(chosen(rows, rows["theta_m"]), _solver_floor(experiment), meaning)
+            return ReferenceRun(chosen(rows, rows["theta_m"]), _solver_floor(experiment), meaning)
         why = "a drive reaches a limit"
     tick = experiment.cosim.tick
     finest, _ = sampled_run(FINEST.of(experiment, tick / FINER))
@@ -204,7 +204,7 @@ def reference_of(experiment: Experiment) -> Reference:
     # of order two the finer one is off by a third of what it differs from the coarser one
     floor = {name: error / 3.0 for name, error in largest_errors(coarser, finest).items()}
     meaning = f"the finest run: {FINEST.name}, {1e3 * tick / FINER:g} ms; {why}"
-    return Reference(finest, floor, meaning)
+    return ReferenceRun(finest, floor, meaning)
 
 
 def _solver_floor(experiment: Experiment) -> dict[str, float]:
@@ -304,7 +304,7 @@ class CouplingSeries:
 
 
 @dataclass(frozen=True)
-class Choice:
+class CouplingChoice:
     """A coupling at a tick that keeps the force within the tolerance."""
 
     coupling: Coupling
@@ -333,11 +333,11 @@ class CouplingStudy:
     tick: float
     coupling: Coupling
     changes: tuple[str, ...]
-    reference: Reference
+    reference: ReferenceRun
     series: tuple[CouplingSeries, ...]
     left_out: tuple[tuple[str, str], ...]
     tolerance: float
-    choice: Choice | None
+    choice: CouplingChoice | None
     resolution: float | None = None
 
     @property
@@ -399,7 +399,7 @@ def convergence(
     )
 
 
-def recommended(series: list[CouplingSeries], tolerance: float) -> Choice | None:
+def recommended(series: list[CouplingSeries], tolerance: float) -> CouplingChoice | None:
     """The longest tick from which on some coupling keeps the force within `tolerance` (N), and the simplest that does.
 
     At every shorter tick it has to as well: an error that is small at one tick only is luck. Couplings are in the order
@@ -412,11 +412,11 @@ def recommended(series: list[CouplingSeries], tolerance: float) -> Choice | None
             for point in one.points:
                 shorter = [other for other in one.points if other.tick <= tick]
                 if point.tick == tick and all(other.errors[FORCE.name] <= tolerance for other in shorter):
-                    return Choice(one.coupling, point)
+                    return CouplingChoice(one.coupling, point)
     return None
 
 
-def _series(experiment: Experiment, coupling: Coupling, reference: Reference) -> CouplingSeries:
+def _series(experiment: Experiment, coupling: Coupling, reference: ReferenceRun) -> CouplingSeries:
     points = tuple(_points(experiment, coupling, reference))
     ticks = [point.tick for point in points]
     orders = {
@@ -430,7 +430,7 @@ def _series(experiment: Experiment, coupling: Coupling, reference: Reference) ->
     return CouplingSeries(coupling, points, orders, power_residuals(own) if ran else ())
 
 
-def _points(experiment: Experiment, coupling: Coupling, reference: Reference) -> Iterator[TickPoint]:
+def _points(experiment: Experiment, coupling: Coupling, reference: ReferenceRun) -> Iterator[TickPoint]:
     for share in SHARES:
         try:
             varied = coupling.of(experiment, share * experiment.cosim.tick)

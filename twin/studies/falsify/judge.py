@@ -28,7 +28,7 @@ from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.monitor.component import trip_reason
 from twin.robot.run.trace import Trace, fields_of
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
-from twin.studies.falsify.space import Ended, Space, Wrong
+from twin.studies.falsify.space import Ended, Space, TriedFault
 from twin.studies.falsify.text import Requirement
 from twin.studies.faults.matrix import default_onsets, fault_trial_of
 from twin.studies.metrics.requirement import checked_requirement
@@ -142,9 +142,9 @@ class Judge:
         self._space, self._requirements, self._workers = space, requirements, workers
         self._experiment, self._scratch, self._runs, self._say = experiment, scratch, runs, say
         self._scales: dict[str, float] = {}
-        self.distances: dict[Wrong, dict[str, float]] = {}
+        self.distances: dict[TriedFault, dict[str, float]] = {}
         self.first: dict[str, int] = {}
-        self.ended: dict[Wrong, Ended] = {}
+        self.ended: dict[TriedFault, Ended] = {}
         self.seconds = 0.0
 
     def healthy(self) -> list[int]:
@@ -153,7 +153,7 @@ class Judge:
         Raises:
             InputRefused: one violates a requirement. ComponentFailed, SafetyTrip: one fails, or trips.
         """
-        unbroken = [Wrong("", body=body) for body in self._space.bodies]
+        unbroken = [TriedFault("", body=body) for body in self._space.bodies]
         onsets: list[int] = []
         for wrong, facts in zip(unbroken, self._found(unbroken), strict=True):
             on = f" on {wrong.body}" if wrong.body else ""
@@ -176,7 +176,7 @@ class Judge:
         self._scales = {name: s if 1e-9 < s < math.inf else 1.0 for name, s in self._scales.items()}
         return onsets
 
-    def shares(self, batch: Sequence[Wrong]) -> list[float]:
+    def shares(self, batch: Sequence[TriedFault]) -> list[float]:
         """Of each run: until then if a failed component ended it, infinite if it is refused."""
         shares = []
         for wrong, facts in zip(batch, self._found(batch), strict=True):
@@ -195,7 +195,7 @@ class Judge:
         value = facts.get("metrics", {}).get(f"{name}.distance")
         return math.inf if value is None else value
 
-    def _found(self, batch: Sequence[Wrong]) -> list[dict]:
+    def _found(self, batch: Sequence[TriedFault]) -> list[dict]:
         files = []
         for number, wrong in enumerate(batch):
             files.append(self._scratch / f"{number}.toml")

@@ -18,9 +18,9 @@ from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
 from twin.robot.experiment.fault import CATALOGUE
-from twin.studies.falsify.space import Place, Space, Wrong
+from twin.studies.falsify.space import Place, Space, TriedFault
 
-Judge = Callable[[Sequence[Wrong]], list[float]]
+Judge = Callable[[Sequence[TriedFault]], list[float]]
 """How near each of some runs comes to violating: its distance as a share of the healthy one, negative if it does."""
 
 POPULATION = 6
@@ -48,7 +48,7 @@ class Search:
     judge: Judge
     runs: int
     onsets: Sequence[int]
-    tried: dict[Wrong, float] = field(default_factory=dict)
+    tried: dict[TriedFault, float] = field(default_factory=dict)
 
     def go(self) -> None:
         """Spend the runs."""
@@ -85,9 +85,9 @@ class Search:
         return sorted((kind for kind in share if share[kind] >= 0.0), key=lambda kind: share[kind])
 
     @property
-    def worst(self) -> dict[str, tuple[Wrong, float]]:
+    def worst(self) -> dict[str, tuple[TriedFault, float]]:
         """Of each kind the run that came nearest, of equal ones the first."""
-        best: dict[str, tuple[Wrong, float]] = {}
+        best: dict[str, tuple[TriedFault, float]] = {}
         for wrong, share in self.tried.items():
             if wrong.kind not in best or share < best[wrong.kind][1]:
                 best[wrong.kind] = wrong, share
@@ -97,7 +97,7 @@ class Search:
     def _left(self) -> int:
         return max(0, self.runs - len(self.tried))
 
-    def _try(self, batch: Sequence[Wrong]) -> list[float]:
+    def _try(self, batch: Sequence[TriedFault]) -> list[float]:
         """The shares of `batch`; of what has been tried before without a run, infinite where there are none left."""
         fresh = list(dict.fromkeys(wrong for wrong in batch if wrong not in self.tried))[: self._left]
         if fresh:
@@ -114,7 +114,7 @@ class Search:
             rounds += [(others[i], self.onsets[(n + past) % len(self.onsets)]) for n, i in enumerate(order)]
         return rounds
 
-    def _probe(self, kind: str, lap: int, rounds: Sequence[tuple[Place, int]]) -> Wrong:
+    def _probe(self, kind: str, lap: int, rounds: Sequence[tuple[Place, int]]) -> TriedFault:
         """The run of `kind` in a round: at its largest in `rounds`, later ever finer between all times and sizes."""
         place, onset = rounds[lap % len(rounds)]
         share = 1.0
@@ -122,7 +122,7 @@ class Search:
             time, less = qmc.Halton(2, scramble=False).random(lap + 1)[-1]
             onset, share = round(float(time) * (self.space.ticks - 1)), 1.0 - 0.5 * float(less)
         magnitude, seed = self.space.magnitude(kind, place.way * share), lap if self.space.draws(kind) else 0
-        return Wrong(kind, place.target, magnitude, onset, place.body, seed)
+        return TriedFault(kind, place.target, magnitude, onset, place.body, seed)
 
     def _evolve(self, kind: str, runs: int) -> None:
         """Spend `runs` around what is known of `kind`."""
@@ -134,10 +134,10 @@ class Search:
         whole = np.array([True, False, True, True, True])
         best = self.worst[kind][0]
 
-        def made(x: NDArray[np.float64]) -> Wrong:
+        def made(x: NDArray[np.float64]) -> TriedFault:
             onset, target, body, seed = (round(float(x[i])) for i in (0, 2, 3, 4))
             magnitude = self.space.magnitude(kind, float(x[1]))
-            return Wrong(kind, targets[target], magnitude, onset, bodies[body], seed)
+            return TriedFault(kind, targets[target], magnitude, onset, bodies[body], seed)
 
         last = len(self.tried) + min(runs, self._left)
 

@@ -36,7 +36,7 @@ class Place(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Wrong:
+class TriedFault:
     """One fault in one run.
 
     Attributes:
@@ -91,7 +91,7 @@ class Space:
         ways = (1, -1) if _has_two_ways(kind) else (1,)
         return [Place(*place) for place in product(CATALOGUE[kind].targets, ways, self.bodies)]
 
-    def place(self, wrong: Wrong) -> Place:
+    def place(self, wrong: TriedFault) -> Place:
         """That of `wrong`."""
         magnitudes = CATALOGUE[wrong.kind].magnitudes
         if magnitudes is None or wrong.magnitude is None:
@@ -119,7 +119,7 @@ class Space:
         # four digits are enough of a search
         return largest if turned == largest else float(f"{turned:.4g}")
 
-    def share(self, wrong: Wrong) -> float:
+    def share(self, wrong: TriedFault) -> float:
         """The share that `magnitude` makes that of `wrong` of, 0 where the kind has none."""
         magnitudes = CATALOGUE[wrong.kind].magnitudes
         if magnitudes is None or wrong.magnitude is None:
@@ -130,7 +130,7 @@ class Space:
             size = 1.0 / size if CATALOGUE[wrong.kind].unit == "factor" else -size
         return way * float(np.log(size / magnitudes[0]) / np.log(magnitudes[-1] / magnitudes[0]))
 
-    def file(self, wrong: Wrong, experiment: Path, comments: Sequence[str] = ()) -> str:
+    def file(self, wrong: TriedFault, experiment: Path, comments: Sequence[str] = ()) -> str:
         """The experiment with what is wrong in it and what is required of it, as TOML that `twin run` takes.
 
         Args:
@@ -147,7 +147,7 @@ class Space:
         ]
         return "".join(f"# {comment}\n" for comment in comments) + tomlkit.dumps(tables)
 
-    def _table(self, wrong: Wrong) -> dict[str, Any]:
+    def _table(self, wrong: TriedFault) -> dict[str, Any]:
         known = CATALOGUE[wrong.kind]
         table: dict[str, Any] = {"kind": wrong.kind, "target": wrong.target, "onset_s": self.onset(wrong)}
         if self.duration is not None:
@@ -158,7 +158,7 @@ class Space:
             table["share"] = GLITCH_SHARE
         return table | ({"seed": wrong.seed} if wrong.seed else {})
 
-    def onset(self, wrong: Wrong) -> float:
+    def onset(self, wrong: TriedFault) -> float:
         """When it begins (s), without the digits that rounding leaves."""
         return float(f"{wrong.onset * self.tick:.12g}")
 
@@ -194,11 +194,13 @@ class Holes:
 
     untried: Mapping[str, Sequence[Place]]
     places: Mapping[str, int]
-    ended: Mapping[str, Sequence[tuple[Wrong, Ended]]]
+    ended: Mapping[str, Sequence[tuple[TriedFault, Ended]]]
     runs: Mapping[str, int]
 
     @classmethod
-    def of(cls, space: Space, tried: Sequence[Wrong], ended: Mapping[Wrong, Ended], violating: Collection[str]) -> Self:
+    def of(
+        cls, space: Space, tried: Sequence[TriedFault], ended: Mapping[TriedFault, Ended], violating: Collection[str]
+    ) -> Self:
         """Those of a search.
 
         Args:

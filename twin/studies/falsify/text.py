@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.robot.experiment.fault import CATALOGUE
-from twin.studies.falsify.space import Ended, Holes, Space, Wrong
+from twin.studies.falsify.space import Ended, Holes, Space, TriedFault
 from twin.studies.faults.text import magnitude_text
 from twin.studies.result import Block, Cell, Column, Note, Result, Table
 
@@ -45,7 +45,7 @@ class Found:
         ended: why the run did not come to its end; None: it did.
     """
 
-    wrong: Wrong
+    wrong: TriedFault
     distances: dict[str, float]
     share: float
     run: int

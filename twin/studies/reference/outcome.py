@@ -172,7 +172,7 @@ def _continuous(variable: Variable) -> bool:
     return variable.type in ("Real", "Float64", "Float32")
 
 
-class Deviation(NamedTuple):
+class SignalDeviation(NamedTuple):
     """Of a signal: how far it leaves the results at most, in multiples of the tolerance, and when (s)."""
 
     signal: str
@@ -180,7 +180,7 @@ class Deviation(NamedTuple):
     t: float
 
 
-def deviations(run: BareRun, results: Series) -> list[Deviation]:
+def deviations(run: BareRun, results: Series) -> list[SignalDeviation]:
     """Every signal of a run that the results have, in their order."""
     within = results.t <= (1.0 + 1e-9) * run.t[-1]
     t = results.t[within]
@@ -197,7 +197,7 @@ def deviations(run: BareRun, results: Series) -> list[Deviation]:
         low, high = ours[near].min(axis=1), ours[near].max(axis=1)
         beyond = np.maximum(np.maximum(low - theirs, theirs - high), 0.0) / band
         worst = int(np.argmax(beyond))
-        found.append(Deviation(name, float(beyond[worst]), float(t[worst])))
+        found.append(SignalDeviation(name, float(beyond[worst]), float(t[worst])))
     return found
 
 

@@ -47,7 +47,7 @@ WORSE = 1.05
 
 
 @dataclass(frozen=True)
-class Point:
+class DesignedPoint:
     """A point of the schedule.
 
     Attributes:
@@ -85,7 +85,7 @@ class Scheduled:
 
     base: Tuned
     goals: Goals
-    points: list[Point]
+    points: list[DesignedPoint]
     between: list[Prediction]
 
     @property
@@ -172,7 +172,7 @@ def scheduled(base: Tuned) -> Scheduled:
         predictions = [predicted(corner, gains) for corner in _corners(base, places, K)]
         tried = [i for i, corner in enumerate(predictions) if corner.stable and can_be_tried(corner.corner)]
         trials = {i: step_trial(predictions[i].corner, gains) for i in tried}
-        found.append(Point(K, gains, predictions, misses, trials, []))
+        found.append(DesignedPoint(K, gains, predictions, misses, trials, []))
     points = [replace(point, wholes=_wholes(base, found, point)) for point in found]
     return Scheduled(base, goals, points, list(_between(base, places, found)))
 
@@ -184,7 +184,7 @@ def _is_taken(base: Tuned, K: float, gains: LawGains) -> bool:
     return radius(loop, K, gains.force_kp, gains.force_ki) < 1.0
 
 
-def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[Point]) -> Experiment:
+def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[DesignedPoint]) -> Experiment:
     """The same experiment with `gains` for the safe set, and the schedule; `values` still say what the file does."""
     safe = with_gains(experiment, gains)
     c = safe.controller
@@ -220,7 +220,7 @@ def _corners(base: Tuned, places: Sequence[OperatingPoint], K: float, undamped: 
     ]
 
 
-def _between(base: Tuned, places: Sequence[OperatingPoint], points: Sequence[Point]) -> list[Prediction]:
+def _between(base: Tuned, places: Sequence[OperatingPoint], points: Sequence[DesignedPoint]) -> list[Prediction]:
     table = table_of([SchedulePoint(point.stiffness, point.gains.force_kp, point.gains.force_ki) for point in points])
     table = table.view(np.recarray)
     found = []
@@ -231,7 +231,7 @@ def _between(base: Tuned, places: Sequence[OperatingPoint], points: Sequence[Poi
     return found
 
 
-def _wholes(base: Tuned, points: Sequence[Point], at: Point) -> list[tuple[Whole, Whole]]:
+def _wholes(base: Tuned, points: Sequence[DesignedPoint], at: DesignedPoint) -> list[tuple[Whole, Whole]]:
     """The experiment on the stiffness of `at`, with each drive, without a monitor: soft tissue is pressed in deep."""
     done = []
     for experiment, shared in zip(base.experiments, base.drives, strict=True):
@@ -283,7 +283,7 @@ def _verdict(done: Scheduled) -> list[Block]:
     ]
 
 
-def _rows(point: Point) -> Iterator[Row]:
+def _rows(point: DesignedPoint) -> Iterator[Row]:
     gains = (f"{point.stiffness:8.4g} N/m", 1e3 * point.gains.force_kp, 1e3 * point.gains.force_ki)
     stable = [prediction for prediction in point.predictions if prediction.stable]
     if not stable:

@@ -34,8 +34,8 @@ from twin.studies.analyse.linear.loops import (
     TRUE,
     Estimation,
     LinearLaw,
-    Settings,
-    Stepping,
+    LoopSettings,
+    LoopStepping,
     linear_law,
 )
 from twin.studies.analyse.operating_point import resting_point
@@ -133,7 +133,7 @@ def test_out_of_reach_nothing_is_a_number():
 K, MASS = 800.0, 0.2
 """N/m and kg: one series elastic joint for each axis, of translations, which do not feel each other."""
 TICK = 5e-5
-STEPPING = Stepping(TICK, 1, 1, 0, False)
+STEPPING = LoopStepping(TICK, 1, 1, 0, False)
 ONE, NONE = np.eye(3), np.zeros((3, 3))
 VELOCITY_SOURCE = DriveModel(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), np.array([[TICK, 0.0]]))
 HERTZ = np.geomspace(0.05, 200.0, 120)
@@ -159,7 +159,7 @@ def force_position(kp: float, virtual: float) -> LinearLaw:
     believed = Estimation(
         ONE, np.hstack([NONE, ONE]), K * np.hstack([ONE, -ONE]), K * np.hstack([ONE, -ONE]), np.zeros((3, 6))
     )
-    return linear_law(Settings(1.0, 1.0, Gains(kp), Gains(1.0 / virtual), 1e7, None, TICK), believed)
+    return linear_law(LoopSettings(1.0, 1.0, Gains(kp), Gains(1.0 / virtual), 1e7, None, TICK), believed)
 
 
 def torque_control(P: float, I: float, virtual: float) -> LinearLaw:

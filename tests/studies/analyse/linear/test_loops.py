@@ -20,8 +20,8 @@ from twin.studies.analyse.linear.hand import linear_plant
 from twin.studies.analyse.linear.loops import (
     STATES,
     LinearLaw,
-    Settings,
-    Stepping,
+    LoopSettings,
+    LoopStepping,
     estimation,
     linear_law,
     period_map,
@@ -38,7 +38,7 @@ F_REF = 5.0
 
 
 def law(standing: np.ndarray, damping: Damping | None = None) -> LinearLaw:
-    settings = Settings(BELIEF.N, BELIEF.eta, POSITION, FORCE, CORNER, damping, PERIOD)
+    settings = LoopSettings(BELIEF.N, BELIEF.eta, POSITION, FORCE, CORNER, damping, PERIOD)
     return linear_law(settings, estimation(BELIEF, True, ANGLES, standing))
 
 
@@ -145,7 +145,7 @@ def test_in_jacobi_a_command_moves_the_platform_one_tick_later():
     commanded = np.array([1.0, 1.0, 1.0])
     first = []
     for jacobi in (False, True):
-        step = tick_map(plant(-0.09), [SERVO] * 3, Stepping(TICK, 1, 1, 0, jacobi))
+        step = tick_map(plant(-0.09), [SERVO] * 3, LoopStepping(TICK, 1, 1, 0, jacobi))
         x, seen = step.B @ commanded, []
         for _ in range(4):
             seen.append(abs((step.C @ x)[step.output_labels.index("p_B_z")]) > 0.0)
@@ -156,7 +156,7 @@ def test_in_jacobi_a_command_moves_the_platform_one_tick_later():
 
 @given(period=st.integers(1, 4), delay=st.integers(0, 9), seed=st.integers(0, 100))
 def test_a_period_is_its_ticks_with_the_command_delayed_and_held(period, delay, seed):
-    stepping = Stepping(TICK, 1, period, delay, False)
+    stepping = LoopStepping(TICK, 1, period, delay, False)
     tick = tick_map(plant(-0.105), [SERVO] * 3, stepping)
     robot = period_map(tick, stepping)
     commands = np.random.default_rng(seed).normal(size=(8, 3))

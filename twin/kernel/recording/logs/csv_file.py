@@ -34,7 +34,7 @@ _TIME_DIMENSION = Dimension(s=1)
 
 
 @dataclass
-class Wrong:
+class WrongFields:
     """Fields of one column that are no numbers.
 
     Attributes:
@@ -76,14 +76,14 @@ class CsvTable:
     comments: tuple[str, ...]
     head: list[str]
     values: NDArray[np.float64]
-    wrong: dict[int, Wrong]
+    wrong: dict[int, WrongFields]
     lines: NDArray[np.int64]
 
     def column(self, name: str) -> NDArray[np.float64]:
         """The numbers of the column `name`."""
         return self.values[:, self.head.index(name)]
 
-    def mistakes(self, name: str) -> Wrong | None:
+    def mistakes(self, name: str) -> WrongFields | None:
         """What of the column `name` is no number; None: nothing."""
         return self.wrong.get(self.head.index(name))
 
@@ -144,7 +144,7 @@ def table_of(path: Path, file: BinaryIO) -> CsvTable:
     file.seek(0)
     text = io.TextIOWrapper(file, encoding="utf-8-sig", newline="")
     comments, head, separator, rows = _head(path, text)
-    values, lines, wrong = array("d"), array("q"), dict[int, Wrong]()
+    values, lines, wrong = array("d"), array("q"), dict[int, WrongFields]()
     ragged, first = 0, (0, 0)
     while block := list(islice(rows, ROWS_AT_ONCE)):
         fitting = [(row, line) for row, line in block if len(row) == len(head)]
@@ -255,7 +255,9 @@ def _number(text: str) -> float | None:
     return value if abs(value) <= LARGEST else None
 
 
-def _numbers(texts: Sequence[str], lines: Sequence[int], position: int, wrong: dict[int, Wrong]) -> NDArray[np.float64]:
+def _numbers(
+    texts: Sequence[str], lines: Sequence[int], position: int, wrong: dict[int, WrongFields]
+) -> NDArray[np.float64]:
     """The numbers that `texts` of the column at `position` spell, NaN where one does not, which `wrong` notes."""
     try:
         values = np.fromiter(map(float, texts), np.float64, len(texts))
@@ -267,7 +269,7 @@ def _numbers(texts: Sequence[str], lines: Sequence[int], position: int, wrong: d
     found = [_number(text) for text in texts]
     for value, line, text in zip(found, lines, texts, strict=True):
         if value is None:
-            wrong.setdefault(position, Wrong()).add(line, text.strip())
+            wrong.setdefault(position, WrongFields()).add(line, text.strip())
     return np.array(found, dtype=np.float64)
 
 

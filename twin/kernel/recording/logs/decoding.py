@@ -234,7 +234,7 @@ def _why(data: bytes) -> str:
     return f"its {len(data)} bytes are cut short, or lengths in them are wrong"
 
 
-class Unnamed(LookupError):
+class UnknownElement(LookupError):
     """A message has no element of that name; another one of the topic may have."""
 
 
@@ -249,7 +249,7 @@ def field(message: Any, parts: Sequence[str | int]) -> float:
     `position.knee` is the element of an array that stands where 'knee' stands in the names beside it.
 
     Raises:
-        LookupError: there is no such field; its text says what is there. `Unnamed`: no such name.
+        LookupError: there is no such field; its text says what is there. `UnknownElement`: no such name.
         ValueError: what is there is neither a number nor a stamp.
     """
     around: list[Any] = []
@@ -297,7 +297,7 @@ def _index_of(name: str, around: Sequence[Any]) -> int:
             if _is_array(labels) and len(labels) and isinstance(labels[0], str):
                 if name in labels:
                     return list(labels).index(name)
-                raise Unnamed(nearest(name, labels, "there are {}"))
+                raise UnknownElement(nearest(name, labels, "there are {}"))
     raise LookupError(f"an array without names beside it; choose an element with [0] instead of .{name}")
 
 

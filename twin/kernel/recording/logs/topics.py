@@ -289,7 +289,7 @@ def numbers_of(
             try:
                 values[one].append(decoding.field(message, parts[one]))
                 rows[one].append(k)
-            except decoding.Unnamed as problem:
+            except decoding.UnknownElement as problem:
                 unnamed[one] = str(problem)
             except LookupError as problem:
                 found[one] = NoField(f"{path}: {name} has no field '{one}'; {problem.args[0]}")

@@ -25,7 +25,7 @@ from twin.robot.plant.dynamics import PlantParameters
 from twin.studies.analyse.linear.drive_model import DriveModel, Matrix
 from twin.studies.analyse.linear.loops import (
     LinearLaw,
-    Stepping,
+    LoopStepping,
     closed_loops,
     connected,
     open_loops,
@@ -222,7 +222,9 @@ class Hand:
         return self.growth < DRIFT
 
 
-def robot_with(free: FreePlant, held: Held, drives: tuple[DriveModel, ...], stepping: Stepping) -> control.StateSpace:
+def robot_with(
+    free: FreePlant, held: Held, drives: tuple[DriveModel, ...], stepping: LoopStepping
+) -> control.StateSpace:
     """Drives and plant from one call of the controller to the next, with `held` in the hand."""
     return period_map(tick_map(free.holding(held), drives, stepping), stepping)
 

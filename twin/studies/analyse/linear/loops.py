@@ -53,7 +53,7 @@ def _give_way(felt, torque_per_spring, tau_l, h, lead):
     damp(felt, torque_per_spring, tau_l, h, lead)
 
 
-class Settings(NamedTuple):
+class LoopSettings(NamedTuple):
     """The controller's settings, SI.
 
     Attributes:
@@ -137,7 +137,7 @@ STATES = 9 + 3 + 1 + 3
 """Integral, derivative and last error of three position loops and the force loop, low-passed force, slow torques."""
 
 
-def linear_law(settings: Settings, estimation: Estimation) -> LinearLaw:
+def linear_law(settings: LoopSettings, estimation: Estimation) -> LinearLaw:
     """The controller's matrices: one call of it for each unit vector."""
     inputs = 6 + len(LOOPS) + len(REFERENCES)
     columns = [_call(settings, estimation, z[:STATES], z[STATES:]) for z in np.eye(STATES + inputs)]
@@ -145,7 +145,7 @@ def linear_law(settings: Settings, estimation: Estimation) -> LinearLaw:
     return LinearLaw(whole[:STATES, :STATES], whole[:STATES, STATES:], whole[STATES:, :STATES], whole[STATES:, STATES:])
 
 
-def _call(settings: Settings, estimation: Estimation, state: Matrix, inputs: Matrix) -> Matrix:
+def _call(settings: LoopSettings, estimation: Estimation, state: Matrix, inputs: Matrix) -> Matrix:
     """(state, outputs) after one call of the controller, as `task_controller.py` puts it together."""
     angles, u_in, dp_in, p_ref, F_ref = np.split(inputs, [6, 9, 10, 13])
     h = settings.period
@@ -168,7 +168,7 @@ def _pid(gains: Gains, state: Matrix, error: float, h: float) -> tuple[float, Ma
     return output, np.concatenate([pid["integral"], pid["derivative"], pid["error"]])
 
 
-def _damped(settings: Settings, slow: Matrix, tau_l: Matrix) -> tuple[Matrix, Matrix]:
+def _damped(settings: LoopSettings, slow: Matrix, tau_l: Matrix) -> tuple[Matrix, Matrix]:
     """(motor speeds (3,) by which the motors give way, low-passed torques (3,))."""
     lead = np.zeros(3)
     if settings.damping is None:
@@ -184,7 +184,7 @@ COMMANDS = ("omega_ref_1", "omega_ref_2", "omega_ref_3")
 LOADS = ("tau_load_1", "tau_load_2", "tau_load_3")
 
 
-class Stepping(NamedTuple):
+class LoopStepping(NamedTuple):
     """How the co-simulation steps.
 
     Attributes:
@@ -218,7 +218,7 @@ def runge_kutta_step(A: Matrix, B: Matrix, h: float, substeps: int) -> tuple[Mat
     return A_d, B_d
 
 
-def tick_map(plant: control.StateSpace, drives: Sequence[DriveModel], stepping: Stepping) -> control.StateSpace:
+def tick_map(plant: control.StateSpace, drives: Sequence[DriveModel], stepping: LoopStepping) -> control.StateSpace:
     """One tick: commands `COMMANDS` in, `MEASURED` and `TRUE` out, all as small deviations.
 
     Args:
@@ -252,7 +252,7 @@ def tick_map(plant: control.StateSpace, drives: Sequence[DriveModel], stepping: 
     )
 
 
-def period_map(tick: control.StateSpace, stepping: Stepping) -> control.StateSpace:
+def period_map(tick: control.StateSpace, stepping: LoopStepping) -> control.StateSpace:
     """The same from one call of the controller to the next: its command is held for the period, after the delay.
 
     A delay of q periods and r ticks means that the command of q + 1 periods ago is still on for the first r ticks.
