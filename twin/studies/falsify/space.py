@@ -232,6 +232,8 @@ class Holes:
         """For JSON."""
         return {
             "not_violated": self.not_violated,
+            # the name of 1.0
+            "kept": self.not_violated,
             "not_tried": [{"kind": kind, **place._asdict()} for kind, some in self.untried.items() for place in some],
             "ended_early": [
                 {**vars(wrong), "refused": end.refused, "reason": end.reason}

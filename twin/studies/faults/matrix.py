@@ -312,6 +312,8 @@ class FaultRow:
             "as_stated": self.as_stated,
             "detectable": self.detection_expected,
             "expected_beyond": self.expected_beyond,
+            # the name of 1.0
+            "said_to_go_beyond": self.expected_beyond,
             "failed": self.fails,
             "with_monitor": _facts(self.watched),
             "without_monitor": _facts(self.unwatched),

@@ -197,7 +197,9 @@ def facts(
         },
         "connections": len(plan.wires),
         "late": [f"{source}->{target}" for source, target in plan.late],
-        "not_fed": {f"{part.path}.{v.name}": _start(part, v) for part in plan.parts for v in part.unfed},
+        "not_fed": (unfed := {f"{part.path}.{v.name}": _start(part, v) for part in plan.parts for v in part.unfed}),
+        # the name of 1.0
+        "kept": unfed,
         "ignored": list(plan.ignored),
         "settled": made.settled,
         "events": [
