@@ -20,7 +20,7 @@ from twin.kernel.process import child
 from twin.kernel.process.process import THREADS, environment, module_command
 
 IMPORTED = (
-    "twin.robot.run.isolated_runs", "twin.kernel.process.reporter", "twin.robot.assembly.isolated_drive",
+    "twin.robot.live.runs", "twin.kernel.process.reporter", "twin.robot.assembly.isolated_drive",
     "twin.studies.sweep.worker",
     "twin.studies.check.job", "twin.report.page.picture", "tests.kernel.process.jobs",
     "twin.studies.qualify.qualification", "twin.studies.qualify.text", "scipy.linalg", "scipy.optimize",

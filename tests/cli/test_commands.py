@@ -12,9 +12,8 @@ import typer
 from typer.testing import CliRunner
 
 from twin import studies as package
-from twin.cli import commands as made
-from twin.cli.app import TwinCommands, app
-from twin.cli.commands import WHOLE, declared
+from twin.cli import app as made
+from twin.cli.app import WHOLE, TwinCommands, app, declared
 from twin.kernel.cache_folder import VARIABLE
 from twin.kernel.errors import ComponentFailed
 

@@ -9,7 +9,7 @@ from PIL import Image
 
 from tests.command_line import twin
 from tests.kernel.recording import samples
-from twin.cli.commands import asking, declared
+from twin.cli.app import asking, declared
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import Recording
 

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_rgb
 
-from twin.studies.analyse.picture import SHADES
+from twin.studies.analyse.text import SHADES
 from twin.studies.figure import LESS_IS_BETTER
 
 

@@ -9,7 +9,7 @@ from twin.kernel.process.job import cores
 from twin.report.page import DRAWN
 from twin.studies.sweep import SERVED
 
-JOB = "twin.robot.run.isolated_runs:recorded_runs"
+JOB = "twin.robot.live.runs:recorded_runs"
 """Of `twin run`."""
 JOBS = {"run": JOB, "report": DRAWN, "sweep": SERVED}
 _ELSEWHERE = {

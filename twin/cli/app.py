@@ -1,15 +1,195 @@
-"""The command `twin`: its subcommands and the errors of a command line."""
+"""The command `twin`: its subcommands, generated from studies and listed without importing them, and its errors."""
 
-from collections.abc import Mapping
+import inspect
+import re
+import typing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+from importlib import import_module
 from itertools import pairwise
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from twin import __version__
-from twin.cli.commands import Commands, Group
+from twin.cli import completion
 from twin.kernel.errors import InputRefused
-from twin.studies.command import Isolation
+from twin.studies.command import SHARED, Argument, Isolation, Option
+
+FOLDERS = {"twin.studies": Path(__file__).parents[1] / "studies", "twin.cli": Path(__file__).parent}
+"""Packages whose files hold commands, and the `study.py` of their folders."""
+DECLARED = re.compile(r'^@study\((?:"([^"]*)")?.*?^def (\w+)\(.*?"""(.*?)"""', re.DOTALL | re.MULTILINE)
+COMPLETIONS = {
+    "experiment": completion.experiment_files,
+    "experiment name": completion.experiment_names,
+    "drive": completion.drive_names,
+    "body": completion.body_names,
+    "setting": completion.setting_keys,
+    "role": completion.role_names,
+}
+WHOLE = 1000
+"""Most letters of a command's first sentence; Typer would cut it to what is left of a line."""
+
+
+class CommandText(NamedTuple):
+    """A command as the text of its file has it: module, function, and the function's docstring."""
+
+    module: str
+    function: str
+    help: str
+
+
+def declared() -> dict[str, CommandText]:
+    """All commands by their words, such as `drive check`; nothing is imported."""
+    found = {}
+    for package, folder in FOLDERS.items():
+        for file in sorted([*folder.glob("*/study.py"), *folder.glob("*.py")]):
+            module = ".".join([package, *file.relative_to(folder).with_suffix("").parts])
+            for words, function, settings in DECLARED.findall(file.read_text("utf-8")):
+                found[words or function] = CommandText(module, function, settings)
+    return found
+
+
+class Group(NamedTuple):
+    """Commands of two words that begin with the same one: their help, and which is meant where none is named."""
+
+    help: str
+    default: str = ""
+
+
+class Commands(TyperGroup):
+    """Commands that are imported when they are asked for: to import all takes longer than most of them.
+
+    Their help is plain text: drawn by rich it would take as long again as all else that it needs. They are listed with
+    their whole first sentences, also where none is named.
+
+    Args:
+        first: the word that all begin with, of a group.
+        default: the command that is meant where none is named.
+        attributes: Typer's.
+
+    Attributes:
+        ORDER: names that are listed first; others follow by the alphabet, or in a group as they are declared.
+        GROUPS: what is said of groups, by name.
+    """
+
+    ORDER: tuple[str, ...] = ()
+    GROUPS: Mapping[str, Group] = {}
+
+    def __init__(self, first: str = "", default: str = "", **attributes: Any):
+        super().__init__(**attributes | {"commands": _Imported(self)})
+        self._first, self._default = f"{first} " if first else "", default
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if not args and not ctx.resilient_parsing:
+            print(ctx.get_help())
+            ctx.exit(InputRefused.exit_code)
+        own = not args or args[0] in self.commands or args[0] == "--help" or args[0].startswith("--show-completion")
+        return super().parse_args(ctx, args if own or not self._default else [self._default, *args])
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        names = [words.removeprefix(self._first).split()[0] for words in self.declared]
+        return list(dict.fromkeys([*self.ORDER, *(names if self._first else sorted(names))]))
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        rows = [(name, self.listed(name).get_short_help_str(WHOLE)) for name in self.list_commands(ctx)]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
+
+    def listed(self, name: str) -> Any:
+        """The command `name` as far as a list needs it."""
+        one = self.GROUPS.get(name) or self.declared[self._first + name]
+        return TyperCommand(name, help=one.help)
+
+    def made(self, name: str) -> Any:
+        """The command `name`.
+
+        Raises:
+            KeyError: there is none.
+        """
+        if group := self.GROUPS.get(name):
+            return Commands(name, group.default, name=name, help=group.help, rich_markup_mode=None)
+        holder = typer.Typer(add_completion=False, rich_markup_mode=None)
+        # with a callback it is a group, even of one command
+        holder.callback()(lambda: None)
+        holder.command(name)(asking(self.declared[self._first + name]))
+        made: Any = typer.main.get_command(holder)
+        return made.commands[name]
+
+    @cached_property
+    def declared(self) -> dict[str, CommandText]:
+        """Those of this group, by all of their words."""
+        return {words: one for words, one in declared().items() if words.startswith(self._first)}
+
+
+class _Imported(Mapping[str, Any]):
+    """The commands of a group by name, each made when it is asked for."""
+
+    def __init__(self, group: Commands):
+        self._group = group
+        self._made: dict[str, Any] = {}
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._made:
+            self._made[name] = self._group.made(name)
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._group.list_commands(None))
+
+    def __len__(self) -> int:
+        return len(self._group.list_commands(None))
+
+
+def asking(one: CommandText) -> Callable[..., None]:
+    """What Typer makes a command of: a function with the options of a study, which asks it."""
+    function = getattr(import_module(one.module), one.function)
+    own, marked = inspect.signature(function).parameters, vars(function)["study"]
+    options = {key: (found.annotation, found.default) for key, found in own.items() if key not in ("say", "reporter")}
+    options |= {key: SHARED[key] for key in marked.shared() if key not in own}
+
+    def command(**given: Any) -> None:
+        from twin.cli.ask import ask
+
+        ask(function, {key: () if value is None and key in lists else value for key, value in given.items()})
+
+    parameters = [_parameter(key, *option) for key, option in options.items()]
+    lists = {key for key, (annotation, _) in options.items() if _is_list(annotation)}
+    command.__doc__, _, _ = inspect.cleandoc(function.__doc__ or "").partition("\n\nRaises:")
+    command.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    # Typer takes them from here
+    command.__annotations__ = {found.name: found.annotation for found in parameters}
+    return command
+
+
+def _is_list(annotation: Any) -> bool:
+    return typing.get_origin(typing.get_args(annotation)[0]) is Sequence
+
+
+def _parameter(name: str, annotation: Any, default: Any) -> inspect.Parameter:
+    """An argument of a study as Typer reads it."""
+    if typing.get_origin(annotation) is not Annotated:
+        raise TypeError(f"{name}: expected Annotated[TYPE, Option(...)]")
+    kind, option = typing.get_args(annotation)[:2]
+    if _is_list(annotation):
+        kind = list[typing.get_args(kind)[0]]  # type: ignore[misc]
+        kind, default = (kind | None, None) if default == () else (kind, default)
+    # without a name of its own Typer adds one that says no
+    settings = typer_option(option, f"--{name.replace('_', '-')}" if kind is bool else "")
+    return inspect.Parameter(
+        name, inspect.Parameter.KEYWORD_ONLY, annotation=Annotated[kind, settings], default=default
+    )
+
+
+def typer_option(option: Option, flags: str = "") -> Any:
+    """`option` as Typer has it; `flags` where it has none of its own and Typer's would not do."""
+    settings: dict[str, Any] = {"help": option.help, "metavar": option.metavar, "min": option.least, "max": option.most}
+    settings["autocompletion"] = COMPLETIONS.get(option.complete)
+    if isinstance(option, Argument):
+        return typer.Argument(**settings)
+    return typer.Option(*(option.flags or flags).split(), **settings)
 
 
 class TwinCommands(Commands):

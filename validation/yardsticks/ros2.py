@@ -64,7 +64,7 @@ def numbers(message: Any) -> list[float]:
 
 def strayed(read: Callable[[Path], Iterator[tuple[str, int, Any]]]) -> Mapping[str, float]:
     """How many numbers of each topic are not, bit for bit, at their time what was recorded."""
-    from twin.kernel.recording.export.ros_bag import ros_topics
+    from twin.kernel.recording.export.export import ros_topics
     from twin.kernel.recording.reader import read as read_recording
 
     path, folder = bag()

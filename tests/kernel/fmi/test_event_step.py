@@ -17,7 +17,7 @@ from twin.kernel.fmi.event_step import CHANGING, COUNTDOWN, PERIODIC, settle
 from twin.robot.assembly.drives import drive, planned
 from twin.robot.experiment.drive_files import lone_drive
 from twin.robot.experiment.schema import Drive
-from twin.studies.qualify import info as drive_info
+from twin.studies.qualify import shelf as drive_info
 from twin.studies.qualify.qualification import lifecycle_findings
 
 EVENTS = 'hasEventMode="true"'
@@ -269,7 +269,7 @@ def test_a_clocked_drive_qualifies_on_the_bench(shaft: Maker):
 def test_info_says_how_it_is_stepped(shaft: Maker):
     clocks = IN_CLOCK.format('intervalVariability="constant" intervalDecimal="0.005" shiftDecimal="0.003"') + OUT_CLOCK
     fmu = shaft(f'{EVENTS} {EARLY} fixedInternalStepSize="0.002"', clocks=clocks, omega_ref=CLOCKED)
-    told = drive_info.text(planned(Drive.model_validate({"fmu": str(fmu)})))
+    told = drive_info.drive_text(planned(Drive.model_validate({"fmu": str(fmu)})))
     assert "  steps      steps of one size only; it prefers 2 ms\n" in told
     assert "  events     event mode, may return early\n" in told
     assert "  clock      beat, every 5 ms from 3 ms on\n" in told
@@ -309,7 +309,7 @@ def test_a_file_is_found_from_where_it_is_named(shaft: Maker, tmp_path: Path, mo
     found = planned(lone_drive(str(tmp_path / "mapping.toml"), Path("/")))
     assert [value for _, value in found.settings[""]] == [[b"\x07"]]
     digest = hashlib.sha256(b"\x07").hexdigest()
-    assert f"blob = 1 bytes, sha256 {digest}" in drive_info.text(found)
+    assert f"blob = 1 bytes, sha256 {digest}" in drive_info.drive_text(found)
 
 
 def test_nothing_is_compiled_while_a_call_is_announced(shaft: Maker, monkeypatch: pytest.MonkeyPatch):

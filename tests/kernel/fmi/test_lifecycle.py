@@ -25,7 +25,7 @@ from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.drives import drive, planned
 from twin.robot.experiment.schema import Drive
-from twin.studies.qualify import info as drive_info
+from twin.studies.qualify import shelf as drive_info
 from twin.studies.qualify.proposal import proposal
 from twin.studies.qualify.qualification import examined
 
@@ -224,9 +224,9 @@ def test_what_its_standard_does_not_fit_is_refused(first: Maker):
 
 def test_info_and_new_know_it(first: Maker):
     fmu = first()
-    assert "FMI 1.0 co-simulation" in drive_info.text(plan(fmu))
-    assert "steps of one size only" in drive_info.text(plan(fmu))
-    assert drive_info.facts(plan(fmu))["fmus"][0]["get_set_state"] is False  # type: ignore[index]
+    assert "FMI 1.0 co-simulation" in drive_info.drive_text(plan(fmu))
+    assert "steps of one size only" in drive_info.drive_text(plan(fmu))
+    assert drive_info.drive_facts(plan(fmu))["fmus"][0]["get_set_state"] is False  # type: ignore[index]
     text, complete = proposal(described(fmu))
     assert complete and 'theta_m = "theta_m"' in text
 

@@ -9,7 +9,7 @@ from twin.kernel.errors import TwinError
 from twin.kernel.process.guard import guarded
 from twin.kernel.process.job import JobLimits
 
-JOB = "twin.robot.run.isolated_runs:recorded_runs"
+JOB = "twin.robot.live.runs:recorded_runs"
 CLASS = """
 class Controller:
     inputs = ("p_B",)

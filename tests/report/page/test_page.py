@@ -10,10 +10,9 @@ from tests.kernel.recording import samples
 from tests.kernel.recording.forgery import data_records, sealed, without_last
 from tests.studies.paper.fig5_recordings import pressed
 from twin.kernel.recording.reader import Recording, read
-from twin.report.page.page import report_page, write_report
+from twin.report.page.page import report_page, verdict_section, write_report
 from twin.report.page.panels import commanded_speed
 from twin.report.page.run import ReportRun
-from twin.report.page.sections import verdict_section
 from twin.report.page.verdict import verdict
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute

@@ -16,9 +16,8 @@ from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.reader import recorded
 from twin.kernel.recording.reader import Recording, read
-from twin.report.page.page import report_page, write_report
+from twin.report.page.page import command, differences, drives, provenance, report_page, source, write_report
 from twin.report.page.run import ReportRun, report_runs
-from twin.report.page.sections import command, differences, drives, provenance, source
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.load import load_experiment, recorded_experiment

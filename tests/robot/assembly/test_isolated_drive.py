@@ -20,7 +20,7 @@ from twin.robot.assembly.drives import drive as drive_here
 from twin.robot.assembly.drives import planned
 from twin.robot.assembly.isolated_drive import IsolatedDrive, IsolatedDrives
 from twin.robot.assembly.load import load_experiment
-from twin.robot.run.isolated_runs import recorded_runs
+from twin.robot.live.runs import recorded_runs
 
 REPORTER = DirectReporter(lambda note: None)
 
@@ -50,7 +50,7 @@ def test_a_run_in_which_power_is_taken_away_gives_the_same_bytes_however_isolate
             "drive": "torque_motor_fmi3", "body": None, "out": str(out), "isolate_drives": isolation == "drive",
         }  # fmt: skip
         if isolation == "run":
-            guarded("twin.robot.run.isolated_runs:recorded_runs", arguments)
+            guarded("twin.robot.live.runs:recorded_runs", arguments)
         else:
             recorded_runs(REPORTER, **arguments)
         recordings.append((out / "run.mcap").read_bytes())

@@ -11,7 +11,7 @@ from tests.studies.replay.logs import EXPERIMENTS, NOISE
 from twin.kernel.errors import TwinError
 from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
 from twin.studies.identify.identification import NotIdentifiable, identified
-from twin.studies.identify.truth import truth
+from twin.studies.identify.text import truth
 from twin.studies.replay.model import RobotModel, loaded_model
 
 NINE_PRESSES = "duration_s=55"

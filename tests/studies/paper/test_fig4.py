@@ -23,8 +23,7 @@ from twin.studies.metrics.response import first_time, rms, settling_time
 from twin.studies.paper.claim import judged
 from twin.studies.paper.fig4 import CLAIMS, Score, fig4_score, tally
 from twin.studies.paper.fig4_measures import FINAL, SWEEP, Fig4Run, Fig4Runs, draw_fig4, fig4_runs
-from twin.studies.paper.study import score_fig4
-from twin.studies.paper.text import fig4_result
+from twin.studies.paper.study import fig4_result, score_fig4
 
 EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
 WITHOUT_SWEEP = "reference.p_mm=[[0,20,-85],[0,20,-85],[0,20,-105],[0,20,-105],[0,20,-105],[0,20,-105]]"

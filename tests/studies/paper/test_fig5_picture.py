@@ -10,10 +10,8 @@ from PIL import Image
 
 from tests.studies.paper.fig5_recordings import pressed, pushed, rolled, tapped
 from twin.kernel.recording.reader import Recording
-from twin.studies.paper import fig5_picture
 from twin.studies.paper.fig5 import MOVING, REFERENCE, TRACE, TRUTH, Fig5Score, fig5_score, shown_tasks
-from twin.studies.paper.fig5_picture import ESTIMATE, SHIFTED, draw_fig5
-from twin.studies.paper.text import fig5_result
+from twin.studies.paper.study import ESTIMATE, SHIFTED, draw_fig5, fig5_result
 
 MAKERS: dict[str, Callable[..., Recording]] = {"press": pressed, "tap": tapped, "roll": rolled, "push": pushed}
 
@@ -37,7 +35,7 @@ def test_the_picture_shows_truth_estimate_reference_trace_and_arrows(score: Fig5
 
 def test_panels_over_time_show_all_of_a_task_as_it_truly_was(score: Fig5Score, monkeypatch: pytest.MonkeyPatch):
     figure = Figure()
-    monkeypatch.setattr(fig5_picture, "picture", lambda *size, **more: nullcontext(figure))
+    monkeypatch.setattr(study, "picture", lambda *size, **more: nullcontext(figure))
     draw_fig5(score, Path())
     columns = {task.kind: figure.axes[3 * k + 1 : 3 * k + 3] for k, task in enumerate(shown_tasks(score))}
     for task in shown_tasks(score):
@@ -57,7 +55,7 @@ def test_panels_over_time_show_all_of_a_task_as_it_truly_was(score: Fig5Score, m
 
 def test_the_time_that_is_judged_is_marked_in_all_but_taps(score: Fig5Score, monkeypatch: pytest.MonkeyPatch):
     figure = Figure()
-    monkeypatch.setattr(fig5_picture, "picture", lambda *size, **more: nullcontext(figure))
+    monkeypatch.setattr(study, "picture", lambda *size, **more: nullcontext(figure))
     draw_fig5(score, Path())
     for k, task in enumerate(shown_tasks(score)):
         marks = [mark for mark in figure.axes[3 * k + 2].patches if mark.get_label() == "judged"]

@@ -1,27 +1,365 @@
-"""The report page: its sections gathered and written as one file."""
+"""The report page: its sections of text and tables, gathered with plots and player into one file."""
 
+import base64
 import json
-from collections.abc import Sequence
+import math
+import shlex
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from twin.kernel.process.job import seen_from_here
 from twin.kernel.writing import finite, made_folder, write_text
-from twin.report.page.markup import DataBlock, Markup, dark_filter, element, joined, section
+from twin.report.page.markup import DataBlock, Markup, dark_filter, element, joined, section, table
 from twin.report.page.panels import curves, scene
 from twin.report.page.picture import picture
-from twin.report.page.run import ReportRun, report_runs
-from twin.report.page.sections import sections, verdict_section
-from twin.report.page.verdict import verdict
+from twin.report.page.run import ReportRun, RunMeasure, key_measures, number, report_runs
+from twin.report.page.verdict import PageVerdict, RunGroup, verdict
+from twin.robot.assembly.declared import DECLARED
+from twin.robot.experiment.recorded import (
+    FROM_ROBOT,
+    differing,
+    flat,
+    name_and_unit,
+    options,
+    recorded_facts,
+    toml_text,
+)
+from twin.robot.experiment.source import COMMAND_LINE
+from twin.studies.accuracy.budget import NOT_MODELLED, Budget, Contribution
+from twin.studies.accuracy.text import NUMBERS, details, headline, row
 from twin.studies.answer import Answer
+from twin.studies.paper.claim import ClaimFinding
+from twin.studies.paper.fig4 import standing, tally
+from twin.studies.result import Cell, Column, Table
 from twin.studies.steps import Say, silent
 
 if TYPE_CHECKING:
     from twin.studies.accuracy.budget import Budget
+
+HEAD = tuple(f"{column.name}, N" for column in NUMBERS)
+MEANING = "what it means"
+WHY = "why so much, assumed"
+
+
+def accuracy(budget: Budget, label: str) -> Markup:
+    """The sentence, what is in the run, and what is not: the twin's own error and beliefs that may be off.
+
+    Args:
+        budget: of the run's experiment.
+        label: of the run.
+    """
+    found, why = headline(budget), details(budget)
+    together = ("all of them", budget.bias, None, budget.together, "sum of biases, root of squares")
+    added = ("all of them", None, None, budget.parameters, "root of the sum of squares")
+    causes = [*map(_row, budget.of("imperfection")), together, _row(budget.as_is)]
+    beliefs = [*map(_row, budget.of("parameter")), added]
+    others = f"None of this is in the run: each line is another, whose controller believes otherwise. {_begun(why[1])}."
+    return joined(
+        [
+            element("p", f"{_begun(found)}. {_begun(why[0])}."),
+            _table("cause", MEANING, causes, f"causes of the force error of {label}"),
+            element("h3", "The twin itself"),
+            _table("cause", MEANING, map(_row, budget.of("twin")), f"error of the simulation of {label}"),
+            element("h3", "Left out; if the robot had"),
+            _table("effect", WHY, map(_row, budget.of("effect")), f"effects not in {label}"),
+            table(
+                ("not modelled", "at most, N", "why"),
+                [(what, f"{most:.3f}", why) for what, most, why in NOT_MODELLED],
+                f"what is not modelled in {label}",
+            ),
+            element("h3", "If the controller believed"),
+            element("p", others),
+            _table("belief", WHY, beliefs, f"what beliefs would add in {label}"),
+        ]
+    )
+
+
+def _table(cause: str, meaning: str, rows: Iterable[Sequence[Cell]], label: str) -> Markup:
+    cells = Table((Column(), *NUMBERS, Column()), [*rows]).cells
+    return table((cause, *HEAD, meaning), cells, label)
+
+
+def _begun(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
+def _row(one: Contribution) -> tuple[Cell, ...]:
+    return (*row(one), one.meaning)
+
+
+def source(key: str, origins: Mapping[str, str]) -> str:
+    """Where the value of `key` comes from; the robot's own source where a table was filled from it."""
+    for filled in FROM_ROBOT:
+        if key not in origins and key.startswith(f"{filled}."):
+            words = origins.get(f"robot{key.removeprefix(filled)}")
+            return f"robot: {words}" if words else ""
+    item, _, field = key.rpartition(".")
+    return origins.get(key) or (origins.get(item, "") if field else "")
+
+
+def parameters(run: ReportRun) -> Markup:
+    """Every value of the experiment, table by table; those that were set on the command line are marked."""
+    rows = []
+    for key, value in flat(run.values):
+        name, unit = name_and_unit(DECLARED, key)
+        origin = source(key, run.origins)
+        words = element("mark", origin) if origin == COMMAND_LINE else origin
+        rows.append((name, toml_text(value), unit, words))
+    return table(("value of", "is", "unit", "source"), rows, f"parameters of {run.label}")
+
+
+def differences(runs: Sequence[ReportRun]) -> list[tuple[str, ...]]:
+    """(what, unit, its value in each run ...) of every parameter, FMU and version that is not the same in all."""
+    return [
+        (*name_and_unit(DECLARED, key), *values) for key, values in differing([_facts(run) for run in runs]).items()
+    ]
+
+
+def _facts(run: ReportRun) -> dict[str, str]:
+    versions = {f"version of {name}": text for name, text in run.recording.metadata.get("versions", {}).items()}
+    return recorded_facts(DECLARED, run.recording.metadata, run.recording.path) | versions
+
+
+def command(run: ReportRun) -> str:
+    """What makes this recording again, from the repository: `twin run experiments/... --set ...`."""
+    words = ["twin", "run", f"experiments/{run.name}.toml", *options(run.values, run.origins)]
+    return shlex.join(words)
+
+
+def provenance(run: ReportRun) -> Markup:
+    """Command, seed, hash of the recording, versions; the whole experiment to take away."""
+    versions = run.recording.metadata.get("versions", {})
+    rows = [
+        ("command of its experiment" if run.recording.deviations else "command", element("code", command(run))),
+        ("seed of the noise", toml_text(run.values.get("seed", 0))),
+        ("recording", run.recording.path.name),
+        ("its sha256", element("code", run.sha256)),
+        ("versions", ", ".join(f"{name} {text}" for name, text in versions.items())),
+    ]
+    values = json.dumps(run.values, indent=2, ensure_ascii=False)
+    link = "data:application/json;base64," + base64.b64encode(values.encode()).decode("ascii")
+    whole = element("details", element("summary", "The whole experiment, as it was checked"), element("pre", values))
+    save = element("a", "Save it as JSON", href=link, download=f"{run.name}.json")
+    same = ["The same versions on the same kind of machine give the same recording, byte for byte."]
+    words = [element("p", f"{text[0].upper()}{text[1:]}.") for text in run.recording.deviations or same]
+    return joined([table(("", "is"), rows, f"provenance of {run.label}"), *words, element("p", save), whole])
+
+
+def drives(run: ReportRun) -> Markup:
+    """Every FMU: which joint, file, model, FMI version, tool, hash, what was set, how its names were mapped."""
+    joints: dict[str, list[str]] = {}
+    for name, fmu in run.fmus.items():
+        joints.setdefault(json.dumps(fmu), []).append(name.removeprefix("drive_"))
+    rows = []
+    for text, names in joints.items():
+        fmu = json.loads(text)
+        given = fmu["set"] | ({"tolerance of its solver": fmu["tolerance"]} if fmu["tolerance"] else {})
+        given |= {"solver": fmu["solver"]} if fmu["solver"] else {}
+        given |= {"longest step of the solver (s)": fmu["solver_step"]} if fmu["solver_step"] else {}
+        settings = ", ".join(f"{key} = {toml_text(value)}" for key, value in given.items())
+        rows.append(
+            (
+                ", ".join(names),
+                fmu["file"],
+                fmu["model"],
+                fmu["fmi"] + (" model exchange" if fmu["kind"] == "model_exchange" else ""),
+                fmu["generation_tool"] or "not said",
+                element("code", fmu["sha256"]),
+                settings or "nothing",
+                joined([element("div", text) for text in fmu["mapped"]]),
+            )
+        )
+    head = ("joint", "file", "model", "FMI", "made by", "sha256", "set", "signals")
+    return table(head, rows, f"drives of {run.label}")
+
+
+def timing(runs: Sequence[ReportRun]) -> Markup:
+    """How long the runs took, and each component's share where it was measured."""
+    rows = []
+    for text, key, unit in (
+        ("simulated", "simulated", "s"),
+        ("stepping", "stepping", "s"),
+        ("recording", "writing", "s"),
+        ("times as fast as the real robot", "real_time_factor", ""),
+    ):
+        rows.append((text, *(_format_value(run.summary.get(key), unit) for run in runs)))
+    measured = [run.summary.get("microseconds") for run in runs]
+    shares: list[dict[str, Any]] = [share if isinstance(share, dict) else {} for share in measured]
+    for name in dict.fromkeys(name for share in shares for name in share):
+        rows.append((f"{name}, per tick", *(_format_value(share.get(name), "us") for share in shares)))
+    text = "Time by component was not measured, or the run did not get to its end." if not any(shares) else ""
+    head = ("", *(run.label if len(runs) > 1 else "time" for run in runs))
+    return joined([table(head, rows, "time that the runs took"), element("p", text)])
+
+
+def _format_value(value: object, unit: str) -> str:
+    return number(value, unit) if isinstance(value, float) else "not recorded"
+
+
+MARKS = {
+    "holds": ("✓ holds", "good"),
+    "fails": ("✗ fails", "bad"),
+    "trivial": ("- trivial", ""),
+    "not reproduced": ("- not reproduced", ""),
+    "reproduced after all": ("✓ reproduced after all", "good"),
+    "not scored": ("? not scored", ""),
+}
+
+
+MOST_BOXED = 4
+"""Runs whose key numbers stand beside the verdict."""
+FEW = 5
+"""Claims that are shown at once even if all of them hold."""
+LOOKS = {True: ("✓ ", "good"), False: ("✗ ", "bad"), None: ("", "plain")}
+
+
+class Section(NamedTuple):
+    """A section of the page, and what the list of contents calls it."""
+
+    key: str
+    title: str
+    html: Markup
+
+
+def sections(
+    runs: Sequence[ReportRun], verdict: PageVerdict, picture: Markup | None, budgets: Sequence["Budget"] = ()
+) -> list[Section]:
+    """Everything after the replay; `budgets`: of each run, or none."""
+    budget = _accuracies(runs, budgets) if budgets else None
+    found = [
+        ("numbers", "Claims and measures", numbers(runs, verdict)),
+        ("figure", "Figure", picture),
+        ("accuracy", "Accuracy budget", budget),
+        ("events", "Events", _of_each(runs, events)),
+        ("drives", "Drives and FMUs", _of_each(runs, drives)),
+        ("parameters", "Parameters", _of_each(runs, _folded_parameters)),
+        ("timing", "Timing", timing(runs)),
+        ("provenance", "How to make this again", _of_each(runs, provenance)),
+    ]
+    return [Section(key, title, section(key, title, html)) for key, title, html in found if html is not None]
+
+
+def _accuracies(runs: Sequence[ReportRun], budgets: Sequence["Budget"]) -> Markup | None:
+    # few ask for it, and what runs experiments takes a while to load
+
+    own = {run.label: one for run, one in zip(runs, budgets, strict=True)}
+    return _of_each(runs, lambda run: accuracy(own[run.label], run.label))
+
+
+def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup:
+    """The first section: the sentence, three numbers of each run, and the remarks. All other numbers come after the
+    player, which stands beside it."""
+    mark, look = LOOKS[verdict.good]
+    parts = [element("p", f"{mark}{verdict.headline}", class_=f"headline {look}")]
+    # of more runs the table of measures is the place
+    parts += [_boxes(runs)] if len(runs) <= MOST_BOXED else []
+    if verdict.remarks:
+        parts.append(element("ul", *(element("li", text) for text in verdict.remarks), class_="remarks"))
+    return section("verdict", "Verdict", *parts)
+
+
+def _boxes(runs: Sequence[ReportRun]) -> Markup:
+    """Three numbers of what truly happened, the same of each run, under its name if there are several."""
+    groups = []
+    for run, found in zip(runs, key_measures(runs), strict=True):
+        boxes = [
+            element("div", element("strong", number(m.true, m.unit)), element("span", m.short or m.text), class_="box")
+            for m in found
+        ]
+        label = [element("span", run.label, class_="whose")] if len(runs) > 1 else []
+        groups.append(element("div", *label, *boxes, class_="boxes"))
+    return element("div", *groups, class_="runs")
+
+
+def numbers(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup:
+    """What stands behind the verdict: the claims, the measures, what differs between the runs."""
+    parts = [_claims(group) for group in verdict.groups]
+    parts += [element("h3", "Measures: what truly happened, and what the robot believed"), _measures(runs)]
+    if len(runs) > 1:
+        head = ("what differs", "unit", *(run.label for run in runs))
+        rows = differences(runs)
+        parts.append(element("h3", "Differences"))
+        same = element("p", "Nothing in experiments, FMUs and versions.")
+        parts.append(table(head, rows, "what differs between the runs") if rows else same)
+    return joined(parts)
+
+
+def events(run: ReportRun) -> Markup:
+    """What happened when; a click on a time goes there. Phases of tasks, which are many, are folded away."""
+    rows = {
+        debug: [
+            (element("button", f"{event.time:.3f} s", type="button", class_="at", data_t=f"{event.time:.9g}"),
+             event.level, event.name, event.text)
+            for event in run.recording.events if (event.level == "debug") == debug
+        ]
+        for debug in (False, True)
+    }  # fmt: skip
+    head = ("at", "level", "of", "what")
+    parts = [table(head, rows[False], f"events of {run.label}") if rows[False] else element("p", "None.")]
+    if rows[True]:
+        inside = table(head, rows[True], f"phases of {run.label}")
+        parts.append(element("details", element("summary", f"{len(rows[True])} phases"), inside))
+    return joined(parts)
+
+
+def _claims(group: RunGroup) -> Markup:
+    held, judged = tally(group.findings)
+    words = standing(group.findings).replace(" claims", "")
+    rows = [_claim(finding) for finding in group.findings]
+    head = ("claim", "verdict", "measured", "expected", "why")
+    summary = element("summary", f"{group.title}: {words}")
+    unfolded = {"open": ""} if held < judged or len(rows) <= FEW else {}
+    return element("details", summary, table(head, rows, group.title), **unfolded)
+
+
+def _claim(finding: ClaimFinding) -> tuple[str, ...]:
+    claim = finding.claim
+    text, look = MARKS[finding.verdict]
+    place = f"Fig. {claim.figure}: " if claim.figure[0].isdigit() else ""
+    quoted = element("small", f"{place}{claim.quote}")
+    expected = f"{finding.expected} {claim.unit}".rstrip() if finding.expected else ""
+    return (
+        joined([claim.text, quoted]),
+        element("span", text, class_=look),
+        finding.measured,
+        expected,
+        finding.reason or claim.source,
+    )
+
+
+def _measures(runs: Sequence[ReportRun]) -> Markup:
+    """A measure per line, a run per column."""
+    found = [{(m.text, m.unit): m for m in run.measures} for run in runs]
+    lines = dict.fromkeys(key for one in found for key in one)
+    if len(runs) == 1:
+        only = [(text, number(m.true), number(m.believed), unit) for (text, unit), m in found[0].items()]
+        return table(("measure", "true", "believed", "unit"), only, "measures")
+    rows = [(text, unit, *(_measure(one.get((text, unit))) for one in found)) for text, unit in lines]
+    return table(("measure", "unit", *(run.label for run in runs)), rows, "measures")
+
+
+def _measure(measure: RunMeasure | None) -> Markup:
+    if measure is None:
+        return Markup("-")
+    believed = [] if math.isnan(measure.believed) else [element("small", f"believed {number(measure.believed)}")]
+    return joined([number(measure.true), *believed])
+
+
+def _folded_parameters(run: ReportRun) -> Markup:
+    count = sum(1 for _ in flat(run.values))
+    return element("details", element("summary", f"{count} values with unit and source"), parameters(run))
+
+
+def _of_each(runs: Sequence[ReportRun], write: Callable[[ReportRun], Markup]) -> Markup:
+    """One run plainly, several under their names."""
+    if len(runs) == 1:
+        return write(runs[0])
+    return joined([part for run in runs for part in (element("h3", run.label), write(run))])
 
 
 ASSETS = files("twin.report.page") / "assets"

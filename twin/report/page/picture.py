@@ -83,7 +83,7 @@ def picture(runs: Sequence[ReportRun], verdict: PageVerdict) -> AbstractContextM
         text = "Fig. 5 of the paper from these runs: the way of the platform, its position, the pressing force."
         # what was judged by cannot be pickled, and is not drawn
         score = Fig5Score(tuple(replace(task, findings=()) for task in tasks), ())
-        return _figure(runs, "twin.studies.paper.fig5_picture:draw_fig5", score, text)
+        return _figure(runs, "twin.studies.paper.study:draw_fig5", score, text)
     if verdict.fig5 is None and len(runs) == 1 and runs[0].has(*CURVES):
         run = Fig4Run(runs[0].recording)
         if run.is_in_step:

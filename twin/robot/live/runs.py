@@ -1,10 +1,102 @@
-"""The job of `twin run --live`: as without, and served."""
+"""The job of `twin run`: experiments in, recordings out, served to viewers with `--live`."""
 
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
 from typing import Any
 
-from twin.kernel.errors import InputRefused
+from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
+from twin.kernel.process.guard import JobEnded
+from twin.kernel.process.job import JobLimits, recorded_until_then
 from twin.kernel.process.reporter import Reporter
-from twin.robot.run.isolated_runs import recorded_runs
+from twin.kernel.recording.folder import claim_run_folder, create_run_folder
+from twin.robot.assembly.build import need_processes, planned_drives
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.run import Run, execute
+from twin.robot.run.viewer import Viewer
+from twin.robot.run.watch import refuse_endless
+
+
+def recorded_runs(
+    reporter: Reporter,
+    experiments: list[str],
+    settings: list[str],
+    drive: str | None,
+    body: str | None,
+    out: str | None,
+    isolate_drives: bool = False,
+    limit_step: float = JobLimits.step,
+    factor: float | None = None,
+    sure: bool = False,
+    viewer: Viewer | None = None,
+) -> None:
+    """Run each experiment and record it.
+
+    Notes: {"experiment", "folder", "duration" (s)} before a run, {"run": the fields of `twin.robot.run.Run` and
+    `remarks`, sentences about it} after it.
+
+    Args:
+        experiments: files.
+        settings, drive, body: see `load_experiment`, for all of them.
+        out: the folder of the only run; None: results/<experiment>/<time>.
+        isolate_drives: give each drive a process of its own, and `limit_step` (s) for each call into it.
+        factor, viewer: see `execute`.
+        sure: whether runs that take very long or fill the disk are meant.
+
+    Raises:
+        InputRefused: a mistake in any of the experiments, or so much was not confirmed; none has been run.
+        ComponentFailed, RecordingFailed: as `execute`.
+        SafetyTrip: the monitor tripped in one without faults; all have been run.
+    """
+    loaded = [load_experiment(Path(path), settings, drive, body) for path in experiments]
+    if not sure:
+        refuse_endless(loaded, factor)
+    unexpected: list[str] = []
+    for experiment in loaded:
+        reporter.loading()
+        folder = (
+            claim_run_folder(Path(out)) if out else create_run_folder(Path("results"), experiment.name, datetime.now())
+        )
+        duration = experiment.duration_ticks * experiment.cosim.tick
+        # absolute: an FMU may change the working directory
+        folder = folder.absolute()
+        reporter.note(experiment=experiment.name, folder=str(folder), duration=duration)
+        # here, because a limit is given; without one this is left to `assemble`
+        if isolate_drives or need_processes(planned_drives(experiment)):
+            run = _with_isolated_drives(reporter, experiment, folder, limit_step, factor, viewer)
+        else:
+            run = execute(experiment, folder, reporter.progress, timed=True, factor=factor, viewer=viewer)
+        facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
+        remarks = [run.punctuality.sentence] if run.punctuality else []
+        if run.changed:
+            remarks.append("changed while it ran: the experiment's file alone does not repeat it")
+        facts["remarks"] = remarks
+        reporter.note(run=facts)
+        if run.trip and not experiment.faults:
+            unexpected.append(f"{experiment.name}: {run.trip}")
+    if unexpected:
+        raise SafetyTrip("\n".join(unexpected))
+
+
+def _with_isolated_drives(
+    reporter: Reporter,
+    experiment: Experiment,
+    folder: Path,
+    limit_step: float,
+    factor: float | None,
+    viewer: Viewer | None,
+) -> Run:
+    # its compiled code takes a while to load
+    from twin.robot.assembly.isolated_drive import IsolatedDrives
+
+    with IsolatedDrives(reporter, limit_step) as drives:
+        try:
+            return execute(
+                experiment, folder, reporter.progress, timed=True, maker=drives, factor=factor, viewer=viewer
+            )
+        except JobEnded as failure:
+            raise ComponentFailed(f"{failure}\n{recorded_until_then(folder)}") from None
 
 
 def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: Any) -> None:

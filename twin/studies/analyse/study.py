@@ -57,9 +57,8 @@ def analyse(
 
 def _stability(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Result:
     from twin.kernel.writing import write_json
-    from twin.studies.analyse.picture import draw_analysis, draw_disks, draw_stability_maps
     from twin.studies.analyse.stability import stability
-    from twin.studies.analyse.text import analysis_result
+    from twin.studies.analyse.text import analysis_result, draw_analysis, draw_disks, draw_stability_maps
 
     done = stability(experiment, tried, say)
     draw_analysis(done, folder / PICTURE)
@@ -78,8 +77,7 @@ def _stability(experiment: "Experiment", tried: bool, folder: Path, say: Say) ->
 def _passivity(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Result:
     from twin.kernel.writing import write_json
     from twin.studies.analyse.passivity import passivity
-    from twin.studies.analyse.picture import draw_passivity
-    from twin.studies.analyse.text import passivity_result
+    from twin.studies.analyse.text import draw_passivity, passivity_result
 
     done = passivity(experiment, tried, say)
     draw_passivity(done, folder / PASSIVITY_PICTURE)

@@ -50,8 +50,8 @@ def identify(
         identification_facts,
         identification_result,
         model_fragment,
+        truth,
     )
-    from twin.studies.identify.truth import truth
     from twin.studies.replay.model import model_for
 
     say("reading", 0.0)

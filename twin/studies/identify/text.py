@@ -1,4 +1,4 @@
-"""An identification as text of at most 80 columns, as TOML to paste, and as a picture."""
+"""An identification as text, as TOML to paste, as a picture, and beside the truth of a simulated log."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,10 +9,48 @@ import tomlkit
 
 from twin.kernel.errors import visible
 from twin.kernel.writing import inline_table
+from twin.robot.experiment.schema import Cosim
+from twin.robot.plant.dynamics import TrueRobot, series_share, spring_stiffness
 from twin.studies.figure import INK, JOINTS, PAPER_BLUE, PAPER_ORANGE, RED, Axes, picture
 from twin.studies.identify.identification import Identification, Quantity
 from twin.studies.identify.windows import JOINTS_PER_METRE, Estimate, decimals, shown, shown_unit
+from twin.studies.replay.model import RobotModel
 from twin.studies.result import Block, Column, Note, Result, Table, note
+
+
+def truth(model: RobotModel) -> Mapping[str, float]:
+    """The plant's values by the names of `identification.Quantity`, SI.
+
+    The viscous friction is what encoders that are read in the same instant show of it. A co-simulation holds the motor
+    angle over its tick H: the spring sees it half a tick early (Gauss-Seidel) or late (Jacobi), which is a torque
+    k_s eta N^2 H/2 theta_l' along or against the motion (docs/physics.md, "Springs are inside the plant").
+    """
+    plant = TrueRobot.model_validate(model.values["plant"])
+    surface = model.plant
+    k_s = spring_stiffness(surface, 0) * series_share(surface, 0)
+    k = k_s * plant.eta
+    motor, joint = np.array(plant.motor_zero), np.array(plant.joint_zero)
+    scheme = Cosim.model_validate(model.values.get("cosim", {})).scheme
+    early = 0.5 * model.tick if scheme == "gauss_seidel" else -0.5 * model.tick
+    directed = plant.eta_rate > 0.0
+    return {
+        "k_s_eta": k_s if directed else k,
+        "k_s": k_s,
+        "eta": plant.eta,
+        **{f"deflection_zero_{i + 1}": float(motor[i] - plant.N * joint[i]) for i in range(3)},
+        **{f"joint_zero_{i + 1}": float(joint[i]) for i in range(3)},
+        "backlash": plant.backlash,
+        "b_j": plant.b_j - k * plant.N**2 * early,
+        "height": surface.z_s,
+        # the normal of `surface_frame` of the plant leans towards +x and -y
+        "slope_x": -float(np.tan(surface.tilt)),
+        "slope_y": float(np.tan(surface.tilt_x)),
+        "stiffness": surface.K,
+        "damping": surface.damping,
+        "delay": 0.0,
+        "friction": surface.mu,
+    }
+
 
 ALL_THREE = {"zero of joint": "zeros of the joints", "zero of deflection": "zeros of the deflections"}
 COLUMNS = (Column("", 27, left=True), Column("found", 9), Column("+- 95 %", 9), Column("", 10, left=True),

@@ -1,15 +1,138 @@
-"""The drives of fmus/: what each is, and whether it fits this robot's drive contract."""
+"""The drives of fmus/ and the facts of one drive, as `twin drive list` and `info` show them."""
 
 import json
+import math
+import textwrap
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from twin.kernel.cache_folder import cache_folder, cached_answer, contents
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi import COMPILED
 from twin.kernel.places import located
 from twin.studies.result import Column, Table, laid_out
+
+if TYPE_CHECKING:
+    from twin.kernel.fmi.variable import Variable
+    from twin.robot.assembly.drives import DrivePlan
+
+WIDTH = 80
+
+
+def drive_facts(plan: "DrivePlan") -> dict[str, object]:
+    from twin.kernel.fmi.description import abilities
+    from twin.kernel.fmi.variable import to_json
+
+    return {
+        "command": plan.table.command,
+        "fmus": [
+            {
+                "part": part,
+                "file": str(fmu.path),
+                "sha256": fmu.sha256,
+                "fmi_version": fmu.model.fmiVersion,
+                "kind": fmu.kind,
+                "kinds": list(fmu.kinds),
+                "solver": solver._asdict() if (solver := plan.solver(part)) else None,
+                "tolerance": plan.tolerance(part),
+                "model_name": fmu.model.modelName,
+                "description": fmu.model.description,
+                "generation_tool": fmu.model.generationTool,
+                "platforms": list(fmu.platforms),
+                "abilities": [f"{name}: {text}" for name, text in abilities(fmu)],
+                "parameters": {v.name: _parameter(v) for v in fmu.parameters},
+                "get_set_state": bool(fmu.interface.canGetAndSetFMUstate),
+                "validation": fmu.warnings(),
+            }
+            for part, fmu in plan.parts.items()
+        ],
+        "roles": {
+            b.port.name: {
+                "variable": b.mapped_name,
+                "causality": b.role.causality,
+                "unit": b.variable.unit,
+                "gain": b.gain,
+            }
+            for b in plan.bindings
+        },
+        "wires": {target: source for source, target in plan.wires},
+        "set": {part: {v.name: to_json(value) for v, value in settings} for part, settings in plan.settings.items()},
+        "warnings": plan.warnings(),
+    }
+
+
+def _parameter(v: "Variable") -> dict[str, object]:
+    numbers = {"start": v.start, "min": v.low, "max": v.high}
+    stated = {key: None if math.isnan(value) else value for key, value in numbers.items()}
+    named = {"values": dict(v.items)} if v.items else {}
+    return {"unit": v.unit or None, **stated, **named, "description": v.description}
+
+
+def drive_text(plan: "DrivePlan") -> str:
+    from twin.kernel.fmi.description import KIND_NAMES, abilities
+    from twin.kernel.fmi.variable import to_json
+    from twin.robot.assembly.drives import qualified
+
+    lines: list[str] = []
+    for part, fmu in plan.parts.items():
+        lines += [
+            f"{part + ': ' if part else ''}{fmu.path.name}  {fmu.model.modelName}, "
+            f"FMI {fmu.model.fmiVersion} {KIND_NAMES[fmu.kind]}",
+            *textwrap.wrap(fmu.model.description or "", WIDTH, initial_indent="  ", subsequent_indent="  "),
+            f"  sha256     {fmu.sha256}",
+            f"  binaries   {', '.join(fmu.platforms)}",
+            f"  made with  {fmu.model.generationTool or 'not stated'}",
+            *(f"  {name:<9}  {text}" for name, text in abilities(fmu)),
+            *_solver_lines(plan, part),
+            "",
+        ]
+    lines.append(f"Commanded with a {plan.table.command}; mapped by name, unit and causality:")
+    for b in plan.bindings:
+        arrow = "<-" if b.role.causality == "input" else "->"
+        unit = f"[{b.variable.unit}]" if b.variable.unit else "[no unit]"
+        lines.append(f"  {b.port.name:10} {arrow} {b.mapped_name:20} {unit:9} {b.port.meaning}"[:WIDTH])
+    lines += [f"  {source} -> {target}  (wire)" for source, target in plan.wires]
+    for part, settings in plan.settings.items():
+        texts = [
+            (v, v.format_value(value) if isinstance(value, float) else str(to_json(value))) for v, value in settings
+        ]
+        lines += [f"  {qualified(part, v.name)} = {text} {v.unit}  (set)" for v, text in texts]
+    for part, fmu in plan.parts.items():
+        offered = fmu.parameters
+        lines += ["", f"Parameters{' of ' if part else ''}{part}" if offered else "No parameters"]
+        columns = [[text(v) for v in offered] for text in (lambda v: v.name, _start, _unit)]
+        wide = [max(map(len, column), default=0) for column in columns]
+        for v in offered:
+            head = f"  {v.name:{wide[0]}} {_start(v):>{wide[1]}} {_unit(v):{wide[2]}} "
+            indent = " " * len(head)
+            about = " ".join(filter(None, (v.description, f"One of: {', '.join(v.items)}." if v.items else "")))
+            lines += textwrap.wrap(about or "-", WIDTH, initial_indent=head, subsequent_indent=indent)
+    warnings = plan.warnings() + [text for fmu in plan.parts.values() for text in fmu.warnings()]
+    lines += [line for text in warnings for line in textwrap.wrap(f"warning: {text}", WIDTH, subsequent_indent="  ")]
+    return "\n".join(lines)
+
+
+def _unit(v: "Variable") -> str:
+    return v.unit or "1"
+
+
+def _start(v: "Variable") -> str:
+    if v.is_text:
+        return v.type
+    return f"{v.size} values" if v.size > 1 else v.format_value(v.start)
+
+
+def _solver_lines(plan: "DrivePlan", part: str) -> list[str]:
+    """Who solves its equations, where that is said or could be chosen."""
+    fmu, solver = plan.parts[part], plan.solver(part)
+    if solver is None:
+        return ['  offers     model exchange too: kind = "model_exchange"'] if len(fmu.kinds) > 1 else []
+    step = "one step per step of the drive" if solver.step is None else f"steps of {1e3 * solver.step:g} ms at most"
+    how = f"relative tolerance {plan.tolerance(part):g}" if solver.method == "cvode" else step
+    size = f"{fmu.model.numberOfContinuousStates} states, {fmu.model.numberOfEventIndicators} event indicators"
+    return [f"  solver     ours, {solver.method}, {how}; {size}"]
+
 
 SHELF = "fmus"
 

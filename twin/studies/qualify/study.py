@@ -58,8 +58,8 @@ def drive_info(
     from twin.robot.assembly.drives import fmus, planned
     from twin.robot.drive.mapping import RolesUnclear
     from twin.robot.experiment.drive_files import lone_drive
-    from twin.studies.qualify import info
     from twin.studies.qualify.bench import variables_facts, variables_text
+    from twin.studies.qualify.shelf import drive_facts, drive_text
 
     table = lone_drive(fmu, Path.cwd())
     if compiled:
@@ -70,7 +70,7 @@ def drive_info(
         parts = fmus(table)
         yield Answer(variables_text(parts), {"variables": variables_facts(parts)})
         raise
-    yield Answer(info.text(plan), info.facts(plan))
+    yield Answer(drive_text(plan), drive_facts(plan))
 
 
 @study("drive list")

@@ -11,8 +11,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from tests.kernel.recording import samples
 from tests.kernel.recording.logs.bags import bag, joints, wrench
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.export.export import export_recording
-from twin.kernel.recording.export.ros_bag import _MADE_OF, definition
+from twin.kernel.recording.export.export import _MADE_OF, definition, export_recording
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.logs.reader import is_recording, read_log
