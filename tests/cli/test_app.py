@@ -1,13 +1,213 @@
+"""Studies as commands: found by their files, with the options that their arguments say; errors of a command line."""
+
+import json
 import os
+import subprocess
+import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from tests.cli.commands import COMMANDS
 from tests.command_line import twin, twin_process
 from twin import __version__
-from twin.cli.app import app, as_spelt_now
+from twin import studies as package
+from twin.cli import app as made
+from twin.cli.app import WHOLE, TwinCommands, app, as_spelt_now, declared
+from twin.kernel.cache_folder import VARIABLE
+from twin.kernel.errors import ComponentFailed
+
+STUDY = '''
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated
+
+from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.studies.answer import Answer
+from twin.studies.command import Argument, Asked, Option, study
+from twin.studies.steps import Say
+
+
+def _look(asked: Asked) -> None:
+    if asked["word"] == "early":
+        raise InputRefused("looked at first")
+
+
+@study(before=[_look], on_failure=lambda asked: "Kept until then: nothing.")
+def echo(
+    word: Annotated[str, Argument("What is said.", "WORD")],
+    say: Say,
+    more: Annotated[Sequence[str], Option("Said, too.", "WORD", "--and")] = (),
+    loud: Annotated[bool, Option("In capitals.")] = False,
+    count: Annotated[int, Option("How often.", "N", least=1, most=3)] = 1,
+) -> Answer:
+    """Say something again.
+
+    Example: twin echo word
+
+    Raises:
+        ComponentFailed: the word is `fail`.
+    """
+    if word == "fail":
+        raise ComponentFailed("it failed")
+    text = " ".join([word, *more] * count)
+    return Answer(text.upper() if loud else text, {"more": more})
+
+
+@study("log twice")
+def repeat(word: Annotated[str, Argument("What is said.", "WORD")], say: Say) -> Iterator[Answer]:
+    """Say it as soon as it is known.
+
+    Example: twin log twice word
+    """
+    yield Answer(word, {"word": word}, 1)
+    if word == "fail":
+        raise ComponentFailed("it failed")
+    yield Answer("the end", {})
+
+
+@study("log silent", json=False)
+def silent() -> None:
+    """Say nothing.
+
+    Example: twin log silent
+    """
+'''
+
+NAMES = tuple(declared())
+USED = """
+import sys
+sys.argv = ["twin", *{words!r}]
+from twin.cli import main
+try:
+    main()
+except SystemExit:
+    print(*sorted({modules!r} & {{*sys.modules}}), file=sys.stderr)
+"""
+
+
+@pytest.fixture
+def echo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Studies in a file of a folder of its own."""
+    (tmp_path / "echo.py").write_text(STUDY)
+    monkeypatch.setattr(made, "FOLDERS", {"twin.studies": tmp_path})
+    monkeypatch.setattr(package, "__path__", [*package.__path__, str(tmp_path)])
+
+
+def whole() -> TwinCommands:
+    command = typer.main.get_command(app)
+    assert isinstance(command, TwinCommands)
+    return command
+
+
+def asked(*words: str, code: int = 0) -> str:
+    done = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert done.exit_code == code, done.output
+    return done.stdout.rstrip("\n")
+
+
+@pytest.mark.usefixtures("echo")
+def test_a_file_that_is_there_is_a_command_after_those_of_twin():
+    command = whole()
+    assert list(declared()) == ["echo", "log twice", "log silent"]
+    assert command.list_commands(None) == [*TwinCommands.ORDER, "echo"]
+    assert command.listed("echo").help.startswith("Say something again.")
+    group: Any = command.commands["log"]
+    assert list(group.commands) == ["twice", "silent"]
+
+
+@pytest.mark.usefixtures("echo")
+def test_its_arguments_are_the_options(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    assert asked("echo", "a", "--and", "b", "--and", "c", "--count", "2", "--loud") == "A B C A B C"
+    # a flag has no other that says no, and what is left out is an empty sequence
+    assert "--no-loud" not in asked("echo", "--help") and json.loads(asked("echo", "a", "--json")) == {"more": []}
+
+
+@pytest.mark.usefixtures("echo")
+def test_help_is_the_docstring_without_what_is_for_programs():
+    assert "Example: twin echo word" in asked("echo", "--help") and "Raises" not in asked("echo", "--help")
+
+
+@pytest.mark.usefixtures("echo")
+@pytest.mark.parametrize("words", [["a", "--count", "0"], ["a", "--count", "4"], []])
+def test_bounds_and_missing_arguments_are_refused(words: list[str]):
+    assert CliRunner().invoke(app, ["echo", *words]).exit_code == 2
+
+
+@pytest.mark.usefixtures("echo")
+def test_what_is_asked_is_looked_at_before_the_study_begins():
+    done = CliRunner().invoke(app, ["echo", "early"])
+    assert str(done.exception) == "looked at first"
+
+
+@pytest.mark.usefixtures("echo")
+def test_a_component_that_fails_leaves_a_word_about_what_is_kept():
+    with pytest.raises(ComponentFailed, match=r"^it failed\nKept until then: nothing\.$"):
+        asked("echo", "fail")
+
+
+@pytest.mark.usefixtures("echo")
+def test_answers_are_printed_one_after_the_other_and_the_largest_exit_code_counts():
+    assert asked("log", "twice", "word", code=1) == "word\nthe end"
+    done = CliRunner().invoke(app, ["log", "twice", "fail", "--json"])
+    assert json.loads(done.stdout) == {"word": "fail"} and str(done.exception) == "it failed"
+    assert asked("log", "silent") == "" and "--json" not in asked("log", "silent", "--help")
+
+
+@pytest.mark.parametrize("words", NAMES)
+def test_what_the_list_says_of_a_command_is_what_it_says_itself(words: str):
+    *first, name = words.split()
+    group: Any = whole().commands[first[0]] if first else whole()
+    own = group.commands[name].get_short_help_str(WHOLE)
+    assert group.listed(name).get_short_help_str(WHOLE) == own != ""
+
+
+def test_every_command_of_twin_has_its_place_in_the_list():
+    assert {words.split()[0] for words in NAMES} == set(TwinCommands.ORDER)
+    assert {words.split()[0] for words in NAMES if " " in words} == set(TwinCommands.GROUPS)
+    assert list(whole().commands) == list(TwinCommands.ORDER)
+
+
+def test_a_name_that_is_no_command_is_none():
+    command = whole()
+    assert "progress" not in command.commands and command.commands.get("progress") is None
+
+
+@pytest.mark.parametrize(
+    ("words", "imported"),
+    [
+        (["tune", "--help"], "twin.studies.tune.study"),
+        (["--version"], ""),
+        (["tnue"], ""),
+        (["drive", "--help"], ""),
+        (["drive", "list"], "twin.studies.qualify.study"),
+    ],
+)
+def test_only_the_command_that_is_asked_for_is_imported(words: list[str], imported: str):
+    program = USED.format(words=words, modules={one.module for one in declared().values()})
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.stderr.splitlines()[-1] == imported
+
+
+@pytest.mark.parametrize("words", [["--help"], *([name, "--help"] for name in TwinCommands.GROUPS)])
+def test_commands_are_listed_with_their_whole_first_sentences(words: list[str]):
+    _, commands = CliRunner().invoke(app, words).stdout.split("\nCommands:\n")
+    listed = " ".join(commands.split())
+    assert "..." not in listed and listed.endswith(".")
+
+
+def test_help_is_made_without_what_draws(tmp_path: Path):
+    shown = (
+        "import sys; sys.argv[1:] = ['--help']; from twin.cli import main\ntry: main()\nfinally: print([*sys.modules])"
+    )
+    nothing_kept = os.environ | {VARIABLE: str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", shown], capture_output=True, text=True, env=nothing_kept)
+    assert "run        Run experiments and record them." in done.stdout
+    assert "'rich'" not in done.stdout and "'pydantic'" not in done.stdout
 
 
 def test_the_version_is_that_of_the_package(tmp_path: Path):

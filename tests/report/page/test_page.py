@@ -1,6 +1,9 @@
 import json
 import re
+import shlex
+from dataclasses import replace
 from html import unescape
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +12,251 @@ import pytest
 from tests.kernel.recording import samples
 from tests.kernel.recording.forgery import data_records, sealed, without_last
 from tests.studies.paper.fig5_recordings import pressed
+from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.python_class import PythonComponent
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.logs.reader import recorded
 from twin.kernel.recording.reader import Recording, read
-from twin.report.page.page import report_page, verdict_section, write_report
+from twin.report.page.page import (
+    command,
+    differences,
+    drives,
+    provenance,
+    report_page,
+    source,
+    verdict_section,
+    write_report,
+)
 from twin.report.page.panels import commanded_speed
-from twin.report.page.run import ReportRun
+from twin.report.page.run import ReportRun, report_runs
 from twin.report.page.verdict import verdict
-from twin.robot.assembly.load import load_experiment
-from twin.robot.run.run import execute
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.declared import DECLARED
+from twin.robot.assembly.load import load_experiment, recorded_experiment
+from twin.robot.experiment.recorded import flat, name_and_unit
+from twin.robot.run.run import SUMMARY, execute
+from twin.studies.accuracy.budget import NOT_MODELLED, Budget, Contribution, accuracy_budget
+
+BUDGET = Budget(
+    name="fig4",
+    start=6.5,
+    end=20.0,
+    force=4.91,
+    contributions=(
+        Contribution("encoder counts", 0.0044, 0.0313, 0.0316, "encoders as they are", "imperfection"),
+        Contribution("backlash <b>", 0.1131, 0.0381, 0.1194, "backlash as it is", "imperfection"),
+        Contribution("coupling", -1e-6, 0.0002, 0.0002, "the twin's error", "twin"),
+        Contribution("k_s +2 %", 0.0555, 0.0003, 0.0555, "two fits differ by this much", "parameter"),
+    ),
+    bias=0.1175,
+    together=0.1235,
+    parameters=0.0555,
+    as_is=Contribution("as it is", 0.1138, 0.0497, 0.1242, "estimated less true force", "total"),
+)
+
+
+def rows(page: str) -> dict[str, list[str]]:
+    """Cells of the tables of the section, by the first."""
+    section = page.partition('<section id="accuracy"')[2].partition("</section>")[0]
+    lines = re.findall(r'<tr><th scope="row">(.*?)</th>(.*?)</tr>', section)
+    return {unescape(name): re.findall(r"<td>(.*?)</td>", cells) for name, cells in lines}
+
+
+def test_every_cause_has_its_newtons_and_the_sum_stands_above_the_whole(force_position: Recording):
+    page, _ = report_page([ReportRun("fig4", force_position)], [BUDGET])
+    found = rows(page)
+    assert [name for name in found if name != "all of them"] == [
+        "encoder counts",
+        "backlash <b>",
+        "as it is",
+        "coupling",
+        *(what for what, _, _ in NOT_MODELLED),
+        "k_s +2 %",
+    ]
+    assert found["backlash <b>"] == ["+0.1131", "0.0381", "0.1194", "backlash as it is"]
+    assert found["as it is"] == ["+0.1138", "0.0497", "0.1242", "estimated less true force"]
+    # less than is shown has no sign of its own
+    assert found["coupling"][0] == "+0.0000"
+    assert "The force is estimated to 0.124 N rms. Pressing 4.91 N" in page
+    assert '<a href="#accuracy">Accuracy budget</a>' in page
+
+
+def test_the_budget_needs_no_script(force_position: Recording):
+    pages = [report_page([ReportRun("fig4", force_position)], budgets)[0] for budgets in ((), [BUDGET])]
+    assert [page.count("<script") for page in pages] == [2, 2]
+    assert pages[0].partition("<script")[2] == pages[1].partition("<script")[2]
+    assert "Accuracy budget" not in pages[0]
+
+
+def test_each_of_several_runs_has_its_own_budget(force_position: Recording, position: Recording):
+    runs = [ReportRun("with", force_position), ReportRun("without", position)]
+    page, _ = report_page(runs, [BUDGET, BUDGET])
+    assert page.count("causes of the force error of with") == 2
+    assert "causes of the force error of without" in page
+
+
+@pytest.mark.slow
+def test_a_budget_is_made_of_the_experiment_as_it_was_recorded(root: Path, tmp_path: Path):
+    settings = ["duration_s=8", "plant.backlash_deg=0.2"]
+    experiment = load_experiment(root / "experiments/fig4_force_position.toml", settings)
+    execute(experiment, tmp_path)
+    told: list[str] = []
+    page = Path(
+        write_report([tmp_path], None, True, lambda what, share=None: told.append(what)).facts["page"]
+    ).read_text()
+    budget = accuracy_budget(experiment)
+    assert rows(page)["backlash"][2] == f"{budget.of('imperfection')[1].rms:.4f}"
+    assert rows(page)["as it is"][2] == f"{budget.as_is.rms:.4f}"
+    assert told[:2] == [f"fig4_force_position: {name}, {n} of 27" for n, name in ((1, "as it is"), (2, "ideal"))]
+
+
+def test_a_run_without_force_has_no_budget(root: Path, tmp_path: Path):
+    execute(load_experiment(root / "experiments/fig4_force_position.toml", ["duration_s=0.1"]), tmp_path)
+    with pytest.raises(InputRefused, match=r"^fig4_force_position: does not press with more than 0\.5 N"):
+        write_report([tmp_path], budget=True)
+    assert not (tmp_path / "report.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("key", "name", "unit"),
+    [
+        ("controller.force.kp_mm_per_N", "controller.force.kp", "mm/N"),
+        ("controller.force.ki_mm_per_N_s", "controller.force.ki", "mm/(N s)"),
+        ("controller.position.kp_per_s", "controller.position.kp", "1/s"),
+        ("plant.k_s_Nm_per_rad", "plant.k_s", "N m/rad"),
+        ("robot.I_r_kg_m2", "robot.I_r", "kg m²"),
+        ("robot.N", "robot.N", ""),
+        ("robot.m_p_g", "robot.m_p", "g"),
+        ("duration_s", "duration", "s"),
+        ("contact.friction", "contact.friction", ""),
+        ("fault.1.magnitude_rad_per_s", "fault.1.magnitude", "rad/s"),
+        ("drive.parameters.T_s", "drive.parameters.T_s", ""),
+    ],
+)
+def test_the_unit_is_read_from_the_key(key: str, name: str, unit: str):
+    assert name_and_unit(DECLARED, key) == (name, unit)
+
+
+def test_every_value_of_a_run_has_a_source(force_position: Recording):
+    run = ReportRun("fig4", force_position)
+    without = [key for key, _ in flat(run.values) if not source(key, run.origins)]
+    assert without == []
+    assert source("plant.k_s_Nm_per_rad", run.origins).startswith("robot: Sec. III.A")
+
+
+def test_only_what_differs_is_a_difference(force_position: Recording, position: Recording):
+    runs = [ReportRun("a", force_position), ReportRun("b", position)]
+    assert differences(runs) == [("controller.mode", "", "force_position", "position")]
+    assert differences([runs[0], ReportRun("c", force_position)]) == []
+
+
+def settings_of(words: list[str]) -> list[str]:
+    return [word for option, word in pairwise(words) if option == "--set"]
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ["duration_s=0.1"],
+        ["duration_s=0.1", "controller.force.kp_mm_per_N=3", "title=it's <b>mine</b>"],
+        ["duration_s=0.1", 'fault=[{kind="drive_runaway", onset_s=0.05, magnitude_rad_per_s=2.0}]'],
+    ],
+)
+def test_the_command_makes_the_same_recording_again(root: Path, tmp_path: Path, settings: list[str]):
+    path = root / "experiments/fig4_force_position.toml"
+    folders = [tmp_path / "first", tmp_path / "again"]
+    for folder in folders:
+        folder.mkdir()
+    first = execute(load_experiment(path, settings), folders[0]).recording
+    words = shlex.split(command(ReportRun("", read(first))))
+    assert words[:3] == ["twin", "run", "experiments/fig4_force_position.toml"]
+    again = execute(load_experiment(path, settings_of(words)), folders[1]).recording
+    assert again.read_bytes() == first.read_bytes()
+
+
+class Idle:
+    """A controller that never moves."""
+
+    sampled = True
+
+    def __init__(self, original: Component):
+        self.inputs, self.outputs = original.inputs, original.outputs
+
+    def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:
+        y[:] = 0.0
+
+
+@pytest.fixture(scope="module")
+def substituted(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run with a controller of somebody's own."""
+    experiment = load_experiment(root / "experiments/fig4_position.toml", ["duration_s=0.1"])
+    with assemble(experiment) as own:
+        model = Idle(next(c for c in own.system.components if c.name == "controller"))
+    mine = PythonComponent("controller", model, experiment.controller_ticks)
+    folder = tmp_path_factory.mktemp("substituted")
+    execute(experiment, folder, substitutes={"controller": mine})
+    return folder
+
+
+def test_a_substitute_is_named_wherever_the_run_is_told_of(substituted: Path):
+    assert json.loads((substituted / SUMMARY).read_text())["substituted"] == {"controller": "Idle (PythonComponent)"}
+    recording = read(substituted / "run.mcap")
+    assert recording.metadata["substituted"] == {"controller": "Idle (PythonComponent)"}
+    said = "controller was substituted by Idle (PythonComponent): the experiment alone does not make this run"
+    assert recording.deviations == (said,)
+    assert said in recorded(recording).notes
+    page, _ = report_page(report_runs([substituted]))
+    assert said in page
+    assert f"C{said[1:]}." in page
+
+
+def test_a_run_with_a_substitute_is_not_promised_to_come_again(substituted: Path, force_position: Recording):
+    promise = "byte for byte"
+    assert promise in provenance(ReportRun("", force_position))
+    run = ReportRun("", read(substituted / "run.mcap"))
+    assert promise not in provenance(run)
+    assert "command of its experiment" in provenance(run)
+    with pytest.raises(InputRefused, match="was made with a substitute for controller"):
+        recorded_experiment(run.recording.metadata, run.recording.path)
+
+
+def test_a_run_that_was_changed_by_hand_is_not_promised_to_come_again_either(force_position: Recording):
+    changed = replace(force_position, metadata=force_position.metadata | {"changed": {"first": "x"}})
+    told = provenance(ReportRun("", changed))
+    assert "byte for byte" not in told
+    assert "Changed by hand while it ran" in told
+
+
+def test_an_fmu_that_was_substituted_is_not_said_to_have_run(root: Path, tmp_path: Path):
+    experiment = load_experiment(root / "experiments/fig4_position.toml", ["duration_s=0.1"])
+    with assemble(experiment) as own:
+        model = Idle(next(c for c in own.system.components if c.name == "drive_2"))
+    model.sampled = False
+    run = execute(experiment, tmp_path, substitutes={"drive_2": PythonComponent("drive_2", model)})
+    assert read(run.recording).metadata["fmu"].keys() == {"drive_1", "drive_3"}
+    assert len(run.drives) == 2
+
+
+def test_a_substitute_without_a_place_is_refused(root: Path, tmp_path: Path):
+    experiment = load_experiment(root / "experiments/fig4_position.toml", ["duration_s=0.1"])
+    with pytest.raises(InputRefused, match="no component 'contoller' in this experiment; did you mean 'controller'"):
+        execute(experiment, tmp_path, substitutes={"contoller": None})  # type: ignore[dict-item]
+
+
+def test_another_drive_and_another_body_are_in_the_command(root: Path, tmp_path: Path):
+    path = root / "experiments/fig4_force_position.toml"
+    experiment = load_experiment(path, ["duration_s=0.1"], str(root / "fmus/pmsm_foc"), "back")
+    told = command(ReportRun("", read(execute(experiment, tmp_path).recording)))
+    assert "fig4_force_position.toml --drive pmsm_foc --body back --set duration_s=0.1" in told
+
+
+def test_drives_that_are_alike_are_told_once_with_their_hash(force_position: Recording):
+    run = ReportRun("", force_position)
+    told = drives(run)
+    assert told.count(run.fmus["drive_1"]["sha256"]) == 1
+    assert ">1, 2, 3<" in told
+    assert json.loads(force_position.metadata["fmu"]["drive_3"]) == run.fmus["drive_3"]
+
 
 EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 

@@ -10,6 +10,7 @@ from PIL import Image
 
 from tests.studies.paper.fig5_recordings import pressed, pushed, rolled, tapped
 from twin.kernel.recording.reader import Recording
+from twin.studies.paper import study
 from twin.studies.paper.fig5 import MOVING, REFERENCE, TRACE, TRUTH, Fig5Score, fig5_score, shown_tasks
 from twin.studies.paper.study import ESTIMATE, SHIFTED, draw_fig5, fig5_result
 
