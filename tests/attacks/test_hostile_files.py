@@ -113,7 +113,7 @@ def test_a_chain_of_files_that_extend_each_other_is_short(tmp_path: Path, base: 
     for number in range(40):
         (tmp_path / f"{number}.toml").write_text(f'extends = "{number + 1}.toml"')
     (tmp_path / "40.toml").write_text(base)
-    assert "extends more than 32 files" in refused("run", "0.toml", "--isolate", "none", cwd=tmp_path)
+    assert "extends a chain of more than 32 files" in refused("run", "0.toml", "--isolate", "none", cwd=tmp_path)
     # 32 are read, and refused for what is wrong with the last
     assert "no such experiment file" not in twin("run", "9.toml", "--set", "duration_s=0.1", cwd=tmp_path).stderr
 

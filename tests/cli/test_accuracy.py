@@ -36,8 +36,8 @@ def test_a_report_with_a_budget_has_its_table(root: Path, tmp_path: Path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("experiments/step_z_air.toml",), "step_z_air: does not press with more than 0.5 N"),
-        (("experiments/tapping.toml",), "tapping: taps turn round"),
+        (("experiments/step_z_air.toml",), "step_z_air: presses with 0.5 N at most"),
+        (("experiments/tapping.toml",), "tapping: taps turn at the measured force"),
         ((POSITION, "--drive", "no_such_drive"), "no such drive"),
     ],
 )

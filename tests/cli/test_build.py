@@ -28,9 +28,9 @@ def test_it_wants_one_thing_to_build(root: Path, tmp_path: Path):
     for asked, sentence in (
         ((), "expected one of --fmu PART, --c and --ssp"),
         (("--c", "--fmu", "plant"), "expected one of --fmu PART, --c and --ssp"),
-        (("--fmu", "plant", "--drive", "stepper"), "--drive is of a whole robot"),
+        (("--fmu", "plant", "--drive", "stepper"), "--drive belongs to a whole robot"),
         (("--ssp", "--set", "cosim.iterations=2"), "build it with --set cosim.iterations=1"),
-        (("--c", "--fmi", "3"), "--fmi is of an FMU"),
+        (("--c", "--fmi", "3"), "--fmi belongs to an FMU"),
         (("--c", "--platform", "x86_64-window"), "did you mean 'x86_64-windows'?"),
     ):
         done = twin("build", experiment, *asked, cwd=tmp_path)

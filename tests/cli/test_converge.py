@@ -44,7 +44,7 @@ def test_an_experiment_in_the_air_has_orders_and_no_recommendation(root: Path, t
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("experiments/tapping.toml",), "tapping: its tasks change phase at what the robot feels"),
+        (("experiments/tapping.toml",), "tapping: its tasks change phase at the measured force"),
         ((POSITION, "--drive", "no_such_drive"), "no such drive"),
         ((POSITION, "--duration", "0"), "invalid value for '--duration'"),
         ((POSITION, "--out", "file"), "file: cannot be created: "),

@@ -50,7 +50,7 @@ def test_what_is_no_system_or_no_number_is_refused_and_leaves_nothing(two: Path,
         (["none.ssp"], "none.ssp: no such SSP"),
         ([two, "--tick-ms", "0"], "--tick-ms 0: expected a number > 0"),
         ([two, "--stop-s", "inf"], "--stop-s inf: expected a number > 0"),
-        ([two, "--tick-ms", "3"], "two.ssp: 0.1 s are no whole number of steps of 3 ms; choose --stop-s, --tick-ms"),
+        ([two, "--tick-ms", "3"], "two.ssp: 0.1 s is not a whole number of steps of 3 ms; set --stop-s or --tick-ms"),
     ):
         done = twin("cosim", *arguments, cwd=tmp_path / "here")
         assert (done.returncode, done.stdout) == (2, "") and told in done.stderr

@@ -121,7 +121,7 @@ def test_a_hundred_thousand_runs_are_not_begun_unasked(root: Path, tmp_path: Pat
     file = written(tmp_path, f'experiment = "{root}/experiments/fig4_force_position.toml"\n{table}')
     done = twin("sweep", file, cwd=tmp_path)
     assert done.returncode == 2
-    assert done.stderr.startswith(f"{file}: makes up to 100,000 runs; say --yes if that is meant")
+    assert done.stderr.startswith(f"{file}: makes up to 100,000 runs; add --yes if that is intended")
     assert not (tmp_path / "results").exists()
 
 

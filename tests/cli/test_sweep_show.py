@@ -73,7 +73,7 @@ def test_json_has_rows_tables_and_files_but_no_curves(folder: Path):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--by", "end_N"], "neither better nor worse; rank by force_error_N, lateral_error_mm"),
+        (["--by", "end_N"], "is not better; rank by force_error_N, lateral_error_mm"),
         (["--by", "force_error"], "did you mean 'force_error_N"),
         (["--against", "peek"], "--against peek: no such metric"),
         (["--x", "b.d"], "--x b.d: no number that varies here"),
@@ -86,7 +86,7 @@ def test_what_cannot_be_shown_is_refused_with_what_can(folder: Path, options: li
 
 
 def test_a_folder_that_is_no_sweeps_is_refused(tmp_path: Path):
-    with pytest.raises(InputRefused, match="no sweep's folder"):
+    with pytest.raises(InputRefused, match="not the folder of a sweep"):
         shown(str(tmp_path))
 
 

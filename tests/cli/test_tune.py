@@ -31,7 +31,7 @@ def test_goals_that_are_not_met_are_exit_code_1(root: Path, tmp_path: Path):
 @pytest.mark.parametrize(
     ("option", "sentence"),
     [
-        (("--margin", "1"), "--margin 1: no loop keeps"),
+        (("--margin", "1"), "--margin 1: no loop has"),
         (("--drive", "no_such_drive"), "no such drive"),
     ],
 )

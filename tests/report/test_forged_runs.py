@@ -122,6 +122,6 @@ def test_a_run_cannot_choose_where_its_reports_go(
         lambda: identification.identify(Path("forged")),
         lambda: write_report([Path("forged")]),
     ):
-        with pytest.raises(InputRefused, match="is no name of one"):
+        with pytest.raises(InputRefused, match="is not a valid name"):
             command()
     assert [path.name for path in tmp_path.iterdir()] == ["forged"]

@@ -60,7 +60,7 @@ def cache_base() -> Path:
     if not base.is_absolute():
         # the processes of a run are in different folders
         place = f"{VARIABLE}={given}" if given else f"cache folder {base}"
-        raise InputRefused(f"{place}: relative to whatever folder a process is in; expected an absolute path, or ~/...")
+        raise InputRefused(f"{place}: a relative path; expected an absolute path, or ~/...")
     return base
 
 
@@ -83,7 +83,7 @@ def private_folder(folder: Path) -> Path:
     if owner := _other_owner(link, found):
         raise InputRefused(f"{folder}: {owner}, {risk}; {REMEDY}")
     if open_ := _open_to_others(found):
-        raise InputRefused(f"{folder}: {open_}, {risk}; {REMEDY}, or take that right away if no other user has used it")
+        raise InputRefused(f"{folder}: {open_}, {risk}; {REMEDY}, or remove that permission if it was not used")
     if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
         raise InputRefused(f"{folder}: cannot be written; {REMEDY}")
     return folder

@@ -148,13 +148,13 @@ FED = system(
         ),
         (
             system([component("a", "a.fmu")], [connection("b.y", "a.u")]),
-            "'b', which is no element of 'system'; it has a",
+            "'b', which is not an element of 'system'; it has a",
         ),
         (
             system([component("a", "a.fmu")], [connection("y", "a.u")]),
-            "'y', which is no connector of the system 'system'",
+            "'y', which is not a connector of the system 'system'",
         ),
-        (system([inner()], [connection("arm.x", "arm.speed")]), "'x', which is no connector of the system 'arm'"),
+        (system([inner()], [connection("arm.x", "arm.speed")]), "'x', which is not a connector of the system 'arm'"),
         (
             system([component("arm.motor", "a.fmu"), inner()]),
             "two elements have the path 'arm.motor'",

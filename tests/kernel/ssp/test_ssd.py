@@ -102,11 +102,11 @@ BAD = {
     "too deep": (structure(DEEP), "nested too deeply"),
     "dictionaries": (
         structure(system([ONE]).replace("</ssd:System>", "<ssd:SignalDictionaries/></ssd:System>")),
-        "system 'system' has signal dictionaries, which are not read here",
+        "system 'system' has signal dictionaries, which are not supported",
     ),
     "a dictionary": (
         structure(system([ONE, '<ssd:SignalDictionaryReference name="bus" dictionary="d"/>'])),
-        "element 'bus' is a signal dictionary reference, which is not read here",
+        "element 'bus' is a signal dictionary reference, which is not supported",
     ),
     "names twice": (structure(system([ONE, ONE])), "two elements of system 'system' are called 'a'"),
     "connectors twice": (
@@ -117,7 +117,7 @@ BAD = {
     "no kind": (structure(system([component("a", "a.fmu", [connector("u", "put")])])), "a.u: kind 'put'; expected"),
     "elements of arrays": (
         structure(system([ONE], [connection("a.y", "a.u", more='startIndices="1"')])),
-        "the connection from a.y to a.u picks elements of arrays",
+        "the connection from a.y to a.u selects elements of arrays",
     ),
     "a factor": (structure(system([ONE], [connection("a.y", "a.u", line("NaN"))])), "factor = 'NaN'; expected"),
     "a unit": (structure(system([ONE]), units='<ssc:Unit name="N"/>'), "unit 'N' without a BaseUnit"),
@@ -135,7 +135,7 @@ BAD = {
     ),
     "a file inside the FMU": (
         structure(system([component("a", "a.fmu", bindings=outside(more='sourceBase="component"'))])),
-        "to be found in the component itself",
+        "lies in the component itself",
     ),
     "other parameters": (
         structure(system([component("a", "a.fmu", bindings=outside(more='type="text/csv"'))])),

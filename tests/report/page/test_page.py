@@ -112,7 +112,7 @@ def test_a_budget_is_made_of_the_experiment_as_it_was_recorded(root: Path, tmp_p
 
 def test_a_run_without_force_has_no_budget(root: Path, tmp_path: Path):
     execute(load_experiment(root / "experiments/fig4_force_position.toml", ["duration_s=0.1"]), tmp_path)
-    with pytest.raises(InputRefused, match=r"^fig4_force_position: does not press with more than 0\.5 N"):
+    with pytest.raises(InputRefused, match=r"^fig4_force_position: presses with 0\.5 N at most"):
         write_report([tmp_path], budget=True)
     assert not (tmp_path / "report.html").exists()
 
@@ -202,7 +202,7 @@ def test_a_substitute_is_named_wherever_the_run_is_told_of(substituted: Path):
     assert json.loads((substituted / SUMMARY).read_text())["substituted"] == {"controller": "Idle (PythonComponent)"}
     recording = read(substituted / "run.mcap")
     assert recording.metadata["substituted"] == {"controller": "Idle (PythonComponent)"}
-    said = "controller was substituted by Idle (PythonComponent): the experiment alone does not make this run"
+    said = "controller was substituted by Idle (PythonComponent): the experiment alone does not repeat this run"
     assert recording.deviations == (said,)
     assert said in recorded(recording).notes
     page, _ = report_page(report_runs([substituted]))

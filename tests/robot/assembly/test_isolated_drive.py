@@ -122,7 +122,7 @@ def test_two_parts_of_one_drive_cannot_be_an_fmu_that_lives_once(root: Path, sin
         '[inputs]\nomega_ref = "a.omega_ref"\ntau_load = "a.tau_load"\n'
         '[outputs]\ntheta_m = "a.theta_m"\nomega_m = "b.omega_m"\n'
     )
-    with pytest.raises(InputRefused, match="only once per process, and stands for two parts of one drive"):
+    with pytest.raises(InputRefused, match="only once per process, and is used for two parts of one drive"):
         assemble(load_experiment(root / "experiments" / "fig4_position.toml", [], str(mapping)))
 
 

@@ -151,7 +151,7 @@ def test_a_single_value_may_count_the_other_way(law: Path):
 @pytest.mark.parametrize(
     ("inputs", "outputs", "said"),
     [
-        ({}, {}, "nothing feeds its inputs way_1, way_2, way_3; say which of ours it is in [controller.inputs]"),
+        ({}, {}, "nothing feeds its inputs way_1, way_2, way_3; map it in [controller.inputs]"),
         ({"p": "way_1"}, {}, "[controller.inputs] no input 'p'; did you mean 'p_B'"),
         (WAY, {"omega": "omega_ref_1"}, "[controller.outputs] no output 'omega'; did you mean 'omega_ref'"),
         (WAY, {"omega_ref": ("omega_ref_1",)}, "omega_ref has 3 values; 1 variables are given for it"),
@@ -173,7 +173,7 @@ def test_a_mapping_that_cannot_be_right_is_refused_in_a_sentence(law: Path, inpu
         ('name="p_B_1"', 'name="p_X_1"', 'p_B has 3 values, and "p_B_2", "p_B_3" 2; give one for each'),
         ('name="omega_ref_1"', 'name="speed"', "which of its outputs is omega_ref (commanded motor speeds, 3 x rad/s)"),
         ('unit="rad/m"', 'unit="rad/s"', "input 'J_1' has unit 'rad/s'; J[1] needs one like rad/m"),
-        ("CoSimulation", "ModelExchange", "model exchange alone; a part is called at its samples"),
+        ("CoSimulation", "ModelExchange", "model exchange only; a sampled part"),
     ],
 )
 def test_an_fmu_that_does_not_fit_the_part_is_refused(law: Path, tmp_path: Path, old: str, new: str, said: str):
@@ -278,7 +278,7 @@ def test_a_class_with_the_law_of_the_position_loop_does_what_that_does(mine: Pat
 
 
 def test_tasks_have_no_way_to_tell_of(mine: Path):
-    with pytest.raises(InputRefused, match=r"mine.py:Controller: takes p_ref_B, and tasks have no way points"):
+    with pytest.raises(InputRefused, match=r"mine.py:Controller: takes p_ref_B, and tasks have no waypoints"):
         assemble(load_experiment("pressing", [named("controller", "Controller", mine)]))
     run = run_in_memory(load_experiment("pressing", [named("controller", "Still", mine)]))
     assert not run["controller.omega_ref"].any()
@@ -375,7 +375,7 @@ def test_a_recording_runs_again_with_the_file_beside_it_and_no_other(mine: Path,
     again = recorded_experiment(recording.metadata, mine.with_name("run.mcap"))
     np.testing.assert_array_equal(run_in_memory(again)["plant.p_B"], recording["plant.p_B"])
     mine.write_text(PARTS + "\n# another\n")
-    with pytest.raises(InputRefused, match="It is not the file that was meant"):
+    with pytest.raises(InputRefused, match="It is another file"):
         assemble(recorded_experiment(recording.metadata, mine.with_name("run.mcap")))
     mine.unlink()
     with pytest.raises(InputRefused, match=r"its controller mine\.py is not beside it"):

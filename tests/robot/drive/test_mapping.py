@@ -257,6 +257,6 @@ def test_an_input_that_two_outputs_measure_is_sure_of_neither():
 def test_a_part_feeds_neither_itself_nor_what_measures_something_else():
     parts = of(a__x=("input", "V"), a__y=("output", "V"), b__z=("output", "A"), b__load=("input", "N.m"))
     assert joins(parts) == []
-    assert objection(parts, "b.z", "a.x") == "units A and V do not measure the same"
+    assert objection(parts, "b.z", "a.x") == "units A and V have different dimensions"
     assert objection(parts, "a.x", "b.z") == "a.x has causality input and type Real"
     assert objection(parts, "a.q", "a.x") == "there is no a.q"

@@ -103,7 +103,7 @@ def test_a_chain_of_files_may_be_32_long_and_is_read_once_each(tmp_path: Path, m
 
     monkeypatch.setattr("twin.robot.experiment.source.read_text", noted)
     assert len(read_source(tmp_path / "9.toml").values) == len(read) == 32
-    with pytest.raises(InputRefused, match="extends more than 32 files"):
+    with pytest.raises(InputRefused, match="extends a chain of more than 32 files"):
         read_source(tmp_path / "8.toml")
 
 

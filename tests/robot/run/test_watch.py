@@ -222,7 +222,7 @@ def test_a_run_that_fills_the_disk_is_asked_about_before_it_begins(fig4: Path, t
     assert done.returncode == 2 and not any(tmp_path.iterdir())
     assert done.stderr == (
         "fig4_force_position: 1e+10 ticks take about 2.3 days and 3,500 GB; "
-        "shorten duration_s, or say --yes if that is meant\n"
+        "shorten duration_s, or add --yes if that is intended\n"
     )
 
 

@@ -154,8 +154,8 @@ def test_a_wrong_belief_of_the_experiment_itself_has_a_line_of_its_own(experimen
 @pytest.mark.parametrize(
     ("name", "overrides", "says"),
     [
-        ("tapping", (), "taps turn round"),
-        (FORCE, ("duration_s=3",), "does not press"),
+        ("tapping", (), "taps turn at the measured force"),
+        (FORCE, ("duration_s=3",), "presses with"),
         (FORCE, ("duration_s=6",), "ends within 1 s of its first press"),
         (FORCE, ('fault=[{kind="drive_runaway", onset_s=6.0, magnitude_rad_per_s=2.0}]',), "has faults"),
     ],

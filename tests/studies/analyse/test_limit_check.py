@@ -71,7 +71,7 @@ def test_pmsm_foc_in_air_is_told_by_simulation_because_its_friction_brakes_small
     assert not check.holds and check.simulated is not None and check.predicted is not None
     # 40 % too high, the unsafe side: 39.5 predicted, 28.4 simulated
     assert check.simulated < 0.75 * check.predicted
-    assert "a nudge of 1 mm lasts there, one of 0.1 mm dies out" in check.reason
+    assert "a perturbation of 1 mm persists there, one of 0.1 mm decays" in check.reason
     # and the limit that is told is one: just below it both nudges die out
     assert lasting_nudges(fig4((), "pmsm_foc"), check.point, "position", 0.95 * check.simulated) == ()
 
@@ -93,7 +93,7 @@ def test_stepper_in_air_holds_because_its_hum_is_no_swing_that_lasts():
 def test_why_a_limit_does_not_hold_tells_of_a_drive_that_answers_out_of_proportion(monkeypatch):
     monkeypatch.setattr(limit_check, "lasting_nudges", lambda *_: (limit_check.SMALL,))
     check = tried(fig4((), "stepper"), AIR).checks[0]
-    assert not check.holds and "out of proportion" in check.reason
+    assert not check.holds and "nonlinear" in check.reason
 
 
 def test_a_nudge_that_lasts_with_the_gains_as_they_are_set_is_unstable(monkeypatch):

@@ -120,4 +120,4 @@ def test_a_pose_out_of_reach_has_no_operating_point():
 def test_a_surface_that_is_too_soft_is_left_out_with_its_reason():
     points, problems = operating_points(shipped("fig4_force_position", "contact.stiffness_N_per_m=20"))
     assert len(points) == 3
-    assert len(problems) == 2 and "does not answer with 5 N down to 100 mm" in problems[0]
+    assert len(problems) == 2 and "does not reach 5 N within 100 mm of depth" in problems[0]

@@ -161,7 +161,7 @@ def test_work_is_torque_times_angle_and_travel_the_integral_of_the_commanded_spe
     ("y", "reference", "units", "said"),
     [
         (t, step_at_1(), METRES, "has not settled"),
-        (0.0 * t, step_at_1(), METRES, "no answer to the step"),
+        (0.0 * t, step_at_1(), METRES, "no response to the step"),
         (lagging(), t, METRES, "still moves after the step"),
         (lagging(), step_at_1(), {"plant.z": "m", "controller.z": "N"}, "plant.z is in m, but its reference"),
     ],

@@ -160,9 +160,7 @@ def test_the_force_loop_of_a_comparable_run_starts_when_it_did():
     assert smooth.experiment.controller.force.trigger_time == 5.606
 
 
-@pytest.mark.parametrize(
-    ("name", "says"), [("pressing", "change phase at what the robot feels"), (FORCE, "has faults")]
-)
+@pytest.mark.parametrize(("name", "says"), [("pressing", "change phase at the measured force"), (FORCE, "has faults")])
 def test_what_no_two_runs_do_alike_is_refused(name: str, says: str):
     broken = 'fault=[{kind="drive_runaway", onset_s=6.0, magnitude_rad_per_s=2.0}]'
     with pytest.raises(InputRefused, match=says):

@@ -85,7 +85,7 @@ def test_a_robots_own_file_with_a_map_gives_what_the_recording_gave(
 
 def test_a_log_that_does_not_name_its_robot_is_refused(tmp_path: Path):
     log = write_log(tmp_path / "monday.csv", ran("calibration_one_pose"))
-    with pytest.raises(InputRefused, match="name its experiment with --experiment FILE"):
+    with pytest.raises(InputRefused, match="give its experiment with --experiment FILE"):
         identify(log, out=tmp_path / "out")
 
 

@@ -178,7 +178,7 @@ def test_a_response_that_hunts_for_ever_has_no_settling_time_rather_than_one_at_
 
 
 def test_no_answer_no_step_and_too_few_samples_are_refused():
-    with pytest.raises(InputRefused, match="no answer to the step from 0 to 1"):
+    with pytest.raises(InputRefused, match="no response to the step from 0 to 1"):
         step_info(step_t, np.zeros_like(step_t), 0.0, 1.0)
     with pytest.raises(InputRefused, match="no step"):
         step_info(step_t, np.zeros_like(step_t), 1.0, 1.0)

@@ -321,5 +321,5 @@ def test_a_run_that_is_too_short_is_refused(root: Path, tmp_path: Path):
 
 def test_a_run_that_lost_an_estimate_is_refused(force_position: Recording, tmp_path: Path):
     lost = read(sealed(without_last(data_records(force_position.path), "/estimator"), tmp_path / "run.mcap"))
-    with pytest.raises(InputRefused, match=r"run.mcap: estimator and controller tell of different times; run it again"):
+    with pytest.raises(InputRefused, match=r"run.mcap: estimator and controller have different times; run it again"):
         fig4_runs(force_position, lost)

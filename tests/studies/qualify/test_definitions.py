@@ -8,7 +8,7 @@ from twin.studies.qualify.motion import carried
 
 
 def test_a_check_that_would_take_more_than_an_hour_is_ended_unless_it_is_meant():
-    with pytest.raises(InputRefused, match=r"^servo: a step takes 100 ms, and the whole .* 2.1 hours; say --yes"):
+    with pytest.raises(InputRefused, match=r"^servo: a step takes 100 ms, and the whole .* 2.1 hours; add --yes"):
         Workload("servo", sure=False).take(110, 11.0)
     Workload("servo", sure=True).take(110, 11.0)
     # 20 ms are 25 minutes

@@ -180,7 +180,7 @@ def test_a_state_that_does_not_come_back_is_a_note(root: Path, tmp_path: Path):
 @pytest.mark.parametrize(
     ("role", "part", "said"),
     [
-        ("plant", LAW, "plant: no part that may be third-party; these are body, estimator"),
+        ("plant", LAW, "plant: not a part that can be third-party; these can: body, estimator"),
         ("controller", None, "its controller is twin's own; name an FMU, or FILE:CLASS"),
         ("controller", "fmus/velocity_servo", "which of its outputs is omega_ref"),
         ("estimator", LAW, "no input 'p_ref_B'; it has count_m, count_l"),

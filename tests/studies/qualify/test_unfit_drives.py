@@ -95,4 +95,4 @@ def test_an_angle_that_no_shaft_has_ends_the_run_with_a_sentence(velocity_servo:
         judged = checked(rescaled(velocity_servo, tmp_path, SPEED, 1e300))
         draw_drive_check(judged, tmp_path / "odd.png")
     runs = next(check for check in judged.checks if check.name == "runs")
-    assert runs.verdict == "FAIL" and "returned omega_m = " in runs.detail and "no shaft turns like that" in runs.detail
+    assert runs.verdict == "FAIL" and "returned omega_m = " in runs.detail and "too fast for a shaft" in runs.detail

@@ -64,7 +64,7 @@ def test_the_same_log_gives_the_same_files(tmp_path: Path):
 
 def test_a_log_that_does_not_say_whose_it_is_needs_an_experiment(tmp_path: Path):
     log = write_log(tmp_path / "monday.csv", ran(FIG4))
-    with pytest.raises(InputRefused, match=r"does not say of which robot it is; name its experiment with --experiment"):
+    with pytest.raises(InputRefused, match=r"does not name its robot; give its experiment with --experiment"):
         replay(log, out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

@@ -156,7 +156,7 @@ def test_of_what_a_recording_calls_its_experiment_only_a_name_is_looked_up(
     found = origin(recording)
     found["experiment"]["name"] = name.format(elsewhere=tmp_path / "elsewhere")
     why = forged(recording, found, monkeypatch)
-    assert "no name of one" in why and "TOML" not in why
+    assert "not a valid name" in why and "TOML" not in why
 
 
 @pytest.mark.parametrize(("table", "key"), [("drive", "fmu"), ("contact", "body"), ("controller", "python")])

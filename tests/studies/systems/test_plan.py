@@ -45,11 +45,11 @@ BAD: dict[str, tuple[str, Change | None, str]] = {
     "a resource elsewhere": (ssd(component("a", "file:///a.fmu")), None, "'file:///a.fmu' is no file of this archive"),
     "another resource": (
         ssd(component("a", "a.fmu", more='type="application/x-ssp-package"')), None,
-        "component 'a' is of type application/x-ssp-package, which is not run here",
+        "component 'a' is of type application/x-ssp-package, which is not supported",
     ),
     "for model exchange": (
         ssd(component("a", "a.fmu", more='implementation="ModelExchange"')), None,
-        "component 'a' is to be used for ModelExchange, which is not run here",
+        "component 'a' is to be used for ModelExchange, which is not supported",
     ),
     "model exchange": (ssd(), EXCHANGE, "x.ssp: a.fmu: offers model exchange alone; export it for co-simulation"),
     "no FMU": (ssd(component("a", "x.txt")), None, "x.ssp: x.txt: not a complete FMU"),
@@ -61,7 +61,7 @@ BAD: dict[str, tuple[str, Change | None, str]] = {
     "from an input": (ssd(wires=(connection("a.omega_ref", "b.omega_ref"),)), None, "a.omega_ref: it is input"),
     "other quantities": (
         ssd(wires=(connection("a.theta_m", "b.omega_ref"),)), None,
-        "the connection from a.theta_m to b.omega_ref: from 'rad' to 'rad/s', which do not measure the same",
+        "the connection from a.theta_m to b.omega_ref: from 'rad' to 'rad/s', which have different dimensions",
     ),
     "an unknown unit": (
         ssd(wires=(connection("a.omega_m", "b.tau_load"),)), STRANGE, "the unit 'furlong' is not defined",
@@ -72,17 +72,17 @@ BAD: dict[str, tuple[str, Change | None, str]] = {
     ),
     "a factor 0": (ssd(wires=(connection("a.omega_m", "b.omega_ref", line(0)),)), None, "the factor 0; leave"),
     "a table": (
-        ssd(wires=(connection("a.omega_m", "b.omega_ref", MAP),)), None, "BooleanMappingTransformation cannot be",
+        ssd(wires=(connection("a.omega_m", "b.omega_ref", MAP),)), None, "BooleanMappingTransformation is not",
     ),
     "real into whole": (ssd(wires=(connection("a.omega_m", "b.tau_load"),)), WHOLE, "a Real into a Integer; expected"),
     "two writers": (ssd(wires=(SPEED, SPEED)), None, "b.omega_ref is fed by two connections"),
     "no start value": (ssd(), NO_START, "input a.tau_load has no source and no start value; connect it"),
     "a second instance": (ssd(), ONCE, "x.ssp: a.fmu: can be instantiated only once in a process"),
-    "no such value": (ssd(bound=values("a.omega_ref=1 N.m")), None, "from 'N.m' to 'rad/s', which do not measure"),
+    "no such value": (ssd(bound=values("a.omega_ref=1 N.m")), None, "from 'N.m' to 'rad/s', which have different"),
     "a unit of a value": (ssd(bound=values("a.omega_ref=1 furlong")), None, "the unit 'furlong' is not defined"),
-    "no step": (ssd(A), STEPLESS, "neither the structure nor an FMU says how long a step is; say --tick-ms"),
-    "no stop": (ssd(stop=None), None, "says nothing of how long to run (DefaultExperiment); say --stop-s"),
-    "no whole step": (ssd(stop=0.0105), None, "0.0105 s are no whole number of steps of 1 ms"),
+    "no step": (ssd(A), STEPLESS, "neither the structure nor an FMU states a step size; give --tick-ms"),
+    "no stop": (ssd(stop=None), None, "states no stop time (DefaultExperiment); give --stop-s"),
+    "no whole step": (ssd(stop=0.0105), None, "0.0105 s is not a whole number of steps of 1 ms"),
     "steps without end": (ssd(stop=1e300), None, "1e+300 s in steps of 0.001 s; expected at least one step, and"),
     "an end long before": (ssd(stop=-1e308), None, "-1e+308 s in steps of 0.001 s; expected at least one step, and"),
     "another start": (
@@ -171,16 +171,16 @@ def test_a_way_on_which_nothing_happens_changes_no_bit(value: float):
 @pytest.mark.parametrize(
     ("start", "line", "end", "told"),
     [
-        ("m", Transformation(), "s", "from 'm' to 's', which do not measure the same"),
+        ("m", Transformation(), "s", "from 'm' to 's', which have different dimensions"),
         ("m", Transformation(), "ell", "the unit 'ell' is not defined"),
         ("m", Transformation(0.0), "m", "the factor 0"),
-        ("m", Transformation(5e-324), "m", "more or less than a number can hold"),
-        ("m", Transformation(1e-300, 1e300), "m", "more or less than a number can hold"),
+        ("m", Transformation(5e-324), "m", "exceeds the range of a number"),
+        ("m", Transformation(1e-300, 1e300), "m", "exceeds the range of a number"),
         (
             "m",
             Transformation(table="IntegerMappingTransformation"),
             "m",
-            "IntegerMappingTransformation cannot be done here",
+            "IntegerMappingTransformation is not supported",
         ),
     ],
 )

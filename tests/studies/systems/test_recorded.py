@@ -158,5 +158,5 @@ def test_the_step_is_that_of_an_annotation_or_else_the_shortest_that_an_fmu_want
 
 def test_a_recording_of_a_system_has_no_report_page(ran: Ran, tmp_path: Path):
     run, _ = ran(structure(system([A]), 0.002))
-    with pytest.raises(InputRefused, match="is of a system of FMUs"):
+    with pytest.raises(InputRefused, match="records a system of FMUs"):
         write_report([run.path])

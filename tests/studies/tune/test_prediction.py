@@ -27,7 +27,7 @@ from twin.studies.tune.prediction import (
 @pytest.mark.parametrize(
     ("goals", "sentence"),
     [
-        ({"sensitivity": 1.0}, "--margin 1: no loop keeps"),
+        ({"sensitivity": 1.0}, "--margin 1: no loop has"),
         ({"sensitivity": math.nan}, "--margin nan"),
         ({"overshoot": -0.1}, "--overshoot-percent -10: expected 0 to 100"),
         ({"bandwidth": 0.0}, "--bandwidth-Hz 0: expected more than 0"),

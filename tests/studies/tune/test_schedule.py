@@ -100,7 +100,7 @@ def test_a_schedule_is_no_single_stiffness(over_two: Scheduled):
 
 
 @pytest.mark.parametrize(("asked", "said"), [
-    (lambda e: tuned([e], Goals()), "twin tune finds one set"), (stability, "twin analyse knows one set. Of point 1"),
+    (lambda e: tuned([e], Goals()), "twin tune finds one set"), (stability, "twin analyse takes one set. For point 1"),
 ])  # fmt: skip
 def test_where_a_schedule_is_in_force_those_who_know_one_set_say_so(asked, said):
     with pytest.raises(InputRefused, match=said):

@@ -269,7 +269,7 @@ def wanted_of(
     found = Wanted(label, "inputs", kind.inputs, inputs), Wanted(label, "outputs", kind.outputs, outputs)
     for name in required:
         if name not in found[1].gains:
-            raise InputRefused(f"{label}: outputs lacks {name!r}, which the robot needs of it")
+            raise InputRefused(f"{label}: outputs lacks {name!r}, which the robot needs")
     own = (None,) if isinstance(kind, type) else ()
     if not _takes(kind.step, *own, 0.0, {}):
         raise InputRefused(f"{label}: step{_signature(kind.step)}; expected step(self, t, inputs)")

@@ -225,7 +225,7 @@ class Cvode:
             from fmpy.sundials import libraries
         # FMPy raises bare Exception for a library of another version, ctypes OSError for none
         except Exception as problem:
-            raise InputRefused(f'CVODE does not load: {problem}; take [drive] solver = "rk4"') from None
+            raise InputRefused(f'CVODE does not load: {problem}; use [drive] solver = "rk4"') from None
         core, cvode, vectors = libraries.sundials_core, libraries.sundials_cvode, libraries.sundials_nvecserial
         context = ctypes.c_void_p()
         _function(core, "SUNContext_Create", _I, _I, _P)(0, ctypes.addressof(context))

@@ -149,7 +149,7 @@ def compile_sources(file: Path, digest: str, model: Any, binary: str) -> Compile
         raise InputRefused(f"{file}: modelIdentifier leads to '{identifier}'; expected a name. Do not trust this file")
     sets = source_sets(model, PurePosixPath(binary).stem)
     if not sets:
-        raise InputRefused(f"{file}: holds no sources that it tells how to compile; export it for this platform")
+        raise InputRefused(f"{file}: holds no sources with build instructions; export it for this platform")
     home = cache_folder(COMPILED)
     with (
         disk_refusals(file, f"cannot be compiled in {home}", InputRefused, REMEDY),
@@ -252,7 +252,7 @@ def compiler(wanted: Path, plus: bool = False) -> list[str]:
             return [os.path.abspath(found)]
     if importlib.util.find_spec(ZIG) is not None:
         return [*zig(), "c++" if plus else "cc"]
-    raise InputRefused(f"{wanted}: there is no C compiler to build it with; install one (cc), or pip install {ZIG}")
+    raise InputRefused(f"{wanted}: no C compiler found; install one (cc), or pip install {ZIG}")
 
 
 def zig() -> list[str]:

@@ -338,7 +338,7 @@ def given_values(value: ParameterValue, where: str) -> list[float] | list[str]:
         InputRefused: it is binary, nothing, or text that names a file of this machine where an experiment says it.
     """
     if value.type == "Binary" or not value.values:
-        what = "binary, which is not read here" if value.values else "given no value"
+        what = "binary, which is not supported" if value.values else "given no value"
         raise InputRefused(f"{where}: {value.name} is {what}")
     if any(isinstance(one, str) and one.startswith(FILE) for one in value.values):
         raise InputRefused(

@@ -146,7 +146,7 @@ class Watchdog:
         if (seconds := self._expected()) > limits.expected:
             raise self._failure(
                 f"was at work when the whole run was seen to take about {duration_text(seconds)}",
-                "Say --yes if that is meant, else simulate less; `twin drive check` says what a step of a drive costs.",
+                "Add --yes if that is intended, else simulate less; `twin drive check` measures the cost of a step.",
             )
         for name, pid in self.account.helpers.items():
             if resident_memory(pid) > limits.memory:

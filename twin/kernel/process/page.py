@@ -44,7 +44,7 @@ def kernel() -> np.ndarray:
     if sys.platform != "linux" or platform.machine() not in _NUMBERS:
         raise InputRefused(
             f"drives in processes of their own need Linux on {' or '.join(_NUMBERS)}, this is {sys.platform} on "
-            f"{platform.machine()}; use --isolate run, and drives of which a process can hold three"
+            f"{platform.machine()}; use --isolate run, and drives that allow three instances per process"
         )
     syscall = ctypes.cast(ctypes.CDLL(None).syscall, ctypes.c_void_p).value
     return np.array([syscall, *_NUMBERS[platform.machine()]], dtype=np.int64)

@@ -51,9 +51,7 @@ def claim_run_folder(folder: Path) -> Path:
     """
     with disk_refusals(folder, "cannot be read", RecordingRefused):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise RecordingRefused(
-                f"{folder}: already there and not empty; name a new folder, a run is never overwritten"
-            )
+            raise RecordingRefused(f"{folder}: exists and is not empty; name a new folder, a run is never overwritten")
     made_folder(folder)
     if STAMP.fullmatch(folder.name):
         write_text(folder / NAMED, "twin runs --prune leaves this run: its folder was named with --out\n")

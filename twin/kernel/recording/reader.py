@@ -108,11 +108,11 @@ class Recording:
     def deviations(self) -> tuple[str, ...]:
         """Sentences on what makes this run another one than that of its experiment alone; empty if nothing does."""
         stated = [
-            f"{name} was substituted by {kind}: the experiment alone does not make this run"
+            f"{name} was substituted by {kind}: the experiment alone does not repeat this run"
             for name, kind in self.metadata.get("substituted", {}).items()
         ]
         if "changed" in self.metadata:
-            stated.append("changed by hand while it ran: the experiment alone does not make this run")
+            stated.append("changed by hand while it ran: the experiment alone does not repeat this run")
         return tuple(visible(text) for text in stated)
 
     @property

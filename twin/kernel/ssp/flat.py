@@ -155,7 +155,7 @@ class _Flat:
         if part is None:
             known = ", ".join(part.name for part in system.elements)
             raise InputRefused(
-                f"{self._where}: a connection with '{end.element}', which is no element of '{system.name}'; it has "
+                f"{self._where}: a connection with '{end.element}', which is not an element of '{system.name}'; it has "
                 f"{known or 'none'}"
             )
         below = f"{path}.{part.name}" if path else part.name
@@ -167,7 +167,7 @@ class _Flat:
         found = system.connector_of.get(connector)
         if found is None:
             raise InputRefused(
-                f"{self._where}: a connection with '{connector}', which is no connector of the system "
+                f"{self._where}: a connection with '{connector}', which is not a connector of the system "
                 f"'{path or system.name}'"
             )
         return found

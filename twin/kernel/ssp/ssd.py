@@ -234,7 +234,7 @@ class _SystemReader:
         name = named(element, "name", self._where)
         for unread in ("SignalDictionaries", "SignalDictionary"):
             if inside(element, unread):
-                raise InputRefused(f"{self._where}: {place} '{name}' has signal dictionaries, which are not read here")
+                raise InputRefused(f"{self._where}: {place} '{name}' has signal dictionaries, which are not supported")
         parts = [self._part(part) for group in inside(element, "Elements") for part in group]
         unique((part.name for part in parts), f"elements of {place} '{name}'", self._where)
         connections = [self._connection(one) for one in listed(element, "Connections", "Connection")]
@@ -257,7 +257,7 @@ class _SystemReader:
         name = named(element, "name", self._where)
         if local(element) != "Component":
             kind = re.sub(r"(?<!^)([A-Z])", r" \1", local(element)).lower()
-            raise InputRefused(f"{self._where}: element '{name}' is a {kind}, which is not read here")
+            raise InputRefused(f"{self._where}: element '{name}' is a {kind}, which is not supported")
         implementation = element.get("implementation", "any")
         if implementation not in get_args(Implementation):
             known = ", ".join(get_args(Implementation))
@@ -306,8 +306,8 @@ class _SystemReader:
         )
         if element.get("startIndices") or element.get("endIndices"):
             raise InputRefused(
-                f"{self._where}: the connection from {'.'.join(start)} to {'.'.join(end)} picks elements of arrays "
-                "(startIndices, endIndices), which is not read here; connect whole arrays"
+                f"{self._where}: the connection from {'.'.join(start)} to {'.'.join(end)} selects elements of arrays "
+                "(startIndices, endIndices), which is not supported; connect whole arrays"
             )
         suppressed = truth(element, "suppressUnitConversion", self._where)
         return Connection(start, end, transformation_of(element, self._where), suppressed)
@@ -342,7 +342,7 @@ class _SystemReader:
         if source := element.get("source", ""):
             if element.get("sourceBase", "SSD") != "SSD":
                 raise InputRefused(
-                    f"{self._where}: {what}: {source} is to be found in the component itself (sourceBase), which is "
+                    f"{self._where}: {what}: {source} lies in the component itself (sourceBase), which is "
                     "not read here; put it into the archive"
                 )
             # many components may name one file

@@ -458,9 +458,9 @@ def _budget(run: ReportRun, say: Say) -> "Budget":
 def _remark(scenes: Sequence[dict[str, Any] | None], factor: int) -> Markup:
     notes = []
     if not any(scenes):
-        notes.append("Nothing here says where the robot's joints were, so there is no player.")
+        notes.append("The recording has no joint angles, so there is no player.")
     if factor > 1:
-        notes.append(f"So much was recorded that the curves show the extremes of every {2 * factor} samples only.")
+        notes.append(f"The recording is long: the curves show the extremes of every {2 * factor} samples only.")
     return joined([element("p", text) for text in notes])
 
 

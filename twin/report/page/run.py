@@ -316,8 +316,8 @@ def report_runs(paths: Sequence[Path]) -> list[ReportRun]:
             raise InputRefused(f"{path}: holds no samples{note}; there is nothing to report, run it again")
         if "system" in recording.metadata:
             raise InputRefused(
-                f"{path}: is of a system of FMUs (twin cosim), and the page is about the robot; twin export --csv, "
-                "twin compare and viewers of MCAP show it"
+                f"{path}: records a system of FMUs (twin cosim), and the page shows the robot; use twin export "
+                "--csv, twin compare or an MCAP viewer"
             )
     places = [recording.path.resolve() for recording in recordings]
     twice = next((path for path, place in zip(paths, places, strict=True) if places.count(place) > 1), None)

@@ -138,7 +138,7 @@ def planned_drives(experiment: Experiment) -> tuple[DrivePlan, ...]:
         plans.append(next((plan for plan in plans if plan.table == table), None) or planned(table))
     if len({plan.axes for plan in plans}) > 1 or (turns_all(plans[0]) and plans[1:] != plans[:1] * 2):
         label = next(plan.label for plan in plans if turns_all(plan))
-        raise InputRefused(f"{label}: drives all three joints; [drive.joint_1] .. cannot differ then, remove them")
+        raise InputRefused(f"{label}: drives all three joints, so [drive.joint_1] .. cannot differ; remove them")
     if experiment.cosim.inputs == "linear":
         plans = [plan.with_lines() for plan in plans]
     folders: dict[str, Path] = {}
@@ -172,7 +172,7 @@ def need_processes(plans: tuple[DrivePlan, ...]) -> bool:
         twice = _lonely(plan.parts.values())
         if twice:
             raise InputRefused(
-                f"{twice.path}: can be instantiated only once per process, and stands for two parts of one drive; "
+                f"{twice.path}: can be instantiated only once per process, and is used for two parts of one drive; "
                 "export it without that limit, or as one FMU"
             )
     instances = plans[:1] if turns_all(plans[0]) else plans

@@ -167,7 +167,7 @@ def references(build: Build) -> Makers:
         return {}
     reference, ticks = build.experiment.reference, build.experiment.controller_ticks
     if reference is None:
-        raise InputRefused(f"{other.label}: takes p_ref_B, and tasks have no way points; it needs a [reference]")
+        raise InputRefused(f"{other.label}: takes p_ref_B, and tasks have no waypoints; it needs a [reference]")
     return {"reference": lambda: WayPointReference(reference.t, reference.p, ticks)}
 
 

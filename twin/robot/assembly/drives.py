@@ -217,8 +217,8 @@ def refuse_other_file(file: Path, sha256: str, pinned: str | None) -> None:
     """
     if pinned is not None and pinned.lower() != sha256:
         raise InputRefused(
-            f"{file}: has sha256 {sha256}; the experiment pins {pinned.lower()}. It is not the file that was meant: "
-            "get that, or change sha256"
+            f"{file}: has sha256 {sha256}; the experiment pins {pinned.lower()}. It is another file: get the "
+            "pinned one, or change sha256"
         )
 
 
@@ -244,7 +244,7 @@ def _checked_wire(label: str, variables: dict[str, Variable], source: str, targe
     if a and b and a.dimension != b.dimension:
         raise InputRefused(
             f'{label}: [drive.wires] "{target}" = "{source}": units \'{variables[target].unit}\' and '
-            f"'{variables[source].unit}' do not measure the same"
+            f"'{variables[source].unit}' have different dimensions"
         )
     return source, target
 

@@ -192,9 +192,9 @@ def recorded_experiment(metadata: Metadata, where: Path) -> Experiment:
     fmus = {drive: facts["sha256"] for drive, facts in recorded_fmus(metadata, where).items()}
     if "substituted" in metadata:
         parts = ", ".join(metadata["substituted"])
-        raise InputRefused(f"{where}: was made with a substitute for {parts}, so its experiment does not make it again")
+        raise InputRefused(f"{where}: was made with a substitute for {parts}, so its experiment does not repeat it")
     if "changed" in metadata:
-        raise InputRefused(f"{where}: was changed by hand while it ran, so its experiment does not make it again")
+        raise InputRefused(f"{where}: was changed by hand while it ran, so its experiment does not repeat it")
     if not fmus:
         raise InputRefused(f"{where}: carries no FMUs, so its experiment cannot be run again as it was")
     folder = where.resolve().parent

@@ -105,9 +105,7 @@ def sampled_fmu(
     """
     description = described(file)
     if description.kind != "co_simulation":
-        raise InputRefused(
-            f"{file}: model exchange alone; a part is called at its samples, export it for co-simulation"
-        )
+        raise InputRefused(f"{file}: model exchange only; a sampled part needs co-simulation, export it for that")
     settings = description.settings(parameters)
     # an input that has been given a value keeps it
     free = {n: v for n, v in description.variables.items() if v.causality != "input" or n not in parameters}
@@ -187,7 +185,7 @@ def _refuse_lacking(
             names = '"..."' if port.size == 1 else "[" + ", ".join(['"..."'] * port.size) + "]"
             raise InputRefused(
                 f"{file}: which of its outputs is {port.name} ({port.meaning}, {port.size} x {port.unit}), which a "
-                f"{table} needs? It has {', '.join(offered) or 'none'}. Say so: [{table}.outputs] {port.name} = {names}"
+                f"{table} needs? It has {', '.join(offered) or 'none'}. Map it: [{table}.outputs] {port.name} = {names}"
             )
 
 
@@ -234,7 +232,7 @@ def _refuse_unfed(
     unfed = [v.name for v in description.variables.values() if v.causality == "input" and v.name not in fed]
     if unfed:
         raise InputRefused(
-            f"{file}: nothing feeds its input{'s' * (len(unfed) > 1)} {', '.join(unfed)}; say which of ours it is in "
+            f"{file}: nothing feeds its input{'s' * (len(unfed) > 1)} {', '.join(unfed)}; map it in "
             f"[{table}.inputs], or give it a value in [{table}.parameters]"
         )
 

@@ -126,7 +126,7 @@ def to_paste(
         unsure = [*unsure, COMMANDS[other]]
     still = not any(v.causality in ("output", "local") and measures(v, THETA_M) for v in variables.values() if v.unit)
     if still and not rotor and proposals(variables, TAU_MOTOR, set()):
-        lines.append("It gives a torque and no angle: if its shaft is to be ours, add [drive.rotor] J_kg_m2 = 1e-4.")
+        lines.append("It gives a torque and no angle: to simulate its shaft here, add [drive.rotor] J_kg_m2 = 1e-4.")
     lines.append("Complete this in the experiment, or without 'drive.' in the mapping.toml beside the FMU:")
     if other:
         lines += ["[drive]", f'command = "{other}"']
@@ -377,7 +377,7 @@ def objection(variables: Mapping[str, Variable], source: str, target: str) -> st
             return f"{end} has causality {variables[end].causality} and type {variables[end].type}"
     a, b = variables[source].conversion, variables[target].conversion
     if a and b and a.dimension != b.dimension:
-        return f"units {variables[source].unit} and {variables[target].unit} do not measure the same"
+        return f"units {variables[source].unit} and {variables[target].unit} have different dimensions"
     return ""
 
 

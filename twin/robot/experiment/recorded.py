@@ -62,7 +62,7 @@ def recorded_name(metadata: Metadata, where: Path) -> str:
     """
     name = metadata.get("experiment", {}).get("name", "unknown experiment")
     if not NAME.fullmatch(name):
-        raise InputRefused(f"{where}: calls its experiment {name!r}, which is no name of one")
+        raise InputRefused(f"{where}: calls its experiment {name!r}, which is not a valid name")
     return name
 
 
@@ -81,7 +81,7 @@ def recorded_values(declared: Declared, metadata: Metadata, where: Path) -> dict
     if not mistakes:
         mistakes = _wrong_types(declared, values)
     if mistakes:
-        raise InputRefused(f"{where}: its experiment is none: {'; '.join(mistakes)}")
+        raise InputRefused(f"{where}: its experiment is not valid: {'; '.join(mistakes)}")
     return values
 
 

@@ -169,7 +169,7 @@ def checked_tasks(kinds: Mapping[str, type[Task]], tables: Any, mistakes: list[s
     if tables is None:
         return {}
     if tables == ():
-        mistakes.append("[[task]]: an empty array; expected at least one task, or [reference] with way points")
+        mistakes.append("[[task]]: an empty array; expected at least one task, or [reference] with waypoints")
     found = {n: checked_kind(kinds, table, f"task {n}", mistakes) for n, table in numbered(tables, "task", mistakes)}
     return {number: task for number, task in found.items() if task is not None}
 

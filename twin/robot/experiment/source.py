@@ -303,7 +303,7 @@ def _chain(path: Path) -> list[tuple[Path, dict[str, Any]]]:
         if os.path.realpath(following) in met:
             raise InputRefused(f"{path}: its files extend each other in a circle; remove one 'extends'")
         if len(chain) == LONGEST_CHAIN:
-            raise InputRefused(f"{path}: extends more than {LONGEST_CHAIN} files, one on another; put some together")
+            raise InputRefused(f"{path}: extends a chain of more than {LONGEST_CHAIN} files; merge some")
         met.add(os.path.realpath(following))
         chain.append((following, tables))
     return chain

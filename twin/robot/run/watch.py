@@ -131,7 +131,7 @@ def refuse_endless(experiments: Sequence[Experiment], factor: float | None = Non
     ticks = sum(experiment.duration_ticks for experiment in experiments)
     raise InputRefused(
         f"{', '.join(experiment.name for experiment in experiments)}: {ticks:.3g} ticks take about "
-        f"{duration_text(seconds)} and {size / 1e9:,.0f} GB; shorten duration_s, or say --yes if that is meant"
+        f"{duration_text(seconds)} and {size / 1e9:,.0f} GB; shorten duration_s, or add --yes if that is intended"
     )
 
 

@@ -239,11 +239,11 @@ def accuracy_budget(experiment: Experiment, say: Say = silent) -> Budget:
     """
     refuse_other_parts(experiment, "a budget of the force error", ("estimator",))
     if experiment.faults:
-        raise InputRefused(f"{experiment.name}: has faults, which no budget has a line for; remove [[fault]]")
+        raise InputRefused(f"{experiment.name}: has faults, which an accuracy budget does not cover; remove [[fault]]")
     if any(task.kind == "tap" for task in experiment.tasks):
         raise InputRefused(
-            f"{experiment.name}: taps turn round when the robot feels its way, so two runs do not press at the same "
-            "time; take an experiment that presses, rolls or pushes"
+            f"{experiment.name}: taps turn at the measured force, so two runs do not press at the same "
+            "time; choose an experiment that presses, rolls or pushes"
         )
     # a monitor that does not trip does nothing to the force, and one that believes in other encoders trips
     experiment = replace(experiment, monitor=None)
@@ -347,7 +347,7 @@ def _window(experiment: Experiment, traces: list[_Trace]) -> NDArray[np.bool_]:
     """Instants at which the robot presses in every run, from `SETTLED` after the first on, (n,)."""
     pressing = np.all([trace.true > PRESSING for trace in traces], axis=0)
     if not pressing.any():
-        raise InputRefused(f"{experiment.name}: does not press with more than {PRESSING:g} N; there is no force to err")
+        raise InputRefused(f"{experiment.name}: presses with {PRESSING:g} N at most, so there is no force error")
     first = int(np.argmax(pressing)) + round(SETTLED / (experiment.controller_ticks * experiment.cosim.tick))
     pressing[:first] = False
     if not pressing.any():

@@ -134,8 +134,8 @@ def pressing_height(parameters: PlantParameters, x: float, y: float, F_z: float)
     lack = F_z + _force(parameters, (x, y, top - DEEPEST))
     if not lack < 0.0:
         raise InputRefused(
-            f"no operating point at ({1e3 * x:g}, {1e3 * y:g}) mm: the surface does not answer with {F_z:g} N down to "
-            f"{1e3 * DEEPEST:g} mm; press less, or raise [contact] stiffness_N_per_m"
+            f"no operating point at ({1e3 * x:g}, {1e3 * y:g}) mm: the surface does not reach {F_z:g} N within "
+            f"{1e3 * DEEPEST:g} mm of depth; press less, or raise [contact] stiffness_N_per_m"
         )
     return float(brentq(lambda z: F_z + _force(parameters, (x, y, z)), top - DEEPEST, top, xtol=1e-12))
 
@@ -153,7 +153,7 @@ def on_stiffness(point: OperatingPoint, K: float) -> OperatingPoint:
 
     gap = z - surface_height(parameters, x, y)
     if not excess(gap + DEEPEST) > 0.0:
-        raise InputRefused(f"a surface of {K:g} N/m does not answer with {point.F_z:g} N within {1e3 * DEEPEST:g} mm")
+        raise InputRefused(f"a surface of {K:g} N/m does not reach {point.F_z:g} N within {1e3 * DEEPEST:g} mm")
     moved = parameters._replace(z_s=parameters.z_s + brentq(excess, gap, gap + DEEPEST, xtol=1e-12))
     return resting_point(point.name, moved, point.p_B, point.force_on)
 

@@ -172,14 +172,14 @@ def _reason(drives: Sequence[DriveModel], lasting: Callable[[float], Lasting], h
     """What tells a drive from a linear one, of what was measured."""
     reasons = []
     if any(drive.turning for drive in drives):
-        reasons.append("at rest the drive answers small signals out of proportion, and the model is of a turning shaft")
+        reasons.append("at rest the drive is nonlinear for small signals; the linear model is of a turning shaft")
     at_limit = lasting(high) if high is not None else ()
     if at_limit and SMALL not in at_limit:
-        reasons.append(f"a nudge of {1e3 * at_limit[0]:g} mm lasts there, one of {1e3 * SMALL:g} mm dies out")
+        reasons.append(f"a perturbation of {1e3 * at_limit[0]:g} mm persists there, one of {1e3 * SMALL:g} mm decays")
     elif at_limit == (SMALL,):
-        reasons.append(f"a nudge of {1e3 * SMALL:g} mm does not die out there, a larger one does")
+        reasons.append(f"a perturbation of {1e3 * SMALL:g} mm persists there, a larger one decays")
     if not reasons:
-        reasons.append("nudges of all sizes agree about it, so the linear model is what is wrong")
+        reasons.append("perturbations of all sizes agree, so the linear model is wrong")
     return "; ".join(reasons)
 
 
@@ -333,8 +333,8 @@ def stability(experiment: Experiment, tried: bool = False, say: Say = silent) ->
     if schedule := experiment.controller.force.schedule:
         one = schedule[0]
         raise InputRefused(
-            f"{experiment.name}: its gains come from [controller.force] schedule; twin analyse knows one set. Of point "
-            f"1: --set controller.force.schedule=[] --set controller.force.kp_mm_per_N={1e3 * one.kp:g} --set "
+            f"{experiment.name}: its gains come from [controller.force] schedule; twin analyse takes one set. For "
+            f"point 1: --set controller.force.schedule=[] --set controller.force.kp_mm_per_N={1e3 * one.kp:g} --set "
             f"controller.force.ki_mm_per_N_s={1e3 * one.ki:g} --set contact.stiffness_N_per_m={one.stiffness:g}"
         )
     points, problems = operating_points(experiment)

@@ -190,7 +190,7 @@ def _refuse_bound(plan: DrivePlan, tick: float) -> None:
     """Refuse a drive that cannot leave our master."""
     label = plan.label
     if turns_all(plan):
-        raise InputRefused(f"{label}: turns all three joints by arrays, which SSP 1.0 has not; choose another drive")
+        raise InputRefused(f"{label}: drives all three joints by arrays, which SSP 1.0 lacks; choose another drive")
     for fmu in plan.parts.values():
         if fmu.kind != "co_simulation":
             raise InputRefused(
@@ -206,13 +206,13 @@ def _refuse_bound(plan: DrivePlan, tick: float) -> None:
             "Choose another drive, or a cosim.tick_ms as short as these steps"
         )
     if plan.table.tolerance is not None:
-        raise InputRefused(f"{label}: [drive] tolerance cannot be said in an SSP; remove it")
+        raise InputRefused(f"{label}: [drive] tolerance cannot be expressed in an SSP; remove it")
     for settings in plan.settings.values():
         for variable, value in settings:
             if isinstance(value, list) and any(isinstance(text, FilePath) for text in value):
                 raise InputRefused(f"{label}: its parameter {variable.name} is a file, which an SSP cannot take along")
             if variable.size > 1:
-                raise InputRefused(f"{label}: its parameter {variable.name} is an array, which SSP 1.0 has not")
+                raise InputRefused(f"{label}: its parameter {variable.name} is an array, which SSP 1.0 does not have")
 
 
 def _joint_drive(component: Component, plan: DrivePlan) -> JointDrive:
@@ -254,13 +254,13 @@ def _fmu_element(name: str, part: str, component: FmuComponent, plan: DrivePlan)
     for variable in variables:
         if variable.size > 1:
             raise InputRefused(
-                f"{plan.label}: {variable.name} is an array, which SSP 1.0 has not; choose another drive"
+                f"{plan.label}: {variable.name} is an array, which SSP 1.0 does not have; choose another drive"
             )
     for p in inputs:
         if p.variable.type not in REALS:
             raise InputRefused(
-                f"{plan.label}: its input {p.variable.name} is of type {p.variable.type}, and what feeds it is real; "
-                "an SSP rounds nothing. Choose another drive"
+                f"{plan.label}: its input {p.variable.name} is of type {p.variable.type}, and its source is real; "
+                "an SSP does not round. Choose another drive"
             )
     return Element(
         name=name,

@@ -23,9 +23,9 @@ def _check_options(asked: Asked) -> None:
     if asked["c"] + asked["ssp"] + (asked["fmu"] is not None) != 1:
         raise InputRefused("twin build: expected one of --fmu PART, --c and --ssp: what shall be built")
     if asked["drive"] is not None and not asked["ssp"]:
-        raise InputRefused("twin build: --drive is of a whole robot; leave it out, or say --ssp")
+        raise InputRefused("twin build: --drive belongs to a whole robot; leave it out, or add --ssp")
     if asked["c"] and asked["fmi"] is not None:
-        raise InputRefused("twin build --c: --fmi is of an FMU; leave it out")
+        raise InputRefused("twin build --c: --fmi belongs to an FMU; leave it out")
 
 
 @study(isolated=True, before=[_check_options, load_experiments])

@@ -207,12 +207,12 @@ def _refuse_bound(experiment: Experiment) -> None:
     """Refuse what an SSP cannot say, before anything is compiled or loaded."""
     for role, part in experiment.stand_ins.items():
         raise InputRefused(
-            f"{experiment.name}: its {role} is {part.label}; it is third-party and does not travel; only twin's own do"
+            f"{experiment.name}: its {role} is {part.label}; it is third-party; only twin's own parts can be exported"
         )
     for found, table in ((experiment.faults, "fault"), (experiment.changes, "change")):
         if found:
             raise InputRefused(
-                f"{experiment.name}: has [[{table}]] tables, which an SSP has no words for; build it "
+                f"{experiment.name}: has [[{table}]] tables, which an SSP cannot express; build it "
                 f"with --set {table}=[]"
             )
     cosim, bus = experiment.cosim, experiment.controller.bus_delay_ticks

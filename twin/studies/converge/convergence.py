@@ -242,15 +242,15 @@ def comparable(experiment: Experiment) -> Smooth:
         raise InputRefused(f"{experiment.name}: has faults, whose effect is no coupling error; remove [[fault]]")
     if experiment.tasks:
         raise InputRefused(
-            f"{experiment.name}: its tasks change phase at what the robot feels, so two runs do not do the same at "
-            "the same time; take an experiment with a [reference]"
+            f"{experiment.name}: its tasks change phase at the measured force, so two runs are not comparable "
+            "in time; choose an experiment with a [reference]"
         )
     p = experiment.plant
     if p.spring_hysteresis or p.spring_stop is not None:
         key = "spring_hysteresis" if p.spring_hysteresis else "spring_stop_deg"
         raise InputRefused(
-            f"{experiment.name}: [plant] {key}: the energy that a coupling makes is known of springs without "
-            "hysteresis and stop only; take it out of [plant]"
+            f"{experiment.name}: [plant] {key}: the energy that a coupling makes is known only for springs "
+            "without hysteresis and stop; remove it from [plant]"
         )
     changes = ["encoders exact"]
     smooth = exactly_measured(experiment)

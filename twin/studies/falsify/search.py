@@ -170,7 +170,7 @@ class Judge:
                 if left < 0.0:
                     raise InputRefused(
                         f'"{wanted.formula}": violated without any fault{on}, by {-left:.3g} {wanted.unit}; '
-                        "require what the healthy robot keeps"
+                        "require what holds for the healthy robot"
                     )
                 least = min(self._scales.get(wanted.name, math.inf), left)
                 self._scales[wanted.name] = least
@@ -215,7 +215,7 @@ def requirements_of(experiment: Experiment, texts: Sequence[str], path: Path) ->
         InputRefused: nothing is, or it cannot be judged.
     """
     if experiment.faults:
-        raise InputRefused(f"{path}: has [[fault]] tables; the search puts in one fault at a time, remove them")
+        raise InputRefused(f"{path}: has [[fault]] tables; the search inserts one fault at a time, remove them")
     named = [(measure.name, measure.formula) for measure in experiment.measures if isinstance(measure, Required)]
     named = [(f"requirement_{number}", text) for number, text in enumerate(texts, start=1)] or named
     if not named:

@@ -159,7 +159,7 @@ def default_onsets(healthy: FaultTrial) -> tuple[int, int]:
     """
     contacts = _spans(touching(healthy))
     if len(contacts) == 0:
-        raise InputRefused("the healthy run touches nothing, so it has no contact to break; say when with --onset S")
+        raise InputRefused("the healthy run touches nothing, so there is no usual onset; give one with --onset S")
     first = int(contacts[0, 0])
     rests = np.flatnonzero(np.diff(healthy.z[: first + 1]) >= 0.0)
     descent = int(rests[-1]) + 1 if len(rests) else 0
@@ -344,7 +344,7 @@ def healthy_trial(experiment: Experiment) -> FaultTrial:
     refuse_other_parts(experiment, "a matrix of faults", ("monitor",))
     if experiment.faults:
         raise InputRefused(
-            f"{experiment.name}: has [[fault]] tables; the matrix puts in one fault at a time, remove them"
+            f"{experiment.name}: has [[fault]] tables; the matrix inserts one fault at a time, remove them"
         )
     healthy = trial(experiment, None, watched=True)
     if healthy.trip is not None:

@@ -117,7 +117,7 @@ def _unknown(one: Identification) -> list[str]:
         )
         reasons.append(
             f"k_s and eta one by one: encoders and scale see only their product (20), {loss}; a measured motor torque "
-            "would part them (--motor-torque)"
+            "would separate them (--motor-torque)"
         )
     missing = [
         quantity.meaning
@@ -125,7 +125,7 @@ def _unknown(one: Identification) -> list[str]:
         if quantity.found is None and name not in ("k_s", "eta", "friction")
     ]
     if missing:
-        reasons.append(f"{_list(missing)}: less sure than a tenth of what they may plausibly be")
+        reasons.append(f"{_list(missing)}: uncertain by more than a tenth of their plausible range")
     if one.quantities["friction"].found is None:
         reasons.append("friction under the head: no sweep under load that is long enough")
     alike = dict.fromkeys(_list(group) for group in one.alike if len(group) > 1)

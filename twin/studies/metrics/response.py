@@ -125,7 +125,7 @@ def step_info(t: Curve, y: Curve, before: float, reference: float) -> StepInfo:
     step = final - before
     if abs(step) < STILL * abs(reference - before):
         raise InputRefused(
-            f"no answer to the step from {before:g} to {reference:g}: in the end it is {final:g}, moved less than "
+            f"no response to the step from {before:g} to {reference:g}: in the end it is {final:g}, moved less than "
             f"{100 * STILL:g} % of the step"
         )
     rest = float(np.max(np.abs(y[-2 * tail :] - final)))

@@ -181,7 +181,7 @@ def checked_run(recording: Recording) -> Fig4Run:
         note = f" ({recording.note})" if recording.note else ""
         raise InputRefused(f"{recording.path}: ends at {end:.3f} s{note}; Fig. 4 needs {WHOLE} s, run it again")
     if not run.is_in_step:
-        raise InputRefused(f"{recording.path}: estimator and controller tell of different times; run it again")
+        raise InputRefused(f"{recording.path}: estimator and controller have different times; run it again")
     return run
 
 

@@ -230,8 +230,8 @@ def refuse_impossible(plan: DrivePlan, system: System, rows: Curve) -> None:
         name, unit = (("theta_m", "rad"), ("omega_m", "rad/s"))[int(np.argmax(beyond[k]))]
         value = motion[k, int(np.argmax(beyond[k]))]
         raise ComponentFailed(
-            f"{plan.label} returned {name} = {value:.3g} {unit} at t = {k * TICK:.6g} s; no shaft turns like that, "
-            "look at its units, or at its step size"
+            f"{plan.label} returned {name} = {value:.3g} {unit} at t = {k * TICK:.6g} s; too fast for a shaft; "
+            "check its units and its step size"
         )
 
 

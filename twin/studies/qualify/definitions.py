@@ -50,7 +50,7 @@ class Workload:
         if self._taken > PATIENCE and each * total > LONG and not self._sure:
             raise InputRefused(
                 f"{self._label}: a step takes {1e3 * each:.3g} ms, and the whole check about "
-                f"{duration_text(each * total)}; say --yes if that is meant"
+                f"{duration_text(each * total)}; add --yes if that is intended"
             )
         if self._taken > SOON and time.monotonic() - self._reported > SOON:
             self._reported = time.monotonic()

@@ -200,7 +200,7 @@ def part_check(
         ComponentFailed: another component failed in the run.
     """
     if role not in CONTRACTS:
-        raise InputRefused(f"{role}: no part that may be third-party; these are {', '.join(CONTRACTS)}")
+        raise InputRefused(f"{role}: not a part that can be third-party; these can: {', '.join(CONTRACTS)}")
     named = [] if part is None else [f"{role}.{'python' if '.py:' in part else 'fmu'}={_absolute(part)!r}"]
     other = load_experiment(experiment, [*named, *settings])
     if role not in other.stand_ins:

@@ -139,7 +139,7 @@ def _watched(description: FmuDescription, results: Series | None) -> tuple[list[
     chosen = chosen or [v for v in numbers.values() if v.causality == "output"]
     chosen = chosen or [v for v in numbers.values() if v.causality == "local"][:1] or list(numbers.values())[:1]
     if not chosen:
-        raise InputRefused(f"{description.path.name}: has no variable that is a number")
+        raise InputRefused(f"{description.path.name}: has no numeric variable")
     return _ports("y", chosen), unknown
 
 

@@ -91,7 +91,7 @@ def model_for(log: Path, experiment: Path | None, settings: Sequence[str] = ()) 
         return loaded_model(experiment, settings)
     if is_recording(log):
         return recorded_model(read(log).metadata, log, settings)
-    raise InputRefused(f"{log}: does not say of which robot it is; name its experiment with --experiment FILE")
+    raise InputRefused(f"{log}: does not name its robot; give its experiment with --experiment FILE")
 
 
 def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, settings: Iterable[str] = ()) -> RobotModel:

@@ -243,7 +243,7 @@ class ExperimentsNow:
             file = experiment_file(name)
             # a name, as twin records it, and not whatever lies in the current folder
             if file.name != f"{name}.toml":
-                raise InputRefused(f"{name}: the recording calls its experiment so, which is no name of one")
+                raise InputRefused(f"{name}: not a valid name of an experiment, and the recording has it")
             if body and Path(body).name != body:
                 raise InputRefused(f"its body {body} is named by a path, and only a name is looked up")
             experiment = load_experiment(file, given.get("--set", ()), drive, body)

@@ -37,7 +37,7 @@ def runs(
     if not prune and (yes or keep != 1):
         raise InputRefused("twin runs: --keep and --yes belong to --prune; add that, or leave them out")
     if prune and as_json:
-        raise InputRefused("twin runs: --prune asks and tells in words; leave --json out")
+        raise InputRefused("twin runs: --prune asks questions; leave --json out")
     from twin.studies.results.stored import doomed_runs, doomed_text, listed, removed
 
     if not prune:

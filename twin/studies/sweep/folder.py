@@ -106,7 +106,7 @@ def claim(folder: Path, plan: "SweepPlan") -> None:
     }
     made_folder(folder)
     if (folder / ROWS).exists():
-        raise InputRefused(f"{folder}: has rows but no {FACTS} that says of what; choose another --out")
+        raise InputRefused(f"{folder}: has rows but no {FACTS}, which describes them; choose another --out")
     write_json(folder / FACTS, content)
 
 
@@ -118,7 +118,7 @@ def stored_sweep(folder: Path) -> SweepRows:
     """
     facts = _read(folder)
     if not facts:
-        raise InputRefused(f"{folder}: no sweep's folder, {FACTS} is not there; begin with twin sweep SWEEP.toml")
+        raise InputRefused(f"{folder}: not the folder of a sweep, {FACTS} is missing; begin with twin sweep SWEEP.toml")
     path = folder / ROWS
     columns = read_columns(path)[0].by_run()
     lists = {name: tuple(facts[name]) for name in ("drives", "labels", "metrics")}

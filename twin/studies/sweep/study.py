@@ -150,7 +150,7 @@ def check_start(place: str, definition: "SweepFile", sure: bool) -> None:
         return
     question = f"{place}: makes up to {count:,} runs"
     if not sys.stdin.isatty():
-        raise InputRefused(f"{question}; say --yes if that is meant, --dry-run shows what it takes")
+        raise InputRefused(f"{question}; add --yes if that is intended, --dry-run shows what it takes")
     if not confirmed(f"{question}. Go on?"):
         raise InputRefused(f"{question}; nothing was run")
 

@@ -133,7 +133,7 @@ def timing(
     if experiment.start:
         raise InputRefused(f"{package.file}: its experiment starts at {experiment.start:g} s; here runs begin at 0 s")
     if end is None:
-        raise InputRefused(f"{package.file}: says nothing of how long to run (DefaultExperiment); say --stop-s")
+        raise InputRefused(f"{package.file}: states no stop time (DefaultExperiment); give --stop-s")
     if not 0.0 < end / length < MOST_TICKS:
         raise InputRefused(
             f"{package.file}: {end:g} s in steps of {length:g} s; expected at least one step, and fewer than "
@@ -142,7 +142,8 @@ def timing(
     ticks = round(end / length)
     if ticks < 1 or abs(ticks * length - end) > 1e-6 * length:
         raise InputRefused(
-            f"{package.file}: {end:g} s are no whole number of steps of {1e3 * length:g} ms; choose --stop-s, --tick-ms"
+            f"{package.file}: {end:g} s is not a whole number of steps of {1e3 * length:g} ms; "
+            "set --stop-s or --tick-ms"
         )
     return Timing(length, source, ticks)
 
@@ -158,7 +159,7 @@ def _stated(package: Package, descriptions: Mapping[str, FmuDescription]) -> tup
                     return step, f"an annotation of the structure ({note.type})"
     steps = {path: step for path, one in descriptions.items() if 0.0 < (step := stated_step(one)) < math.inf}
     if not steps:
-        raise InputRefused(f"{package.file}: neither the structure nor an FMU says how long a step is; say --tick-ms")
+        raise InputRefused(f"{package.file}: neither the structure nor an FMU states a step size; give --tick-ms")
     shortest = min(steps, key=lambda path: steps[path])
     return steps[shortest], f"what the FMU of {shortest} wants{'' if len(steps) == 1 else ', the shortest'}"
 
@@ -238,7 +239,7 @@ def way(start: SpeltUnit, hops: Iterable[Hop], end: SpeltUnit, units: Sequence[U
         if not suppressed:
             found = found.then(_between(here, there, where))
         if transformation.table:
-            raise InputRefused(f"{where}: {transformation.table} cannot be done here; a LinearTransformation can")
+            raise InputRefused(f"{where}: {transformation.table} is not supported; a LinearTransformation is")
         if transformation.factor == 0.0:
             raise InputRefused(f"{where}: the factor 0; leave the connection out, and give the input a start value")
         factor, offset = transformation.factor, transformation.offset
@@ -246,7 +247,7 @@ def way(start: SpeltUnit, hops: Iterable[Hop], end: SpeltUnit, units: Sequence[U
             found = found.then(Way(1.0 / factor, -offset / factor))
         here = there if there.text else here
     if not (0.0 < abs(found.gain) < math.inf and math.isfinite(found.shift)):
-        raise InputRefused(f"{where}: units and factors come to more or less than a number can hold")
+        raise InputRefused(f"{where}: the conversion factor exceeds the range of a number")
     return found
 
 
@@ -259,7 +260,7 @@ def _between(here: SpeltUnit, there: SpeltUnit, where: str) -> Way:
     source, target = here.conversion, there.conversion
     assert source is not None and target is not None
     if source.dimension != target.dimension:
-        raise InputRefused(f"{where}: from '{here.text}' to '{there.text}', which do not measure the same")
+        raise InputRefused(f"{where}: from '{here.text}' to '{there.text}', which have different dimensions")
     return Way(target.factor / source.factor, (target.offset - source.offset) / source.factor)
 
 
@@ -343,10 +344,10 @@ def fmu_sources(package: Package, flat: FlatSystem) -> dict[str, str]:
     for path, component in flat.components.items():
         where = f"{package.file}: component '{path}'"
         if component.type not in (FMU, ""):
-            raise InputRefused(f"{where} is of type {component.type}, which is not run here; expected {FMU}")
+            raise InputRefused(f"{where} is of type {component.type}, which is not supported; expected {FMU}")
         if component.implementation not in ("any", "CoSimulation"):
             raise InputRefused(
-                f"{where} is to be used for {component.implementation}, which is not run here; expected an FMU for "
+                f"{where} is to be used for {component.implementation}, which is not supported; expected an FMU for "
                 "co-simulation"
             )
         found[path] = package.entry(component.source)
@@ -477,7 +478,7 @@ class _Planner:
         values = given_values(assigned.value, where)
         if isinstance(values[0], str):
             if any(hop.transformation.table for hop in assigned.hops):
-                raise InputRefused(f"{where}: text that is transformed on its way, which cannot be done here")
+                raise InputRefused(f"{where}: a transformation of text, which is not supported")
             return values[0] if len(values) == 1 else [str(value) for value in values]
         own = measure(variable.unit, self._connector(path, variable.name), self._units, description, where)
         start = spelt(assigned.value.unit, (*assigned.units, *self._units))

@@ -53,8 +53,8 @@ class Goals:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.sensitivity) and self.sensitivity > 1.0):
             raise InputRefused(
-                f"--margin {self.sensitivity:g}: no loop keeps its largest |1/(1+L)| that small; expected more than 1, "
-                "as a rule 1.3 to 2"
+                f"--margin {self.sensitivity:g}: no loop has its largest |1/(1+L)| that small; expected more than 1, "
+                "usually 1.3 to 2"
             )
         if not 0.0 <= self.overshoot <= 1.0:
             raise InputRefused(f"--overshoot-percent {100 * self.overshoot:g}: expected 0 to 100")

@@ -159,7 +159,7 @@ def scheduled(base: Tuned) -> Scheduled:
     goals, name = base.goals, base.experiments[0].name
     places = _places(base)
     if not places:
-        raise InputRefused(f"{name}: nothing is pressed on by force, so there is no stiffness to schedule over")
+        raise InputRefused(f"{name}: there is no force control in contact, so there is no stiffness to schedule over")
     low, high = base.stiffness or RANGE
     if low == high:
         raise InputRefused(f"--stiffness-N-per-m {low:g}:{high:g}: one stiffness; a schedule needs a range")

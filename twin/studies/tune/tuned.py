@@ -383,7 +383,7 @@ class Tuned:
         for prediction in self.after.predictions:
             M_s = prediction.sensitivity
             if prediction.stable and not confirmed(prediction.corner, self.after.gains, M_s):
-                doubts.append(f"{_where(prediction)}: the eigenvalues do not bear out its M_s of {M_s:.3g}")
+                doubts.append(f"{_where(prediction)}: the eigenvalues do not confirm its M_s of {M_s:.3g}")
         for i, trial in self.after.trials.items():
             prediction = self.after.predictions[i]
             doubt = "the co-simulation failed" if trial is None else contradiction(trial, prediction, self.goals)
@@ -445,7 +445,7 @@ def tuned(
     found, problems, drives = corners(experiments, stiffness)
     if stiffness is not None and not any(corner.point.in_contact for corner in found):
         raise InputRefused(
-            f"{first.name}: a range of stiffness is given, but nothing is pressed on; leave --stiffness-N-per-m out"
+            f"{first.name}: a range of stiffness is given, but there is no contact; leave --stiffness-N-per-m out"
         )
     law = "force" if any(corner.point.force_on for corner in found) else "position"
     goals = replace(goals, law=law)

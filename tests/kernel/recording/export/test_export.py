@@ -102,7 +102,7 @@ def test_matlab_at_a_rate_has_one_time_base(run: Path):
 def test_a_file_is_replaced_only_when_that_is_asked_for(run: Path):
     path = export_recording(run, "csv", ["scale"]).path
     before = path.read_bytes()
-    with pytest.raises(InputRefused, match="already there; replace it with --force"):
+    with pytest.raises(InputRefused, match="exists; replace it with --force"):
         export_recording(run, "csv")
     assert path.read_bytes() == before
     export_recording(run, "csv", ["scale.n"], force=True)

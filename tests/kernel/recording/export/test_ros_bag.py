@@ -126,7 +126,7 @@ def test_nothing_but_a_bag_of_twin_is_replaced(run: Path, tmp_path: Path):
         export_recording(run, "ros2", out=out)
     export_recording(run, "ros2", out=out, force=True)
     (out / "thesis.tex").write_text("years")
-    with pytest.raises(InputRefused, match="no bag of twin"):
+    with pytest.raises(InputRefused, match="not a bag written by twin"):
         export_recording(run, "ros2", out=out, force=True)
     assert (out / "thesis.tex").read_text() == "years"
 
@@ -173,5 +173,5 @@ def test_a_log_whose_signals_make_no_topics_is_refused(tmp_path: Path, maps: lis
 
 
 def test_a_recording_of_twin_needs_no_map(run: Path):
-    with pytest.raises(InputRefused, match="names and units of its own"):
+    with pytest.raises(InputRefused, match="whose names and units are known"):
         export_recording(run, "csv", maps=["a.b=c"])

@@ -75,5 +75,5 @@ def test_noise_is_no_drive():
 @pytest.mark.parametrize("gain", [0.0, 1e-300])
 def test_a_shaft_that_stands_still_is_no_drive(gain: float):
     response = np.full((len(Z), 2), gain * TICK, dtype=complex)
-    with pytest.raises(InputRefused, match=r"^acme: .* does not answer small commands; `twin drive check`"):
+    with pytest.raises(InputRefused, match=r"^acme: .* does not respond to small commands; see `twin drive check`"):
         fitted_drive(FREQUENCIES, response, CERTAIN, TICK, "acme")

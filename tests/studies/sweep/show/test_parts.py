@@ -83,7 +83,7 @@ def test_with_claims_the_answer_is_how_many_are_likely_and_no_run_is_best():
     text = sweep_text(kept(rows), ASKED)
     assert "1 of 2 claims hold in at least 95 % of the runs; least sure: true_final" in " ".join(text.split())
     assert "best runs" not in text and "Pareto" not in text
-    assert "1 of 9 runs came to no end and are not judged" in text
+    assert "1 of 9 runs did not end and are not judged" in text
 
 
 def test_short_names_tell_parameters_apart_and_are_never_a_number_alone():

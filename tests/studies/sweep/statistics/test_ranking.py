@@ -97,7 +97,7 @@ def test_runs_that_tripped_failed_or_passed_a_limit_are_not_among_the_best():
 
 @pytest.mark.parametrize("metric", ["end_N", "press.mean"])
 def test_a_metric_of_which_less_is_not_better_ranks_nothing(metric: str):
-    with pytest.raises(InputRefused, match=r"neither better nor worse; rank by force_error_N, peak_N, press\.std$"):
+    with pytest.raises(InputRefused, match=r"is not better; rank by force_error_N, peak_N, press\.std$"):
         checked_rank("--by", metric, KNOWN)
 
 

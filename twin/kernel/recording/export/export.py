@@ -243,7 +243,7 @@ def write_ros_bag(folder: Path, recording: Recording, signals: Sequence[str], ra
     """
     own = {f"{folder.name}_0.mcap", METADATA, MAP}
     if os.path.lexists(folder) and not (folder.is_dir() and set(os.listdir(folder)) <= own):
-        raise InputRefused(f"{folder}: already there and no bag of twin; name another with --out")
+        raise InputRefused(f"{folder}: exists and is not a bag written by twin; name another with --out")
     fields = recording.fields()
     times, common = time_base(recording, signals, rate)
     topics = [
@@ -412,7 +412,7 @@ def export_recording(
     stem = recording.path.name.split(".")[0]
     path = out or recording.path.with_name(f"{stem}_ros2" if form == "ros2" else f"{stem}.{form}")
     if os.path.lexists(path) and not force:
-        raise InputRefused(f"{path}: already there; replace it with --force or name another with --out")
+        raise InputRefused(f"{path}: exists; replace it with --force or name another with --out")
     if form == "ros2":
         return Exported(path, len(signals), write_ros_bag(path, recording, signals, rate), recording.note)
     if form == "mat":
@@ -429,7 +429,7 @@ def _recording(run: Path, maps: Sequence[str]) -> Recording:
     if not maps and not is_bag(run):
         return read(recording_in(run))
     if is_recording(run):
-        raise InputRefused(f"--map: {run} is a recording of twin, with names and units of its own")
+        raise InputRefused(f"--map: {run} is a recording of twin, whose names and units are known")
     return recording_of(read_log(run, column_map(maps)))
 
 

@@ -144,8 +144,8 @@ def _readings(
             mistakes.append(str(lacking))
         elif abs(furthest[1].delay) > SAME_CLOCK:
             mistakes.append(
-                f"{lacking}; its log times will not do, they are {abs(furthest[1].delay):.6g} s off the stamps of "
-                f"{furthest[0]}: leave out --map time=... to take log times for all"
+                f"{lacking}; its log times cannot be used, they differ by {abs(furthest[1].delay):.6g} s from the "
+                f"stamps of {furthest[0]}: leave out --map time=... to use log times for all"
             )
         else:
             try:

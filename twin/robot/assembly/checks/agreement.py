@@ -111,8 +111,8 @@ def _against_robot(monitor: Monitor, belief: MonitorBelief, sample_period: float
     for key, unit, scale, resolved in _resolved(one_count, share):
         if getattr(monitor, key) < DISTINCT * resolved:
             mistakes.append(
-                f"[monitor] {key}_{unit} = {scale * getattr(monitor, key):g} is within what the encoders cannot tell "
-                f"apart: one count is worth {scale * resolved:.3g} {at}; expected at least {DISTINCT:g} times that"
+                f"[monitor] {key}_{unit} = {scale * getattr(monitor, key):g} is below the resolution of the "
+                f"encoders: one count is worth {scale * resolved:.3g} {at}; expected at least {DISTINCT:g} times that"
             )
     return mistakes
 

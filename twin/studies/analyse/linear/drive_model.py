@@ -87,8 +87,8 @@ def fitted_drive(
     size = np.abs(response)
     if not size[:, 0].max() > NOTHING * tick:
         raise InputRefused(
-            f"{label}: no linear model describes it: its shaft does not answer small commands; "
-            "`twin drive check` says what it does"
+            f"{label}: no linear model describes it: its shaft does not respond to small commands; "
+            "see `twin drive check`"
         )
     # a drive that no load can move has nothing to be relative to
     largest = np.maximum(size.max(axis=0), 1e-9 * size.max())
@@ -110,7 +110,7 @@ def fitted_drive(
         worst = best.residual if best else 1.0
         raise InputRefused(
             f"{label}: no linear model describes it: the best misses its measured frequency response by {worst:.0%}, "
-            f"expected at most {WORST:.0%}. It does not answer small signals in proportion; simulate instead (twin run)"
+            f"expected at most {WORST:.0%}. Its response to small signals is not linear; simulate instead (twin run)"
         )
     return best
 

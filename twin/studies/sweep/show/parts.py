@@ -134,7 +134,7 @@ def claims_part(sweep: SweepRows) -> ReportPart | None:
     judged = int(np.any([one.are(lambda verdict: verdict is not None) for one in verdicts], axis=0).sum())
     remarks = ["P: Wilson interval. true_...: not the paper's but ours, on the true force"]
     if missing := len(columns) - judged:
-        remarks.append(f"{missing} of {len(columns)} runs came to no end and are not judged: reasons below")
+        remarks.append(f"{missing} of {len(columns)} runs did not end and are not judged: reasons below")
     remarks += [f"{one.claim.key}: trivial in {one.trivial} runs, not counted" for one in found if one.trivial]
     return ReportPart(
         "claims",
@@ -209,7 +209,7 @@ def _correlations(sweep: SweepRows, columns: Columns, metric: str, of: str) -> R
     remarks = [f"* not by chance: 5 % for {counted(len(found), 'parameter')} together (Holm)"]
     fewest = min(one.runs for one in found.values())
     if fewest < FEW:
-        remarks.append(f"only {fewest} runs: intervals are wide, and what has no star may matter all the same")
+        remarks.append(f"only {fewest} runs: intervals are wide, and parameters without a star may matter too")
     title = f"rank correlation with {metric}{of} (Spearman: + rises with the parameter)"
     return ReportPart("correlation", title, ["parameter", "rho ", "95 %", "p"], lines, remarks)
 
@@ -232,9 +232,7 @@ def _indices(sweep: SweepRows, columns: Columns, metric: str, of: str) -> Report
     if ranges:
         remarks.append(f"95 %: {COVERED}")
     elif found.blocks < LEAST_FOR_INTERVALS:
-        remarks.append(
-            f"no intervals: of fewer than {LEAST_FOR_INTERVALS} blocks they hold much less often than they say"
-        )
+        remarks.append(f"no intervals: with fewer than {LEAST_FOR_INTERVALS} blocks they cover much less than stated")
     if max((high - low for low, high in ranges), default=0.0) > WIDE:
         remarks.append("some intervals are wide: four times the blocks make them half as wide")
     remarks.append("first: share of the variance that it explains alone; total: together with others")

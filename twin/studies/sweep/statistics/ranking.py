@@ -86,7 +86,7 @@ def checked_rank(option: str, metric: str, known: Sequence[str], claims: Sequenc
     checked_metric(option, metric, [*known, *claims])
     if not claims and _unranked(metric):
         others = ", ".join(name for name in known if not _unranked(name))
-        raise InputRefused(f"{option} {metric}: less of it is neither better nor worse; rank by {others}")
+        raise InputRefused(f"{option} {metric}: less of it is not better; rank by {others}")
     return metric
 
 
@@ -472,6 +472,6 @@ def bands(rows: Sequence[Row]) -> Bands | None:
 
 def _odd(row: Row) -> InputRefused:
     return InputRefused(
-        f"{ROWS}: run {row['run']} has curves that are none, or not those of the other runs; remove its line, the run "
+        f"{ROWS}: run {row['run']} has damaged curves, or others than the other runs; remove its line, the run "
         "is then done again"
     )
