@@ -9,7 +9,7 @@ from tests.studies.replay.logs import FIG4, ran, softened
 def test_a_robot_that_drifts_ends_with_exit_code_1(tmp_path: Path):
     done = twin("replay", ran(FIG4, softened((1, 2, 3), 10.0)).path, "--out", "x", cwd=tmp_path)
     assert done.returncode == 1, done.stderr
-    assert done.stdout.startswith(f"{FIG4}: robot and twin part since ")
+    assert done.stdout.startswith(f"{FIG4}: robot and twin diverge since ")
 
 
 @pytest.mark.parametrize(

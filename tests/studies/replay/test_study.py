@@ -36,7 +36,7 @@ def test_a_robot_that_drifts_is_told_with_time_size_and_side(tmp_path: Path):
     log = write_log(tmp_path / "monday.csv", ran(FIG4, softened((1, 2, 3), 10.0)))
     report = replay(log, ROBOT, out=tmp_path / "out")
     assert report.exit_code == 1
-    assert lines(report)[0] == "monday: robot and twin part since 10.000 s"
+    assert lines(report)[0] == "monday: robot and twin diverge since 10.000 s"
     assert "N above the measured force" in lines(report)[1]
     facts = json.loads((tmp_path / "out" / "replay.json").read_text())
     assert facts["verdict"] == "drifting"

@@ -42,7 +42,7 @@ def replay(
     The log has encoder counts (encoder.count_m[0..2], encoder.count_l[0..2]) or
     angles (estimator.theta_m[0..2], estimator.theta_l[0..2]), and may have a
     measured force (scale.F_z, pressing positive).
-    Exit code: 0 done, 1 robot and twin part, 2 input refused, 3 the plant model
+    Exit code: 0 done, 1 robot and twin diverge, 2 input refused, 3 the plant model
     left the workspace.
 
     Example: twin replay results/fig4_force_position --plant

@@ -179,7 +179,7 @@ def _headline(replay: Replay, name: str) -> str:
             return f"{name}: cannot tell whether robot and twin match"
     first = replay.first_alarm
     assert first is not None
-    return f"{name}: robot and twin part since {first.drift.since:.3f} s\n  {_change(first)}"
+    return f"{name}: robot and twin diverge since {first.drift.since:.3f} s\n  {_change(first)}"
 
 
 def _change(one: Indicator) -> str:
@@ -304,7 +304,7 @@ def draw_replay(replay: Replay, name: str, path: Path) -> None:
 def _title(replay: Replay, name: str) -> str:
     first = replay.first_alarm
     if first is not None:
-        return f"{name}: robot and twin part since {first.drift.since:.1f} s ({first.name})"
+        return f"{name}: robot and twin diverge since {first.drift.since:.1f} s ({first.name})"
     return f"{name}: " + ("robot and twin match" if replay.indicators else "nothing to compare the estimate with")
 
 
