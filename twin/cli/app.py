@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperArgument, TyperCommand, TyperGroup
 
 from twin import __version__
 from twin.cli import completion
@@ -116,6 +116,10 @@ class Commands(TyperGroup):
         holder.callback()(lambda: None)
         holder.command(name)(asking(self.declared[self._first + name]))
         made: Any = typer.main.get_command(holder)
+        for parameter in made.commands[name].params:
+            if isinstance(parameter, TyperArgument):
+                # the help describes it; a Python type such as list[Path] says nothing to its reader
+                parameter.display_type_rich = lambda ctx: None  # type: ignore[method-assign]
         return made.commands[name]
 
     @cached_property

@@ -308,8 +308,8 @@ def examination_text(findings: Sequence[Finding]) -> str:
 
 
 @study()
-def doctor(with_run: Annotated[bool, Option("Run one second of Fig. 4, too.", flags="--run")] = False) -> Answer:
-    """Say what this installation has and lacks, and what to do about it.
+def doctor(with_run: Annotated[bool, Option("Also run one second of Fig. 4.", flags="--run")] = False) -> Answer:
+    """Check this installation: what is there, what is missing, and what to do.
 
     Exit code: 0 ready, even if something optional is missing, 2 not ready.
 

@@ -38,11 +38,11 @@ def report(
     ],
     say: Say,
     out: Annotated[
-        Path | None, Option("The page; without it report.html beside the run, of several in results/report.", "FILE")
+        Path | None, Option("The page; default: report.html beside the run, or results/report for several.", "FILE")
     ] = None,
-    budget: Annotated[bool, Option("Run it again without its imperfections: what adds to the force error.")] = False,
+    budget: Annotated[bool, Option("Also run without imperfections: the budget of the force error.")] = False,
 ) -> Answer:
-    """Write a run, or several side by side, as one HTML page to look at offline.
+    """Write a run, or several side by side, as one offline HTML page.
 
     Exit code: 0 written, whatever the verdict, 2 input refused, 3 a component
     failed while a budget was made.
@@ -59,7 +59,9 @@ def report(
 
 @study("drive compare", before=[load_experiments])
 def drive_compare(
-    drives: Annotated[Sequence[str], Argument("Drives, as for check.", "FMU", complete="drive")],
+    drives: Annotated[
+        Sequence[str], Argument("Drives: .fmu files, folders, or names in fmus/.", "FMU", complete="drive")
+    ],
     experiments: Annotated[
         Sequence[Path],
         Option("An experiment, file or name; may be repeated.", "FILE", "--experiment", complete="experiment"),
@@ -67,19 +69,19 @@ def drive_compare(
     say: Say,
     body: BodyName = None,
     settings: Settings = (),
-    out: Annotated[Path, Option("Where pictures go.", "DIR")] = Path("results/drive_compare"),
-    html: Annotated[bool, Option("Write all of it as one page, compare.html, too.")] = False,
+    out: Annotated[Path, Option("Folder of the pictures.", "DIR")] = Path("results/drive_compare"),
+    html: Annotated[bool, Option("Also write one page, compare.html.")] = False,
     isolate: Isolate = JOB_ISOLATION,
     limit_step: LimitStep = JobLimits.step,
     limit_wall: LimitWall = math.inf,
     formats: Formats = (),
     columns: Columns = 2,
 ) -> Answer:
-    """Run the same experiments with one drive after the other, and judge what truly happened.
+    """Run the same experiments with each drive, and compare the true signals.
 
-    First it says in what each drive is better or worse than the first one, then
-    the numbers.
-    Exit code: 0 all ran, 2 one is refused (none has run), 3 one failed.
+    The answer says where each drive is better or worse than the first; the
+    numbers follow. Exit code: 0 all ran, 2 one is refused (none has run), 3
+    one failed.
 
     Example: twin drive compare velocity_servo pmsm_foc --experiment experiments/pressing.toml
 
@@ -103,22 +105,21 @@ def sweep_show(
     say: Say,
     by: By = None,
     against: Annotated[str, Option("The other metric of the Pareto front.", "METRIC")] = "lateral_error_mm",
-    top: Annotated[int, Option("So many of the best runs.", "N", least=1)] = 5,
-    worst: Annotated[
-        str | None, Option("Judge each choice of the others by its worst run over KEY.", "KEY", "--worst-over")
-    ] = None,
-    x: Annotated[str | None, Option("Parameter across the heat map.", "KEY", "--x")] = None,
-    y: Annotated[str | None, Option("Parameter up the heat map.", "KEY", "--y")] = None,
-    html: Annotated[bool, Option("Write all of it as one page, sweep.html, too.")] = False,
-    parquet: Annotated[bool, Option("Write the rows as rows.parquet, too.")] = False,
+    top: Annotated[int, Option("Number of best runs to show.", "N", least=1)] = 5,
+    worst: Annotated[str | None, Option("Rank by the worst run over KEY.", "KEY", "--worst-over")] = None,
+    x: Annotated[str | None, Option("Parameter on the x axis of the heat map.", "KEY", "--x")] = None,
+    y: Annotated[str | None, Option("Parameter on the y axis of the heat map.", "KEY", "--y")] = None,
+    html: Annotated[bool, Option("Also write one page, sweep.html.")] = False,
+    parquet: Annotated[bool, Option("Also write the rows as rows.parquet.")] = False,
     formats: Formats = (),
     columns: Columns = 2,
     as_json: AsJson = False,
 ) -> Iterator[Answer]:
-    """Show what a sweep came to, also while it runs: best runs, what matters, claims.
+    """Show the results of a sweep, also while it runs: best runs, sensitivities, claims.
 
-    Text, and pictures in the sweep's folder: a heat map (map.png) if two numbers
-    vary, bands of curves (bands.png) if the sweep judges claims.
+    Text, and pictures in the sweep's folder: a heat map (map.png) if two
+    numbers vary, bands of curves (bands.png) if the sweep judges claims.
+
     Exit code: 0 shown, 2 input refused.
 
     Example: twin sweep show experiments/sweeps/stiffness_and_gain.toml

@@ -42,33 +42,36 @@ def run(
     settings: Settings = (),
     ranges: Annotated[
         Sequence[str],
-        Option("Run once per value, as twin sweep does; rows, no recordings.", "KEY=FROM:TO:COUNT", "--sweep"),
+        Option("Run once per value, like twin sweep; writes rows, no recordings.", "KEY=FROM:TO:COUNT", "--sweep"),
     ] = (),
-    out: Annotated[Path | None, Option("The run's own folder; without it, results/EXPERIMENT/TIME.", "DIR")] = None,
+    out: Annotated[Path | None, Option("Folder of the run; default: results/EXPERIMENT/TIME.", "DIR")] = None,
     as_json: Annotated[bool, Option("Print one JSON object per run instead of text.", flags="--json")] = False,
-    report: Annotated[bool, Option("Then write an HTML page, as twin report does.")] = False,
+    report: Annotated[bool, Option("Also write an HTML page, like twin report.")] = False,
     isolate: Annotated[
         Isolation,
-        Option("Processes: one for the run; one for each drive besides; none, for debuggers, but this one."),
+        Option("Processes: one for the run, one more per drive, or none (for debuggers)."),
     ] = Isolation(JOB_ISOLATION),  # noqa: B008, it is a constant
     limit_step: LimitStep = JobLimits.step,
     limit_wall: LimitWall = math.inf,
     limit_memory: Annotated[float, Option("Most memory of the run's process.", "MB", least=0.0)] = MEMORY,
     live: Annotated[bool, Option("Serve the run to Lichtblick or Foxglove; starts with the first viewer.")] = False,
-    port: Annotated[int, Option("Of --live; 0: any that is free.", least=0, most=65535)] = PORT,
+    port: Annotated[int, Option("With --live: port; 0: any free one.", "N", least=0, most=65535)] = PORT,
     origins: Annotated[
-        Sequence[str], Option("Of --live; pages of it may watch, too, as https://host:port.", "ORIGIN", "--origin")
+        Sequence[str],
+        Option("With --live: also allow pages from this origin, https://host:port.", "ORIGIN", "--origin"),
     ] = (),
     realtime: Annotated[
-        float | None, Option("Times real time; 1 with --live. 0: as fast as it goes.", "[=FACTOR]", least=0.0)
+        float | None,
+        Option("Speed as a multiple of real time; 0: as fast as possible; with --live: 1.", "[=FACTOR]", least=0.0),
     ] = None,
-    yes: Annotated[bool, Option("Run what takes more than an hour or 5 GB.")] = False,
+    yes: Annotated[bool, Option("Allow runs of more than an hour or 5 GB.")] = False,
 ) -> None:
     """Run experiments and record them.
 
     Exit code: 0 done, 3 a component failed while running (error, crash, hang),
-    2 input refused (also an FMU that crashes before the first step), 4 the safety
-    monitor tripped although the experiment has no faults, 130 interrupted.
+    2 input refused (also an FMU that crashes before the first step), 4 the
+    safety monitor tripped although the experiment has no faults, 130
+    interrupted.
 
     Example: twin run experiments/fig4_force_position.toml --drive pmsm_foc
     """

@@ -20,11 +20,11 @@ def init(
         str, Option("The experiment to start from.", "NAME", "--from", complete="experiment name")
     ] = "fig4_force_position",
 ) -> Answer:
-    """Write an experiment to start from: every key, what it means, its unit, its default.
+    """Write an experiment to start from, with every key, its meaning, unit and default.
 
-    It runs as it is, from any folder. Beside it, unless it is there already, goes
-    the JSON Schema by which editors check it. No file is ever overwritten.
-    Exit code: 0 written, 2 refused.
+    It runs unchanged from any folder. The JSON Schema for editors is written
+    beside it if missing. No file is overwritten. Exit code: 0 written, 2
+    refused.
 
     Example: twin init my_experiment.toml --from pressing
     """
@@ -37,7 +37,7 @@ def init(
 
 @study(json=False)
 def schema(
-    out: Annotated[Path | None, Option("Write it there instead of printing it.", "FILE")] = None,
+    out: Annotated[Path | None, Option("Write to this file instead of printing.", "FILE")] = None,
 ) -> Answer:
     """Print the JSON Schema of the experiment file, for editors.
 
@@ -66,11 +66,11 @@ def schema(
 
 @study("log new", json=False, before=[find_logs])
 def log_new(log: Annotated[Path, Argument("A CSV file of a robot.", "CSV")]) -> Answer:
-    """Write the column map that brings a robot's CSV file in, beside it.
+    """Write a column map for a robot's CSV file, beside it.
 
-    Names, units and values say which column is the time, which are the encoders
-    of motors and joints, and which is the measured force. What is in doubt stands
-    in it as comments. An existing map is never touched.
+    Names, units and values say which column is the time, which are the
+    encoders of motors and joints, and which is the measured force. Doubtful
+    lines are comments. An existing map is never changed.
 
     Exit code: 0 written, 2 refused.
 

@@ -29,7 +29,7 @@ Asked = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Option:
-    """What a command line says of an argument; an optional one, named `--like-this` after it.
+    """An option of a command, named `--like-this` after its argument.
 
     Attributes:
         help: one sentence.
@@ -49,7 +49,7 @@ class Option:
 
 @dataclass(frozen=True)
 class Argument(Option):
-    """One that is given by its place."""
+    """A positional argument of a command."""
 
 
 @dataclass(frozen=True)
@@ -127,15 +127,15 @@ class PictureFormat(StrEnum):
 
 Isolate = Annotated[
     JobIsolation,
-    Option("Processes: one of its own for what steps FMUs; none, for debuggers, but this one.", flags="--isolate"),
+    Option("Process for FMUs: a separate one, or none (for debuggers).", flags="--isolate"),
 ]
 LimitStep = Annotated[float, Option("Longest time of one call into a drive.", "S", least=0.0)]
 LimitWall = Annotated[float, Option("Longest time of the whole command.", "S", least=0.0)]
 Formats = Annotated[
     Sequence[PictureFormat],
-    Option("Pictures for a paper, beside those for the screen; may be repeated.", flags="--format"),
+    Option("Also write pictures for a paper; may be repeated.", "svg|pdf", "--format"),
 ]
-Columns = Annotated[int, Option("Of --format; columns of the paper they fill.", flags="--columns", least=1, most=2)]
+Columns = Annotated[int, Option("With --format: width in columns of the paper.", "1|2", "--columns", least=1, most=2)]
 AsJson = Annotated[bool, Option("Print JSON instead of text.", flags="--json")]
 Compile = Annotated[
     bool, Option("Build FMUs without a binary for this machine from their sources, once.", flags="--compile")
@@ -145,19 +145,19 @@ DriveName = Annotated[
 ]
 BodyName = Annotated[
     str | None,
-    Option("What to press on: a file of experiments/bodies/, such as back.", "BODY", "--body", complete="body"),
+    Option("Body to press on: a file of experiments/bodies/, such as back.", "BODY", "--body", complete="body"),
 ]
 Settings = Annotated[
     Sequence[str],
     Option(
-        "Override a value of the experiment, such as controller.force_N=4; of its first task: task.1.force_N=5.",
+        "Override a value of the experiment, such as controller.force_N=4, or task.1.force_N=5 for its first task.",
         "KEY=VALUE",
         "--set",
         complete="setting",
     ),
 ]
 ColumnMaps = Annotated[
-    Sequence[str], Option("Which column is what; or a TOML file of such.", "NAME=COLUMN[UNIT]", "--map")
+    Sequence[str], Option("Column of a signal; or a TOML file of such.", "NAME=COLUMN[UNIT]", "--map")
 ]
 ExperimentName = Annotated[Path, Argument("Experiment file (TOML) or name.", "EXPERIMENT", complete="experiment")]
 

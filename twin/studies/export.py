@@ -33,17 +33,16 @@ def export(
         Sequence[str], Option("Signals of another tool's log, or a TOML file.", "NAME=COLUMN[UNIT]", "--map")
     ] = (),
     signals: Annotated[
-        Sequence[str], Option("Only these, again for each: plant.p_B, 'plant.*', '*.F_z'.", "NAME")
+        Sequence[str], Option("Signal to export, such as plant.p_B, 'plant.*', '*.F_z'; may be repeated.", "NAME")
     ] = (),
-    rate: Annotated[float | None, Option("Rows per second; without it, the fastest signal's.", "HZ")] = None,
-    out: Annotated[Path | None, Option("Without it, beside the recording.", "PATH")] = None,
-    force: Annotated[bool, Option("Replace a file that is there.")] = False,
+    rate: Annotated[float | None, Option("Rows per second; default: the fastest signal's rate.", "HZ")] = None,
+    out: Annotated[Path | None, Option("Output file; default: beside the recording.", "PATH")] = None,
+    force: Annotated[bool, Option("Replace an existing file.")] = False,
 ) -> Answer:
     """Write a recording as CSV, Parquet or MATLAB file, or as a bag of ROS 2.
 
-    Every number is SI and one that was recorded: at each row's time, the newest
-    value of each signal; nothing is interpolated.
-    Exit code: 0 done, 2 input refused.
+    Numbers are SI. Each row holds the newest recorded value of each signal at
+    its time; nothing is interpolated. Exit code: 0 done, 2 input refused.
 
     Example: twin export results/fig4_force_position --csv --rate 100
 

@@ -114,5 +114,5 @@ def test_what_cannot_be_searched_is_refused_before_a_run(tmp_path: Path, options
 
 
 def test_what_the_healthy_robot_does_not_keep_is_refused(tmp_path: Path):
-    with pytest.raises(InputRefused, match=r"violated without any fault, by 1\.\d+ N; require what holds for the healthy"):
+    with pytest.raises(InputRefused, match=r"violated without any fault, by 1\.\d+ N; require what holds"):
         asked(tmp_path, requirements=["always (|plant.F_ee_B| <= 7 N)"], kinds=["breathing"], processes=1)

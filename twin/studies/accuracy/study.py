@@ -18,12 +18,12 @@ def accuracy(
     say: Say,
     drive: DriveName = None,
     settings: Settings = (),
-    out: Annotated[Path | None, Option("Where accuracy.json goes: results/accuracy/EXPERIMENT.", "DIR")] = None,
+    out: Annotated[Path | None, Option("Folder; default: results/accuracy/EXPERIMENT.", "DIR")] = None,
 ) -> Result:
     """Budget of the force error: encoders, backlash, statics, coupling, parameters.
 
-    Runs the experiment without any imperfection and with each of them alone, and
-    says in newtons what each adds to the error of the estimated force.
+    Runs the experiment without any imperfection and with each of them alone,
+    and says in newtons what each adds to the error of the estimated force.
     Exit code: 0 done, 2 input refused, 3 a drive failed.
 
     Example: twin accuracy experiments/fig4_force_position.toml

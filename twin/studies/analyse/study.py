@@ -23,24 +23,25 @@ def analyse(
     drive: DriveName = None,
     body: BodyName = None,
     settings: Settings = (),
-    out: Annotated[Path | None, Option("Where pictures and JSON go: results/analysis/EXPERIMENT.", "DIR")] = None,
+    out: Annotated[Path | None, Option("Folder; default: results/analysis/EXPERIMENT.", "DIR")] = None,
     tried: Annotated[
         bool,
         Option(
-            "Try the gain limits in the co-simulation; look there for those that do not hold.", flags="--try/--no-try"
+            "Check the gain limits in the co-simulation, and search there for limits that do not hold.",
+            flags="--try/--no-try",
         ),
     ] = True,
     passivity: Annotated[
-        bool, Option("Instead: what a hand feels of the robot, where it is passive, and the stiffness that it renders.")
+        bool, Option("Analyse the impedance felt by a hand instead: passivity, rendered stiffness.")
     ] = False,
 ) -> Result:
-    """Tell how stable the loops are: margins, gain limits, damping, pictures.
+    """Analyse the stability of the loops: margins, gain limits, damping, pictures.
 
     Drives are identified through their FMUs; the rest is linearised at rest,
-    in free air and pressing, and sampled as the co-simulation samples it.
-    The gain limits are then tried in the co-simulation, which decides.
-    Exit code: 0 stable at every operating point, 1 unstable at one, 2 input
-    refused or no linear model, 3 a drive failed, crashed or hung.
+    in free air and pressing, and sampled as the co-simulation samples it. The
+    gain limits are then checked in the co-simulation. Exit code: 0 stable at
+    every operating point, 1 unstable at one, 2 input refused or no linear
+    model, 3 a drive failed, crashed or hung.
 
     Example: twin analyse experiments/fig4_force_position.toml
 

@@ -32,28 +32,32 @@ def _check_options(asked: Asked) -> None:
 def build(
     experiment: Annotated[Path, Argument("File or name.", "EXPERIMENT", complete="experiment")],
     say: Say,
-    fmu: Annotated[str | None, Option("An FMU of plant, computer, or a component: encoder ..", "PART")] = None,
-    c: Annotated[bool, Option("C for the robot's own computer: counts in, speeds out.")] = False,
-    ssp: Annotated[bool, Option("The whole robot, drives too, as a system of FMUs.")] = False,
-    fmi: Annotated[Fmi | None, Option("Version of FMI; without it 2.")] = None,
+    fmu: Annotated[
+        str | None, Option("The part to export as an FMU: plant, computer, or a component such as encoder.", "PART")
+    ] = None,
+    c: Annotated[bool, Option("Export the controller as C: encoder counts in, motor speeds out.")] = False,
+    ssp: Annotated[bool, Option("Export the whole robot with its drives as an SSP.")] = False,
+    fmi: Annotated[Fmi | None, Option("Version of FMI; default: 2.")] = None,
     platforms: Annotated[
-        Sequence[str], Option("Also for aarch64-linux, x86_64-windows .. or all; repeat it.", "NAME", "--platform")
+        Sequence[str],
+        Option("Another platform: aarch64-linux, x86_64-windows .. or all; may be repeated.", "NAME", "--platform"),
     ] = (),
     out: Annotated[
-        Path | None, Option("Without it, results/build/EXPERIMENT/PART.fmu, c, or EXPERIMENT.ssp.", "PATH")
+        Path | None, Option("Output; default: results/build/EXPERIMENT/PART.fmu, c, or EXPERIMENT.ssp.", "PATH")
     ] = None,
     drive: DriveName = None,
     settings: Settings = (),
 ) -> Answer:
     """Build a part of the robot for other programs: native code without Python.
 
-    --fmu plant: a co-simulation FMU of springs, mechanism, contact, body, scale.
-    --fmu computer: one of encoders, estimator, controller, delay, monitor.
-    --c: the same from the encoders' counts on, as C with static libraries.
-    --ssp: plant, computer and the drives as they came, joined: an SSP archive.
+    --fmu plant: a co-simulation FMU of springs, mechanism, contact, body,
+    scale. --fmu computer: one of encoders, estimator, controller, delay,
+    monitor. --c: the same from the encoders' counts on, as C with static
+    libraries. --ssp: plant, computer and the unchanged drives as an SSP
+    archive.
 
-    For x86-64 Linux, and whatever --platform adds. Its numbers stay open as
-    parameters, called as in the file.
+    Built for x86-64 Linux and the platforms of --platform. The experiment's
+    numbers stay open as parameters, with the names of the file.
 
     Exit code: 0 written, 2 refused, 3 it could not be written.
 

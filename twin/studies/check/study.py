@@ -20,7 +20,7 @@ def check(
     experiments: Annotated[
         Sequence[Path],
         Argument(
-            "Experiments that say what to measure, files or names; none: all that have baselines.",
+            "Experiments with [[measure]] tables, files or names; default: all with baselines.",
             "EXPERIMENT",
             complete="experiment",
         ),
@@ -35,8 +35,8 @@ def check(
             complete="drive",
         ),
     ] = (),
-    update: Annotated[bool, Option("Accept what is now as the baseline.")] = False,
-    reason: Annotated[str, Option("Why; kept in the baseline.", "TEXT")] = "",
+    update: Annotated[bool, Option("Accept today's values as the baseline.")] = False,
+    reason: Annotated[str, Option("Reason, stored in the baseline.", "TEXT")] = "",
     baselines: Annotated[
         Path | None,
         Option(
@@ -45,15 +45,15 @@ def check(
             "DIR",
         ),
     ] = None,
-    out: Annotated[Path, Option("Where pictures of curves outside their tubes go.", "DIR")] = PICTURES,
-    jobs: Annotated[int, Option("Processes that run experiments.", "N", "--jobs -j", least=1)] = 2,
+    out: Annotated[Path, Option("Folder for pictures of curves outside their tubes.", "DIR")] = PICTURES,
+    jobs: Annotated[int, Option("Number of parallel processes.", "N", "--jobs -j", least=1)] = 2,
     isolate: Isolate = JOB_ISOLATION,
 ) -> Result:
-    """Check experiments against what they came to before, drive by drive.
+    """Check experiments against their stored baselines, drive by drive.
 
-    Numbers have bounds and curves have tubes, stored in tests/baselines as
-    docs/regression.md tells. --update shows the difference, then accepts it.
-    Of curves outside their tubes there are pictures.
+    Numbers have bounds and curves have tubes, stored in tests/baselines
+    (docs/regression.md). --update shows the differences and accepts them.
+    Curves outside their tubes are drawn.
 
     Exit code: 0 all as it was, or updated; 1 something deviates; 2 input
     refused, or no baseline; 3 a drive failed; 4 the safety monitor tripped.

@@ -38,24 +38,24 @@ def compare(
         ),
     ] = (),
     paper: Annotated[str | None, Option("Score runs against the paper: fig4 or fig5.", "FIGURE")] = None,
-    signals: Annotated[Sequence[str], Option("Compare only these; * and ? fit any.", "NAME", "--signal")] = (),
+    signals: Annotated[
+        Sequence[str], Option("Signal to compare, with wildcards * and ?; may be repeated.", "NAME", "--signal")
+    ] = (),
     tolerances: Annotated[
         Sequence[str], Option("2%@4ms (the default), NAME=0.05N, NAME=0.1mm@10ms, FILE.toml.", "RULE", "--tol")
     ] = (),
-    maps: Annotated[
-        Sequence[str], Option("Column of a foreign file: NAME=[-]COLUMN[UNIT], FILE.toml.", "MAP", "--map")
-    ] = (),
+    maps: Annotated[Sequence[str], Option("Column of a log: NAME=[-]COLUMN[UNIT], or FILE.toml.", "MAP", "--map")] = (),
     align: Annotated[str, Option("Time of B: none, start, event or fit.", "HOW")] = "none",
     by: Annotated[str, Option("Signal to align by, for event and fit.", "NAME")] = "",
     max_shift: Annotated[float, Option("Largest shift of fit, in s.", "S")] = 1.0,
-    partial: Annotated[bool, Option("Let B cover only a part of A's time; what it covers is compared.")] = False,
-    out: Annotated[Path | None, Option("Where picture and JSON go; results/compare, or results/FIGURE.", "DIR")] = None,
+    partial: Annotated[bool, Option("Allow B to cover only a part of A's time.")] = False,
+    out: Annotated[Path | None, Option("Folder; default: results/compare, or results/FIGURE.", "DIR")] = None,
 ) -> Result:
     """Compare B with A within a tolerance tube, or runs with a figure of the paper.
 
-    B is right where it is, at some instant no more than the tolerance in time
-    away, no farther from A than the tolerance in value. docs/compare.md
-    tells how, docs/compare_reference.md of columns, units, tolerances, alignment.
+    B agrees with A where, within the tolerance in time, it comes within the
+    tolerance in value of A. See docs/compare.md, and docs/compare_reference.md
+    for columns, units, tolerances and alignment.
 
     Exit code: 0 inside, or no claim fails; 1 outside, or B lacks a part of A's
     time (without --partial), or a claim fails or cannot be scored; 2 refused;

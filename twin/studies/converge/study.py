@@ -18,10 +18,10 @@ def converge(
     say: Say,
     drive: DriveName = None,
     settings: Settings = (),
-    tolerance: Annotated[float, Option("Error of the pressing force that may be.", "N", least=0.0)] = 0.005,
-    duration: Annotated[float | None, Option("How much of the experiment; without it, all.", "S", least=0.01)] = None,
-    smooth: Annotated[bool, Option("Without backlash and friction, so that orders are clean.")] = False,
-    out: Annotated[Path | None, Option("Where files go: results/converge/EXPERIMENT.", "DIR")] = None,
+    tolerance: Annotated[float, Option("Allowed error of the pressing force.", "N", least=0.0)] = 0.005,
+    duration: Annotated[float | None, Option("Simulate only the first S seconds.", "S", least=0.01)] = None,
+    smooth: Annotated[bool, Option("Leave out backlash and friction, for clean orders.")] = False,
+    out: Annotated[Path | None, Option("Folder; default: results/converge/EXPERIMENT.", "DIR")] = None,
 ) -> Result:
     """Halve the step: error, order and power residual of each coupling.
 

@@ -26,32 +26,32 @@ def falsify(
     requirements: Annotated[
         Sequence[str],
         Option(
-            "What has to hold; may be repeated. Without it, the experiment's own requirements.",
+            "Requirement; may be repeated. Default: the experiment's own requirements.",
             "FORMULA",
             "--requirement",
         ),
     ] = (),
     kinds: Annotated[Sequence[str], Option("Only this kind of fault; may be repeated.", "KIND", "--kind")] = (),
-    bodies: Annotated[Sequence[str], Option("Press on this body, too; may be repeated.", "BODY", "--body")] = (),
-    runs: Annotated[int, Option("The most runs with a fault.", "N", least=1)] = RUNS,
-    duration: Annotated[float | None, Option("How long each fault lasts; without it, to the end.", "S")] = None,
+    bodies: Annotated[Sequence[str], Option("Also press on this body; may be repeated.", "BODY", "--body")] = (),
+    runs: Annotated[int, Option("Maximum number of runs with a fault.", "N", least=1)] = RUNS,
+    duration: Annotated[float | None, Option("Duration of each fault; default: to the end of the run.", "S")] = None,
     processes: Annotated[
         int | None,
-        Option("Processes; without it, as many as there are cores.", "N", "-j --processes", least=1),
+        Option("Number of parallel processes; default: number of cores.", "N", "-j --processes", least=1),
     ] = None,
     drive: DriveName = None,
     settings: Settings = (),
-    out: Annotated[Path | None, Option("Where findings go: results/falsify/EXPERIMENT.", "DIR")] = None,
+    out: Annotated[Path | None, Option("Folder; default: results/falsify/EXPERIMENT.", "DIR")] = None,
 ) -> Result:
     """Search for the fault that violates a requirement most.
 
     Which kind, at which joint, when, how large, with which sign, body and seed.
 
-    A requirement is a formula over recorded signals, such as
-    always (|plant.F_ee_B| <= 18 N). What violates it is written as an experiment
-    to keep: run it, or hold it in twin check.
-    Exit code: 0 nothing found violates it, 1 something does, 2 input refused,
-    3 a component failed without any fault, 4 the monitor tripped without any.
+    A requirement is a formula over recorded signals, such as always
+    (|plant.F_ee_B| <= 18 N). A violation is written as an experiment: run it,
+    or check it with twin check. Exit code: 0 nothing found violates it, 1
+    something does, 2 input refused, 3 a component failed without any fault, 4
+    the monitor tripped without any.
 
     Example: twin falsify experiments/pressing.toml --requirement "always (|plant.F_ee_B| <= 18 N)"
 

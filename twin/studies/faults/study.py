@@ -28,21 +28,22 @@ def faults(
     kinds: Annotated[Sequence[str], Option("Only this kind of fault; may be repeated.", "KIND", "--kind")] = (),
     onsets: Annotated[
         Sequence[float],
-        Option("When; may be repeated. Without it once free, once in contact.", "S", "--onset"),
+        Option("Time of the fault; may be repeated. Default: once in free air, once in contact.", "S", "--onset"),
     ] = (),
-    duration: Annotated[float | None, Option("How long each fault lasts; without it, to the end.", "S")] = None,
+    duration: Annotated[float | None, Option("Duration of each fault; default: to the end of the run.", "S")] = None,
     drive: DriveName = None,
     body: BodyName = None,
     settings: Settings = (),
-    out: Annotated[Path | None, Option("Where rows, picture and JSON go: results/faults/EXPERIMENT.", "DIR")] = None,
+    out: Annotated[Path | None, Option("Folder; default: results/faults/EXPERIMENT.", "DIR")] = None,
 ) -> Result:
-    """Break everything once: each kind of fault, with the safety monitor and without.
+    """Inject each kind of fault once, with the safety monitor and without.
 
-    The catalogue of faults says before the run which ones the monitor sees, and
-    where the force goes beyond the force limit plus 20 % all the same.
-    Exit code: 0 it is so, 1 one is missed or goes beyond without having been
-    said to, 2 input refused, 3 a drive crashed or hung (the rows until then are
-    kept), 4 the monitor tripped without any fault.
+    The catalogue of faults states beforehand which ones the monitor detects,
+    and which exceed the force limit by more than 20 % all the same.
+
+    Exit code: 0 as stated, 1 a fault is missed or exceeds the limit
+    unexpectedly, 2 input refused, 3 a drive crashed or hung (the rows until
+    then are kept), 4 the monitor tripped without any fault.
 
     Example: twin faults experiments/pressing.toml --kind drive_runaway --onset 6
 

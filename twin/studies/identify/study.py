@@ -20,17 +20,18 @@ def identify(
     ] = None,
     maps: ColumnMaps = (),
     settings: Settings = (),
-    height: Annotated[float | None, Option("Height of a level scale, if you measured it: for the zeros.", "MM")] = None,
-    motor_torque: Annotated[bool, Option("Take drive/n.tau_motor as measured: parts k_s from eta.")] = False,
-    out: Annotated[Path | None, Option("Where files go; without it, results/identify/NAME/TIME.", "DIR")] = None,
+    height: Annotated[float | None, Option("Measured height of a level scale, for the encoder zeros.", "MM")] = None,
+    motor_torque: Annotated[bool, Option("Use the measured drive/n.tau_motor to separate k_s from eta.")] = False,
+    out: Annotated[Path | None, Option("Folder; default: results/identify/NAME/TIME.", "DIR")] = None,
     say: Say = silent,
 ) -> Result:
     """Identify a robot from presses on a scale: k_s eta, zeros, backlash, friction.
 
-    Each number has its 95 % interval; what the log does not say is named, and the
-    paper's own procedure stands beside it. The log has encoders (as for twin
-    replay) and scale.F_z, pressing positive. docs/identification.md tells more.
-    Exit code: 0 done, 1 k_s eta cannot be had from this log, 2 input refused.
+    Each number has its 95 % interval; what the log cannot determine is named,
+    and the paper's own procedure is shown beside it. The log has encoders (as
+    for twin replay) and scale.F_z, pressing positive. See
+    docs/identification.md. Exit code: 0 done, 1 k_s eta cannot be determined
+    from this log, 2 input refused.
 
     Example: twin identify results/fig4_force_position
 

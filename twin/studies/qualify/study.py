@@ -46,7 +46,7 @@ def drive_info(
 ) -> Iterator[Answer]:
     """Show what a drive FMU is and offers, without loading its binary.
 
-    Where it is unclear which variable plays which role, all that may are listed.
+    If a role is ambiguous, all candidate variables are listed.
 
     Exit code: 0 it fits the drive contract, 2 it does not.
 
@@ -93,15 +93,15 @@ def drive_list() -> Answer:
 @study("drive new", json=False)
 def drive_new(
     fmus: Annotated[
-        Sequence[str], Argument("An .fmu file; several that make one drive; or a .ssp archive of them.", "FMU")
+        Sequence[str], Argument("An .fmu file, several that form one drive, or a .ssp archive of them.", "FMU")
     ],
 ) -> Answer:
-    """Write the mapping.toml that brings a foreign FMU in, beside it.
+    """Write a mapping.toml for a third-party FMU, beside it.
 
-    Several FMUs, or those of a system in an SSP archive (which go into a folder
-    of its name), become one drive, with the wires that their names and units or
-    the archive leave no doubt about. What is in doubt stands in it as comments.
-    An existing mapping.toml is never touched.
+    Several FMUs, or those of a system in an SSP archive (which go into a
+    folder of its name), become one drive, with the wires that are clear from
+    names, units or the archive. Doubtful lines are comments. An existing
+    mapping.toml is never changed.
 
     Exit code: 0 written, 2 refused.
 
@@ -122,12 +122,12 @@ def drive_new(
 def drive_check(
     fmus: Annotated[Sequence[str], Argument("Drives: .fmu files, folders, names in fmus/.", "FMU", complete="drive")],
     say: Say,
-    out: Annotated[Path, Option("Where the picture goes.", "DIR")] = Path("results/drive_check"),
+    out: Annotated[Path, Option("Folder of the picture.", "DIR")] = Path("results/drive_check"),
     table: Annotated[bool, Option("Print one Markdown table of all drives.")] = False,
     isolate: Isolate = JOB_ISOLATION,
     limit_step: LimitStep = JobLimits.step,
     limit_wall: LimitWall = math.inf,
-    yes: Annotated[bool, Option("Check what takes more than an hour.")] = False,
+    yes: Annotated[bool, Option("Allow a check of more than an hour.")] = False,
     compiled: Compile = False,
     formats: Formats = (),
     columns: Columns = 2,
@@ -135,11 +135,11 @@ def drive_check(
 ) -> Iterator[Answer]:
     """Qualify drives on the bench: signs, speeds, droop, bandwidth, step, stall, step size, repeatability, cost.
 
-    Reference experiments that came with an FMU (FMI-LS-REF, or NAME_ref.csv
-    beside it) are run first and held to its own results.
+    Reference experiments of the FMU (FMI-LS-REF, or NAME_ref.csv beside it)
+    are run first and compared with its results.
 
-    Exit code: 0 qualified, 1 not or other results, 2 refused before it ran, 3 an
-    FMU crashed, hung or ended its process.
+    Exit code: 0 qualified, 1 not or other results, 2 refused before it ran, 3
+    an FMU crashed, hung or ended its process.
 
     Example: twin drive check velocity_servo
 
@@ -286,19 +286,21 @@ def component_list() -> Result:
 
 @study("component check", before=[find_experiments])
 def component_check(
-    role: Annotated[str, Argument("Which part: controller ..", "ROLE", complete="role")],
+    role: Annotated[str, Argument("Role of the part, such as controller.", "ROLE", complete="role")],
     say: Say,
-    part: Annotated[str | None, Argument("FMU, or FILE.py:CLASS; else the experiment's.", "PART")] = None,
-    experiment: Annotated[Path, Option("Whose run it gets the inputs of.", "FILE", complete="experiment")] = FIG4,
+    part: Annotated[str | None, Argument("FMU or FILE.py:CLASS; default: the experiment's.", "PART")] = None,
+    experiment: Annotated[
+        Path, Option("Experiment whose run provides the inputs.", "FILE", complete="experiment")
+    ] = FIG4,
     settings: Settings = (),
     isolate: Isolate = JOB_ISOLATION,
 ) -> Answer:
-    """Check a third-party part: ports, units, finite, repeatable, reset, state, when it answers, cost.
+    """Check a third-party part: ports, units, finite values, repeatability, reset, state, latency, cost.
 
     Mapping and parameters are set as in an experiment:
     --set controller.parameters.kp=3
 
-    Exit code: 0 it can take its place, 1 not, 2 refused before it was called,
+    Exit code: 0 the part fits, 1 it does not, 2 refused before it was called,
     3 it crashed, hung or ended its process.
 
     Example: twin component check controller fmus/parts/paper_law

@@ -27,23 +27,22 @@ def replay(
     ] = None,
     maps: ColumnMaps = (),
     settings: Settings = (),
-    plant: Annotated[bool, Option("Let the plant model run, driven by the log's motor angles.")] = False,
+    plant: Annotated[bool, Option("Also simulate the plant, driven by the log's motor angles.")] = False,
     baseline: Annotated[
-        str, Option("What says what is normal, best in free air: so much of the beginning, or FROM:TO.", "S")
+        str, Option("Reference part of the log, best in free air: first S seconds, or FROM:TO.", "S")
     ] = "1",
     tolerance: Annotated[
-        float | None, Option("Change of the force that is no news; without it, what rounding can do.", "N")
+        float | None, Option("Force change that does not count; default: the effect of rounding.", "N")
     ] = None,
-    out: Annotated[Path | None, Option("Where files go; without it, results/replay/NAME/TIME.", "DIR")] = None,
+    out: Annotated[Path | None, Option("Folder; default: results/replay/NAME/TIME.", "DIR")] = None,
     say: Say = silent,
 ) -> Result:
     """Replay a robot's log: position, force, and whether the twin still matches.
 
-    The log has encoder counts (encoder.count_m[0..2], encoder.count_l[0..2]) or
-    angles (estimator.theta_m[0..2], estimator.theta_l[0..2]), and may have a
-    measured force (scale.F_z, pressing positive).
-    Exit code: 0 done, 1 robot and twin diverge, 2 input refused, 3 the plant model
-    left the workspace.
+    The log has encoder counts (encoder.count_m[0..2], encoder.count_l[0..2])
+    or angles (estimator.theta_m[0..2], estimator.theta_l[0..2]), and may have
+    a measured force (scale.F_z, pressing positive). Exit code: 0 done, 1 robot
+    and twin diverge, 2 input refused, 3 the plant model left the workspace.
 
     Example: twin replay results/fig4_force_position --plant
 

@@ -14,19 +14,19 @@ from twin.studies.steps import Say
 @study()
 def runs(
     say: Say,
-    experiments: Annotated[Sequence[str], Argument("Only runs of these; none: all.", "EXPERIMENT")] = (),
+    experiments: Annotated[Sequence[str], Argument("Only runs of these experiments; default: all.", "EXPERIMENT")] = (),
     results: Annotated[Path, Option("Where they are.", "DIR")] = Path("results"),
-    prune: Annotated[bool, Option("List old runs, and remove them once you have said yes.")] = False,
-    keep: Annotated[int, Option("Of --prune; so many of each experiment stay, the newest.", "N", least=0)] = 1,
-    yes: Annotated[bool, Option("Of --prune; do not ask.")] = False,
+    prune: Annotated[bool, Option("List old runs and remove them after confirmation.")] = False,
+    keep: Annotated[int, Option("With --prune: number of newest runs to keep per experiment.", "N", least=0)] = 1,
+    yes: Annotated[bool, Option("With --prune: do not ask.")] = False,
     as_json: AsJson = False,
 ) -> Iterator[Answer]:
-    """List the runs that are kept: when, size, verdict, what differs from the file now.
+    """List stored runs: time, size, verdict, differences from the experiment's file now.
 
-    Under a run stands with which options it was made, and what of its experiment
-    has changed since. The newest stands first; latest is the run that
-    results/EXPERIMENT means in other commands.
-    Exit code: 0 listed or removed, 2 refused, 3 a run could not be removed.
+    Each run is listed with its options and with later changes of its
+    experiment, newest first; latest is the run that results/EXPERIMENT means
+    in other commands. Exit code: 0 listed or removed, 2 refused, 3 a run could
+    not be removed.
 
     Example: twin runs
 

@@ -46,32 +46,31 @@ By = Annotated[str | None, Option("Metric to rank by; without it, the force erro
 def sweep_run(
     sweep: Annotated[Path, Argument("A sweep file (TOML), or its name: stiffness_and_gain.", "SWEEP")],
     say: Say,
-    out: Annotated[Path | None, Option("The sweep's folder; without it, results/sweeps/NAME.", "DIR")] = None,
+    out: Annotated[Path | None, Option("Folder of the sweep; default: results/sweeps/NAME.", "DIR")] = None,
     dry: Annotated[
-        bool, Option("Only count the runs, and estimate time and disk by running one.", flags="--dry-run")
+        bool, Option("Only count the runs and estimate time and disk space from one run.", flags="--dry-run")
     ] = False,
     processes: Annotated[
-        int | None, Option("Processes; without it, as many as there are cores.", "N", "-j --processes", least=1)
+        int | None, Option("Number of parallel processes; default: number of cores.", "N", "-j --processes", least=1)
     ] = None,
-    record: Annotated[Record, Option("Full recordings of which runs.")] = Record.NONE,
+    record: Annotated[Record, Option("Runs that are recorded in full.")] = Record.NONE,
     limit_step: LimitStep = JobLimits.step,
-    parquet: Annotated[bool, Option("In the end, write rows.parquet, too.")] = False,
+    parquet: Annotated[bool, Option("Also write rows.parquet at the end.")] = False,
     yes: Annotated[bool, Option(f"Do not ask before {MANY:,} runs, or runs of an hour.")] = False,
-    engine: Annotated[
-        EngineName, Option("Who runs them: processes here, or the workers of a Dask cluster.")
-    ] = EngineName.LOCAL,
+    engine: Annotated[EngineName, Option("Local processes, or the workers of a Dask cluster.")] = EngineName.LOCAL,
     scheduler: Annotated[
-        str | None, Option("Of a running Dask cluster; without it, one is started here.", "ADDRESS")
+        str | None, Option("Address of a running Dask cluster; default: start one here.", "ADDRESS")
     ] = None,
     by: By = None,
     as_json: AsJson = False,
 ) -> Iterator[Answer]:
     """Run the runs of a sweep that have no row yet, in several processes.
 
-    A run that fails, crashes or hangs is a row with a reason and costs only
-    itself. The same command goes on after an interruption.
-    Exit code: 0 every run has a row, 1 none of them has metrics, 2 input refused,
-    3 the disk is full or the cluster is gone, 130 interrupted.
+    A run that fails, crashes or hangs becomes a row with a reason; the others
+    go on. After an interruption, give the same command again to continue.
+
+    Exit code: 0 every run has a row, 1 none of them has metrics, 2 input
+    refused, 3 the disk is full or the cluster is gone, 130 interrupted.
 
     Example: twin sweep run experiments/sweeps/stiffness_and_gain.toml --dry-run
 

@@ -35,9 +35,9 @@ def cosim(
         CouplingScheme,
         Option("gauss_seidel: components one after the other, as in the file; jacobi: all at once."),
     ] = CouplingScheme.GAUSS_SEIDEL,
-    tick_ms: Annotated[float | None, Option("Length of a step; without it, as the system says.", "MS")] = None,
-    stop_s: Annotated[float | None, Option("End of the run; without it, of the default experiment.", "S")] = None,
-    out: Annotated[Path | None, Option("The run's own folder; without it, results/cosim/SYSTEM/TIME.", "DIR")] = None,
+    tick_ms: Annotated[float | None, Option("Communication step; default: the system's own.", "MS")] = None,
+    stop_s: Annotated[float | None, Option("Stop time; default: that of the system's default experiment.", "S")] = None,
+    out: Annotated[Path | None, Option("Folder of the run; default: results/cosim/SYSTEM/TIME.", "DIR")] = None,
     compiled: Compile = False,
 ) -> Result:
     """Run a system of co-simulation FMUs (SSP), and record the outputs of each.

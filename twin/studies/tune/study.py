@@ -23,24 +23,24 @@ def tune(
     margin: Annotated[float, Option("Largest |1/(1+L)| of any loop.", "M_S")] = 1.6,
     overshoot: Annotated[float, Option("Largest overshoot of a step.", "PERCENT", "--overshoot-percent")] = 5.0,
     bandwidth: Annotated[
-        float | None, Option("Least bandwidth, of force if it is controlled.", "HZ", "--bandwidth-Hz")
+        float | None, Option("Lowest bandwidth, of the force if it is controlled.", "HZ", "--bandwidth-Hz")
     ] = None,
     stiffness: Annotated[
-        str | None, Option("Stiffness of what is pressed on.", "LOW:HIGH", "--stiffness-N-per-m")
+        str | None, Option("Range of the body's stiffness.", "LOW:HIGH", "--stiffness-N-per-m")
     ] = None,
-    schedule: Annotated[bool, Option("Gains over the stiffness besides, 300:5000 if none is given.")] = False,
-    drives: Annotated[Sequence[str], Option("A drive they have to do for; may be repeated.", "FMU", "--drive")] = (),
+    schedule: Annotated[bool, Option("Also schedule gains over stiffness; default range 300:5000.")] = False,
+    drives: Annotated[Sequence[str], Option("A drive the gains have to fit; may be repeated.", "FMU", "--drive")] = (),
     body: BodyName = None,
     settings: Settings = (),
-    out: Annotated[Path | None, Option("Where gains, picture, JSON go: results/tuning/EXPERIMENT.", "DIR")] = None,
+    out: Annotated[Path | None, Option("Folder; default: results/tuning/EXPERIMENT.", "DIR")] = None,
 ) -> Result:
     """Find the fastest gains that keep a margin and an overshoot everywhere.
 
-    Searched on the linear model at every place, stiffness and drive, then
-    tried in the co-simulation. The experiment's file is left as it is:
-    tuned.toml extends it. Exit code: 0 goals met and confirmed, 1 they are
-    not (the best found is shown), 2 input refused or no linear model, 3 a
-    drive failed, crashed or hung.
+    The search uses the linear model at every place, stiffness and drive; the
+    result is tried in the co-simulation. The experiment's file is not changed:
+    tuned.toml extends it. Exit code: 0 goals met and confirmed, 1 they are not
+    (the best found is shown), 2 input refused or no linear model, 3 a drive
+    failed, crashed or hung.
 
     Example: twin tune experiments/fig4_force_position.toml
 
