@@ -1,14 +1,15 @@
 """The component interface of the master."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from twin.kernel.compiled.function import c, copy, intrinsic, ir, pointer_to, types
+from twin.kernel.compiled.function import c, carray, copy, intrinsic, ir, njit, pointer_to, types
 from twin.kernel.compiled.native import Kind, Native
-from twin.kernel.cosim.port import Port, by_port, port_record, width
+from twin.kernel.cosim.port import Port, by_port, port_record, record, state_fields, width
+from twin.kernel.errors import InputRefused
 
 
 def step_function(
@@ -89,26 +90,94 @@ class Rewind:
     keep: Any = field(default=None, repr=False)
 
 
-_MEMORY = np.dtype([("record", "i8"), ("copy", "i8"), ("size", "i8")], align=True)
+PIECE = record(array="i8", copy="i8", size="i8")
+"""Addresses of a piece of memory and of its copy, and their bytes."""
+
+_PIECES = record(table="i8", count="i8")
+pieces_at = pointer_to(PIECE)
 
 
-@step_function(_MEMORY)
+@njit(cache=True)
+def keep_pieces(table, count):
+    """Copy the `count` pieces of memory of the `PIECE` records at address `table`."""
+    pieces = carray(pieces_at(table), count)
+    for i in range(count):
+        copy(pieces[i].copy, pieces[i].array, pieces[i].size)
+
+
+@njit(cache=True)
+def put_back_pieces(table, count):
+    """The copies become what is there again."""
+    pieces = carray(pieces_at(table), count)
+    for i in range(count):
+        copy(pieces[i].array, pieces[i].copy, pieces[i].size)
+
+
+@step_function(_PIECES)
 def _save(m, t, h, u, y):
-    copy(m.copy, m.record, m.size)
+    keep_pieces(m.table, m.count)
     return 0
 
 
-@step_function(_MEMORY)
+@step_function(_PIECES)
 def _restore(m, t, h, u, y):
-    copy(m.record, m.copy, m.size)
+    put_back_pieces(m.table, m.count)
     return 0
 
 
-def record_rewind(record: np.ndarray) -> Rewind:
-    """Of a component whose whole state is `record`, (1,)."""
-    saved = record.copy()
-    memory = np.array([(record.ctypes.data, saved.ctypes.data, record.nbytes)], dtype=_MEMORY)
-    return Rewind(_save.address, _restore.address, memory.ctypes.data, (memory, saved))
+def runs_of(array: np.ndarray) -> list[tuple[int, int]]:
+    """(address, bytes) of the parts of `array` that lie in one piece, in the order of its values."""
+    if array.flags.c_contiguous:
+        return [(array.ctypes.data, array.nbytes)] if array.size else []
+    return [run for part in array for run in runs_of(part)] if array.ndim > 1 else _items_of(array)
+
+
+def _items_of(array: np.ndarray) -> list[tuple[int, int]]:
+    start, (stride,) = array.ctypes.data, array.strides
+    return [(start + i * stride, array.itemsize) for i in range(len(array))]
+
+
+def piece_table(arrays: Iterable[np.ndarray], copy_address: int) -> np.ndarray:
+    """The `PIECE` records of `arrays` with copies one after the other from `copy_address` on."""
+    rows = []
+    for address, size in (run for array in arrays for run in runs_of(array)):
+        rows.append((address, copy_address, size))
+        copy_address += size
+    return np.array(rows, dtype=PIECE)
+
+
+def pieces_rewind(pieces: Mapping[str, np.ndarray]) -> Rewind:
+    """Of a component whose whole state are `pieces`."""
+    copies = np.empty(sum(array.nbytes for array in pieces.values()), dtype=np.uint8)
+    table = piece_table(pieces.values(), copies.ctypes.data)
+    memory = np.array([(table.ctypes.data, len(table))], dtype=_PIECES)
+    return Rewind(_save.address, _restore.address, memory.ctypes.data, (memory, table, copies, pieces))
+
+
+class Holder(Protocol):
+    """Holds a part of a component's state where the master cannot copy it: inside an FMU, a Python object, a process.
+
+    A token stands for what was held at one time. It belongs to its holder, which frees all of them when it is closed.
+    """
+
+    def take(self) -> Any:
+        """A token of what is held now."""
+
+    def give_back(self, token: Any) -> None:
+        """Hold what `token` stands for; as often as it is asked for."""
+
+    def free(self, token: Any) -> None:
+        """Forget `token`; harmless if it is forgotten already."""
+
+    def pack(self, token: Any) -> bytes:
+        """What `token` stands for, for another process."""
+
+    def unpack(self, content: bytes) -> Any:
+        """A token of what `pack` gave, there.
+
+        Raises:
+            InputRefused: it is nothing that `pack` gives.
+        """
 
 
 NOT_FINITE = 1 << 32
@@ -155,9 +224,34 @@ class Component:
         """What a bad `status` of this component's step means, as the verb phrase of a sentence."""
         return f"returned status {status}"
 
+    def pieces(self) -> dict[str, np.ndarray]:
+        """What its steps change in this process's memory, by name: views, always in the same order."""
+        return {}
+
+    def holders(self) -> dict[str, Holder]:
+        """By name what holds the rest of its state."""
+        return {}
+
+    def refuse_index(self) -> None:
+        """Refuse memory in which an index leads beyond its array, which a step would follow.
+
+        Raises:
+            InputRefused: it names the field.
+        """
+
+    def lacks_state(self, portable: bool = True) -> str:
+        """Why its state cannot be saved, as the verb phrase of a sentence; "" if it can.
+
+        Args:
+            portable: for another process, and not only to go back in this one.
+        """
+        return "does not say what its steps change"
+
     def rewind(self) -> Rewind | None:
         """How to repeat its steps, from now on possible; None: it cannot."""
-        return None
+        if self.lacks_state(portable=False) or self.holders():
+            return None
+        return pieces_rewind(self.pieces())
 
     def keep_time(self, clock: np.ndarray) -> None:
         """Take note of the clock of the simulation it is part of: `clock[0]` is the tick being stepped."""
@@ -171,7 +265,7 @@ class Component:
 
 
 class NativeComponent(Component):
-    """A component with a compiled step over a record, as most are.
+    """A component with a compiled step over a record, as most are; what is declared as `state` there is its state.
 
     Args:
         name, inputs, outputs, sampled, period: see `Component`.
@@ -179,7 +273,6 @@ class NativeComponent(Component):
         memory: (1,) record that the step works on.
         initial_outputs: zeros if not given; a sampled component overwrites them at tick 0.
         keep: what `memory` points to, unless `pointers` says it.
-        rewindable: whether all that its steps change lies in `memory` itself.
         pointers: by field of `memory` the array whose address is put there; then all that the step works on is known,
             and can be taken elsewhere.
 
@@ -199,7 +292,6 @@ class NativeComponent(Component):
         initial_outputs: np.ndarray | None = None,
         period: int = 1,
         keep: Any = None,
-        rewindable: bool = False,
         pointers: Mapping[str, np.ndarray] | None = None,
     ):
         self.step, self.memory, self.pointers, self.portable = step, memory, dict(pointers or {}), keep is None
@@ -216,10 +308,20 @@ class NativeComponent(Component):
             period=period,
             keep=(memory, keep),
         )
-        self._rewindable = rewindable
 
-    def rewind(self) -> Rewind | None:
-        return record_rewind(self.memory) if self._rewindable else None
+    def pieces(self) -> dict[str, np.ndarray]:
+        fields = state_fields(self.memory.dtype)
+        return {one.name: self.pointers.get(one.name, one.of(self.memory)) for one in fields}
+
+    def lacks_state(self, portable: bool = True) -> str:
+        return ""
+
+    def refuse_index(self) -> None:
+        for one in state_fields(self.memory.dtype):
+            values = one.of(self.memory)
+            # -1, before the first step, is the last one to compiled code
+            if one.below and not np.all((values >= -1) & (values < np.maximum(one.limit(self.memory), 1))):
+                raise InputRefused(f"{self.name}.{one.name} = {values.flat[0]}: leads beyond what it counts")
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from numpy.typing import NDArray
 from twin.kernel.compiled.function import carray, copy
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import Component, NativeComponent, call_step, doubles_at, step_function
-from twin.kernel.cosim.port import Port, by_port, width
+from twin.kernel.cosim.port import Port, by_port, record, state, width
 
-MEMORY = np.dtype([("size", "i8"), ("ticks", "i8"), ("position", "i8"), ("ring", "i8")], align=True)
+MEMORY = record(size="i8", ticks="i8", position=state("i8", below="ticks"), ring=state("i8"))
 
 
 @step_function(MEMORY)

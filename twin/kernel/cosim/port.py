@@ -3,6 +3,7 @@
 The memory of a component as a record, which compiled code and Python read and write by the same names.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -71,9 +72,71 @@ def record(**fields: Any) -> np.dtype:
 
     Args:
         fields: "i8" a whole number or an address, "u8" one without a sign, "f8" a real number, "3f8" three of them;
-            or a record, or (a record, (n,)) for n of them.
+            or a record, or (a record, (n,)) for n of them; what steps change as `state` of one of these.
     """
     return np.dtype(list(fields.items()), align=True)
+
+
+STATE, BELOW = "state", "below"
+"""Keys of a dtype's metadata; they change nothing of a record's layout."""
+
+
+def state(form: Any, below: str = "") -> np.dtype:
+    """`form` of a field that steps change, as `record` takes it; of an address: what lies there is changed.
+
+    Args:
+        form: see `record`.
+        below: field that a whole number here stays below, an index; of the same record, or with "/" before it of the
+            outermost one.
+    """
+    kind = np.dtype(form)
+    base, shape = kind.subdtype or (kind, ())
+    marked = np.dtype(base, metadata={STATE: True, BELOW: below})
+    return np.dtype((marked, shape)) if shape else marked
+
+
+def states(**fields: Any) -> dict[str, np.dtype]:
+    """`fields` as `record` takes them, each as `state`."""
+    return {name: state(form) for name, form in fields.items()}
+
+
+@dataclass(frozen=True)
+class StateField:
+    """A field of a record, or of a record in it, that steps change.
+
+    Attributes:
+        path: names of the fields that lead there.
+        below: see `state`.
+    """
+
+    path: tuple[str, ...]
+    below: str
+
+    @property
+    def name(self) -> str:
+        return ".".join(self.path)
+
+    def of(self, memory: np.ndarray) -> np.ndarray:
+        """The values in `memory`, a view."""
+        for name in self.path:
+            memory = memory[name]
+        return memory
+
+    def limit(self, memory: np.ndarray) -> np.ndarray:
+        """What each of the values stays below, shaped as these."""
+        path = (self.below[1:],) if self.below.startswith("/") else (*self.path[:-1], self.below)
+        return StateField(path, "").of(memory)
+
+
+def state_fields(kind: np.dtype, path: tuple[str, ...] = ()) -> Iterator[StateField]:
+    """Every field of the record `kind` that is declared as `state`, in their order."""
+    for name, (field, *_) in (kind.fields or {}).items():
+        base = field.base
+        metadata = base.metadata or {}
+        if metadata.get(STATE):
+            yield StateField((*path, name), metadata[BELOW])
+        else:
+            yield from state_fields(base, (*path, name))
 
 
 def memory_of(kind: np.dtype, **values: Any) -> np.ndarray:

@@ -3,10 +3,10 @@
 import numpy as np
 
 from twin.kernel.compiled.function import carray
-from twin.kernel.cosim.component import Component, doubles_at, step_function
-from twin.kernel.cosim.port import Port, width
+from twin.kernel.cosim.component import Component, NativeComponent, doubles_at, step_function
+from twin.kernel.cosim.port import Port, memory_of, record, state, width
 
-MEMORY = np.dtype([("rows", "i8"), ("count", "i8"), ("size", "i8"), ("next", "i8")], align=True)
+MEMORY = record(rows="i8", count="i8", size="i8", next=state("i8"))
 
 
 @step_function(MEMORY)
@@ -26,14 +26,5 @@ def playback(ports: tuple[Port, ...], values: np.ndarray) -> Component:
         values: (ticks, width of `ports`).
     """
     rows = np.ascontiguousarray(values, dtype=float).reshape(-1, width(ports))
-    memory = np.array([(rows.ctypes.data, len(rows), rows.shape[1], 0)], dtype=MEMORY)
-    return Component(
-        name="signals",
-        inputs=(),
-        outputs=ports,
-        sampled=True,
-        step_address=step.address,
-        self_address=memory.ctypes.data,
-        initial_outputs=rows[0].copy(),
-        keep=(memory, rows),
-    )
+    memory = memory_of(MEMORY, count=len(rows), size=rows.shape[1])
+    return NativeComponent("signals", (), ports, True, step, memory, rows[0].copy(), pointers={"rows": rows})

@@ -5,14 +5,16 @@ Failures of components as sentences.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from twin.kernel.cosim.component import NOT_FINITE, Component
 from twin.kernel.cosim.master import NO_COMPONENT, advance
 from twin.kernel.cosim.port import by_port, named_values, width
+from twin.kernel.cosim.state import SavedState, State, StatePlaces
 from twin.kernel.cosim.system import System
-from twin.kernel.errors import ComponentFailed
+from twin.kernel.errors import ComponentFailed, InputRefused
 
 
 def failed_phrase(system: System, u: np.ndarray, y: np.ndarray, culprit: int, status: int, tick: int) -> str:
@@ -108,6 +110,7 @@ class Simulation:
         self._loop["row_width"] = system.outputs_width
         self.failure: ComponentFailed | None = None
         self.culprit = ""
+        self._unchanged = [change.memory.copy() for change in system.changes]
         # no ticks: compiles, or loads from the cache, before anyone's clock runs
         self._address = self._loop.ctypes.data
         self._advance = advance.native.called
@@ -142,6 +145,52 @@ class Simulation:
             if failed:
                 self.failure = self._failed()
         return self._rows if done == most else self._rows[:done]
+
+    def state(self) -> State:
+        """The state at the beginning of `next_tick`, to be restored here, or saved for another process.
+
+        Raises:
+            InputRefused: a component has no state, see `stateless`.
+            ComponentFailed: an FMU refuses.
+        """
+        return self._places.take(self.next_tick)
+
+    def restore(self, state: State | SavedState) -> None:
+        """Go to where `state` was taken, here or of the same system elsewhere; `last_tick` stays.
+
+        Raises:
+            InputRefused: it is of another system, or a component has no state.
+            ComponentFailed: an FMU refuses.
+        """
+        taken = self._places.taken(state) if isinstance(state, SavedState) else state
+        if taken is not state:
+            self._refuse_not_finite(taken)
+        if taken.places is not self._places:
+            raise InputRefused("the state was taken in another simulation; restore what its `saved` returns")
+        self._places.put_back(taken)
+        for component in self.system.components:
+            component.refuse_index()
+        for change, value in zip(self.system.changes, self._unchanged, strict=True):
+            change.memory[...] = value
+        for change in self.system.changes:
+            if change.tick < taken.tick:
+                change.memory[...] = change.value
+        self.next_tick = taken.tick
+        self.failure, self.culprit = None, ""
+        if taken is not state:
+            taken.close()
+
+    def _refuse_not_finite(self, state: State) -> None:
+        """Raises InputRefused if an output is no number that could never have been recorded so."""
+        copies = state.memory[: self._y.nbytes].view(float).reshape(-1, self.system.outputs_width)
+        for component, start in zip(self.system.components, self.system.y_start, strict=False):
+            outputs = copies[:, start : start + width(component.outputs)]
+            if component.finite and not np.all(np.isfinite(outputs)):
+                raise InputRefused(f"the state has NaN or infinity in the outputs of {component.name}")
+
+    @cached_property
+    def _places(self) -> StatePlaces:
+        return StatePlaces(self.system.components, self._y, self._u)
 
     def run(self) -> np.ndarray:
         """Run to the end and return every row: (last_tick + 1, outputs).

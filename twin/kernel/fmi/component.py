@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from twin.kernel.compiled.function import carray
-from twin.kernel.cosim.component import Component, Rewind, address_of, doubles_at, step_function
+from twin.kernel.cosim.component import Component, Holder, Rewind, address_of, doubles_at, step_function
 from twin.kernel.cosim.port import by_port
 from twin.kernel.cosim.python_class import STEP
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
@@ -121,6 +121,7 @@ class Integrator:
         self.block, begins = _laid_out(rows, MEMORY.itemsize // 8)
         self._scratch, places = _laid_out(scratch)
         self.memory = self.block[: MEMORY.itemsize // 8].view(MEMORY)
+        self._rows = {name: self.block[begins[name] :][:count] for name, count in rows.items()}
         m = self.memory[0]
         for name, place in begins.items():
             m[name] = self.block.ctypes.data + 8 * place
@@ -153,6 +154,10 @@ class Integrator:
             self._cvode = Cvode(x, scales, tolerance, model.indicators, self.memory.ctypes.data)
             for field, address in self._cvode.addresses.items():
                 m[field] = address
+
+    def pieces(self) -> dict[str, np.ndarray]:
+        """What of its memory steps change, by name; nothing of it is an address."""
+        return {name: self.memory[name] for name in ("fresh", "now", "next_event")} | self._rows
 
     def advance(self, t: float, h: float) -> int:
         """One step from `t` to `t` + `h` (s), inputs as somebody has set them; 0 or a bad status."""
@@ -389,6 +394,49 @@ def release(instance: Instance) -> None:
         instance.close()
 
 
+class FmuStates:
+    """The states of an FMU's inside (FMI 2.0.4, 2.1.8; FMI 3.0, 2.2.5), a `Holder`: its tokens are their addresses.
+
+    Args:
+        instance: the FMU.
+        stepping: how it is stepped. As long as there are tokens its steps announce that it may go back.
+    """
+
+    def __init__(self, instance: Instance, stepping: Stepping):
+        self._instance, self._stepping = instance, stepping
+        self._tokens: dict[int, Any] = {}
+
+    def take(self) -> int:
+        return self._hold(self._instance.taken_state())
+
+    def give_back(self, token: int) -> None:
+        self._instance.set_state(self._tokens[token])
+
+    def free(self, token: int) -> None:
+        if self._tokens.pop(token, None) is not None:
+            if not self._tokens:
+                self._stepping.memory["final"] = self._final
+            self._instance.forget(token)
+
+    def pack(self, token: int) -> bytes:
+        return self._instance.serialized(self._tokens[token])
+
+    def unpack(self, content: bytes) -> int:
+        return self._hold(self._instance.deserialized(content))
+
+    def close(self) -> None:
+        """Free all states."""
+        for token in list(self._tokens):
+            self.free(token)
+
+    def _hold(self, state: Any) -> int:
+        if not self._tokens:
+            self._final = int(self._stepping.memory["final"][0])
+            self._stepping.repeat_steps()
+        self._tokens[state.value] = state
+        return int(state.value)
+
+
 class FmuComponent(Component):
     """One FMU instance as a component, a continuous one if nothing else is said; for model exchange with its solver.
 
@@ -452,6 +500,7 @@ class FmuComponent(Component):
             self.instance.close()
             raise
         self._state: np.ndarray | None = None
+        self._inside = FmuStates(self.instance, self._stepping)
         self._discard_reported = False
         super().__init__(
             name=name,
@@ -496,6 +545,22 @@ class FmuComponent(Component):
         save, restore, self._state = self._stepping.repeatable()
         return Rewind(save, restore, self._state.ctypes.data, self._state)
 
+    def pieces(self) -> dict[str, np.ndarray]:
+        return self._stepping.pieces()
+
+    def holders(self) -> dict[str, Holder]:
+        return {"fmu": self._inside}
+
+    def lacks_state(self, portable: bool = True) -> str:
+        interface, version = self.instance.description.interface, self.instance.description.version
+        if not interface.canGetAndSetFMUstate:
+            return "has no FMU state" + (" (FMI 1.0 knows none)" if version == 1 else " (canGetAndSetFMUState)")
+        if portable and not interface.canSerializeFMUstate:
+            return "cannot write its FMU state down (canSerializeFMUState)"
+        if isinstance(self._stepping, ExchangeStepping) and self._stepping.solver.method == "cvode":
+            return 'is solved by CVODE, whose history cannot be saved; solver = "rk4" has none'
+        return ""
+
     def keep_time(self, clock: np.ndarray) -> None:
         self.instance.clock = clock
 
@@ -512,6 +577,7 @@ class FmuComponent(Component):
         if isinstance(self._stepping, ExchangeStepping):
             self._stepping.integrator.close()
         state, self._state = self._state, None
+        self._inside.close()
         try:
             if state is not None and state[0]["state"]:
                 self.instance.forget(int(state[0]["state"]))
@@ -532,6 +598,7 @@ class ExchangeStepping(Stepping):
 
     Attributes:
         integrator: what the step works on.
+        solver: the argument.
 
     Raises:
         InputRefused: there is no CVODE for this platform.
@@ -550,9 +617,13 @@ class ExchangeStepping(Stepping):
         self._moving: list[np.ndarray] = []
         self._shorter = np.zeros(1, dtype=SHORTER)
         tables = self._grouped(placed(inputs), "Set"), self._grouped(placed(outputs, shift), "Get")
+        self.solver = solver
         self.integrator = Integrator(instance, solver, tables, sum(p.port.size for p in inputs))
         self._moving.append(self.integrator.block)
         self.address, self.memory = step.address, self.integrator.memory
+
+    def pieces(self) -> dict[str, np.ndarray]:
+        return self.integrator.pieces()
 
     def explain(self, status: int) -> str:
         reason = self.integrator.explain(status)

@@ -8,9 +8,9 @@ nothing, and over longer parts again as long as that goes well. To repeat a step
 
 import numpy as np
 
-from twin.kernel.compiled.function import carray, copy, njit, pointer_to
-from twin.kernel.cosim.component import address_of, bytes_at, step_function
-from twin.kernel.cosim.port import record
+from twin.kernel.compiled.function import carray, njit, pointer_to
+from twin.kernel.cosim.component import address_of, bytes_at, keep_pieces, put_back_pieces, step_function
+from twin.kernel.cosim.port import record, state
 from twin.kernel.fmi.groups import (
     DISCARD,
     DO_STEP,
@@ -44,8 +44,8 @@ SHORTER = record(
     value_at="i8",  # where these two are
     flag_at="i8",
     varies="i8",  # whether the FMU takes steps of varying size
-    discarded="i8",  # how many steps it has discarded
-    since="f8",  # when the first (s)
+    discarded=state("i8"),  # how many steps it has discarded
+    since=state("f8"),  # when the first (s)
 )
 """What goes on after a discarded step; addresses of functions."""
 
@@ -202,29 +202,20 @@ STATE_MEMORY = record(
     cell="i8",  # where the next field is
     state="i8",  # the FMU's own pointer
     pieces="i8",  # how many of our own memory go back with it
-    piece_table="i8",  # of `PIECE`
+    piece_table="i8",  # of `component.PIECE`
 )
 """To save and restore a state; addresses of functions."""
-
-PIECE = np.dtype([("array", "i8"), ("copy", "i8"), ("size", "i8")])
-"""Addresses of a piece and of its copy, and their bytes."""
-
-_pieces_at = pointer_to(PIECE)
 
 
 @step_function(STATE_MEMORY)
 def save(m, t, h, u, y):
     status = on_pointer(m.get, (m.instance, m.cell))
-    pieces = carray(_pieces_at(m.piece_table), m.pieces)
-    for i in range(m.pieces):
-        copy(pieces[i].copy, pieces[i].array, pieces[i].size)
+    keep_pieces(m.piece_table, m.pieces)
     return SAVE + status if status > 1 else 0
 
 
 @step_function(STATE_MEMORY)
 def restore(m, t, h, u, y):
     status = on_pointer(m.set, (m.instance, m.state))
-    pieces = carray(_pieces_at(m.piece_table), m.pieces)
-    for i in range(m.pieces):
-        copy(pieces[i].array, pieces[i].copy, pieces[i].size)
+    put_back_pieces(m.piece_table, m.pieces)
     return RESTORE + status if status > 1 else 0

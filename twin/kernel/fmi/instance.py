@@ -162,6 +162,38 @@ class Instance:
         for array, copy in zip(self.schedule, schedule, strict=True):
             array[:] = copy
 
+    def taken_state(self) -> Any:
+        """Its state now, a pointer that `forget` frees.
+
+        Raises:
+            ComponentFailed: it refuses.
+        """
+        return self._called("GetFMUstate", self.fmu.getFMUState)
+
+    def set_state(self, state: Any) -> None:
+        """Go back to `state`, which stays.
+
+        Raises:
+            ComponentFailed: it refuses.
+        """
+        self._called("SetFMUstate", lambda: self.fmu.setFMUState(state))
+
+    def serialized(self, state: Any) -> bytes:
+        """`state` as bytes.
+
+        Raises:
+            ComponentFailed: it refuses.
+        """
+        return self._called("SerializeFMUstate", lambda: self.fmu.serializeFMUState(state))
+
+    def deserialized(self, content: bytes) -> Any:
+        """A state, made of what `serialized` gave in this process or another one.
+
+        Raises:
+            ComponentFailed: it refuses.
+        """
+        return self._called("DeSerializeFMUstate", lambda: self.fmu.deserializeFMUState(content))
+
     def forget(self, state: int) -> None:
         """Free the state at address `state`.
 

@@ -6,7 +6,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from twin.kernel.cosim.port import Port
+from twin.kernel.cosim.component import piece_table
+from twin.kernel.cosim.port import Port, state_fields
 from twin.kernel.fmi import cosim_step, event_step
 from twin.kernel.fmi.cosim_step import SHORTER
 from twin.kernel.fmi.groups import (
@@ -157,12 +158,9 @@ class Stepping:
         m["get"], m["set"] = (self.instance.address(f"{verb}{self.state_name}") for verb in ("Get", "Set"))
         m["cell"] = memory["state"].ctypes.data
         moving = self.moving
-        copies = [array.copy() for array in moving]
-        pieces = [
-            (array.ctypes.data, copy.ctypes.data, array.nbytes) for array, copy in zip(moving, copies, strict=True)
-        ]
-        table = np.array(pieces, dtype=cosim_step.PIECE)
-        m["pieces"], m["piece_table"] = len(pieces), table.ctypes.data
+        copies = np.empty(sum(array.nbytes for array in moving), dtype=np.uint8)
+        table = piece_table(moving, copies.ctypes.data)
+        m["pieces"], m["piece_table"] = len(table), table.ctypes.data
         self._keep += [table, copies]
         return cosim_step.save.address, cosim_step.restore.address, memory
 
@@ -175,6 +173,11 @@ class Stepping:
     def moving(self) -> list[np.ndarray]:
         """What steps change beside the FMU's own state."""
         return [*self._moving, *self.instance.schedule]
+
+    def pieces(self) -> dict[str, np.ndarray]:
+        """The same by name, and what is noted of steps that were discarded; nothing of it is an address."""
+        shorter = {field.name: field.of(self._shorter) for field in state_fields(SHORTER)}
+        return {f"memory_{number}": array for number, array in enumerate(self.moving, start=1)} | shorter
 
     def _grouped(self, ports: Iterable[Placed], access: str) -> np.ndarray:
         """A table of `groups.GROUP`: `ports` of one FMI type and set of clocks are set or got by one call.

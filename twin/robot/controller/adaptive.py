@@ -38,7 +38,7 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.compiled.function import carray, njit, pointer_to
-from twin.kernel.cosim.port import Port, record, record_of
+from twin.kernel.cosim.port import Port, record, record_of, state, states
 from twin.kernel.settings import Settings, Values, numbers, setting, taken
 from twin.robot.controller.machine import TAPS
 from twin.robot.controller.pid import ForceLoop, ScheduledGains, low_pass_share, state_variable
@@ -57,7 +57,9 @@ class Scheduling(
 
 
 POINT = record_of(SchedulePoint)
-SCHEDULE = record_of(Scheduling, count="i8", segment="i8", at="f8", share="f8", F_ref="f8")
+SCHEDULE = record_of(
+    Scheduling, count="i8", segment=state("i8", below="count"), **states(at="f8", share="f8", F_ref="f8")
+)
 """Settings and state: number of points, the segment last used, stiffness that the gains are taken at, share of the
 table, last reference."""
 _points_at = pointer_to(POINT)
@@ -208,17 +210,10 @@ class Breath(Settings):
 
 BREATH = record_of(
     Breath,
-    omega="f8",
-    x="f8",
-    q="f8",
-    v="f8",
-    share="f8",
-    z="f8",
-    F="f8",
-    running="i8",
-    low="f8",
-    ahead="f8",
-)
+    **states(
+        omega="f8", x="f8", q="f8", v="f8", share="f8", z="f8", F="f8", running="i8", low="f8", ahead="f8",
+    ),
+)  # fmt: skip
 """Settings and state: the oscillator's; velocity of the surface, low-passed; the share that is fed forward; height and
 force of the call before, and whether there was one; share of the low-pass; how far ahead it is fed forward (s)."""
 
@@ -281,10 +276,10 @@ ADAPTIVE = record(
     taps=TAPS,
     scheduled="i8",
     breathing="i8",
-    pressing="i8",
-    shift="f8",
-    v_shift="f8",
-    v="f8",
+    pressing=state("i8"),
+    shift=state("f8"),
+    v_shift=state("f8"),
+    v=state("f8"),
 )
 """The parts; which of them are on; whether the force loop acted in the call before; shift of the z reference and its
 rate, and velocity of the breath, of this call."""
@@ -330,7 +325,9 @@ class Adapting:
 def with_adaptive(kind: np.dtype) -> np.dtype:
     """The memory `kind` of a controller, with room for what it does besides."""
     # first, because numba takes a record for one that it begins with, and warns of that
-    return record(adaptive=ADAPTIVE, gain_table="i8", **{name: kind[name] for name in kind.names or ()})
+    # the gains of the force loop are no constants there: they follow the tissue
+    fields = {name: kind[name] for name in kind.names or ()} | {"force": state(kind["force"])}
+    return record(adaptive=ADAPTIVE, gain_table="i8", **fields)
 
 
 @njit(cache=True)

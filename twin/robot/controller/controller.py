@@ -20,7 +20,7 @@ import numpy as np
 
 from twin.kernel.compiled.function import carray, njit
 from twin.kernel.cosim.component import NativeComponent, address_of, doubles_at, step_function
-from twin.kernel.cosim.port import Port, memory_of, port_record, record, record_of
+from twin.kernel.cosim.port import Port, memory_of, port_record, record, record_of, state, states
 from twin.kernel.settings import FieldSource, Values, taken
 from twin.robot.controller.adaptive import ADAPTIVE_OUTPUTS, Adapting, adapt, tell, with_adaptive
 from twin.robot.controller.pid import LOW_PASS, PID, ForceLoop, Gains, Processor, accept, cached_share, loop, proposal
@@ -60,7 +60,7 @@ ESTIMATOR_OUTPUTS = (
 ESTIMATE = port_record(ESTIMATOR_OUTPUTS[:-1])
 """All of them but `valid`."""
 ESTIMATES = ESTIMATE.itemsize // 8
-ESTIMATOR_MEMORY = record(belief=BELIEF, gravity_compensation="i8", estimated="i8", newest=ESTIMATE)
+ESTIMATOR_MEMORY = record(belief=BELIEF, gravity_compensation="i8", **states(estimated="i8", newest=ESTIMATE))
 NO_POSE = 2
 
 
@@ -167,11 +167,11 @@ MEMORY = record(
     law=LAW,
     force=PID,
     position=(PID, (3,)),
-    low=LOW_PASS,
-    lead="3f8",
-    F_z="f8",
-    triggered="i8",
-    segment="i8",
+    low=state(LOW_PASS),
+    lead=state("3f8"),
+    F_z=state("f8"),
+    triggered=state("i8"),
+    segment=state("i8", below="way_points"),
     way_points="i8",
     times="i8",
     points="i8",
@@ -330,7 +330,7 @@ NEVER = math.inf
 
 
 P_REF_B = next(port for port in OUTPUTS if port.name == "p_ref_B")
-WAY_MEMORY = record(segment="i8", way_points="i8", times="i8", points="i8")
+WAY_MEMORY = record(segment=state("i8", below="way_points"), way_points="i8", times="i8", points="i8")
 
 
 @step_function(WAY_MEMORY, outputs=(P_REF_B,))

@@ -30,7 +30,7 @@ import numpy as np
 
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.component import NativeComponent, step_function
-from twin.kernel.cosim.port import Port, by_port, memory_of, record, record_of, width
+from twin.kernel.cosim.port import Port, by_port, memory_of, record, record_of, states, width
 from twin.kernel.settings import Settings, Values, setting, taken
 from twin.robot.controller.controller import OMEGA_REF
 from twin.robot.controller.pid import load_torques
@@ -103,8 +103,11 @@ RETURN = 0.5
 PLAY = 1e-3
 """Angle (rad) of a joint that counts as no way: rounding goes to and fro by less."""
 MEMORY = record(
-    tank=TANK, level="f8", given="f8", p="3f8", F="3f8", sample="i8", age="f8", untouched="f8", tau="3f8", omega="3f8",
-    turned="3f8", height="f8",
+    tank=TANK,
+    **states(
+        level="f8", given="f8", p="3f8", F="3f8", sample="i8", age="f8", untouched="f8", tau="3f8", omega="3f8",
+        turned="3f8", height="f8",
+    ),
 )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ import math
 import numpy as np
 
 from twin.kernel.compiled.function import njit
-from twin.kernel.cosim.port import record
+from twin.kernel.cosim.port import record, state, states
 from twin.robot.controller.pid import state_variable
 from twin.robot.controller.program import PhaseEnd, PhaseKind
 from twin.robot.controller.tissue import HIGHEST, LOWEST, moving_mass
@@ -122,30 +122,30 @@ def motion(phase, start, end, length, t, p, v):
 
 
 MACHINE = record(
-    index="i8",
-    passes="i8",
-    entered="f8",
-    total="f8",
-    length="f8",
-    start="3f8",
-    end="3f8",
-    p="3f8",
-    v="3f8",
-    F_start="f8",
-    F_ref="f8",
+    index=state("i8", below="/count"),
+    passes=state("i8"),
+    entered=state("f8"),
+    total=state("f8"),
+    length=state("f8"),
+    start=state("3f8"),
+    end=state("3f8"),
+    p=state("3f8"),
+    v=state("3f8"),
+    F_start=state("f8"),
+    F_ref=state("f8"),
     contact_force="f8",
-    lost="f8",
+    lost=state("f8"),
     patience="f8",
-    tapped="f8",
-    touching="i8",
-    z_before="f8",
-    F_before="f8",
-    z_felt="f8",
-    depth="f8",
-    calibrated="i8",
-    z_turn="f8",
-    z_lowest="f8",
-    t_turn="f8",
+    tapped=state("f8"),
+    touching=state("i8"),
+    z_before=state("f8"),
+    F_before=state("f8"),
+    z_felt=state("f8"),
+    depth=state("f8"),
+    calibrated=state("i8"),
+    z_turn=state("f8"),
+    z_lowest=state("f8"),
+    t_turn=state("f8"),
     learning="f8",
 )
 """State of the machine, SI.
@@ -326,27 +326,29 @@ UNREACHED = 1e-4
 
 TAPS = record(
     share="f8",
-    mass="f8",
-    g="f8",
-    z_fast="f8",
-    z_slow="f8",
-    F_fast="f8",
-    F_slow="f8",
-    z_0="f8",
-    kind="i8",
-    vF="f8",
-    vv="f8",
-    z_begun="f8",
-    F_begun="f8",
-    k="f8",
-    depth="f8",
-    z_before="f8",
-    F_before="f8",
-    felt="i8",
-    peak="f8",
-    level="f8",
-    speed="f8",
-    t_turn="f8",
+    **states(
+        mass="f8",
+        g="f8",
+        z_fast="f8",
+        z_slow="f8",
+        F_fast="f8",
+        F_slow="f8",
+        z_0="f8",
+        kind="i8",
+        vF="f8",
+        vv="f8",
+        z_begun="f8",
+        F_begun="f8",
+        k="f8",
+        depth="f8",
+        z_before="f8",
+        F_before="f8",
+        felt="i8",
+        peak="f8",
+        level="f8",
+        speed="f8",
+        t_turn="f8",
+    ),
 )
 """share: of the error that the next tap corrects. mass: of what moves up and down (kg), as of the beginning of the
 phase. g: of the filters; 0: they do not run. z_fast .. F_slow: of the filters, from the height z_0 on. kind: phase of

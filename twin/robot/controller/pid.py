@@ -35,7 +35,7 @@ from pydantic import model_validator
 
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.component import NativeComponent, step_function
-from twin.kernel.cosim.port import Port, memory_of, record, record_of
+from twin.kernel.cosim.port import Port, memory_of, record, record_of, state, states
 from twin.kernel.settings import Settings, Values, numbers, setting, taken
 from twin.robot.mechanism.geometry import Model
 
@@ -185,7 +185,7 @@ def force_gains(table: ForceLoop) -> Gains:
     return Gains(**numbers(table, into="gains"))
 
 
-PID = record_of(Gains, integral="f8", derivative="f8", error="f8", started="i8")
+PID = record_of(Gains, **states(integral="f8", derivative="f8", error="f8", started="i8"))
 LOW_PASS = record(corner="f8", h="f8", share="f8")
 """The share of a low-pass that was worked out last, and for what: an exponential costs as much as a loop."""
 
@@ -248,7 +248,7 @@ class Damping(Settings):
     corner: float = setting("Hz", gt=0, help="swings slower than this are not damped")
 
 
-DAMPER = record_of(Damping, slow="3f8", started="i8", low=LOW_PASS)
+DAMPER = record_of(Damping, **states(slow="3f8", started="i8", low=LOW_PASS))
 
 
 def damper(damping: Damping, slow: Any = (0.0, 0.0, 0.0), started: bool = False) -> tuple:
@@ -374,7 +374,7 @@ class Servo(NamedTuple):
     lead: float = math.inf
 
 
-POSITION_MEMORY = record_of(Servo, command="f8")
+POSITION_MEMORY = record_of(Servo, command=state("f8"))
 
 
 @step_function(POSITION_MEMORY, POSITION_INPUTS, POSITION_OUTPUTS)

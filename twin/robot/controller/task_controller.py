@@ -14,7 +14,7 @@ import numpy as np
 
 from twin.kernel.compiled.function import carray, njit, pointer_to
 from twin.kernel.cosim.component import NativeComponent, step_function
-from twin.kernel.cosim.port import Port, memory_of, record
+from twin.kernel.cosim.port import Port, memory_of, record, states
 from twin.kernel.settings import Settings, numbers, setting
 from twin.robot.controller.adaptive import Adapting, Breath, adapt, tell, with_adaptive
 from twin.robot.controller.controller import INPUTS as ESTIMATES
@@ -84,13 +84,7 @@ MEMORY = record(
     machine=MACHINE,
     phases="i8",
     count="i8",
-    low=LOW_PASS,
-    F_z="f8",
-    F_rate="f8",
-    dp_z="f8",
-    p="3f8",
-    v="3f8",
-    lead="3f8",
+    **states(low=LOW_PASS, F_z="f8", F_rate="f8", dp_z="f8", p="3f8", v="3f8", lead="3f8"),
 )
 _phases_at = pointer_to(PHASE)
 

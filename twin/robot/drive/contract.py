@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from twin.kernel.cosim.component import NativeComponent, step_function
-from twin.kernel.cosim.port import Port, memory_of, record
+from twin.kernel.cosim.port import Port, memory_of, record, state
 from twin.kernel.fmi.variable import SPEED
 from twin.kernel.units import CURRENT, NUMBER, POWER, TEMPERATURE, TORQUE, VOLTAGE, Dimension
 
@@ -113,7 +113,7 @@ def contract(command: Command, rotor: bool = False) -> tuple[Role, ...]:
 
 ROTOR_INPUTS = (TAU_MOTOR.port, LOAD.port)
 ROTOR_OUTPUTS = (THETA_M.port, OMEGA_M.port)
-ROTOR_MEMORY = record(J="f8", b="f8", theta="f8", omega="f8")
+ROTOR_MEMORY = record(J="f8", b="f8", theta=state("f8"), omega=state("f8"))
 
 
 @step_function(ROTOR_MEMORY, ROTOR_INPUTS, ROTOR_OUTPUTS)
@@ -146,7 +146,7 @@ class DriveRotor(NativeComponent):
 
 UNWRAPPED_INPUTS = (Port("wrapped", 1, "rad", "motor angle, but for whole turns of the servo"),)
 UNWRAPPED_OUTPUTS = (THETA_M.port,)
-UNWRAPPED_MEMORY = record(turn="f8", theta="f8")
+UNWRAPPED_MEMORY = record(turn="f8", theta=state("f8"))
 
 
 @step_function(UNWRAPPED_MEMORY, UNWRAPPED_INPUTS, UNWRAPPED_OUTPUTS)

@@ -20,7 +20,7 @@ import numpy as np
 
 from twin.kernel.compiled.function import carray, njit, pointer_to
 from twin.kernel.cosim.component import doubles_at, step_function
-from twin.kernel.cosim.port import Port, memory_of, record, width
+from twin.kernel.cosim.port import Port, memory_of, record, state, states, width
 from twin.robot.faults.drive_fault import ACTIVE, WINDOW, FaultComponent, Span, tick_now, window, within
 
 _GAMMA, _MIX_1, _MIX_2 = (np.uint64(n) for n in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
@@ -81,8 +81,9 @@ ENCODER_CHANNELS = 3
 COUNT = Port("count", ENCODER_CHANNELS, "1", "counts of the motor or of the joint encoders")
 
 MEMORY = record(
-    window=WINDOW, law="i8", element="i8", partner="i8", counts="f8", share="f8", held="f8", spiked="i8", random="u8"
-)
+    window=WINDOW, law="i8", element="i8", partner="i8", counts="f8", share="f8",
+    **states(held="f8", spiked="i8", random="u8"),
+)  # fmt: skip
 """`counts`: the magnitude in counts, of a drift in counts per tick. `held`: the last count that went through."""
 
 
@@ -200,12 +201,12 @@ MESSAGE_MEMORY = record(
     least="i8",
     most="i8",
     share="f8",
-    sent="i8",
+    sent=state("i8"),
     capacity="i8",
-    messages="i8",
-    arrivals="i8",
-    present="i8",
-    random="u8",
+    messages=state("i8"),
+    arrivals=state("i8"),
+    present=state("i8"),
+    random=state("u8"),
 )
 """A message is `least` to `most` ticks under way, a `share` of them for ever. `sent`: messages since the onset; the
 n-th of them lies at n modulo `capacity` in the rings `messages` and `arrivals` (ticks), which are long enough for all

@@ -19,9 +19,9 @@ import numpy as np
 
 from twin.kernel.compiled.function import carray, njit
 from twin.kernel.cosim.component import Component, NativeComponent, doubles_at, step_function
-from twin.kernel.cosim.port import Port, memory_of, record
+from twin.kernel.cosim.port import Port, memory_of, record, state, states
 
-WINDOW = record(next="i8", period="i8", onset="i8", end="i8")
+WINDOW = record(next=state("i8"), period="i8", onset="i8", end="i8")
 """The tick of the next step, ticks between steps, and the fault's first and first healthy tick."""
 
 ACTIVE = Port("active", 1, "1", "whether the fault is active", "bool")
@@ -183,7 +183,9 @@ def inputs(monitored: bool) -> tuple[Port, ...]:
 
 FAILED = 2
 
-MEMORY = record(window=WINDOW, law="i8", omega="f8", stop="f8", drive="f8", offset="f8", theta_m="f8", omega_m="f8")
+MEMORY = record(
+    window=WINDOW, law="i8", omega="f8", **states(stop="f8", drive="f8", offset="f8", theta_m="f8", omega_m="f8")
+)
 """`omega`: speed of a runaway (rad/s). `stop`: angle beyond
 which a jam lets nothing turn. `drive`: where the drive's own shaft was. `offset`: how far the real shaft is from it.
 `theta_m`, `omega_m`: the real shaft."""

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.kernel.compiled.function import njit
-from twin.kernel.cosim.port import record, record_of
+from twin.kernel.cosim.port import record, record_of, states
 from twin.kernel.settings import Settings, Values, setting, taken
 
 
@@ -182,7 +182,7 @@ LARGEST_SAMPLE = 2.0**31
 # far beyond any motor; keeps sums and differences of commands finite
 LARGEST_COMMAND = 1e6
 
-TIMERS = record(still="3i8", unfollowed="3i8", saturated="3i8", anchor="3f8")
+TIMERS = record(**states(still="3i8", unfollowed="3i8", saturated="3i8", anchor="3f8"))
 """Ticks for which a motor encoder has stood still against its command (signed as the command), a motor has not
 followed, a command has been at its limit; motor angle (rad) at which each joint encoder last moved."""
 

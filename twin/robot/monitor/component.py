@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.component import Component, NativeComponent, step_function
-from twin.kernel.cosim.port import Port, by_port, memory_of, record, width
+from twin.kernel.cosim.port import Port, by_port, memory_of, record, state, states, width
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
 from twin.robot.mechanism.geometry import Geometry
@@ -52,7 +52,7 @@ from twin.robot.monitor.observation import (
 
 STEPS = 101
 
-RETRACTION = record(unfollowed="3i8", power="i8", power_off_tick="i8")
+RETRACTION = record(**states(unfollowed="3i8", power="i8", power_off_tick="i8"))
 """Ticks for which each joint has not followed the retraction; power; the tick at which it went off, -1: never."""
 
 
@@ -140,19 +140,19 @@ MEMORY = record(
     rest=("f8", (REASONS,)),
     period="i8",
     sample_interval="i8",
-    tick="i8",
-    first_tick="i8",
-    first_sample="i8",
-    sample="i8",
+    tick=state("i8"),
+    first_tick=state("i8"),
+    first_sample=state("i8"),
+    sample=state("i8"),
     seen=SEEN,
     timers=TIMERS,
-    values=("f8", (REASONS,)),
-    joints=("i8", (REASONS,)),
-    sent="3f8",
-    reason="i8",
-    trip_tick="i8",
-    trip_value="f8",
-    trip_joint="i8",
+    values=state(("f8", (REASONS,))),
+    joints=state(("i8", (REASONS,))),
+    sent=state("3f8"),
+    reason=state("i8"),
+    trip_tick=state("i8"),
+    trip_value=state("f8"),
+    trip_joint=state("i8"),
     retraction=RETRACTION,
 )
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twin.kernel.compiled.function import njit
-from twin.kernel.cosim.port import record, record_of
+from twin.kernel.cosim.port import record, record_of, states
 from twin.kernel.settings import Values, setting, taken
 from twin.robot.mechanism.geometry import Geometry, Model
 from twin.robot.mechanism.kinematics import jacobian, joint_angles, platform_position
@@ -111,27 +111,29 @@ def geometry(belief: MonitorBelief) -> Geometry:
 
 
 SEEN = record(
-    started="i8",
-    theta_m="3f8",
-    theta_l="3f8",
-    moved_m="3i8",
-    moved_l="3i8",
-    deflection="3f8",
-    tau_l="3f8",
-    fastest="3f8",
-    omega_m="3f8",
-    omega_l="3f8",
-    omega_cmd="3f8",
-    p_B="3f8",
-    v_B="3f8",
-    F_ee_B="3f8",
-    speed="f8",
-    force="f8",
-    force_rate="f8",
-    touching="i8",
-    z_touch="f8",
-    depth="f8",
-    contact_ticks="i8",
+    **states(
+        started="i8",
+        theta_m="3f8",
+        theta_l="3f8",
+        moved_m="3i8",
+        moved_l="3i8",
+        deflection="3f8",
+        tau_l="3f8",
+        fastest="3f8",
+        omega_m="3f8",
+        omega_l="3f8",
+        omega_cmd="3f8",
+        p_B="3f8",
+        v_B="3f8",
+        F_ee_B="3f8",
+        speed="f8",
+        force="f8",
+        force_rate="f8",
+        touching="i8",
+        z_touch="f8",
+        depth="f8",
+        contact_ticks="i8",
+    ),
 )
 """The last observation: angles (rad), whether an encoder moved a count, deflection (rad), joint torques (N m), fastest
 change since the sample before on the motor's side (rad/s); low-passed: motor speed, joint speed on the motor's side and

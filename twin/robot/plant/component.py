@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from twin.kernel.compiled.function import njit
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import NativeComponent, step_function
-from twin.kernel.cosim.port import Port, memory_of, port_record, record
+from twin.kernel.cosim.port import Port, memory_of, port_record, record, state
 from twin.robot.mechanism.geometry import Geometry, coordinates_along, legs
 from twin.robot.mechanism.kinematics import jacobian, jacobian_row, joint_angles, leg_angle
 from twin.robot.mechanism.leg import angles_near, leg_motion, links, move_anchor
@@ -86,9 +86,9 @@ def inputs(moving: bool, ramp: bool) -> tuple[Port, ...]:
 MEMORY = record(
     parameters=PARAMETERS,
     substeps="i8",
-    x=("f8", (STATES,)),
-    anchors=("f8", (3, ANCHORS)),
-    last=("f8", (STATES,)),
+    x=state(("f8", (STATES,))),
+    anchors=state(("f8", (3, ANCHORS))),
+    last=state(("f8", (STATES,))),
 )
 
 
@@ -277,7 +277,7 @@ class Plant(NativeComponent):
         _begin(memory, np.array(theta_m, dtype=float), initial)
         super().__init__(
             "plant", inputs(moving, ramp), OUTPUTS, False, step_over(moving, ramp), memory,
-            initial.view(np.float64), rewindable=True,
+            initial.view(np.float64),
         )  # fmt: skip
 
     def explain(self, status: int) -> str:

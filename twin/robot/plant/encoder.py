@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.component import NativeComponent, step_function
-from twin.kernel.cosim.port import Port, memory_of, record
+from twin.kernel.cosim.port import Port, memory_of, record, state
 from twin.kernel.settings import Settings, setting
 
 # Steele, Lea and Flood (2014), Fast splittable pseudorandom number generators, OOPSLA; the constants of splitmix64
@@ -55,7 +55,7 @@ OUTPUTS = (
     Port("sample", 1, "1", "number of the sample, from 1: a reader notices lost and frozen messages by it", "int"),
 )
 READER = record(counts_per_rad="f8", zero="f8", noise="f8", eccentricity="f8", eccentric_at="f8")
-MEMORY = record(motor=(READER, (3,)), joint=(READER, (3,)), random=("u8", (1,)), sample="i8")
+MEMORY = record(motor=(READER, (3,)), joint=(READER, (3,)), random=state(("u8", (1,))), sample=state("i8"))
 MOST = 2.0**53
 """Counts. Beyond, a double does not count whole numbers."""
 UNCOUNTED = 2
