@@ -7,6 +7,7 @@ ports, which is slower, and nothing can be written by mistake: so a user writes 
 import ctypes
 import hashlib
 import inspect
+import json
 import os
 import sys
 import traceback
@@ -17,13 +18,17 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.component import Component, Holder
 from twin.kernel.cosim.port import Port, places, width
-from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.files import read_bytes
+from twin.kernel.cosim.state import of_plain, plain
+from twin.kernel.errors import ComponentFailed, InputRefused, nearest
+from twin.kernel.files import json_of, read_bytes
 from twin.kernel.units import known_unit, weight_hint
 
 FAILED = 2
+STATEFUL = ("state", "restore")
+"""Methods of a class whose state can be saved: `state()` gives numbers, texts and arrays, in lists and dictionaries;
+`restore(state)` goes back to what it gave, tuples as lists."""
 STEP = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p
 )
@@ -86,6 +91,7 @@ class PythonComponent(Component):
             return 0
 
         function = STEP(callback)
+        self._states = ObjectStates(label or type(model).__name__, getattr(model, "stateful", model))
         super().__init__(
             name=name,
             inputs=inputs,
@@ -101,12 +107,57 @@ class PythonComponent(Component):
             keep=function,
         )
 
+    def holders(self) -> dict[str, Holder]:
+        return {"object": self._states}
+
+    def lacks_state(self, portable: bool = True) -> str:
+        return self._states.lacking
+
     def explain(self, status: int) -> str:
         if isinstance(self.exception, KeyboardInterrupt):
             raise self.exception
         if isinstance(self.exception, OutputsRefused):
             return str(self.exception)
         return raised(self.exception)
+
+
+class ObjectStates:
+    """The states of a Python object, a `Holder`: its tokens are what it would write down.
+
+    Args:
+        label: what an error calls it.
+        model: the object.
+
+    Attributes:
+        lacking: why it has no state, as the verb phrase of a sentence; "" if it has one.
+    """
+
+    def __init__(self, label: str, model: Any):
+        self._label, self._model = label, model
+        missing = [name for name in STATEFUL if not callable(getattr(model, name, None))]
+        self.lacking = f"is a Python class without {' and '.join(f'{name}()' for name in missing)}" if missing else ""
+
+    def take(self) -> bytes:
+        return self._called("state", lambda: json.dumps(plain(self._model.state()))).encode()
+
+    def give_back(self, token: bytes) -> None:
+        state = of_plain(json_of(token, self._label), self._label)
+        self._called("restore", lambda: self._model.restore(state))
+
+    def free(self, token: bytes) -> None:
+        """Nothing is held."""
+
+    def pack(self, token: bytes) -> bytes:
+        return token
+
+    def unpack(self, content: bytes) -> bytes:
+        return content
+
+    def _called(self, name: str, call: Callable[[], Any]) -> Any:
+        try:
+            return call()
+        except Exception as problem:
+            raise ComponentFailed(f"{self._label}: {name}() {raised(problem)}") from None
 
 
 def doubles(address: int, count: int) -> np.ndarray:
@@ -165,12 +216,15 @@ class NamedPorts:
     Args:
         model: with `step(t, inputs) -> outputs`.
         inputs, outputs: what it has.
+
+    Attributes:
+        stateful: `model`, whose state is this one's.
     """
 
     sampled = True
 
     def __init__(self, model: Any, inputs: Wanted, outputs: Wanted):
-        self.inputs, self.outputs = inputs.ports, outputs.ports
+        self.inputs, self.outputs, self.stateful = inputs.ports, outputs.ports, model
         self._model, self._inputs, self._outputs = model, inputs, outputs
 
     def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.kernel.compiled.function import carray, copy, pointer_to
-from twin.kernel.cosim.component import Component, address_of, doubles_at, integers_at, step_function
+from twin.kernel.cosim.component import Component, Holder, address_of, doubles_at, integers_at, step_function
 from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.cosim.master import LOOP, ticks
 from twin.kernel.cosim.port import Port, record, width
@@ -122,6 +122,29 @@ class Subsystem(Component):
         culprit, status, tick = (int(n) for n in (*self._loop[["culprit", "status"]][0], self._memory["next"][0]))
         inside = failed_phrase(self.system, self._u, self._y, culprit, status, tick)
         return f"failed inside: {inside};"
+
+    def pieces(self) -> dict[str, np.ndarray]:
+        own = {"outputs": self._y, "next": self._memory["next"]}
+        inner = {f"{c.name}.{name}": array for c in self._inner for name, array in c.pieces().items()}
+        return own | inner
+
+    def holders(self) -> dict[str, Holder]:
+        return {f"{c.name}.{name}": holder for c in self._inner for name, holder in c.holders().items()}
+
+    def lacks_state(self, portable: bool = True) -> str:
+        reasons = [(c.label or c.name, why) for c in self._inner if (why := c.lacks_state(portable))]
+        if [label for label, _ in reasons] == [self.label]:
+            return reasons[0][1]
+        return "; ".join(f"has {label}, which {why}" for label, why in reasons)
+
+    def refuse_index(self) -> None:
+        for component in self._inner:
+            component.refuse_index()
+
+    @property
+    def _inner(self) -> Sequence[Component]:
+        """All but the inlet, which is given anew in every step."""
+        return self.system.components[1:]
 
     def keep_time(self, clock: np.ndarray) -> None:
         for component in self.system.components:

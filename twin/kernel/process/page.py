@@ -16,6 +16,7 @@ import ctypes
 import mmap
 import os
 import platform
+import struct
 import sys
 
 import numpy as np
@@ -154,8 +155,10 @@ NAP = 0.02
 
 DIED, STUCK = 1 << 20, 1 << 21
 """Statuses of the caller's step: the host has ended, or did not answer in time. No step returns them."""
-IDLE, STOPPED = 1 << 22, 1 << 23
-"""What `serve` returns besides statuses: no question for a while, or no more questions at all."""
+IDLE, STOPPED, ORDERED = 1 << 22, 1 << 23, 1 << 24
+"""What `serve` returns besides statuses: no question for a while, no more questions at all, or an order, which is a
+question with a step of `NO_STEP` and the order's number for its time."""
+NO_STEP = -1.0
 
 CALLER = np.dtype(
     [(name, "i8") for name in ("page", "inputs", "outputs", "number", "naps", "nap", "kernel", "pid", "clock", "info")],
@@ -181,7 +184,8 @@ class Page:
     """
 
     def __init__(self, fd: int, inputs: int, outputs: int):
-        size = _INPUTS + 8 * (inputs + outputs)
+        self._fd, self._end = fd, _INPUTS + 8 * (inputs + outputs)
+        size = self._end
         os.ftruncate(fd, max(size, os.fstat(fd).st_size))
         # the array keeps the mapping alive
         self._bytes = np.frombuffer(mmap.mmap(fd, size), dtype=np.uint8)
@@ -193,6 +197,24 @@ class Page:
     def clear(self) -> None:
         """Forget what another drive left; for the host, before anybody asks."""
         self._bytes[INPUTS_AT:] = 0
+
+    @property
+    def order(self) -> int:
+        """The number of the order that `serve` returned for."""
+        return int(self._bytes[_TIME : _TIME + 8].view(np.float64)[0])
+
+    def put(self, content: bytes) -> None:
+        """Leave `content` behind the page, for the other side to `get`; instead of what was left before."""
+        os.pwrite(self._fd, struct.pack("<Q", len(content)) + content, self._end)
+
+    def get(self) -> bytes:
+        """What the other side has left."""
+        (length,) = struct.unpack("<Q", os.pread(self._fd, 8, self._end))
+        return os.pread(self._fd, length, self._end + 8)
+
+    def answer(self, status: int) -> None:
+        """Let the caller of an order go on; for the host."""
+        answer(self.address, status, self.number, self.kernel.ctypes.data)
 
     def close(self) -> None:
         """Let the host's `serve` return STOPPED."""
@@ -244,13 +266,15 @@ def serve(page, inputs, step, memory, numbers, kernel, nap):
         kernel, nap: addresses of what `futex.kernel` and `futex.timespec` return.
 
     Returns:
-        Status, or IDLE or STOPPED; `numbers[0]` is the next question's.
+        Status, or IDLE, STOPPED or ORDERED, with `numbers[0]` the next question's, or the order's to be answered.
     """
     number = carray(numbers, 1)
     times = carray(doubles_at(page + _TIME), 2)
     while True:
         if not seen(kernel, page + ASKED, page + HOST_ASLEEP, number[0], nap):
             return STOPPED if carray(_i32(page + CLOSED), 1)[0] else IDLE
+        if times[1] == NO_STEP:
+            return ORDERED
         u = page + _INPUTS
         status = call_step(step, memory, times[0], times[1], u, u + 8 * inputs)
         carray(_i32(page + STATUS), 1)[0] = status
@@ -258,3 +282,12 @@ def serve(page, inputs, step, memory, numbers, kernel, nap):
         number[0] = following(number[0])
         if status != 0 and status != 1:
             return status
+
+
+@entry("nothing", "int", "int", "integers", "int")
+def answer(page, status, numbers, kernel):
+    """Answer the question of `numbers[0]` with `status`; arguments as those of `serve`."""
+    number = carray(numbers, 1)
+    carray(_i32(page + STATUS), 1)[0] = status
+    tell(kernel, page + ANSWERED, page + CALLER_ASLEEP, number[0])
+    number[0] = following(number[0])

@@ -16,19 +16,25 @@ from typing import Self
 
 import numpy as np
 
-from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.component import Component, Holder
 from twin.kernel.cosim.port import width
-from twin.kernel.errors import InputRefused, TwinError
+from twin.kernel.cosim.python_class import STEP
+from twin.kernel.cosim.state import SavedState, StatePlaces
+from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.process.black_box import manner
 from twin.kernel.process.guard import POLL, JobEnded, Watchdog, raise_failure
 from twin.kernel.process.job import JobLimits
-from twin.kernel.process.page import CALLER, DIED, IDLE, NAP, STOPPED, STUCK, Page, ask, kernel, serve
+from twin.kernel.process.page import CALLER, DIED, IDLE, NAP, NO_STEP, ORDERED, STOPPED, STUCK, Page, ask, kernel, serve
 from twin.kernel.process.process import GuardedProcess, cpu_clock
 from twin.kernel.process.reporter import Elsewhere, PipeReporter, Reporter, called_function, own_reporter
 from twin.robot.assembly.drives import DrivePlan, Start, drive, planned
 from twin.robot.experiment.schema import Drive
 
 JOB = "twin.robot.assembly.isolated_drive:hosted_drive"
+SAVE, RESTORE = 1, 2
+"""Orders to a host."""
+REFUSED = 3
+"""Its answer to one that it could not carry out; why lies behind the page."""
 _spare: list[GuardedProcess] = []
 """Processes that have been kept: starting one takes a second, and a study may need three of them a hundred times."""
 
@@ -138,7 +144,7 @@ class IsolatedDrive(Elsewhere):
     def __init__(
         self, name: str, plan: DrivePlan, watch: Watchdog, described: str, over: Callable[[GuardedProcess], None]
     ):
-        inputs, outputs, initial, self.function = pickle.loads(base64.b64decode(described))
+        inputs, outputs, initial, self.function, self._lacking = pickle.loads(base64.b64decode(described))
         self._watch, self._over, self._plan = watch, over, plan
         self._failed = self._closed = False
         self._process = process = watch.process
@@ -161,6 +167,42 @@ class IsolatedDrive(Elsewhere):
             label=plan.label,
             keep=(memory, info, page),
         )
+
+    def holders(self) -> dict[str, Holder]:
+        return {"process": self}
+
+    def lacks_state(self, portable: bool = True) -> str:
+        return self._lacking
+
+    def take(self) -> bytes:
+        """Its state, as the host writes it down."""
+        self._order(SAVE)
+        return self._page.get()
+
+    def give_back(self, token: bytes) -> None:
+        """Let the host restore what `take` returned."""
+        self._page.put(token)
+        self._order(RESTORE)
+
+    def free(self, token: bytes) -> None:
+        """Nothing is held."""
+
+    def pack(self, token: bytes) -> bytes:
+        """What `take` returned is for any process."""
+        return token
+
+    def unpack(self, content: bytes) -> bytes:
+        """See `pack`; the host looks at it."""
+        return content
+
+    def _order(self, number: int) -> None:
+        """Let the host do something between two steps; raises ComponentFailed if it cannot."""
+        u, y = np.zeros(max(1, self._page.inputs)), np.zeros(max(1, self._page.outputs))
+        status = STEP(ask.address)(self.self_address, float(number), NO_STEP, u.ctypes.data, y.ctypes.data)
+        if status == REFUSED:
+            raise ComponentFailed(f"{self.label} ({self.name}): {self._page.get().decode()}")
+        if status != 0:
+            raise ComponentFailed(f"{self.label} ({self.name}) {self.explain(status)}")
 
     def rewind(self) -> None:
         alone = any(fmu.lives_once for fmu in self._plan.parts.values())
@@ -249,9 +291,26 @@ def hosted_drive(
     status = IDLE
     while status != STOPPED:
         status = _served(page, component)
-        if status not in (IDLE, STOPPED):
+        if status == ORDERED:
+            _obey(page, component)
+        elif status not in (IDLE, STOPPED):
             reporter.note(explained=component.explain(status))
     component.close()
+
+
+def _obey(page: Page, component: Component) -> None:
+    """Save or restore the state of `component`, which lies behind the page."""
+    try:
+        places = StatePlaces([component], np.zeros(0), np.zeros(0))
+        if page.order == SAVE:
+            page.put(places.take(0).saved().to_bytes())
+        else:
+            places.put_back(places.taken(SavedState.from_bytes(page.get(), component.label)))
+            component.refuse_index()
+        page.answer(0)
+    except TwinError as problem:
+        page.put(str(problem).encode())
+        page.answer(REFUSED)
 
 
 def _served(page: Page, component: Component) -> int:
@@ -263,5 +322,6 @@ def _served(page: Page, component: Component) -> int:
 
 def _described(component: Component) -> str:
     """What a component that stands for this one needs to know, packed."""
-    facts = (component.inputs, component.outputs, np.array(component.initial_outputs), called_function(component))
+    initial, lacking = np.array(component.initial_outputs), component.lacks_state()
+    facts = (component.inputs, component.outputs, initial, called_function(component), lacking)
     return base64.b64encode(pickle.dumps(facts)).decode()
