@@ -5,9 +5,10 @@ def main() -> None:
     """Entry point; ends the process with the exit code of what happened."""
     import sys
 
-    from twin.kernel.process.job import INTERRUPTED, keep_interrupts
+    from twin.kernel.process.job import INTERRUPTED, TERMINATED, Terminated, keep_interrupts, let_terminate
 
     keep_interrupts()
+    let_terminate()
     try:
         from twin.cli.ahead import job_expected
 
@@ -15,7 +16,8 @@ def main() -> None:
             from twin.cli.line import main
 
             main()
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as end:
         # while the commands themselves are being imported, or at the very end
-        print("interrupted", file=sys.stderr)
-        sys.exit(INTERRUPTED)
+        terminated = isinstance(end, Terminated)
+        print("terminated" if terminated else "interrupted", file=sys.stderr)
+        sys.exit(TERMINATED if terminated else INTERRUPTED)

@@ -8,7 +8,14 @@ from twin.cli.streams import show
 from twin.cli.terminal import TerminalDisplay
 from twin.kernel.errors import ComponentFailed
 from twin.kernel.process.guard import JobEnded, guarded
-from twin.kernel.process.job import JobLimits, function_called, left_behind, recorded_until_then
+from twin.kernel.process.job import (
+    TERMINATED,
+    JobLimits,
+    Terminated,
+    function_called,
+    left_behind,
+    recorded_until_then,
+)
 from twin.studies.answer import Answer, answer_of
 from twin.studies.command import SHARED, Interrupted, Isolation, JobIsolation, Study, answer_apart
 
@@ -110,7 +117,10 @@ def recorded(
         return guarded(job, arguments, limits, hear, display.show)
     except JobEnded as failure:
         raise ComponentFailed(f"{failure}\n{recorded_until_then(display.folder)}") from None
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as end:
         if display.folder is None:
             raise
-        raise Interrupted(left_behind(display.folder)) from None
+        interrupted = Interrupted(left_behind(display.folder))
+        if isinstance(end, Terminated):
+            interrupted.exit_code = TERMINATED
+        raise interrupted from None

@@ -36,7 +36,7 @@ MEMORY = 4000.0
 def run(
     experiments: Annotated[
         Sequence[Path], Argument("Experiment files (TOML), or names.", "EXPERIMENT", complete="experiment")
-    ],
+    ] = (),
     drive: DriveName = None,
     body: BodyName = None,
     settings: Settings = (),
@@ -44,6 +44,9 @@ def run(
         Sequence[str],
         Option("Run once per value, like twin sweep; writes rows, no recordings.", "KEY=FROM:TO:COUNT", "--sweep"),
     ] = (),
+    start_from: Annotated[
+        str | None, Option("Go on from a state of a run; with --set, only duration_s.", "RUN[@SECONDS]", "--from")
+    ] = None,
     out: Annotated[Path | None, Option("Folder of the run; default: results/EXPERIMENT/TIME.", "DIR")] = None,
     as_json: Annotated[bool, Option("Print one JSON object per run instead of text.", flags="--json")] = False,
     report: Annotated[bool, Option("Also write an HTML page, like twin report.")] = False,
@@ -71,7 +74,7 @@ def run(
     Exit code: 0 done, 3 a component failed while running (error, crash, hang),
     2 input refused (also an FMU that crashes before the first step), 4 the
     safety monitor tripped although the experiment has no faults, 130
-    interrupted.
+    interrupted, 143 terminated.
 
     Example: twin run experiments/fig4_force_position.toml --drive pmsm_foc
     """
@@ -88,6 +91,10 @@ def run(
             answer = short_sweep(experiments[0], ranges, drive, settings, out, limit_step, as_json, yes, display.say)
         show(answer, as_json)
         raise SystemExit(answer.exit_code)
+    if not experiments and start_from is None:
+        raise InputRefused("no experiment: name a file, or a run to go on from with --from RUN")
+    if start_from is not None and (experiments or drive is not None or body is not None):
+        raise InputRefused("--from: the run says its experiment, drive and body; leave them out, or use twin branch")
     if out is not None and len(experiments) > 1:
         raise InputRefused(f"--out {out}: names the folder of one run; {len(experiments)} experiments were given")
     if isolate != Isolation.NONE and os.name != "posix":
@@ -105,6 +112,7 @@ def run(
         "limit_step": limit_step,
         "factor": factor,
         "sure": yes,
+        "start_from": start_from,
         **({"port": port, "origins": origins} if live else {}),
     }
     # the run itself notices a drive of its own that is stuck, and ends better than if it is ended

@@ -327,7 +327,7 @@ class Scene:
 
     def __init__(self, experiment: Experiment, system: System):
         """Of the run of `experiment` by `system`, which has a plant and an estimator, and perhaps a moving body."""
-        self._period = max(1, round(1.0 / (PICTURE_RATE * system.tick)))
+        self._period, self._begins_at = max(1, round(1.0 / (PICTURE_RATE * system.tick))), 0
         self._geometry = geometry_of(experiment.plant)
         self._surface = surface_pose(experiment.contact)
         moves = any(component.name == "body" for component in system.components)
@@ -340,10 +340,14 @@ class Scene:
             MessageForm("force", force_example(), WIDTH, self._period),
         )
 
+    def begin_at(self, tick: int) -> None:
+        """What never moves is drawn at the first tick of a recording, this one where a run goes on from a state."""
+        self._begins_at = tick
+
     def drawings(self, first: int, rows: NDArray[np.float64]) -> Iterator[Drawing]:
         """What is to be seen of `rows` of the run, (n, outputs of the system), the first of which is tick `first`."""
-        if first == 0:
-            yield Drawing("scene", 0, np.empty((1, 0)))
+        if first == self._begins_at:
+            yield Drawing("scene", first, np.empty((1, 0)))
         start = -first % self._period
         shown = rows[start :: self._period]
         if len(shown):

@@ -1,15 +1,17 @@
 """Observers of a simulation and the events they report, slice by slice."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, Protocol, Self
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple, Protocol, Self
 
 import numpy as np
 
 from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.cosim.state import SavedState, of_plain, plain
 from twin.kernel.cosim.system import System
-from twin.kernel.errors import ComponentFailed
+from twin.kernel.errors import ComponentFailed, InputRefused
 
 Level = Literal["DEBUG", "INFO", "WARNING", "ERROR"]
 
@@ -31,15 +33,38 @@ class Observer:
 
     Attributes:
         enough: asked after every slice: whether the simulation may end before its time.
+        halts: ticks at which a slice is to begin.
+        lasting: names of the attributes that belong to the state of a run.
     """
 
     enough = False
+    halts: Collection[int] = ()
+    lasting: tuple[str, ...] = ()
 
     def begin(self, simulation: Simulation) -> None:
         """`simulation` runs as soon as all observers have returned from this."""
 
     def ready(self, tick: int) -> None:
         """The slice from `tick` on is next: what is now written into a component's memory acts from that tick on."""
+
+    def state(self) -> Any:
+        """What it has found out so far, as JSON says it."""
+        return plain({name: getattr(self, name) for name in self.lasting})
+
+    def restore(self, state: Any) -> None:
+        """Go on from what `state` returned when as many ticks were over as now.
+
+        Raises:
+            InputRefused: it is nothing that `state` returns.
+        """
+        found = of_plain(state, type(self).__name__)
+        if not isinstance(found, dict) or set(found) != set(self.lasting):
+            raise InputRefused(f"the state of {type(self).__name__} has other contents than {', '.join(self.lasting)}")
+        for name, value in found.items():
+            mine = getattr(self, name)
+            if not _alike(value, mine):
+                raise InputRefused(f"the state of {type(self).__name__} has no valid {name}")
+            setattr(self, name, value)
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         """A slice is over.
@@ -51,6 +76,15 @@ class Observer:
             events: what happened in it as far as the observers before this one found out, by ascending ticks; one that
                 finds more puts it in.
         """
+
+
+def _alike(value: Any, mine: Any) -> bool:
+    """Whether `value` may take the place of `mine`."""
+    if isinstance(mine, np.ndarray):
+        return isinstance(value, np.ndarray) and (value.dtype, value.ndim) == (mine.dtype, mine.ndim)
+    if isinstance(mine, (bool, int, float, np.generic)):
+        return isinstance(value, (bool, int, float))
+    return isinstance(value, type(mine))
 
 
 LONG_SLICE = 1000
@@ -100,10 +134,12 @@ class Simulated:
     Attributes:
         simulation: how far it came, and what ended it too early, if anything did.
         stepping: wall time in the master (s).
+        first: tick from which on it went.
     """
 
     simulation: Simulation
     stepping: float
+    first: int = 0
 
     @property
     def failure(self) -> ComponentFailed | None:
@@ -122,7 +158,7 @@ class Simulated:
     @property
     def costs(self) -> dict[str, float]:
         """Wall time per tick of each component (s), by its name; {} if they were not timed."""
-        cycles, ticks = self.simulation.cycles, max(1, self.simulation.next_tick)
+        cycles, ticks = self.simulation.cycles, max(1, self.simulation.next_tick - self.first)
         share = self.stepping / max(1, cycles.sum()) / ticks
         return {c.name: float(n * share) for c, n in zip(self.simulation.system.components, cycles, strict=False)}
 
@@ -133,6 +169,8 @@ def simulate(
     observers: Sequence[Observer] = (),
     slice_ticks: int = LONG_SLICE,
     timed: bool = False,
+    state: SavedState | None = None,
+    lasting: Mapping[str, Observer] = MappingProxyType({}),
 ) -> Simulated:
     """Step a system from tick 0 until `last_tick`, a component fails, or one of the `observers` has seen enough.
 
@@ -142,19 +180,31 @@ def simulate(
         observers: called in this order.
         slice_ticks: most ticks of a slice.
         timed: measure each component.
+        state: to go on from in place of tick 0.
+        lasting: those of `observers` that go on from what the state says about "observers", by name.
+
+    Raises:
+        InputRefused: the state is of another system.
     """
     simulation = Simulation(assembly.system, last_tick, slice_ticks, timed)
+    if state is not None:
+        simulation.restore(state)
     for observer in observers:
         observer.begin(simulation)
+    for name, observer in lasting.items() if state else ():
+        observer.restore(state.about.get("observers", {}).get(name))
+    halts = sorted({tick for observer in observers for tick in observer.halts})
     stepping = 0.0
     while not simulation.finished and not any(observer.enough for observer in observers):
         first = simulation.next_tick
         for observer in observers:
             observer.ready(first)
+        while halts and halts[0] <= first:
+            halts.pop(0)
         began = time.perf_counter()
-        rows = simulation.advance()
+        rows = simulation.advance(halts[0] - first if halts else None)
         stepping += time.perf_counter() - began
         events: list[TickEvent] = []
         for observer in observers:
             observer.take(first, rows, events)
-    return Simulated(simulation, stepping)
+    return Simulated(simulation, stepping, state.tick if state else 0)

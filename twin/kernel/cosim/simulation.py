@@ -125,14 +125,14 @@ class Simulation:
         """Processor cycles spent in each component, (number of components,); empty if not timed."""
         return self._table["cycles"] if self._timed else np.zeros(0, dtype=np.int64)
 
-    def advance(self) -> np.ndarray:
-        """Run one slice.
+    def advance(self, most: int | None = None) -> np.ndarray:
+        """Run one slice, of at most so many ticks.
 
         Returns:
             (ticks, outputs): one row per tick from the old `next_tick` on, a view that the next call overwrites. If a
             component failed, the rows before it, and `failure` says what happened.
         """
-        done, most = 0, len(self._rows)
+        done, most = 0, min(len(self._rows), most or len(self._rows))
         # what `finished` says, which would cost a tenth of a slice of small drives to ask
         while done < most and self.next_tick <= self.last_tick and self.failure is None:
             count = min(most - done, self._change_memory()) if self.system.changes else most - done
@@ -144,7 +144,7 @@ class Simulation:
             self.next_tick += made
             if failed:
                 self.failure = self._failed()
-        return self._rows if done == most else self._rows[:done]
+        return self._rows if done == len(self._rows) else self._rows[:done]
 
     def state(self) -> State:
         """The state at the beginning of `next_tick`, to be restored here, or saved for another process.

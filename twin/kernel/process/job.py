@@ -91,8 +91,23 @@ def error_of(report: list[Any]) -> TwinError:
     return error
 
 
-INTERRUPTED = 130
-"""Exit code of a command that Ctrl-C has ended."""
+INTERRUPTED, TERMINATED = 130, 143
+"""Exit codes of a command that Ctrl-C, or SIGTERM, has ended."""
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM: a command ends as it does by Ctrl-C, with another exit code."""
+
+
+def let_terminate() -> None:
+    """From now on SIGTERM raises `Terminated`; in the main thread."""
+
+    def end(number: int, frame: object) -> None:
+        raise Terminated
+
+    signal.signal(signal.SIGTERM, end)
+
+
 SOON = 0.01
 """s. By then the finaliser is over: interrupted within it once more, the program would lose that one, too."""
 

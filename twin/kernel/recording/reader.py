@@ -16,7 +16,7 @@ from google.protobuf.message import DecodeError
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Metadata
+from mcap.records import Attachment, Metadata
 from mcap.writer import MCAP0_MAGIC
 
 from twin.kernel.errors import (
@@ -33,6 +33,7 @@ from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.messages import RECORD_PREFIX, Field, MessageLayout
 from twin.kernel.recording.scan import Damage, Scan
 from twin.kernel.recording.series import NANOSECONDS, Contents, Event
+from twin.kernel.recording.summary import encoded
 from twin.kernel.recording.writer import PARTIAL
 
 
@@ -151,6 +152,30 @@ def origin(path: Path) -> dict[str, dict[str, str]]:
     return found
 
 
+def attachments(path: Path, media_type: str) -> Iterator[tuple[float, bytes]]:
+    """(simulation time in s, content) of each whole attachment of that type in the recording's file, finished or not.
+
+    Goes from record to record; samples are passed over. What an attachment's own CRC refuses is passed over, too.
+
+    Raises:
+        RecordingRefused: it cannot be read, or is no MCAP file.
+    """
+    with disk_refusals(path, "cannot be read", RecordingRefused), path.open("rb") as file:
+        if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+            raise RecordingRefused(f"{path}: not an MCAP file, expected a recording of twin")
+        for opcode, length in _records(file):
+            if opcode == Opcode.DATA_END:
+                break
+            if opcode == Opcode.ATTACHMENT and length <= LIMIT:
+                body = file.read(length)
+                try:
+                    record = Attachment.read(ReadDataStream(BytesIO(body)))
+                except (McapError, ValueError, struct.error, OverflowError):
+                    continue
+                if record.media_type == media_type and encoded(record)[RECORD_PREFIX:] == body:
+                    yield record.log_time / NANOSECONDS, record.data
+
+
 def _records(file: BinaryIO) -> Iterator[tuple[int, int]]:
     """(opcode, length) of each complete record after the magic of a `file`, which stands behind both then."""
     size, position = os.fstat(file.fileno()).st_size, len(MCAP0_MAGIC)
@@ -163,6 +188,8 @@ def _records(file: BinaryIO) -> Iterator[tuple[int, int]]:
         yield opcode, length
 
 
+CONTINUES = "continues"
+"""Metadata of a recording that goes on from the state of a run: which run, and from when on (`time_s`)."""
 ROUNDING = 2
 """ns; times are rounded to whole ones."""
 
@@ -266,17 +293,18 @@ def _shortfall(streams: Mapping[str, Stream], metadata: Mapping[str, Mapping[str
     Chunks can be taken out of a file and the rest be sealed again, index and all. What then still tells is that a run
     is recorded tick by tick, from 0 to the duration of its experiment.
     """
-    duration = _duration(metadata)
+    duration, began = _duration(metadata), _began(metadata)
     times = {topic: stream.head["log_time"].astype(np.int64) for topic, stream in streams.items()}
     if duration is None or not any(len(t) for t in times.values()):
         return ""
     end = max(int(t[-1]) for t in times.values() if len(t))
     for topic, t in times.items():
-        if not len(t) or t[0] > ROUNDING:
-            return f"the first samples of {topic} are missing"
         steps = np.diff(t)
         # every step is the topic's period; the last sample is less than one before the end
         period = int(np.median(steps)) if len(steps) else 0
+        # what goes on from a state begins where that was taken
+        if not len(t) or t[0] > (began + period - 1 if began else 0) + ROUNDING:
+            return f"the first samples of {topic} are missing"
         uneven = np.flatnonzero(np.abs(steps - period) > ROUNDING)
         if len(uneven):
             at = uneven[0]
@@ -290,6 +318,14 @@ def _shortfall(streams: Mapping[str, Stream], metadata: Mapping[str, Mapping[str
     if abs(end - duration * NANOSECONDS) > ROUNDING + duration:
         return f"ends at {end / NANOSECONDS:.3f} s, though its experiment lasts {duration:g} s"
     return ""
+
+
+def _began(metadata: Mapping[str, Mapping[str, str]]) -> int:
+    """When a run begins that goes on from another one's state (ns); 0: it does not."""
+    try:
+        return max(0, round(float(metadata[CONTINUES]["time_s"]) * NANOSECONDS))
+    except (KeyError, ValueError, OverflowError):
+        return 0
 
 
 def _duration(metadata: Mapping[str, Mapping[str, str]]) -> float | None:

@@ -16,6 +16,7 @@ import numpy as np
 
 from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.cosim.state import of_plain, plain
 from twin.kernel.errors import ComponentFailed
 from twin.kernel.recording.messages import Topic
 from twin.kernel.recording.writer import Writer
@@ -43,14 +44,15 @@ class RowBlock:
     Args:
         size: most rows.
         width: of a row.
+        first: tick of the first row.
 
     Attributes:
-        first: tick of the first row.
+        first: the same of the present block.
         events: in the order in which they were added.
     """
 
-    def __init__(self, size: int, width: int):
-        self.first = 0
+    def __init__(self, size: int, width: int, first: int = 0):
+        self.first = first
         self.events: list[TickEvent] = []
         self._memory = np.empty((size, width))
         self._count = 0
@@ -107,7 +109,7 @@ class Recorder(Observer):
 
     def begin(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        self._block = RowBlock(BLOCK_TICKS, simulation.system.outputs_width)
+        self._block = RowBlock(BLOCK_TICKS, simulation.system.outputs_width, simulation.next_tick)
 
     def ready(self, tick: int) -> None:
         if not self._marked and (first := self._changed()):
@@ -122,6 +124,19 @@ class Recorder(Observer):
         if self._block.full or self._simulation.finished:
             self._write()
         self.writing += time.perf_counter() - began
+
+    def attach(self, tick: int, content: bytes, media_type: str) -> None:
+        """Write what belongs to the beginning of `tick`, behind all that was recorded before."""
+        began = time.perf_counter()
+        self._write()
+        self._writer.write_attachment(f"state_{tick}", tick, media_type, content)
+        self.writing += time.perf_counter() - began
+
+    def state(self) -> Any:
+        return plain(self.events)
+
+    def restore(self, state: Any) -> None:
+        self.events = [TickEvent(*one) for one in of_plain(state, "events")]
 
     def finish(self) -> Path:
         """The finished recording.
@@ -143,6 +158,8 @@ class Recorder(Observer):
 
     def _write(self) -> None:
         block = self._block
+        if not len(block.rows) and not block.events:
+            return
         for stream in self._streams:
             start = -block.first % stream.topic.period
             rows = block.rows[start :: stream.topic.period, stream.columns]

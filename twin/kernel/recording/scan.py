@@ -20,7 +20,7 @@ import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Chunk, DataEnd, Header, Metadata, Statistics
+from mcap.records import Attachment, Chunk, DataEnd, Header, Metadata, Statistics
 from mcap.writer import MCAP0_MAGIC
 
 from twin.kernel.compiled.function import carray, copy, njit
@@ -127,10 +127,11 @@ class Records:
 
 
 # by opcode, all that `Writer` puts between the magics outside chunks, except indexes
-READERS: dict[int, Callable[[ReadDataStream], Header | Chunk | Metadata | DataEnd]] = {
+READERS: dict[int, Callable[[ReadDataStream], Header | Chunk | Metadata | Attachment | DataEnd]] = {
     Opcode.HEADER: Header.read,
     Opcode.CHUNK: Chunk.read,
     Opcode.METADATA: Metadata.read,
+    Opcode.ATTACHMENT: Attachment.read,
     Opcode.DATA_END: DataEnd.read,
 }
 LARGEST_RECORD = 64 * 2**20
@@ -234,7 +235,7 @@ class Scan:
                     self.statistics = Statistics.read(ReadDataStream(BytesIO(ending[place - length : place])))
 
 
-def _parsed(position: int, opcode: int, body: bytes) -> Header | Chunk | Metadata | DataEnd:
+def _parsed(position: int, opcode: int, body: bytes) -> Header | Chunk | Metadata | Attachment | DataEnd:
     """The record in `body`, which it fills exactly."""
     if opcode not in READERS:
         raise Damage(position, f"a record of kind {opcode} where twin writes none")

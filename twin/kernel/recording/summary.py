@@ -13,6 +13,7 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
+    AttachmentIndex,
     Channel,
     Chunk,
     ChunkIndex,
@@ -110,6 +111,7 @@ class Summary:
         channels: likewise.
         chunks: index record of each chunk.
         metadata: index record of each metadata record.
+        attachments: index record of each attachment.
         message_counts: messages by channel number.
     """
 
@@ -117,6 +119,7 @@ class Summary:
     channels: list[Channel]
     chunks: list[ChunkIndex] = field(default_factory=list)
     metadata: list[MetadataIndex] = field(default_factory=list)
+    attachments: list[AttachmentIndex] = field(default_factory=list)
     message_counts: Counter[int] = field(default_factory=Counter)
 
     def note_chunk(self, chunk: Chunk, start: int, length: int, indexes: dict[int, bytes]) -> None:
@@ -143,7 +146,7 @@ class Summary:
     def statistics(self) -> Statistics:
         """Counts and time span (ns) of everything written."""
         return Statistics(
-            attachment_count=0,
+            attachment_count=len(self.attachments),
             channel_count=len(self.channels),
             channel_message_counts=dict(sorted(self.message_counts.items())),
             chunk_count=len(self.chunks),
@@ -163,6 +166,7 @@ class Summary:
             (Opcode.CHANNEL, self.channels),
             (Opcode.STATISTICS, [self.statistics()]),
             (Opcode.CHUNK_INDEX, self.chunks),
+            (Opcode.ATTACHMENT_INDEX, self.attachments),
             (Opcode.METADATA_INDEX, self.metadata),
         ]
         body = b""

@@ -25,7 +25,7 @@ import numpy as np
 import zstandard
 from foxglove_schemas_protobuf.Log_pb2 import Log
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, Message, Metadata, MetadataIndex, Schema
+from mcap.records import Attachment, AttachmentIndex, Channel, Header, Message, Metadata, MetadataIndex, Schema
 from mcap.writer import MCAP0_MAGIC
 
 from twin import __version__
@@ -466,6 +466,18 @@ class Writer:
         record = encoded(Metadata(name, dict(entries)))
         start = self._output.append(record)
         self._summary.metadata.append(MetadataIndex(start, len(record), name))
+
+    def write_attachment(self, name: str, tick: int, media_type: str, content: bytes) -> None:
+        """Write an attachment of `tick`, behind all that was written before.
+
+        Raises:
+            RecordingFailed: disk full or recording closed.
+        """
+        self._write_chunks()
+        time = int(self._times(np.array([tick]))[0])
+        record = encoded(Attachment(0, time, name, media_type, content))
+        start = self._output.append(record)
+        self._summary.attachments.append(AttachmentIndex(start, len(record), time, 0, len(content), name, media_type))
 
     def finish(self) -> Path:
         """Write what is buffered, the index and the footer; force it to the disk; rename; return the path.

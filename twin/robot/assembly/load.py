@@ -176,11 +176,19 @@ def checked_experiment(source: Source, name: str, where: Path, folder: Path) -> 
     return experiment_of(name, tables, reference, source)
 
 
-def recorded_experiment(metadata: Metadata, where: Path) -> Experiment:
+def recorded_experiment(
+    metadata: Metadata, where: Path, duration: float | None = None, changed: bool = False
+) -> Experiment:
     """The experiment of a recording with the very FMUs that it was made with.
 
     A recording names its FMUs by file name and SHA-256, not by where they lay: they are looked up as those of an
     experiment file beside it, and in fmus/. Every drive pins its recorded SHA-256, so that no other file is taken.
+
+    Args:
+        metadata: of the recording.
+        where: the recording.
+        duration: another one (s).
+        changed: whether a run that was changed by hand will do.
 
     Raises:
         InputRefused: it carries no experiment, was made with substitutes or changed by hand while it ran, or an FMU is
@@ -193,11 +201,12 @@ def recorded_experiment(metadata: Metadata, where: Path) -> Experiment:
     if "substituted" in metadata:
         parts = ", ".join(metadata["substituted"])
         raise InputRefused(f"{where}: was made with a substitute for {parts}, so its experiment does not repeat it")
-    if "changed" in metadata:
+    if "changed" in metadata and not changed:
         raise InputRefused(f"{where}: was changed by hand while it ran, so its experiment does not repeat it")
     if not fmus:
         raise InputRefused(f"{where}: carries no FMUs, so its experiment cannot be run again as it was")
     folder = where.resolve().parent
+    values |= {} if duration is None else {"duration_s": duration}
     # the body's file has filled [contact] in already
     values.get("contact", {}).pop("body", None)
     _find_parts(values, metadata, fmus, where, folder)

@@ -193,6 +193,19 @@ class Recorded(Settings):
     rate: Literal["tick", "controller"] = setting(
         default="tick", help="every tick, or once per period of the controller: half the file"
     )
+    states: tuple[float, ...] = setting(
+        "s", default=(), examples=[[5.0, 10.0]], help="times at which the state is saved, for twin run --from"
+    )
+    state_every: float | None = setting(
+        "s", default=None, gt=0, examples=[10.0], help="save the state as often as this"
+    )
+
+    @field_validator("states")
+    @classmethod
+    def _times(cls, states: tuple[float, ...]) -> tuple[float, ...]:
+        if any(not 0.0 < t < math.inf for t in states):
+            raise ValueError("expected times above 0")
+        return states
 
 
 class VelocityLoop(Settings):

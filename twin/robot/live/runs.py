@@ -1,5 +1,6 @@
 """The job of `twin run`: experiments in, recordings out, served to viewers with `--live`."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
@@ -9,11 +10,14 @@ from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.kernel.process.guard import JobEnded
 from twin.kernel.process.job import JobLimits, recorded_until_then
 from twin.kernel.process.reporter import Reporter
-from twin.kernel.recording.folder import claim_run_folder, create_run_folder
+from twin.kernel.recording.folder import claim_run_folder, create_run_folder, recording_in
+from twin.kernel.recording.reader import origin
+from twin.kernel.recording.recorder import versions
 from twin.robot.assembly.build import need_processes, planned_drives
-from twin.robot.assembly.load import load_experiment
+from twin.robot.assembly.load import load_experiment, recorded_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.run import Run, execute
+from twin.robot.run.states import StoredState, identity_here, refuse_other_run, split_time, stored_state
 from twin.robot.run.viewer import Viewer
 from twin.robot.run.watch import refuse_endless
 
@@ -30,6 +34,7 @@ def recorded_runs(
     factor: float | None = None,
     sure: bool = False,
     viewer: Viewer | None = None,
+    start_from: str | None = None,
 ) -> None:
     """Run each experiment and record it.
 
@@ -43,13 +48,18 @@ def recorded_runs(
         isolate_drives: give each drive a process of its own, and `limit_step` (s) for each call into it.
         factor, viewer: see `execute`.
         sure: whether runs that take very long or fill the disk are meant.
+        start_from: a run, and perhaps the time (s) of its state behind an @, to go on from; instead of experiments,
+            and with no other setting than duration_s.
 
     Raises:
         InputRefused: a mistake in any of the experiments, or so much was not confirmed; none has been run.
         ComponentFailed, RecordingFailed: as `execute`.
         SafetyTrip: the monitor tripped in one without faults; all have been run.
     """
-    loaded = [load_experiment(Path(path), settings, drive, body) for path in experiments]
+    loaded, state, remarks = [load_experiment(Path(path), settings, drive, body) for path in experiments], None, []
+    if start_from is not None:
+        experiment, state, how = continued(start_from, settings)
+        loaded, remarks = [experiment], [how]
     if not sure:
         refuse_endless(loaded, factor)
     unexpected: list[str] = []
@@ -64,19 +74,65 @@ def recorded_runs(
         reporter.note(experiment=experiment.name, folder=str(folder), duration=duration)
         # here, because a limit is given; without one this is left to `assemble`
         if isolate_drives or need_processes(planned_drives(experiment)):
-            run = _with_isolated_drives(reporter, experiment, folder, limit_step, factor, viewer)
+            run = _with_isolated_drives(reporter, experiment, folder, limit_step, factor, viewer, state)
         else:
-            run = execute(experiment, folder, reporter.progress, timed=True, factor=factor, viewer=viewer)
+            run = execute(experiment, folder, reporter.progress, timed=True, factor=factor, viewer=viewer, state=state)
         facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
-        remarks = [run.punctuality.sentence] if run.punctuality else []
-        if run.changed:
-            remarks.append("changed while it ran: the experiment's file alone does not repeat it")
-        facts["remarks"] = remarks
+        facts["remarks"] = [
+            *remarks,
+            *([run.punctuality.sentence] if run.punctuality else []),
+            *(["changed while it ran: the experiment's file alone does not repeat it"] if run.changed else []),
+        ]
         reporter.note(run=facts)
         if run.trip and not experiment.faults:
             unexpected.append(f"{experiment.name}: {run.trip}")
     if unexpected:
         raise SafetyTrip("\n".join(unexpected))
+
+
+def continued(run: str, settings: Sequence[str]) -> tuple[Experiment, StoredState | None, str]:
+    """The experiment of `run`, the state to go on from (None: it runs again from the start), and a sentence on which.
+
+    Args:
+        run: a recording or its folder, and perhaps the time (s) behind an @ before which the state was taken.
+        settings: "duration_s=..." at most.
+
+    Raises:
+        InputRefused: nothing is left to run, or something else than the end is to be another one.
+    """
+    path, time = split_time(run)
+    recording = recording_in(Path(path))
+    metadata, duration = origin(recording), _other_duration(settings)
+    before = recorded_experiment(metadata, recording, changed=True)
+    experiment = before if duration is None else recorded_experiment(metadata, recording, duration, changed=True)
+    state, end = stored_state(recording, time), before.duration_ticks * before.cosim.tick
+    if experiment.duration_ticks != before.duration_ticks:
+        # FMUs were told when the run ends, and may have made use of it
+        return experiment, None, f"run again from the start: its FMUs were told that it ends at {end:g} s"
+    if state is None:
+        when = "" if time is None else f" at {time:g} s or before"
+        return experiment, None, f"run again from the start: {recording.name} has no state{when}"
+    if state.time >= end - 0.5 * before.cosim.tick:
+        raise InputRefused(
+            f"--from {run}: it has come to its end at {end:g} s, nothing is left to run; for a later end add --set "
+            f"duration_s=..., for another part of it name the time of an earlier state, {path}@{0.5 * end:g}"
+        )
+    refuse_other_run(state.saved, identity_here(versions()), str(recording))
+    return experiment, state, f"goes on from the state at {state.time:g} s of {recording.parent.name}"
+
+
+def _other_duration(settings: Sequence[str]) -> float | None:
+    for setting in settings:
+        key, _, number = setting.partition("=")
+        try:
+            if key.strip() != "duration_s":
+                raise ValueError
+            return float(number)
+        except ValueError:
+            raise InputRefused(
+                f"--set {setting}: with --from only duration_s can be another one; twin branch changes more"
+            ) from None
+    return None
 
 
 def _with_isolated_drives(
@@ -86,6 +142,7 @@ def _with_isolated_drives(
     limit_step: float,
     factor: float | None,
     viewer: Viewer | None,
+    state: StoredState | None,
 ) -> Run:
     # its compiled code takes a while to load
     from twin.robot.assembly.isolated_drive import IsolatedDrives
@@ -93,8 +150,9 @@ def _with_isolated_drives(
     with IsolatedDrives(reporter, limit_step) as drives:
         try:
             return execute(
-                experiment, folder, reporter.progress, timed=True, maker=drives, factor=factor, viewer=viewer
-            )
+                experiment, folder, reporter.progress, timed=True, maker=drives, factor=factor, viewer=viewer,
+                state=state,
+            )  # fmt: skip
         except JobEnded as failure:
             raise ComponentFailed(f"{failure}\n{recorded_until_then(folder)}") from None
 

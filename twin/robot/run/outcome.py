@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.observers import Observer, TickEvent
+from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
+from twin.kernel.errors import InputRefused
 from twin.robot.controller.program import PhaseKind, Tap, Task
 from twin.robot.plant.deviation import DeviationSums
 
@@ -48,6 +50,8 @@ class HeldForce(Observer):
         system: with plant and controller.
         tasks: of the experiment.
     """
+
+    lasting = ("_spans", "_extremes", "_peaks", "_tapping")
 
     def __init__(self, system: System, tasks: Sequence[Task]):
         self._tick, self._tasks = system.tick, tasks
@@ -155,6 +159,11 @@ class Tally(Observer):
         system: with the components plant and controller of `twin.robot.assembly`.
     """
 
+    lasting = (
+        "_rows_waiting", "_rows_at_end", "_count", "_controlled", "_squares", "_force_squares", "_peak", "_peak_tick",
+        "_touch_tick", "_trigger_tick",
+    )  # fmt: skip
+
     def __init__(self, system: System):
         self._tick = system.tick
         reference = "controller.p_ref_B" if system.has("controller.p_ref_B") else "reference.p_ref_B"
@@ -175,6 +184,32 @@ class Tally(Observer):
         self._peak, self._peak_tick = -math.inf, 0
         self._touch_tick = self._trigger_tick = -1
         self._last = np.empty((0, 3))
+
+    def begin(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+
+    @property
+    def _rows_waiting(self) -> NDArray[np.float64]:
+        return self._waiting[: self._filled]
+
+    @_rows_waiting.setter
+    def _rows_waiting(self, rows: NDArray[np.float64]) -> None:
+        if len(rows) >= BLOCK or rows.shape[1:] != self._waiting.shape[1:]:
+            raise InputRefused("the state has other rows than the outcome of a run is made of")
+        self._waiting[: len(rows)], self._filled = rows, len(rows)
+
+    @property
+    def _rows_at_end(self) -> NDArray[np.float64]:
+        """Of the last second those that its end may still need."""
+        ahead = self._simulation.last_tick - self._simulation.next_tick + 1
+        needed = max(0, round(END / self._tick) - ahead)
+        return self._last[max(0, len(self._last) - needed) :]
+
+    @_rows_at_end.setter
+    def _rows_at_end(self, rows: NDArray[np.float64]) -> None:
+        if rows.shape[1:] != (3,):
+            raise InputRefused("the state has other rows than the outcome of a run is made of")
+        self._last = rows
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         # sums of floating-point numbers depend on their order: these are always of the same rows

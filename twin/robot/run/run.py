@@ -27,6 +27,7 @@ from twin.robot.monitor.component import trip_reason
 from twin.robot.plant.component import PlantEquations, resting
 from twin.robot.plant.dynamics import STATES, PlantParameters
 from twin.robot.run.outcome import HeldForce, HeldForces, RunOutcome, Tally
+from twin.robot.run.states import Interrupts, RunStates, StoredState, continues, identity, refuse_other_run
 from twin.robot.run.trace import streams_of
 from twin.robot.run.viewer import Pace, Punctuality, Shown, Viewer
 from twin.robot.run.watch import Tuning, Watch
@@ -206,6 +207,7 @@ def execute(
     maker: DriveMaker = HERE,
     factor: float | None = None,
     viewer: Viewer | None = None,
+    state: StoredState | None = None,
 ) -> Run:
     """Run `experiment` and record it as `folder`/run.mcap, with a summary beside it.
 
@@ -218,16 +220,17 @@ def execute(
         maker: see `assemble`.
         factor: simulated time per wall time, > 0; None: as fast as it goes. It leaves no trace in the recording.
         viewer: who watches while it goes on, and may change parameters.
+        state: to go on from; None: from the start.
 
     Raises:
-        InputRefused: a drive FMU does not fit.
+        InputRefused: a drive FMU does not fit, or the state is of another run.
         ComponentFailed: a component failed; what was recorded stays as run.mcap.partial.
         NotWritten: the disk is full; likewise.
     """
     path = made_folder(Path(folder)) / RECORDING
     with assemble(experiment, substitutes, maker) as assembly:
         pace = Pace(factor, assembly.system.tick) if factor else None
-        run = _recorded(experiment, assembly, path, progress, timed, pace, viewer)
+        run = _recorded(experiment, assembly, path, progress, timed, pace, viewer, state)
         summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
         # before the FMUs are freed: one that crashes then shall take nothing with it
         write_json(path.with_name(SUMMARY), summary)
@@ -242,34 +245,40 @@ def _recorded(
     timed: bool,
     pace: Pace | None,
     viewer: Viewer | None,
+    state: StoredState | None,
 ) -> Run:
     system, last_tick = assembly.system, experiment.duration_ticks
     # at the rate "controller" nothing is recorded more often than the controller acts
     streams = streams_of(system, experiment.controller_ticks if experiment.recording.rate == "controller" else 1)
     scene, tuning, tally = Scene(experiment, system), Tuning(experiment, assembly), Tally(system)
-    topics = [stream.topic for stream in streams]
-    with Writer(path, topics, system.tick, provenance(experiment, assembly), scene.forms) as writer:
+    topics, described = [stream.topic for stream in streams], provenance(experiment, assembly)
+    about, saved = identity(described), state.saved if state else None
+    if state and saved:
+        refuse_other_run(saved, about, str(state.recording))
+        scene.begin_at(saved.tick)
+        described |= continues(state)
+    with Writer(path, topics, system.tick, described, scene.forms) as writer:
         recorder = Recorder(writer, streams, scene.drawings, lambda: tuning.first)
-        held = HeldForce(system, experiment.tasks)
-        observers = [
-            tuning,
-            Watch(assembly, experiment),
-            tally,
-            held,
-            recorder,
-            ProgressObserver(progress, last_tick + 1),
-        ]
+        held, watch, interrupts = HeldForce(system, experiment.tasks), Watch(assembly, experiment), Interrupts()
+        lasting = {"tuning": tuning, "watch": watch, "tally": tally, "held": held, "recorder": recorder}
+        states = RunStates(experiment, about, lasting)
+        observers = [states, *lasting.values(), ProgressObserver(progress, last_tick + 1), interrupts]
         observers += [pace] if pace else []
         observers += [Shown(viewer, streams, scene, tuning)] if viewer else []
         slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
-        done = simulate(assembly, last_tick, observers, slice_ticks, timed)
-        tuning.close()
-        if done.failure:
-            raise _with_remedy(experiment, done.simulation, assembly, recorder.abandon(done.failure))
+        with interrupts.listening():
+            done = simulate(assembly, last_tick, observers, slice_ticks, timed, saved, lasting)
+            tuning.close()
+            if done.failure:
+                raise _with_remedy(experiment, done.simulation, assembly, recorder.abandon(done.failure))
+            if interrupts.enough and not done.simulation.finished:
+                states.interrupted()
+                interrupts.end()
+            states.finish()
         recording = recorder.finish()
     return Run(
         recording=recording,
-        simulated=last_tick * system.tick,
+        simulated=(last_tick - (saved.tick if saved else 0)) * system.tick,
         stepping=done.stepping,
         writing=recorder.writing,
         events=tuple((event.tick * system.tick, event.level, event.text) for event in recorder.events),

@@ -103,8 +103,8 @@ class Pace(Observer):
     def __init__(self, factor: float, tick: float):
         self._factor = factor
         self.tick_time = tick / factor
-        self._began = 0.0
-        self._last_tick = 0
+        self._began = math.nan
+        self._first_tick = self._last_tick = 0
         self._lateness = array("d")
         self._misses = array("d")
 
@@ -114,9 +114,10 @@ class Pace(Observer):
         return max(n for n in range(1, block + 1) if n <= most and block % n == 0)
 
     def ready(self, tick: int) -> None:
-        """Tick 0 is now."""
-        if tick == 0:
-            self._began = time.monotonic()
+        """The first tick of this run is now."""
+        if math.isnan(self._began):
+            self._began = time.monotonic() - tick * self.tick_time
+            self._first_tick = tick
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         self.keep(first + len(rows))
@@ -135,10 +136,11 @@ class Pace(Observer):
     def punctuality(self) -> Punctuality:
         """Of every deadline so far, at least one."""
         lateness = np.array(self._lateness)
-        taken = self._last_tick * self.tick_time + self._lateness[-1]
+        due = (self._last_tick - self._first_tick) * self.tick_time
+        taken = due + self._lateness[-1]
         return Punctuality(
             factor=self._factor,
-            achieved=self._factor * self._last_tick * self.tick_time / taken,
+            achieved=self._factor * due / taken,
             deadlines=len(lateness),
             misses=len(self._misses),
             worst=max(self._misses, default=0.0),

@@ -5,6 +5,7 @@ What a run takes in time and on the disk, before it begins.
 
 import threading
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +30,8 @@ class Tuning(Observer):
     Attributes:
         first: what was changed by hand first, as its event says it; "" as long as nothing was.
     """
+
+    lasting = ("first", "_values")
 
     def __init__(self, experiment: Experiment, assembly: Assembly):
         self.first = ""
@@ -61,6 +64,16 @@ class Tuning(Observer):
             if not self._open:
                 raise InputRefused(f"{key} = {number}: the run is over, nothing can be changed any more")
             self._asked[key] = (float(number), value)  # type: ignore[arg-type]
+
+    def restore(self, state: Any) -> None:
+        """What was changed by hand before is so again."""
+        before = dict(self._values)
+        super().restore(state)
+        for key, number in self._values.items():
+            if key not in before:
+                raise InputRefused(f"the state has {key} = {number}, which cannot be changed in this run")
+            if number != before[key]:
+                self._tunables[key].memory[...] = changed_value(DECLARED, key, number, self._experiment.values)
 
     def ready(self, tick: int) -> None:
         """Make the changes asked for, so that they act from `tick` on."""
@@ -148,6 +161,8 @@ CUT_SHORT = {
 
 class Watch(Observer):
     """Finds the events of a run in its rows, slice by slice."""
+
+    lasting = ("_before", "_touched", "_early", "_tripped", "_power")
 
     def __init__(self, assembly: Assembly, experiment: Experiment):
         self._system = assembly.system

@@ -1,0 +1,266 @@
+"""States of a run in its recording, and runs that go on from one.
+
+A state is an attachment of the recording, written while the run goes on; a run that was interrupted, or whose machine
+lost its power, goes on from the last one. It holds what steps have changed, what observers have found out, and of whom
+it is: experiment, FMUs, code, processor. What differs in one of these would go on to other bits, and is refused.
+"""
+
+import hashlib
+import json
+import math
+import signal
+import threading
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.kernel.compiled.machine import chosen_form
+from twin.kernel.compiled.store import source_digest
+from twin.kernel.cosim.observers import Observer, TickEvent
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.cosim.state import MEDIA_TYPE, SavedState, stateless
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.folder import STAMP
+from twin.kernel.recording.reader import CONTINUES, attachments
+from twin.kernel.recording.recorder import Recorder
+from twin.robot.experiment.experiment import Experiment
+
+FREE = ("recording", "title")
+"""Keys of an experiment that no state depends on."""
+REASONS = {
+    "experiment": "of another experiment",
+    "fmu": "of another FMU",
+    "code": "of another version of twin's code",
+    "versions": "of other versions of packages",
+    "processor": "of another kind of processor",
+}
+"""What a state is, where the part of its identity is not that of the run."""
+
+
+def identity(provenance: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
+    """Of whom a state is: what `provenance` says of a run, as far as its bits depend on it."""
+    values = {key: value for key, value in json.loads(provenance["experiment"]["values"]).items() if key not in FREE}
+    # the name of a file that has filled the table in
+    values.get("contact", {}).pop("body", None)
+    parts = {name: json.loads(text)["sha256"] for kind in ("fmu", "python") for name, text in _of(provenance, kind)}
+    experiment = hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
+    return {"experiment": experiment, "fmu": parts} | identity_here(provenance["versions"])
+
+
+def identity_here(packages: Mapping[str, str]) -> dict[str, Any]:
+    """The part of an identity that no experiment decides: code, versions of `packages`, processor."""
+    return {
+        "code": source_digest("twin.robot.assembly.assemble", "twin.kernel.cosim.master"),
+        "versions": {name: number for name, number in packages.items() if name != "twin"},
+        "processor": chosen_form().name,
+    }
+
+
+def _of(provenance: Mapping[str, Mapping[str, str]], kind: str) -> Collection[tuple[str, str]]:
+    return provenance.get(kind, {}).items()
+
+
+def refuse_other_run(saved: SavedState, own: Mapping[str, Any], where: str) -> None:
+    """Refuse a state that is not of the run that `own`, its `identity` or a part of it, says.
+
+    Raises:
+        InputRefused: it says what differs, and that the run can be made again.
+    """
+    its = saved.about.get("of")
+    if not isinstance(its, dict):
+        raise InputRefused(f"{where}: the state does not say of whom it is")
+    for part, reason in REASONS.items():
+        if part in own and its.get(part) != own[part]:
+            detail = f": {_differing(its[part], own[part])}" if isinstance(its.get(part), dict) else ""
+            raise InputRefused(
+                f"{where}: the state at {_seconds(saved)} is {reason}{detail}; it cannot be gone on from here, run "
+                "the experiment again"
+            )
+
+
+def _differing(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
+    keys = [key for key in {**there, **here} if there.get(key) != here.get(key)]
+    return ", ".join(f"{key} {str(there.get(key, '-'))[:12]}, here {str(here.get(key, '-'))[:12]}" for key in keys[:3])
+
+
+def _seconds(saved: SavedState) -> str:
+    time = saved.about.get("time")
+    return f"{time:g} s" if isinstance(time, float) else f"tick {saved.tick}"
+
+
+class RunStates(Observer):
+    """Saves states of a run to its recording.
+
+    Args:
+        experiment: which asks for some.
+        about: `identity` of the run.
+        lasting: the observers that go on, by name; the recorder is one of them.
+
+    Attributes:
+        lacking: why there are no states, as a sentence; "" if there are.
+    """
+
+    def __init__(self, experiment: Experiment, about: Mapping[str, Any], lasting: Mapping[str, Observer]):
+        self._last_tick, self._tick = experiment.duration_ticks, experiment.cosim.tick
+        self._asked = asked_ticks(experiment)
+        self.halts = sorted({*self._asked, self._last_tick})
+        self._about, self._lasting = about, lasting
+        self._end: bytes = b""
+        self.lacking = ""
+
+    def begin(self, simulation: Simulation) -> None:
+        self._simulation, self._first = simulation, simulation.next_tick
+        self.lacking = "; ".join(stateless(simulation.system.components))
+
+    def ready(self, tick: int) -> None:
+        if self.lacking:
+            return
+        if tick == self._last_tick:
+            self._end = self._content()
+        elif tick in self._asked and tick > self._first:
+            self._write(tick, self._content())
+
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        if self.lacking and self._asked and first == self._simulation.next_tick - len(rows) and first == 0:
+            text = f"no state is saved: {self.lacking}; twin run --from runs again from the start"
+            events.append(TickEvent(0, "WARNING", text, "states"))
+            events.sort(key=lambda event: event.tick)
+
+    def interrupted(self) -> None:
+        """The run ends here, before its time: save the state."""
+        if not self.lacking and not self._simulation.failure and 0 < self._simulation.next_tick <= self._last_tick:
+            self._write(self._simulation.next_tick, self._content())
+
+    def finish(self) -> None:
+        """The run has come to its end: what was saved just before it is recorded."""
+        if self._end:
+            self._write(self._last_tick, self._end)
+
+    def _content(self) -> bytes:
+        state = self._simulation.state()
+        try:
+            observers = {name: observer.state() for name, observer in self._lasting.items()}
+            about = {"of": self._about, "time": state.tick * self._tick, "observers": observers}
+            return state.saved(**about).to_bytes()
+        finally:
+            state.close()
+
+    def _write(self, tick: int, content: bytes) -> None:
+        recorder = self._lasting["recorder"]
+        assert isinstance(recorder, Recorder)
+        recorder.attach(tick, content, MEDIA_TYPE)
+
+
+def asked_ticks(experiment: Experiment) -> set[int]:
+    """Ticks within the run at which its file asks for a state."""
+    tick, last, recording = experiment.cosim.tick, experiment.duration_ticks, experiment.recording
+    ticks = {round(t / tick) for t in recording.states}
+    if recording.state_every is not None:
+        every = max(1, round(recording.state_every / tick))
+        ticks |= set(range(every, last, every))
+    return {one for one in ticks if 0 < one < last}
+
+
+class Interrupts(Observer):
+    """Ends a run between two slices when Ctrl-C or SIGTERM asks for it; the second time at once.
+
+    Attributes:
+        enough: whether it was asked for.
+    """
+
+    enough = False
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """Within the block, in the main thread of a process; elsewhere nothing changes."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        self._before = before
+        try:
+            for number, handler in before.items():
+                if callable(handler):
+                    signal.signal(number, self._note)
+            yield
+        finally:
+            for number, handler in before.items():
+                if callable(handler):
+                    signal.signal(number, handler)
+
+    def _note(self, number: int, frame: Any) -> None:
+        self._asked = number
+        if self.enough:
+            self.end(frame)
+        self.enough = True
+
+    def end(self, frame: Any = None) -> None:
+        """Raise what the signal would have raised."""
+        self._before[self._asked](self._asked, frame)
+
+
+@dataclass(frozen=True)
+class StoredState:
+    """A state that was found in a recording.
+
+    Attributes:
+        recording: the file.
+        time: when it was taken (s).
+        content: its bytes.
+    """
+
+    recording: Path
+    time: float
+    content: bytes
+
+    @property
+    def saved(self) -> SavedState:
+        """The state.
+
+        Raises:
+            InputRefused: the bytes are none.
+        """
+        return SavedState.from_bytes(self.content, str(self.recording))
+
+
+def split_time(text: str) -> tuple[str, float | None]:
+    """`results/massage/latest@31.5` as the path and the time (s), None where none is given.
+
+    Raises:
+        InputRefused: what stands behind the @ is no time.
+    """
+    path, at, time = text.rpartition("@")
+    if not at:
+        return text, None
+    try:
+        seconds = float(time)
+    except ValueError:
+        seconds = math.nan
+    if not 0.0 <= seconds < math.inf:
+        raise InputRefused(f"--from {text}: {time!r} behind the @ is no time in seconds, 0 or more")
+    return path, seconds
+
+
+def stored_state(recording: Path, until: float | None) -> StoredState | None:
+    """The last state in `recording` that was taken no later than `until` (s; None: the last one); None: there is none.
+
+    Raises:
+        RecordingRefused: it cannot be read.
+    """
+    found = None
+    for time, content in attachments(recording, MEDIA_TYPE):
+        if until is None or time <= until + 1e-9:
+            found = StoredState(recording, time, content)
+    return found
+
+
+def continues(state: StoredState) -> dict[str, dict[str, str]]:
+    """What the recording that goes on from `state` says of it."""
+    folder = state.recording.resolve().parent
+    # where a folder lies that its user has named is private
+    run = f"{folder.parent.name}/{folder.name}" if STAMP.fullmatch(folder.name) else folder.name
+    return {CONTINUES: {"run": run, "time_s": f"{state.time:.9g}"}}
