@@ -5,7 +5,7 @@ def main() -> None:
     """Entry point; ends the process with the exit code of what happened."""
     import sys
 
-    from twin.kernel.process.job import INTERRUPTED, TERMINATED, Terminated, keep_interrupts, let_terminate
+    from twin.kernel.process.job import interruption, keep_interrupts, let_terminate
 
     keep_interrupts()
     let_terminate()
@@ -16,8 +16,8 @@ def main() -> None:
             from twin.cli.line import main
 
             main()
-    except KeyboardInterrupt as end:
+    except KeyboardInterrupt:
         # while the commands themselves are being imported, or at the very end
-        terminated = isinstance(end, Terminated)
-        print("terminated" if terminated else "interrupted", file=sys.stderr)
-        sys.exit(TERMINATED if terminated else INTERRUPTED)
+        code, word = interruption()
+        print(word, file=sys.stderr)
+        sys.exit(code)

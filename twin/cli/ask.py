@@ -9,10 +9,9 @@ from twin.cli.terminal import TerminalDisplay
 from twin.kernel.errors import ComponentFailed
 from twin.kernel.process.guard import JobEnded, guarded
 from twin.kernel.process.job import (
-    TERMINATED,
     JobLimits,
-    Terminated,
     function_called,
+    interruption,
     left_behind,
     recorded_until_then,
 )
@@ -117,10 +116,9 @@ def recorded(
         return guarded(job, arguments, limits, hear, display.show)
     except JobEnded as failure:
         raise ComponentFailed(f"{failure}\n{recorded_until_then(display.folder)}") from None
-    except KeyboardInterrupt as end:
+    except KeyboardInterrupt:
         if display.folder is None:
             raise
         interrupted = Interrupted(left_behind(display.folder))
-        if isinstance(end, Terminated):
-            interrupted.exit_code = TERMINATED
+        interrupted.exit_code, _ = interruption()
         raise interrupted from None

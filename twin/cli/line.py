@@ -12,7 +12,7 @@ from functools import partial
 from twin.cli.streams import READER_GONE, Unread, guard_terminal, show, standard_streams
 from twin.kernel.cache_folder import cached_answer
 from twin.kernel.errors import InputRefused, NotWritten, TwinError, plain, system_sentence
-from twin.kernel.process.job import INTERRUPTED, function_called
+from twin.kernel.process.job import INTERRUPTED, function_called, interruption
 
 ROOMS = ("cli", "studies")
 """Whose source the help of `twin` is made with."""
@@ -34,7 +34,7 @@ def _ended() -> tuple[int | str | None, str]:
         try:
             code = _carried_out(sys.argv[1:])
             # Typer makes this of Ctrl-C where no command has more to say about it
-            sentence = "interrupted" if code == INTERRUPTED else ""
+            code, sentence = interruption() if code == INTERRUPTED else (code, "")
         except SystemExit as end:
             code, sentence = end.code, ""
         sys.stdout.flush()

@@ -95,17 +95,23 @@ INTERRUPTED, TERMINATED = 130, 143
 """Exit codes of a command that Ctrl-C, or SIGTERM, has ended."""
 
 
-class Terminated(KeyboardInterrupt):
-    """SIGTERM: a command ends as it does by Ctrl-C, with another exit code."""
+_terminated: list[int] = []
+"""Signals of the kind SIGTERM that this process got."""
 
 
 def let_terminate() -> None:
-    """From now on SIGTERM raises `Terminated`; in the main thread."""
+    """From now on SIGTERM ends this process as Ctrl-C does, with another exit code; for the main thread."""
 
     def end(number: int, frame: object) -> None:
-        raise Terminated
+        _terminated.append(number)
+        raise KeyboardInterrupt
 
     signal.signal(signal.SIGTERM, end)
+
+
+def interruption() -> tuple[int, str]:
+    """Exit code of, and word for, what has interrupted this process: Ctrl-C, or SIGTERM."""
+    return (TERMINATED, "terminated") if _terminated else (INTERRUPTED, "interrupted")
 
 
 SOON = 0.01
@@ -160,7 +166,7 @@ def left_behind(folder: Path) -> str:
 
     whole, partial = folder / RECORDING, folder / f"{RECORDING}{PARTIAL}"
     if partial.exists():
-        return f"interrupted; recorded until then: {seen_from_here(partial)}"
+        return f"interrupted; recorded until then: {seen_from_here(partial)}; twin run --from {seen_from_here(folder)} goes on"
     if whole.exists():
         return f"interrupted; the recording is complete: {seen_from_here(whole)}"
     # whatever else is in it stays
