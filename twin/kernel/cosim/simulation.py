@@ -168,7 +168,7 @@ class Simulation:
         if taken.places is not self._places:
             raise InputRefused("the state was taken in another simulation; restore what its `saved` returns")
         self._places.put_back(taken)
-        for component in self.system.components:
+        for component in self.system.components if taken is not state else ():
             component.refuse_index()
         for change, value in zip(self.system.changes, self._unchanged, strict=True):
             change.memory[...] = value

@@ -15,7 +15,7 @@ import numpy as np
 from twin.kernel.compiled.function import carray
 from twin.kernel.cosim.component import Component, Holder, Rewind, address_of, doubles_at, step_function
 from twin.kernel.cosim.port import by_port
-from twin.kernel.cosim.python_class import STEP
+from twin.kernel.cosim.python_class import STEP, ObjectStates
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.fmi.cosim_step import SHORTER
 from twin.kernel.fmi.description import FmuDescription
@@ -38,6 +38,7 @@ from twin.kernel.fmi.groups import MOST_UPDATES, get_all
 from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.lifecycle import CosimInstance, Fmi2, Fmi3, FMU2Exchange, FMU3Exchange
 from twin.kernel.fmi.solvers import USUAL_TOLERANCE, Cvode, Solver, integrate_cvode, integrate_rk4
+from twin.kernel.fmi.state import FmuStates, RememberedMessages
 from twin.kernel.fmi.stepping import FmuPort, Placed, Stepping, placed
 from twin.kernel.fmi.variable import Setting, Setup, Variable
 
@@ -394,49 +395,6 @@ def release(instance: Instance) -> None:
         instance.close()
 
 
-class FmuStates:
-    """The states of an FMU's inside (FMI 2.0.4, 2.1.8; FMI 3.0, 2.2.5), a `Holder`: its tokens are their addresses.
-
-    Args:
-        instance: the FMU.
-        stepping: how it is stepped. As long as there are tokens its steps announce that it may go back.
-    """
-
-    def __init__(self, instance: Instance, stepping: Stepping):
-        self._instance, self._stepping = instance, stepping
-        self._tokens: dict[int, Any] = {}
-
-    def take(self) -> int:
-        return self._hold(self._instance.taken_state())
-
-    def give_back(self, token: int) -> None:
-        self._instance.set_state(self._tokens[token])
-
-    def free(self, token: int) -> None:
-        if self._tokens.pop(token, None) is not None:
-            if not self._tokens:
-                self._stepping.memory["final"] = self._final
-            self._instance.forget(token)
-
-    def pack(self, token: int) -> bytes:
-        return self._instance.serialized(self._tokens[token])
-
-    def unpack(self, content: bytes) -> int:
-        return self._hold(self._instance.deserialized(content))
-
-    def close(self) -> None:
-        """Free all states."""
-        for token in list(self._tokens):
-            self.free(token)
-
-    def _hold(self, state: Any) -> int:
-        if not self._tokens:
-            self._final = int(self._stepping.memory["final"][0])
-            self._stepping.repeat_steps()
-        self._tokens[state.value] = state
-        return int(state.value)
-
-
 class FmuComponent(Component):
     """One FMU instance as a component, a continuous one if nothing else is said; for model exchange with its solver.
 
@@ -501,7 +459,7 @@ class FmuComponent(Component):
             raise
         self._state: np.ndarray | None = None
         self._inside = FmuStates(self.instance, self._stepping)
-        self._discard_reported = False
+        self._remembered = ObjectStates(description.path.name, RememberedMessages(self.instance, self._stepping))
         super().__init__(
             name=name,
             inputs=tuple(p.port for p in self._stepping.inputs),
@@ -549,7 +507,7 @@ class FmuComponent(Component):
         return self._stepping.pieces()
 
     def holders(self) -> dict[str, Holder]:
-        return {"fmu": self._inside}
+        return {"fmu": self._inside, "messages": self._remembered}
 
     def lacks_state(self, portable: bool = True) -> str:
         interface, version = self.instance.description.interface, self.instance.description.version
@@ -567,8 +525,8 @@ class FmuComponent(Component):
     def take_messages(self) -> list[tuple[int, str]]:
         messages = self.instance.unheard()
         since = self._stepping.discarded_since
-        if since is not None and not self._discard_reported:
-            self._discard_reported = True
+        if since is not None and not self._stepping.discard_reported:
+            self._stepping.discard_reported = True
             text = f"it discards steps, which are then made in parts, since t = {since:g} s"
             messages.append((int(self.instance.clock[0]), text))
         return messages

@@ -202,6 +202,14 @@ class Instance:
         """
         self._called("FreeFMUstate", lambda: self.fmu.freeFMUState(c_void_p(state)))
 
+    def remembered_messages(self) -> list[Any]:
+        """What it remembers of messages: those that were handed on, and those that were not yet."""
+        return [self.messages, self._unheard]
+
+    def restore_messages(self, state: Any) -> None:
+        """Go on from what `remembered_messages` returned."""
+        self.messages, self._unheard = list(state[0]), [(int(tick), str(text)) for tick, text in state[1]]
+
     def unheard(self) -> list[tuple[int, str]]:
         """(tick, text) of what it logged since this was last asked, at most `MOST_UNHEARD` of them."""
         messages, self._unheard = self._unheard, []

@@ -80,7 +80,10 @@ class Stepping:
         memory: that it works on, (1,).
         inputs: those of `inputs` that are taken at both ends of a step come last, once more.
         outputs: and what is added to each.
+        discard_reported: whether it was said that steps are discarded.
     """
+
+    discard_reported = False
 
     def __init__(
         self,

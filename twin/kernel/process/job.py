@@ -166,7 +166,8 @@ def left_behind(folder: Path) -> str:
 
     whole, partial = folder / RECORDING, folder / f"{RECORDING}{PARTIAL}"
     if partial.exists():
-        return f"interrupted; recorded until then: {seen_from_here(partial)}; twin run --from {seen_from_here(folder)} goes on"
+        go_on = f"twin run --from {seen_from_here(folder)} goes on"
+        return f"interrupted; recorded until then: {seen_from_here(partial)}; {go_on}"
     if whole.exists():
         return f"interrupted; the recording is complete: {seen_from_here(whole)}"
     # whatever else is in it stays

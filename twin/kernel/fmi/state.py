@@ -1,0 +1,70 @@
+"""What an FMU instance holds of a state: its inside by FMI's functions, and which of its messages were handed on."""
+
+from typing import Any
+
+from twin.kernel.fmi.instance import Instance
+from twin.kernel.fmi.stepping import Stepping
+
+
+class FmuStates:
+    """The states of an FMU's inside (FMI 2.0.4, 2.1.8; FMI 3.0, 2.2.5), a `Holder`: its tokens are their addresses.
+
+    Args:
+        instance: the FMU.
+        stepping: how it is stepped. As long as there are tokens its steps announce that it may go back.
+    """
+
+    def __init__(self, instance: Instance, stepping: Stepping):
+        self._instance, self._stepping = instance, stepping
+        self._tokens: dict[int, Any] = {}
+
+    def take(self) -> int:
+        return self._hold(self._instance.taken_state())
+
+    def give_back(self, token: int) -> None:
+        self._instance.set_state(self._tokens[token])
+
+    def free(self, token: int) -> None:
+        if self._tokens.pop(token, None) is not None:
+            if not self._tokens:
+                self._stepping.memory["final"] = self._final
+            self._instance.forget(token)
+
+    def pack(self, token: int) -> bytes:
+        return self._instance.serialized(self._tokens[token])
+
+    def unpack(self, content: bytes) -> int:
+        return self._hold(self._instance.deserialized(content))
+
+    def close(self) -> None:
+        """Free all states."""
+        for token in list(self._tokens):
+            self.free(token)
+
+    def _hold(self, state: Any) -> int:
+        if not self._tokens:
+            self._final = int(self._stepping.memory["final"][0])
+            self._stepping.repeat_steps()
+        self._tokens[state.value] = state
+        return int(state.value)
+
+
+class RememberedMessages:
+    """Which messages of an FMU were handed on, as a Python class gives its state.
+
+    Args:
+        instance: the FMU, which says each once.
+        stepping: how it is stepped, where a discarded step is said once.
+    """
+
+    def __init__(self, instance: Instance, stepping: Stepping):
+        self._instance, self._stepping = instance, stepping
+
+    def state(self) -> list[Any]:
+        """To be given to `restore`."""
+        return [*self._instance.remembered_messages(), self._stepping.discard_reported]
+
+    def restore(self, state: list[Any]) -> None:
+        """Go on from `state`."""
+        self._instance.restore_messages(state[:2])
+        self._stepping.discard_reported = bool(state[2])
