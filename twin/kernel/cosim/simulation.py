@@ -180,13 +180,37 @@ class Simulation:
         if taken is not state:
             taken.close()
 
+    def adopt(self, saved: SavedState) -> list[str]:
+        """Go to where `saved` was taken, of a system with perhaps more, fewer or changed components.
+
+        Each component goes on from the state of that with its name; what an experiment says of it is this system's.
+
+        Returns:
+            Names of the components that the state has nothing of: they stand as they were made.
+
+        Raises:
+            InputRefused: a component cannot go on from the state of the one with its name.
+            ComponentFailed: an FMU refuses.
+        """
+        new = self._places.adopt(saved)
+        for component in self.system.components:
+            component.refuse_index()
+        for change in self.system.changes:
+            if change.tick < saved.tick:
+                change.memory[...] = change.value
+        self.next_tick = saved.tick
+        return new
+
     def _refuse_not_finite(self, state: State) -> None:
         """Raises InputRefused if an output is no number that could never have been recorded so."""
-        copies = state.memory[: self._y.nbytes].view(float).reshape(-1, self.system.outputs_width)
-        for component, start in zip(self.system.components, self.system.y_start, strict=False):
-            outputs = copies[:, start : start + width(component.outputs)]
+        place = 0
+        copies = len(self._y) // max(1, self.system.outputs_width)
+        for component in self.system.components:
+            size = 8 * copies * width(component.outputs)
+            outputs = state.memory[place : place + size].view(float)
             if component.finite and not np.all(np.isfinite(outputs)):
                 raise InputRefused(f"the state has NaN or infinity in the outputs of {component.name}")
+            place += size
 
     @cached_property
     def _places(self) -> StatePlaces:

@@ -7,6 +7,7 @@ an experiment says, so a system whose constants differ can go on from it. Addres
 
 import base64
 import json
+import math
 import struct
 import weakref
 from collections.abc import Iterable, Sequence
@@ -19,6 +20,7 @@ import zstandard
 from twin.kernel.compiled.function import carray, copy
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import Component, Holder, piece_table, pieces_at, runs_of
+from twin.kernel.cosim.port import width
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import json_of
 
@@ -138,8 +140,8 @@ class StatePlaces:
 
     Args:
         components: of the system.
-        outputs: memory of all their outputs.
-        inputs: memory of all their inputs.
+        outputs: memory of all their outputs, one or several times; none: it is of another system.
+        inputs: memory of all their inputs; likewise.
 
     Raises:
         InputRefused: a component has no state.
@@ -148,8 +150,15 @@ class StatePlaces:
     def __init__(self, components: Sequence[Component], outputs: np.ndarray, inputs: np.ndarray):
         refuse_stateless(components, portable=False)
         self._components = components
-        self._pieces: list[tuple[str, str, np.ndarray]] = [("", "outputs", outputs), ("", "inputs", inputs)]
+        self._pieces: list[tuple[str, str, np.ndarray]] = []
         self._holders: list[tuple[str, str, Holder]] = []
+        sides = [(name, side, memory) for name, side, memory in (("outputs", 1, outputs), ("inputs", 0, inputs))]
+        for name, side, memory in sides if outputs.size else ():
+            ends = np.cumsum([0, *(width(c.outputs if side else c.inputs) for c in components)])
+            copies = memory.reshape(-1, ends[-1]) if ends[-1] else memory.reshape(1, 0)
+            self._pieces += [
+                (c.name, name, copies[:, a:b]) for c, a, b in zip(components, ends, ends[1:], strict=False) if b > a
+            ]
         for component in components:
             self._pieces += [(component.name, name, array) for name, array in component.pieces().items()]
             self._holders += [(component.name, name, holder) for name, holder in component.holders().items()]
@@ -210,6 +219,39 @@ class StatePlaces:
             self.free(tokens)
             raise
         return State(self, saved.tick, memory, tokens)
+
+    def adopt(self, saved: SavedState) -> list[str]:
+        """Take over what `saved`, of a system with perhaps other components, has of those that are here.
+
+        Returns:
+            Names of the components that it has nothing of: they are as they were made.
+
+        Raises:
+            InputRefused: a component of the same name has another state.
+            ComponentFailed: an FMU refuses its part.
+        """
+        there, place = {}, 0
+        for component, name, kind, shape in saved.pieces:
+            dtype, count = np.dtype(kind), math.prod(shape)
+            there[component, name] = saved.memory[place : place + dtype.itemsize * count], kind, shape
+            place += dtype.itemsize * count
+        inside = {(component, name): content for component, name, content in saved.inside}
+        known = {component for component, _ in [*there, *inside]}
+        for component, name, array in self._pieces:
+            if component not in known:
+                continue
+            content, kind, shape = there.get((component, name), (b"", "", []))
+            if (kind, shape) != (array.dtype.str, list(array.shape)):
+                raise InputRefused(f"{component}: its {name} is not what the state has; it cannot be another one now")
+            array[...] = np.frombuffer(content, dtype=array.dtype).reshape(array.shape)
+        for component, name, holder in self._holders:
+            if component in known and (component, name) not in inside:
+                raise InputRefused(f"{component}: the state does not have its {name}; it cannot be another one now")
+            if component in known:
+                token = holder.unpack(inside[component, name])
+                holder.give_back(token)
+                holder.free(token)
+        return [component.name for component in self._components if component.name not in known]
 
     def _described(self) -> list[list[Any]]:
         return [[component, name, array.dtype.str, list(array.shape)] for component, name, array in self._pieces]
