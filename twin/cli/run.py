@@ -92,7 +92,7 @@ def run(
         show(answer, as_json)
         raise SystemExit(answer.exit_code)
     if not experiments and start_from is None:
-        raise InputRefused("no experiment: name a file, or a run to go on from with --from RUN")
+        raise InputRefused("twin run: missing argument 'EXPERIMENT'; see twin run --help")
     if start_from is not None and (experiments or drive is not None or body is not None):
         raise InputRefused("--from: the run says its experiment, drive and body; leave them out, or use twin branch")
     if out is not None and len(experiments) > 1:

@@ -171,6 +171,7 @@ def simulate(
     timed: bool = False,
     state: SavedState | None = None,
     lasting: Mapping[str, Observer] = MappingProxyType({}),
+    adopt: Callable[[Simulation, SavedState], None] | None = None,
 ) -> Simulated:
     """Step a system from tick 0 until `last_tick`, a component fails, or one of the `observers` has seen enough.
 
@@ -182,17 +183,19 @@ def simulate(
         timed: measure each component.
         state: to go on from in place of tick 0.
         lasting: those of `observers` that go on from what the state says about "observers", by name.
+        adopt: restores the state where it is of a system that is not the same; None: it is the same.
 
     Raises:
         InputRefused: the state is of another system.
     """
     simulation = Simulation(assembly.system, last_tick, slice_ticks, timed)
     if state is not None:
-        simulation.restore(state)
+        (adopt or Simulation.restore)(simulation, state)
     for observer in observers:
         observer.begin(simulation)
-    for name, observer in lasting.items() if state else ():
-        observer.restore(state.about.get("observers", {}).get(name))
+    found = state.about.get("observers", {}) if state is not None else {}
+    for name, observer in lasting.items() if state is not None else ():
+        observer.restore(found.get(name))
     halts = sorted({tick for observer in observers for tick in observer.halts})
     stepping = 0.0
     while not simulation.finished and not any(observer.enough for observer in observers):

@@ -3,7 +3,7 @@
 The memory of a component as a record, which compiled code and Python read and write by the same names.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -132,7 +132,7 @@ def state_fields(kind: np.dtype, path: tuple[str, ...] = ()) -> Iterator[StateFi
     """Every field of the record `kind` that is declared as `state`, in their order."""
     for name, (field, *_) in (kind.fields or {}).items():
         base = field.base
-        metadata = base.metadata or {}
+        metadata: Mapping[str, Any] = base.metadata or {}
         if metadata.get(STATE):
             yield StateField((*path, name), metadata[BELOW])
         else:

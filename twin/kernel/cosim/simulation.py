@@ -234,6 +234,12 @@ class Simulation:
         c = self.system.components.index(component)
         return self._u[self.system.u_start[c] : self.system.u_start[c + 1]]
 
+    def given(self, component: Component) -> np.ndarray:
+        """What is valid of the outputs that feed `component`."""
+        c = self.system.components.index(component)
+        sources = self.system.sources[self.system.u_start[c] : self.system.u_start[c + 1]]
+        return self._y[sources % self.system.outputs_width]
+
     def outputs(self, component: Component) -> np.ndarray:
         """What is valid of the outputs of `component`."""
         c = self.system.components.index(component)

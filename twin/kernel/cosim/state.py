@@ -10,9 +10,10 @@ import json
 import math
 import struct
 import weakref
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass
-from typing import Any
+from io import BytesIO
+from typing import Any, NamedTuple
 
 import numpy as np
 import zstandard
@@ -27,6 +28,8 @@ from twin.kernel.files import json_of
 MEDIA_TYPE = "application/x-twin-state"
 VERSION = 1
 """Of what `SavedState.to_bytes` writes."""
+SIDES = ("outputs", "inputs")
+"""Pieces that lie in the master's memory."""
 LARGEST = 64 * 2**20
 """Bytes of a state, unpacked: those of the shipped experiments have some kilobytes."""
 
@@ -42,31 +45,56 @@ def _copy(table, count, buffer, back):
             copy(buffer + pieces[i].copy, pieces[i].array, pieces[i].size)
 
 
+class SavedPiece(NamedTuple):
+    """A piece of a component's memory: whose, what it is called, dtype and shape of its numbers, and their bytes."""
+
+    component: str
+    name: str
+    kind: str
+    shape: list[int]
+    content: bytes
+
+    @property
+    def form(self) -> tuple[str, str, str, list[int]]:
+        """All but the bytes."""
+        return self[:4]
+
+    def __str__(self) -> str:
+        return f"{self.component}.{self.name} ({self.kind} {self.shape})"
+
+
+class SavedInside(NamedTuple):
+    """What an FMU, a Python object or another process holds of a component's state: whose, its name, its bytes."""
+
+    component: str
+    name: str
+    content: bytes
+
+
 @dataclass(frozen=True)
 class SavedState:
     """A state without addresses, for any process that has made the same system.
 
     Attributes:
         tick: at whose beginning it was taken.
-        pieces: component, name, dtype and shape of each piece of memory.
-        memory: their bytes, one piece after the other.
-        inside: component, name and bytes of what FMUs, Python objects and other processes hold.
+        pieces: of memory.
+        inside: what is held elsewhere.
         about: what else belongs to it, of whom it is; what JSON can say.
     """
 
     tick: int
-    pieces: list[list[Any]]
-    memory: bytes
-    inside: list[tuple[str, str, bytes]]
+    pieces: list[SavedPiece]
+    inside: list[SavedInside]
     about: dict[str, Any]
 
     def to_bytes(self) -> bytes:
         """Itself, compressed."""
-        inside = [[component, name, len(content)] for component, name, content in self.inside]
-        front = {"version": VERSION, "tick": self.tick, "pieces": self.pieces, "inside": inside, "about": self.about}
+        pieces = [[*piece.form, len(piece.content)] for piece in self.pieces]
+        inside = [[one.component, one.name, len(one.content)] for one in self.inside]
+        front = {"version": VERSION, "tick": self.tick, "pieces": pieces, "inside": inside, "about": self.about}
         text = json.dumps(front, separators=(",", ":")).encode()
-        contents = [content for *_, content in self.inside]
-        return zstandard.compress(b"".join((struct.pack("<Q", len(text)), text, self.memory, *contents)), 3)
+        contents = [*(piece.content for piece in self.pieces), *(one.content for one in self.inside)]
+        return zstandard.compress(b"".join((struct.pack("<Q", len(text)), text, *contents)), 3)
 
     @classmethod
     def from_bytes(cls, content: bytes, where: str) -> "SavedState":
@@ -91,20 +119,22 @@ class SavedState:
         try:
             if front["version"] != VERSION:
                 raise InputRefused(f"{where}: a state of version {front['version']!r}; this twin reads {VERSION}")
-            tick, pieces, about = front["tick"], [list(piece) for piece in front["pieces"]], dict(front["about"])
-            sizes = [(str(component), str(name), int(size)) for component, name, size in front["inside"]]
+            tick, about, contents = front["tick"], dict(front["about"]), BytesIO(whole[8 + length :])
+            take = contents.read
+            pieces = [
+                SavedPiece(str(component), str(name), np.dtype(kind).str, [int(n) for n in shape], take(size))
+                for component, name, kind, shape, size in front["pieces"]
+            ]
+            inside = [SavedInside(str(component), str(name), take(size)) for component, name, size in front["inside"]]
         except (KeyError, TypeError, ValueError):
             raise InputRefused(f"{where}: this is no state that twin saved") from None
-        if not isinstance(tick, int) or not 0 <= tick < 1 << 62 or any(size < 0 for *_, size in sizes):
+        if not isinstance(tick, int) or not 0 <= tick < 1 << 62:
             raise InputRefused(f"{where}: this is no state that twin saved: tick {tick!r}")
-        end = len(whole) - sum(size for *_, size in sizes)
-        if end < 8 + length:
-            raise InputRefused(f"{where}: the state is shorter than it says")
-        memory, inside = whole[8 + length : end], []
-        for component, name, size in sizes:
-            inside.append((component, name, whole[end : end + size]))
-            end += size
-        return cls(tick, pieces, memory, inside, about)
+        for piece in pieces:
+            count = math.prod(piece.shape)
+            if min(piece.shape, default=0) < 0 or len(piece.content) != count * np.dtype(piece.kind).itemsize:
+                raise InputRefused(f"{where}: the state is damaged: {piece} has {len(piece.content)} bytes")
+        return cls(tick, pieces, inside, about)
 
 
 class State:
@@ -135,6 +165,11 @@ class State:
         self._freed()
 
 
+def holds_all(holder: Holder) -> bool:
+    """Whether what it packs is a `SavedState` of its whole component, which lives in another process."""
+    return bool(getattr(holder, "whole", False))
+
+
 class StatePlaces:
     """Where the state of a system lies.
 
@@ -152,9 +187,8 @@ class StatePlaces:
         self._components = components
         self._pieces: list[tuple[str, str, np.ndarray]] = []
         self._holders: list[tuple[str, str, Holder]] = []
-        sides = [(name, side, memory) for name, side, memory in (("outputs", 1, outputs), ("inputs", 0, inputs))]
-        for name, side, memory in sides if outputs.size else ():
-            ends = np.cumsum([0, *(width(c.outputs if side else c.inputs) for c in components)])
+        for name, memory in zip(SIDES, (outputs, inputs), strict=True) if outputs.size else ():
+            ends = np.cumsum([0, *(width(getattr(c, name)) for c in components)])
             copies = memory.reshape(-1, ends[-1]) if ends[-1] else memory.reshape(1, 0)
             self._pieces += [
                 (c.name, name, copies[:, a:b]) for c, a, b in zip(components, ends, ends[1:], strict=False) if b > a
@@ -194,11 +228,24 @@ class StatePlaces:
     def saved(self, state: State, about: dict[str, Any]) -> SavedState:
         """`state`, taken here, for another process; raises as `State.saved`."""
         refuse_stateless(self._components)
-        inside = [
-            (component, name, holder.pack(token))
-            for (component, name, holder), token in zip(self._holders, state.tokens, strict=True)
-        ]
-        return SavedState(state.tick, self._described(), state.memory.tobytes(), inside, about)
+        packed = [holder.pack(token) for (*_, holder), token in zip(self._holders, state.tokens, strict=True)]
+        own, place = [], 0
+        for component, name, array in self._pieces:
+            content = state.memory[place : place + array.nbytes].tobytes()
+            own.append(SavedPiece(component, name, array.dtype.str, list(array.shape), content))
+            place += array.nbytes
+        pieces = [piece for piece in own if piece.name in SIDES]
+        inside: list[SavedInside] = []
+        for one in self._components:
+            pieces += [piece for piece in own if piece.component == one.name and piece.name not in SIDES]
+            for (component, name, holder), content in zip(self._holders, packed, strict=True):
+                if component == one.name and holds_all(holder):
+                    there = SavedState.from_bytes(content, component)
+                    pieces += there.pieces
+                    inside += there.inside
+                elif component == one.name:
+                    inside.append(SavedInside(component, name, content))
+        return SavedState(state.tick, pieces, inside, about)
 
     def taken(self, saved: SavedState) -> State:
         """A state of this system made of a `saved` one.
@@ -207,14 +254,24 @@ class StatePlaces:
             InputRefused: that is of another system, or holds what no component can go on from.
             ComponentFailed: an FMU refuses its part.
         """
-        refuse_other_system(saved, self._described(), [(c, n) for c, n, _ in self._holders])
-        if len(saved.memory) != self._size:
-            raise InputRefused(f"the state has {len(saved.memory)} bytes of memory; this system has {self._size}")
-        memory = np.frombuffer(saved.memory, dtype=np.uint8).copy()
+        pieces, contents = self._divided(saved)
+        described = [(c, name, array.dtype.str, list(array.shape)) for c, name, array in self._pieces]
+        there = {piece.form[:2]: piece for piece in pieces}
+        for form in described:
+            if form[:2] not in there or there[form[:2]].form != form:
+                its = there.get(form[:2], "nothing of that name")
+                raise InputRefused(f"the state is of another system: it has {its} for {SavedPiece(*form, b'')}")
+        if len(there) != len(described) or len(pieces) != len(described) or contents.keys() != self._held:
+            named = {form[:2] for form in described}
+            more = [".".join(key) for key in [*there, *contents] if key not in named and key not in self._held]
+            raise InputRefused(
+                f"the state is of another system: {', '.join(more[:3]) or 'parts of it'} fit nothing here"
+            )
+        memory = np.frombuffer(b"".join(there[form[:2]].content for form in described), dtype=np.uint8).copy()
         tokens: list[Any] = []
         try:
-            for (*_, holder), (*_, content) in zip(self._holders, saved.inside, strict=True):
-                tokens.append(holder.unpack(content))
+            for component, name, holder in self._holders:
+                tokens.append(holder.unpack(contents[component, name]))
         except BaseException:
             self.free(tokens)
             raise
@@ -230,31 +287,40 @@ class StatePlaces:
             InputRefused: a component of the same name has another state.
             ComponentFailed: an FMU refuses its part.
         """
-        there, place = {}, 0
-        for component, name, kind, shape in saved.pieces:
-            dtype, count = np.dtype(kind), math.prod(shape)
-            there[component, name] = saved.memory[place : place + dtype.itemsize * count], kind, shape
-            place += dtype.itemsize * count
-        inside = {(component, name): content for component, name, content in saved.inside}
-        known = {component for component, _ in [*there, *inside]}
+        pieces, contents = self._divided(saved)
+        there = {piece.form[:2]: piece for piece in pieces}
+        known = {component for component, _ in [*there, *contents]}
         for component, name, array in self._pieces:
             if component not in known:
                 continue
-            content, kind, shape = there.get((component, name), (b"", "", []))
-            if (kind, shape) != (array.dtype.str, list(array.shape)):
+            piece = there.get((component, name))
+            if piece is None or piece.form[2:] != (array.dtype.str, list(array.shape)):
                 raise InputRefused(f"{component}: its {name} is not what the state has; it cannot be another one now")
-            array[...] = np.frombuffer(content, dtype=array.dtype).reshape(array.shape)
+            array[...] = np.frombuffer(piece.content, dtype=array.dtype).reshape(array.shape)
         for component, name, holder in self._holders:
-            if component in known and (component, name) not in inside:
+            if component in known and (component, name) not in contents:
                 raise InputRefused(f"{component}: the state does not have its {name}; it cannot be another one now")
             if component in known:
-                token = holder.unpack(inside[component, name])
+                token = holder.unpack(contents[component, name])
                 holder.give_back(token)
                 holder.free(token)
         return [component.name for component in self._components if component.name not in known]
 
-    def _described(self) -> list[list[Any]]:
-        return [[component, name, array.dtype.str, list(array.shape)] for component, name, array in self._pieces]
+    @property
+    def _held(self) -> Set[tuple[str, str]]:
+        return {(component, name) for component, name, _ in self._holders}
+
+    def _divided(self, saved: SavedState) -> tuple[list[SavedPiece], dict[tuple[str, str], bytes]]:
+        """The pieces that lie here, and by component and name what holders are given, some of it whole states."""
+        whole = {component: name for component, name, holder in self._holders if holds_all(holder)}
+        pieces = [piece for piece in saved.pieces if piece.component not in whole or piece.name in SIDES]
+        contents = {one[:2]: one.content for one in saved.inside if one.component not in whole}
+        for component, name in whole.items():
+            its = [piece for piece in saved.pieces if piece.component == component and piece.name not in SIDES]
+            inside = [one for one in saved.inside if one.component == component]
+            if its or inside:
+                contents[component, name] = SavedState(saved.tick, its, inside, {}).to_bytes()
+        return pieces, contents
 
 
 def refuse_stateless(components: Iterable[Component], portable: bool = True) -> None:
@@ -273,30 +339,10 @@ def stateless(components: Iterable[Component], portable: bool = True) -> list[st
     return [f"{c.label} ({c.name}) {reason}" if c.label else f"{c.name} {reason}" for c, reason in why if reason]
 
 
-def refuse_other_system(saved: SavedState, pieces: list[list[Any]], holders: list[tuple[str, str]]) -> None:
-    """Refuse a state of another system.
-
-    Raises:
-        InputRefused: it names the first thing that differs.
-    """
-    for there, here in zip([*saved.pieces, None], [*pieces, None], strict=False):
-        if there != here:
-            raise InputRefused(f"the state is of another system: it has {_piece(there)} where this has {_piece(here)}")
-    if (inside := [(component, name) for component, name, _ in saved.inside]) != holders:
-        raise InputRefused(f"the state is of another system: it holds {inside}, this one {holders}")
-
-
-def _piece(described: list[Any] | None) -> str:
-    if described is None:
-        return "nothing more"
-    component, name, kind, shape = (*described, "", "", "", "")[:4]
-    return f"{f'{component}.' * bool(component)}{name} ({kind} {shape})"
-
-
 def plain(value: Any) -> Any:
     """`value` (numbers, texts, arrays, tuples, lists and dictionaries of them) as JSON says it."""
     if isinstance(value, np.ndarray):
-        data = base64.b64encode(np.ascontiguousarray(value)).decode()
+        data = base64.b64encode(value.tobytes()).decode()
         return {"dtype": value.dtype.str, "shape": list(value.shape), "data": data}
     if isinstance(value, np.generic):
         return value.item()

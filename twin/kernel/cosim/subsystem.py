@@ -124,7 +124,7 @@ class Subsystem(Component):
         return f"failed inside: {inside};"
 
     def pieces(self) -> dict[str, np.ndarray]:
-        own = {"outputs": self._y, "next": self._memory["next"]}
+        own = {"inner_outputs": self._y, "next": self._memory["next"]}
         inner = {f"{c.name}.{name}": array for c in self._inner for name, array in c.pieces().items()}
         return own | inner
 

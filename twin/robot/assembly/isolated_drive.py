@@ -139,7 +139,12 @@ class IsolatedDrive(Elsewhere):
         watch: of its process.
         described: see `host`.
         over: called with its process when the drive has ended well.
+
+    Attributes:
+        whole: as a `Holder` it packs the state of the whole drive, which is that of a drive in this process.
     """
+
+    whole = True
 
     def __init__(
         self, name: str, plan: DrivePlan, watch: Watchdog, described: str, over: Callable[[GuardedProcess], None]

@@ -7,7 +7,7 @@ A shape becomes a way point at every sample of the controller, so the controller
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.errors import InputRefused, Unreachable
-from twin.kernel.files import json_of
+from twin.kernel.files import json_of, toml_of
 from twin.kernel.places import located
 from twin.robot.assembly.checks.agreement import disagreements
 from twin.robot.assembly.declared import DECLARED
@@ -177,7 +177,13 @@ def checked_experiment(source: Source, name: str, where: Path, folder: Path) -> 
 
 
 def recorded_experiment(
-    metadata: Metadata, where: Path, duration: float | None = None, changed: bool = False
+    metadata: Metadata,
+    where: Path,
+    duration: float | None = None,
+    changed: bool = False,
+    settings: Sequence[str] = (),
+    faults: Sequence[str] = (),
+    body: str | None = None,
 ) -> Experiment:
     """The experiment of a recording with the very FMUs that it was made with.
 
@@ -189,6 +195,9 @@ def recorded_experiment(
         where: the recording.
         duration: another one (s).
         changed: whether a run that was changed by hand will do.
+        settings: "table.key=value" texts laid over it.
+        faults: inline tables of TOML, added to its own.
+        body: a file of bodies/ that replaces all of [contact] but its height.
 
     Raises:
         InputRefused: it carries no experiment, was made with substitutes or changed by hand while it ran, or an FMU is
@@ -211,7 +220,13 @@ def recorded_experiment(
     values.get("contact", {}).pop("body", None)
     _find_parts(values, metadata, fmus, where, folder)
     source = Source()
+    if faults:
+        added = [toml_of(f"fault = {text}", f"--fault {text}")["fault"] for text in faults]
+        values["fault"] = [*values.get("fault", ()), *added]
     source.put(values | {"drive": _with_paths(values["drive"], where, folder)}, "recorded")
+    if body is not None:
+        source.name("contact", "body", body)
+    override(source, settings)
     experiment = checked_experiment(source, name, where, folder)
     one, two, three = experiment.drives
     pinned = (_pinned(one, "drive_1", fmus), _pinned(two, "drive_2", fmus), _pinned(three, "drive_3", fmus))

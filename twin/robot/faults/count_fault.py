@@ -190,6 +190,10 @@ class CountFault(FaultComponent):
         super().__init__(name, (port,), (out, ACTIVE), True, step, memory, period=period)
         self.finite = law != CountLaw.DROPOUT_NAN
 
+    def passed_on(self, given: np.ndarray) -> np.ndarray:
+        self.memory["held"] = given[int(self.memory["element"][0])]
+        return super().passed_on(given)
+
 
 NEVER = 1 << 62
 """The tick at which a lost message arrives."""
@@ -306,3 +310,7 @@ class MessageFault(FaultComponent):
         # a count that came through a fault before may be NaN
         read = (replace(port, kind="double") for port in ports)
         super().__init__(name, ports, (*read, ACTIVE), True, message_step, memory, pointers=pointers)
+
+    def passed_on(self, given: np.ndarray) -> np.ndarray:
+        self.pointers["present"][:] = given
+        return super().passed_on(given)

@@ -76,6 +76,24 @@ class FaultComponent(NativeComponent):
 
     numbers: Mapping[str, tuple[str, float]] = {}
 
+    def join(self, tick: int, given: np.ndarray) -> np.ndarray:
+        """Come into a run that is at the beginning of `tick`, as if it had been there all the time without acting.
+
+        Args:
+            tick: before the onset.
+            given: the inputs as they are valid now.
+
+        Returns:
+            Its outputs as they are valid now.
+        """
+        window_ = self.memory["window"]
+        window_["next"] = -(-tick // window_["period"]) * window_["period"]
+        return self.passed_on(given)
+
+    def passed_on(self, given: np.ndarray) -> np.ndarray:
+        """The outputs of a fault that does not act: what it is `given`, and that it does not act."""
+        return np.append(given, 0.0)
+
 
 class CommandFault(FaultComponent):
     """Sampled component, every tick: commanded speeds in, the same within +-limit out while active.
@@ -146,6 +164,9 @@ class ParameterFault(FaultComponent):
         memory["address"], memory["nominal"] = cell.ctypes.data, cell[0]
         value = replace(VALUE, meaning=f"{parameter} of {owner.name}, as it holds now")
         super().__init__(name, (), (value, ACTIVE), True, parameter_step, memory, keep=owner)
+
+    def passed_on(self, given: np.ndarray) -> np.ndarray:
+        return np.array([self.memory["nominal"][0], 0.0])
 
 
 class DriveLaw(IntEnum):
@@ -280,6 +301,12 @@ class DriveFault(FaultComponent):
         initial = np.array([theta_m, 0.0, 0.0])
         super().__init__(name, inputs(monitored), OUTPUTS, False, step_of(monitored), memory, initial, period)
         self.label, self.target = label, target
+
+    def passed_on(self, given: np.ndarray) -> np.ndarray:
+        # the shaft is where the drive's own is; how fast it turns shows in the next step
+        theta_m = float(given[0])
+        self.memory["drive"] = self.memory["theta_m"] = theta_m
+        return np.array([theta_m, 0.0, 0.0])
 
     def explain(self, status: int) -> str:
         return f"made {self.target} fail (drive_failure)"

@@ -26,6 +26,7 @@ from twin.robot.experiment.source import NAMING, RETAINED
 from twin.robot.monitor.component import trip_reason
 from twin.robot.plant.component import PlantEquations, resting
 from twin.robot.plant.dynamics import STATES, PlantParameters
+from twin.robot.run.branch import branch_off
 from twin.robot.run.outcome import HeldForce, HeldForces, RunOutcome, Tally
 from twin.robot.run.states import Interrupts, RunStates, StoredState, continues, identity, refuse_other_run
 from twin.robot.run.trace import streams_of
@@ -254,7 +255,8 @@ def _recorded(
     topics, described = [stream.topic for stream in streams], provenance(experiment, assembly)
     about, saved = identity(described), state.saved if state else None
     if state and saved:
-        refuse_other_run(saved, about, str(state.recording))
+        if not state.branch:
+            refuse_other_run(saved, about, str(state.recording))
         scene.begin_at(saved.tick)
         described |= continues(state)
     with Writer(path, topics, system.tick, described, scene.forms) as writer:
@@ -267,7 +269,10 @@ def _recorded(
         observers += [Shown(viewer, streams, scene, tuning)] if viewer else []
         slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
         with interrupts.listening():
-            done = simulate(assembly, last_tick, observers, slice_ticks, timed, saved, lasting)
+            # what was changed by hand before a branch is not the branch's
+            going_on = {name: one for name, one in lasting.items() if not (state and state.branch and one is tuning)}
+            adopt = branch_off if state and state.branch else None
+            done = simulate(assembly, last_tick, observers, slice_ticks, timed, saved, going_on, adopt)
             tuning.close()
             if done.failure:
                 raise _with_remedy(experiment, done.simulation, assembly, recorder.abandon(done.failure))

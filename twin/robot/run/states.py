@@ -10,7 +10,7 @@ import json
 import math
 import signal
 import threading
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -180,17 +180,15 @@ class Interrupts(Observer):
         if threading.current_thread() is not threading.main_thread():
             yield
             return
-        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-        self._before = before
+        found = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+        self._before: dict[int, Callable[[int, Any], Any]] = {n: one for n, one in found.items() if callable(one)}
         try:
-            for number, handler in before.items():
-                if callable(handler):
-                    signal.signal(number, self._note)
+            for number in self._before:
+                signal.signal(number, self._note)
             yield
         finally:
-            for number, handler in before.items():
-                if callable(handler):
-                    signal.signal(number, handler)
+            for number, handler in self._before.items():
+                signal.signal(number, handler)
 
     def _note(self, number: int, frame: Any) -> None:
         self._asked = number
@@ -211,11 +209,13 @@ class StoredState:
         recording: the file.
         time: when it was taken (s).
         content: its bytes.
+        branch: whether the experiment that goes on from it may be another one.
     """
 
     recording: Path
     time: float
     content: bytes
+    branch: bool = False
 
     @property
     def saved(self) -> SavedState:
