@@ -5,16 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.kernel.cosim.component import NativeComponent, step_function
+from twin.kernel.cosim.component import Component, NativeComponent, step_function
 from twin.kernel.cosim.interpolation import input_weights
-from twin.kernel.cosim.port import Port
+from twin.kernel.cosim.port import Port, record, state
 from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused
 
 OMEGA = 2.0
-MEMORY = np.dtype([("x", "f8"), ("v", "f8")], align=True)
+MEMORY = record(x=state("f8"), v=state("f8"))
 
 
 FORCE, SPEED, PLACE = Port("force"), Port("v"), Port("x")
@@ -37,20 +37,18 @@ def _spring_step(m, t, h, u, y):
     return 0
 
 
-def mass(rewindable: bool = True) -> NativeComponent:
-    memory = np.array([(1.0, 0.0)], dtype=MEMORY)
-    return NativeComponent(
-        "mass", (FORCE,), (PLACE, SPEED), False, _mass_step, memory, np.array([1.0, 0.0]),
-        rewindable=rewindable,
-    )  # fmt: skip
+def mass(rewindable: bool = True) -> Component:
+    memory, start = np.array([(1.0, 0.0)], dtype=MEMORY), np.array([1.0, 0.0])
+    if not rewindable:
+        return Component(
+            "mass", (FORCE,), (PLACE, SPEED), False, _mass_step.address, memory.ctypes.data, start, keep=memory
+        )
+    return NativeComponent("mass", (FORCE,), (PLACE, SPEED), False, _mass_step, memory, start)
 
 
 def spring(period: int = 1) -> NativeComponent:
     memory = np.array([(1.0, 0.0)], dtype=MEMORY)
-    return NativeComponent(
-        "spring", (SPEED,), (FORCE,), False, _spring_step, memory, np.array([-4.0]), period,
-        rewindable=True,
-    )  # fmt: skip
+    return NativeComponent("spring", (SPEED,), (FORCE,), False, _spring_step, memory, np.array([-4.0]), period)
 
 
 def largest_error(steps: int, **coupling) -> float:

@@ -216,7 +216,8 @@ def test_what_was_recorded_is_named_and_an_empty_folder_goes(tmp_path: Path):
     (folder / "run.mcap").touch()
     assert left_behind(folder) == f"interrupted; the recording is complete: {folder}/run.mcap"
     (folder / "run.mcap").rename(folder / "run.mcap.partial")
-    assert left_behind(folder) == f"interrupted; recorded until then: {folder}/run.mcap.partial"
+    until_then = f"interrupted; recorded until then: {folder}/run.mcap.partial"
+    assert left_behind(folder) == f"{until_then}; twin run --from {folder} goes on"
     (folder / "run.mcap.partial").unlink()
     (folder / "notes").touch()
     assert left_behind(folder) == "interrupted before the first step; nothing is recorded" and folder.exists()

@@ -294,6 +294,9 @@ class StatePlaces:
             if component not in known:
                 continue
             piece = there.get((component, name))
+            if name == "inputs" and (piece is None or piece.shape != list(array.shape)):
+                # they are given anew before each step
+                continue
             if piece is None or piece.form[2:] != (array.dtype.str, list(array.shape)):
                 raise InputRefused(f"{component}: its {name} is not what the state has; it cannot be another one now")
             array[...] = np.frombuffer(piece.content, dtype=array.dtype).reshape(array.shape)

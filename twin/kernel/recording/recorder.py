@@ -82,7 +82,27 @@ class RowBlock:
 BLOCK_TICKS = 100
 
 
-class Recorder(Observer):
+class EventLog(Observer):
+    """Remembers events.
+
+    Attributes:
+        events: all of them.
+    """
+
+    def __init__(self) -> None:
+        self.events: list[TickEvent] = []
+
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        self.events += events
+
+    def state(self) -> Any:
+        return plain(self.events)
+
+    def restore(self, state: Any) -> None:
+        self.events = [TickEvent(*one) for one in of_plain(state, "events")]
+
+
+class Recorder(EventLog):
     """Hands rows, drawings and events to `writer`, a block at a time.
 
     Args:
@@ -91,7 +111,6 @@ class Recorder(Observer):
         changed: the first change that was made by hand while it ran, "" until then, which the metadata name.
 
     Attributes:
-        events: all of them.
         writing: wall time spent in here (s).
     """
 
@@ -102,7 +121,7 @@ class Recorder(Observer):
         drawings: Drawings = lambda first, rows: (),
         changed: Callable[[], str] = str,
     ):
-        self.events: list[TickEvent] = []
+        super().__init__()
         self.writing = 0.0
         self._writer, self._streams, self._drawings, self._changed = writer, streams, drawings, changed
         self._marked = False
@@ -119,7 +138,7 @@ class Recorder(Observer):
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         began = time.perf_counter()
-        self.events += events
+        super().take(first, rows, events)
         self._block.add(rows, events)
         if self._block.full or self._simulation.finished:
             self._write()
@@ -131,12 +150,6 @@ class Recorder(Observer):
         self._write()
         self._writer.write_attachment(f"state_{tick}", tick, media_type, content)
         self.writing += time.perf_counter() - began
-
-    def state(self) -> Any:
-        return plain(self.events)
-
-    def restore(self, state: Any) -> None:
-        self.events = [TickEvent(*one) for one in of_plain(state, "events")]
 
     def finish(self) -> Path:
         """The finished recording.

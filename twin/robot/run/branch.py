@@ -13,11 +13,14 @@ from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SavedState, stateless
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import origin
+from twin.kernel.recording.recorder import EventLog
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import recorded_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.faults.drive_fault import FaultComponent
+from twin.robot.run.outcome import HeldForce, Tally
 from twin.robot.run.states import StoredState, stored_state
+from twin.robot.run.watch import Tuning, Watch
 
 FIXED = {
     "cosim": "steps and scheme hold for the whole run",
@@ -82,11 +85,19 @@ def state_at(experiment: Experiment, recording: Path, tick: int) -> tuple[Stored
     with assemble(experiment) as assembly:
         if missing := stateless(assembly.system.components):
             raise InputRefused(f"{recording}: this run cannot be branched: {'; '.join(missing)}")
-        before = kept.saved if kept else None
-        done = simulate(assembly, experiment.duration_ticks, [_Until(tick)], state=before)
+        before, system = kept.saved if kept else None, assembly.system
+        lasting: dict[str, Observer] = {
+            "tuning": Tuning(experiment, assembly),
+            "watch": Watch(assembly, experiment),
+            "tally": Tally(system),
+            "held": HeldForce(system, experiment.tasks),
+            "recorder": EventLog(),
+        }
+        observers = [*lasting.values(), _Until(tick)]
+        done = simulate(assembly, experiment.duration_ticks, observers, state=before, lasting=lasting)
         done.completed()
         state = done.simulation.state()
-        saved = state.saved(**(before.about if before else {}))
+        saved = state.saved(observers={name: observer.state() for name, observer in lasting.items()})
         state.close()
     how = f"from the state at {kept.time:g} s" if kept else "run again from the start"
     return StoredState(recording, tick * experiment.cosim.tick, saved.to_bytes(), branch=True), how

@@ -1,0 +1,215 @@
+"""`twin branch`: from one moment of a run, several ways to go on, side by side."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from twin.kernel.errors import InputRefused
+from twin.studies.command import Argument, BodyName, Option, study
+from twin.studies.first_look import print_latest
+from twin.studies.result import Column, Result, Table, note
+from twin.studies.steps import Say
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from twin.robot.run.run import Run
+
+HOME = Path("results") / "branches"
+PICTURE = "branches.png"
+APART = 1e-3
+"""Difference (N) of the true force from which on a branch has left the run."""
+BEFORE = 1.0
+"""How much (s) of the shared past the picture shows."""
+
+
+@dataclass(frozen=True)
+class Branch:
+    """One way to go on.
+
+    Attributes:
+        name: what is other in it.
+        settings, faults, body: see `twin.robot.run.branch.branched_experiment`.
+    """
+
+    name: str
+    settings: Sequence[str] = ()
+    faults: Sequence[str] = ()
+    body: str | None = None
+
+
+@dataclass(frozen=True)
+class Way:
+    """What became of a branch.
+
+    Attributes:
+        branch: which.
+        run: its run, from the branch on.
+        t, F_z: times (s) and true pressing force (N), (n,).
+        apart: when the force left that of the run (s); None: it did not.
+    """
+
+    branch: Branch
+    run: "Run"
+    t: "np.ndarray"
+    F_z: "np.ndarray"
+    apart: float | None
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """For programs, in SI units."""
+        outcome = self.run.outcome
+        return {
+            "branch": self.branch.name,
+            "recording": str(self.run.recording),
+            "leaves_at": self.apart,
+            "peak": self.peak[0],
+            "peak_time": self.peak[1],
+            "end": outcome.end,
+            "trip": self.run.trip,
+        }
+
+    @property
+    def peak(self) -> tuple[float, float]:
+        """Largest pressing force (N) from the branch on, and when (s)."""
+        k = int(self.F_z.argmax())
+        return float(self.F_z[k]), float(self.t[k])
+
+
+@study(draws=True, isolated=True, before=[print_latest])
+def branch(
+    run: Annotated[Path, Argument("A run's folder, its recording, or results/EXPERIMENT.", "RUN")],
+    say: Say,
+    at: Annotated[float | None, Option("When the branches leave the run.", "S", least=0.0)] = None,
+    settings: Annotated[
+        Sequence[str],
+        Option("A branch with another value; several keys with ';'; may be repeated.", "KEY=VALUE", "--set"),
+    ] = (),
+    faults: Annotated[
+        Sequence[str], Option("A branch with a fault, an inline table of TOML; may be repeated.", "TABLE", "--fault")
+    ] = (),
+    body: BodyName = None,
+    out: Annotated[Path | None, Option("Folder; default: results/branches/EXPERIMENT.", "DIR")] = None,
+) -> Result:
+    """Go on from one moment of a run in several ways, and compare them.
+
+    Each --set, each --fault and --body is a branch of its own. The branches
+    start from the state at that moment: one kept in the recording, or one made
+    by running again from the start.
+
+    Exit code: 0 done, 2 input refused (a key that cannot change in mid-run, a
+    drive without a state), 3 a component failed.
+
+    Example: twin branch results/pressing --at 6.2
+    --set controller.force.kp_mm_per_N=4
+    --fault '{kind = "drive_dead", target = "drive_2", onset_s = 6.5}'
+
+    Raises:
+        InputRefused: the run, the time or a change cannot be used.
+        ComponentFailed: a component failed in a branch.
+        NotWritten: the disk refuses.
+    """
+    from twin.kernel.recording.folder import recording_in
+    from twin.kernel.writing import made_folder
+    from twin.robot.run.branch import branched_experiment, state_at
+    from twin.robot.run.run import execute
+
+    asked = [
+        *(Branch(text, settings=text.split(";")) for text in settings),
+        *(Branch(f"fault {text}", faults=[text]) for text in faults),
+        *([Branch(f"body {body}", body=body)] if body is not None else []),
+    ]
+    if at is None or not asked:
+        lacking = "--at SECONDS" if at is None else "a change: --set, --fault or --body"
+        raise InputRefused(f"twin branch {run}: expected {lacking}")
+    recording = recording_in(run).absolute()
+    base = branched_experiment(recording)
+    tick, period = base.cosim.tick, base.controller_ticks
+    # where the controller is called: whatever is new in a branch begins there
+    start = period * round(at / (tick * period))
+    if not 0 < start < base.duration_ticks:
+        raise InputRefused(
+            f"--at {at:g}: expected a time within the run, above 0 and below {base.duration_ticks * tick:g} s"
+        )
+    experiments = [branched_experiment(recording, one.settings, one.faults, one.body) for one in asked]
+    if late := [fault for one in experiments for fault in one.faults[len(base.faults) :] if fault.onset < start]:
+        raise InputRefused(f"--fault: onset at {late[0].onset * tick:g} s is before the branch at {start * tick:g} s")
+    home = made_folder((out or HOME / base.name).absolute())
+    say("coming to the branch", 0.0)
+    state, how = state_at(base, recording, start)
+    ways: list[Way] = []
+    plan = [(Branch("as it was"), base), *zip(asked, experiments, strict=True)]
+    for number, (one, experiment) in enumerate(plan):
+        say(f"{one.name}, {number + 1} of {len(plan)}", number / len(plan))
+        done = execute(experiment, home / f"{number}", state=state)
+        ways.append(_way(one, done, ways[0] if ways else None))
+    say("drawing", 1.0)
+    _draw(ways, recording, start * tick, home / PICTURE)
+    return _result(base.name, run, ways, start * tick, how, home)
+
+
+def _way(one: Branch, run: "Run", other: Way | None) -> Way:
+    """What became of a branch, beside the first of them, `other`."""
+    import numpy as np
+
+    from twin.kernel.recording.reader import read
+
+    found = read(run.recording)
+    t, F_z = found.time("plant"), -found["plant.F_ee_B"][:, 2]
+    left = np.flatnonzero(np.abs(F_z - other.F_z[: len(F_z)]) > APART) if other else np.zeros(0, dtype=int)
+    return Way(one, run, t, F_z, float(t[left[0]]) if len(left) else None)
+
+
+def _result(name: str, run: Path, ways: Sequence[Way], at: float, how: str, home: Path) -> Result:
+    columns = [
+        Column("branch", left=True),
+        Column("leaves", form=".3f", unit="s", gap=3),
+        Column("peak", form=".2f", unit="N", gap=3),
+        Column("at", form=".3f", unit="s", gap=3),
+        Column("end", form=".2f", unit="N", gap=3),
+        Column(gap=3, left=True, folds=True),
+    ]
+    rows = [
+        (str(number), way.apart if way.apart is not None else math.nan, *way.peak, way.run.outcome.end, way.run.trip)
+        for number, way in enumerate(ways)
+    ]
+    named = [note(str(number), way.branch.name) for number, way in enumerate(ways)]
+    count = len(ways) - 1
+    headline = f"{name}  {count} {'branch' if count == 1 else 'branches'} at {at:g} s, {how}"
+    folders = " ".join(str(_seen(home / str(number))) for number in range(len(ways)))
+    after = note(
+        "leaves", f"when the true force differs from the run's by more than {APART:g} N; end: mean of the last second"
+    )
+    facts = {"at": at, "state": how, "branches": [way.facts for way in ways]}
+    files = {"picture": _seen(home / PICTURE), "next": f"twin report {run} {folders}"}
+    return Result(headline, [Table(columns, rows), *named, after], facts, files)
+
+
+def _seen(path: Path) -> Path:
+    from twin.kernel.process.job import seen_from_here
+
+    return seen_from_here(path)
+
+
+def _draw(ways: Sequence[Way], recording: Path, at: float, path: Path) -> None:
+    """Write the picture to `path`: the true force, the shared past once."""
+    from twin.kernel.recording.reader import read
+    from twin.studies.figure import BLUE, GREEN, INK, ORANGE, PINK, SKY, VERMILION, picture
+
+    past = read(recording, salvage=True)
+    t, F_z = past.time("plant"), -past["plant.F_ee_B"][:, 2]
+    with picture(path, 9.0, 4.2, f"True pressing force, branches at {at:g} s") as figure:
+        axes = figure.subplots()
+        before = (t >= at - BEFORE) & (t <= at)
+        axes.plot(t[before], F_z[before], color=INK, lw=1.6)
+        for number, (way, color) in enumerate(
+            zip(ways, (INK, BLUE, VERMILION, GREEN, ORANGE, PINK, SKY) * 9, strict=False)
+        ):
+            style = {"lw": 1.6} if number == 0 else {"lw": 1.2}
+            axes.plot(way.t, way.F_z, color=color, label=f"{number}  {way.branch.name}"[:70], **style)
+        axes.axvline(at, color=INK, lw=0.8, ls=":")
+        axes.set_xlabel("t (s)")
+        axes.set_ylabel("F_z (N)")
+        axes.legend(loc="upper left", fontsize=8)
