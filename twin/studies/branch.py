@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -118,7 +118,7 @@ def branch(
 
     asked = [
         *(Branch(text, settings=text.split(";")) for text in settings),
-        *(Branch(f"fault {text}", faults=[text]) for text in faults),
+        *(Branch(text, faults=[text]) for text in faults),
         *([Branch(f"body {body}", body=body)] if body is not None else []),
     ]
     if at is None or not asked:
@@ -140,7 +140,11 @@ def branch(
     say("coming to the branch", 0.0)
     state, how = state_at(base, recording, start)
     ways: list[Way] = []
-    plan = [(Branch("as it was"), base), *zip(asked, experiments, strict=True)]
+    plan = [(Branch("as it was"), base)]
+    for one, experiment in zip(asked, experiments, strict=True):
+        broken = experiment.faults[-1] if one.faults else None
+        named = f"{broken.kind} of {broken.target} at {broken.onset * tick:g} s" if broken else one.name
+        plan.append((replace(one, name=named), experiment))
     for number, (one, experiment) in enumerate(plan):
         say(f"{one.name}, {number + 1} of {len(plan)}", number / len(plan))
         done = execute(experiment, home / f"{number}", state=state)
@@ -212,4 +216,4 @@ def _draw(ways: Sequence[Way], recording: Path, at: float, path: Path) -> None:
         axes.axvline(at, color=INK, lw=0.8, ls=":")
         axes.set_xlabel("t (s)")
         axes.set_ylabel("F_z (N)")
-        axes.legend(loc="upper left", fontsize=8)
+        figure.legend(loc="outside lower center", fontsize=8)

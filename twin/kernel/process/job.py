@@ -100,13 +100,14 @@ _terminated: list[int] = []
 
 
 def let_terminate() -> None:
-    """From now on SIGTERM ends this process as Ctrl-C does, with another exit code; for the main thread."""
+    """From now on SIGTERM ends this process as Ctrl-C does, with another exit code; only a main thread can say so."""
 
     def end(number: int, frame: object) -> None:
         _terminated.append(number)
         raise KeyboardInterrupt
 
-    signal.signal(signal.SIGTERM, end)
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, end)
 
 
 def interruption() -> tuple[int, str]:

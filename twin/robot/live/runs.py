@@ -107,8 +107,8 @@ def continued(run: str, settings: Sequence[str]) -> tuple[Experiment, StoredStat
     experiment = before if duration is None else recorded_experiment(metadata, recording, duration, changed=True)
     state, end = stored_state(recording, time), before.duration_ticks * before.cosim.tick
     if experiment.duration_ticks != before.duration_ticks:
-        # FMUs were told when the run ends, and may have made use of it
-        return experiment, None, f"run again from the start: its FMUs were told that it ends at {end:g} s"
+        # FMUs know when the run ends, and may have made use of it
+        return experiment, None, f"run again from the start: its FMUs know that it ends at {end:g} s"
     if state is None:
         when = "" if time is None else f" at {time:g} s or before"
         return experiment, None, f"run again from the start: {recording.name} has no state{when}"

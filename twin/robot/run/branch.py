@@ -25,7 +25,7 @@ from twin.robot.run.watch import Tuning, Watch
 FIXED = {
     "cosim": "steps and scheme hold for the whole run",
     "controller.period_ms": "calls of the controller are counted from the start",
-    "duration_s": "FMUs were told when the run ends",
+    "duration_s": "FMUs know when the run ends",
     "seed": "random numbers were drawn before",
     "recording": "it belongs to the whole run",
     "robot": "it fills truth and belief before the start; set plant.* or controller.model.*",

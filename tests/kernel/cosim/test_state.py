@@ -1,0 +1,265 @@
+"""States of systems: in memory, as bytes, of Python classes; and bytes that are none."""
+
+import json
+import struct
+from typing import Any
+
+import numpy as np
+import pytest
+import zstandard
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twin.kernel.compiled.function import carray
+from twin.kernel.cosim.component import Component, NativeComponent, doubles_at, step_function
+from twin.kernel.cosim.delay import delay
+from twin.kernel.cosim.port import Port, memory_of, record, state, state_fields
+from twin.kernel.cosim.python_class import PythonComponent
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.cosim.state import SavedPiece, SavedState, of_plain, plain, stateless
+from twin.kernel.cosim.system import System
+from twin.kernel.errors import ComponentFailed, InputRefused
+
+X, U = Port("x"), Port("u")
+MEMORY = record(rate="f8", x=state("f8"), place=state("i8", below="count"), count="i8", table=state("i8"))
+
+
+@step_function(MEMORY, (U,), (X,))
+def _step(m, t, h, u, y):
+    table = carray(doubles_at(m.table), m.count)
+    table[m.place] += u.u
+    m.place = (m.place + 1) % m.count
+    m.x += h * (m.rate + table[m.place])
+    y.x = m.x
+    return 0
+
+
+def grower(rate: float = 1.0, name: str = "grower") -> NativeComponent:
+    table = np.zeros(3)
+    memory = memory_of(MEMORY, rate=rate, count=len(table))
+    return NativeComponent(name, (U,), (X,), False, _step, memory, pointers={"table": table})
+
+
+class Counter:
+    """How often it was stepped, as a class of a user has it."""
+
+    inputs, outputs, sampled = (), (U,), True
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:
+        self.count += 1
+        y[0] = self.count
+
+    def state(self) -> dict[str, Any]:
+        return {"count": self.count}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        self.count = state["count"]
+
+
+class Forgetful(Counter):
+    """The same without a state."""
+
+    state = restore = None  # type: ignore[assignment]
+
+
+class Broken(Counter):
+    """Its state cannot be had."""
+
+    def state(self) -> dict[str, Any]:
+        raise ValueError("not now")
+
+
+def system(model: Counter | None = None, *more: Component, rate: float = 1.0) -> System:
+    return System(
+        [PythonComponent("counter", model or Counter()), grower(rate), *more], [("counter.u", "grower.u")], 0.1
+    )
+
+
+def saved_at(tick: int) -> SavedState:
+    simulation = Simulation(system(), 100, tick)
+    simulation.advance()
+    return simulation.state().saved(of="this test")
+
+
+def test_fields_of_a_state_are_found_in_records_in_records():
+    inner = record(a="f8", b=state("3f8"))
+    outer = record(one=inner, several=(inner, (2,)), whole=state(inner), c=state("i8", below="/n"), n="i8")
+    assert [one.name for one in state_fields(outer)] == ["one.b", "several.b", "whole", "c"]
+    # what is marked is laid out as what is not
+    assert outer == record(
+        one=record(a="f8", b="3f8"),
+        several=(record(a="f8", b="3f8"), (2,)),
+        whole=record(a="f8", b="3f8"),
+        c="i8",
+        n="i8",
+    )
+
+
+def test_a_simulation_goes_back_as_often_as_it_likes_and_forward_again():
+    simulation = Simulation(system(), 30, 10)
+    simulation.advance()
+    state = simulation.state()
+    once = simulation.advance().copy()
+    for _ in range(3):
+        simulation.restore(state)
+        assert simulation.next_tick == 10
+        np.testing.assert_array_equal(simulation.advance(), once)
+
+
+def test_a_state_goes_through_bytes_with_what_is_said_about_it():
+    saved = saved_at(12)
+    again = SavedState.from_bytes(saved.to_bytes(), "here")
+    assert again == saved and again.about == {"of": "this test"} and again.tick == 12
+    simulation, whole = Simulation(system(), 30, 40), Simulation(system(), 30, 40).advance()
+    simulation.restore(again)
+    np.testing.assert_array_equal(simulation.advance(), whole[12:])
+
+
+def test_a_state_of_another_simulation_is_refused_and_what_it_saves_is_not():
+    one, other = Simulation(system(), 30, 5), Simulation(system(), 30, 5)
+    one.advance()
+    state = one.state()
+    with pytest.raises(InputRefused, match="the state was taken in another simulation"):
+        other.restore(state)
+    other.restore(state.saved())
+    np.testing.assert_array_equal(one.advance(), other.advance())
+
+
+def test_a_class_without_a_state_is_named_and_one_that_fails_is_quoted():
+    assert stateless(system(Forgetful()).components) == [
+        "Forgetful (counter) is a Python class without state() and restore()"
+    ]
+    with pytest.raises(InputRefused, match="is a Python class without state"):
+        Simulation(system(Forgetful()), 10).state()
+    with pytest.raises(ComponentFailed, match=r"Broken: state\(\) raised ValueError: not now"):
+        Simulation(system(Broken()), 10).state()
+
+
+def test_a_component_that_says_nothing_has_no_state():
+    own = Component("own", (), (), True, 0, 0, np.zeros(0))
+    assert stateless([own]) == ["own does not say what its steps change"]
+
+
+def test_constants_are_no_state():
+    saved = saved_at(10)
+    faster = Simulation(system(rate=5.0), 30, 1)
+    faster.restore(saved)
+    before = faster.outputs(faster.system.component("grower"))[0]
+    after = faster.advance()[0]
+    assert faster.system.component("grower").memory["rate"][0] == 5.0  # type: ignore[attr-defined]
+    assert after[0] == 11.0 and before > 0.0
+
+
+def test_a_system_with_more_components_adopts_a_state_name_by_name():
+    more = delay("late", (U,), 2, np.zeros(1))
+    wires = [("counter.u", "grower.u"), ("counter.u", "late.u")]
+    larger = System([PythonComponent("counter", Counter()), more, grower()], wires, 0.1)
+    simulation, smaller = Simulation(larger, 30, 5), Simulation(system(), 30, 10)
+    smaller.advance()
+    assert simulation.adopt(smaller.state().saved()) == ["late"]
+    place = larger.columns("grower.x")
+    np.testing.assert_array_equal(
+        simulation.advance()[:, place], smaller.advance()[:5, smaller.system.columns("grower.x")]
+    )
+
+
+def test_a_system_of_other_components_refuses_a_state_and_says_what_fits_nothing():
+    wires = [("counter.u", "grower.u"), ("counter.u", "second.u")]
+    larger = System([PythonComponent("counter", Counter()), grower(), grower(name="second")], wires, 0.1)
+    with pytest.raises(InputRefused, match=r"it has nothing of that name for second.outputs \(<f8 \[1, 1\]\)"):
+        Simulation(larger, 30).restore(saved_at(5))
+    bigger = Simulation(larger, 30, 5)
+    bigger.advance()
+    with pytest.raises(
+        InputRefused, match=r"the state is of another system: second\.outputs, second\.inputs, second\.x fit"
+    ):
+        Simulation(system(), 30).restore(bigger.state().saved())
+
+
+def forged(saved: SavedState, component: str, name: str, value: np.ndarray) -> SavedState:
+    """`saved` with another piece."""
+    pieces = [
+        SavedPiece(*piece.form, value.tobytes()) if piece.form[:2] == (component, name) else piece
+        for piece in saved.pieces
+    ]
+    return SavedState(saved.tick, pieces, saved.inside, saved.about)
+
+
+def test_an_index_that_leads_beyond_its_array_is_refused():
+    bad = forged(saved_at(5), "grower", "place", np.array([7]))
+    with pytest.raises(InputRefused, match=r"grower.place = 7: leads beyond what it counts"):
+        Simulation(system(), 30).restore(bad)
+
+
+def test_an_output_that_could_never_have_been_recorded_is_refused():
+    bad = forged(saved_at(5), "grower", "outputs", np.array([np.nan]))
+    with pytest.raises(InputRefused, match="the state has NaN or infinity in the outputs of grower"):
+        Simulation(system(), 30).restore(bad)
+
+
+def written(front: object, rest: bytes = b"") -> bytes:
+    text = json.dumps(front).encode()
+    return zstandard.compress(struct.pack("<Q", len(text)) + text + rest)
+
+
+FRONT = {"version": 1, "tick": 3, "pieces": [], "inside": [], "about": {}}
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (b"", "does not decompress"),
+        (b"no state at all", "does not decompress"),
+        (saved_at(4).to_bytes()[:-9], "does not decompress|damaged"),
+        (zstandard.compress(b"x"), "a state of 1 bytes"),
+        (zstandard.compress(bytes(8) + b"{"), "the state's description"),
+        (written([]), "no state that twin saved"),
+        (written({**FRONT, "version": 2}), "a state of version 2; this twin reads 1"),
+        (written({**FRONT, "tick": -1}), "tick -1"),
+        (written({**FRONT, "tick": "now"}), "tick 'now'"),
+        (written({**FRONT, "about": 3}), "no state that twin saved"),
+        (written({**FRONT, "pieces": [["a", "b", "<f8", [2], 16]]}, bytes(8)), "damaged: a.b"),
+        (written({**FRONT, "pieces": [["a", "b", "<f8", [-1], 8]]}, bytes(8)), "damaged: a.b"),
+        (written({**FRONT, "pieces": [["a", "b", "nonsense", [1], 8]]}, bytes(8)), "no state that twin saved"),
+    ],
+)
+def test_bytes_that_are_no_state_are_refused_in_a_sentence(content: bytes, sentence: str):
+    with pytest.raises(InputRefused, match=sentence) as refusal:
+        SavedState.from_bytes(content, "run.mcap")
+    assert str(refusal.value).startswith("run.mcap: ")
+
+
+def test_a_bomb_is_refused_before_it_is_unpacked():
+    bomb = zstandard.compress(bytes(80 * 2**20))
+    with pytest.raises(InputRefused, match="a state of 83886080 bytes; expected 8 to 67108864"):
+        SavedState.from_bytes(bomb, "run.mcap")
+
+
+values = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**53), 2**53) | st.floats(allow_nan=False) | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@given(values)
+def test_what_json_says_of_a_value_is_that_value(value: Any):
+    assert of_plain(json.loads(json.dumps(plain(value))), "here") == value
+
+
+@given(st.lists(st.floats(), max_size=5))
+def test_arrays_come_back_bit_for_bit(numbers: list[float]):
+    array = np.array(numbers)
+    again = of_plain(json.loads(json.dumps(plain(array))), "here")
+    assert again.tobytes() == array.tobytes() and again.dtype == array.dtype
+
+
+@pytest.mark.parametrize(
+    "said", [{"dtype": "O", "shape": [1], "data": ""}, {"dtype": "<f8", "shape": [3], "data": "AAAA"}, {"shape": 3}]
+)
+def test_what_is_no_array_is_refused(said: object):
+    with pytest.raises(InputRefused, match="here: not a state that twin saved"):
+        of_plain(said, "here")
