@@ -11,7 +11,8 @@ import numpy as np
 
 from twin.kernel.cosim.observers import ProgressObserver, simulate
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.errors import ComponentFailed, Unreachable
+from twin.kernel.cosim.state import SavedState
+from twin.kernel.errors import ComponentFailed, InputRefused, Unreachable
 from twin.kernel.fmi.variable import FILE, to_json
 from twin.kernel.recording.folder import RECORDING
 from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, versions
@@ -26,7 +27,7 @@ from twin.robot.experiment.source import NAMING, RETAINED
 from twin.robot.monitor.component import trip_reason
 from twin.robot.plant.component import PlantEquations, resting
 from twin.robot.plant.dynamics import STATES, PlantParameters
-from twin.robot.run.branch import branch_off
+from twin.robot.run.branch import branch_off, branched_experiment, state_at
 from twin.robot.run.outcome import HeldForce, HeldForces, RunOutcome, Tally
 from twin.robot.run.states import Interrupts, RunStates, StoredState, continues, identity, refuse_other_run
 from twin.robot.run.trace import streams_of
@@ -197,6 +198,20 @@ class Run:
     @property
     def real_time_factor(self) -> float:
         return self.simulated / self.stepping
+
+    def state(self, at: float) -> SavedState:
+        """The state at the time `at` (s), of the recording or made by running again, for `Simulation.restore`.
+
+        Raises:
+            InputRefused: that is not within the run, or a component has no state.
+            ComponentFailed: a component failed on the way.
+        """
+        experiment = branched_experiment(self.recording)
+        tick = round(at / experiment.cosim.tick)
+        if not 0 <= tick <= experiment.duration_ticks:
+            end = experiment.duration_ticks * experiment.cosim.tick
+            raise InputRefused(f"{self.recording}: no state at {at:g} s; expected a time from 0 to {end:g} s")
+        return state_at(experiment, self.recording, tick)[0].saved
 
 
 def execute(
