@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 MOST_OF_A_HOW_TO = 600
-MOST_BY_HAND = 59_100
-"""Words of all pages but what is generated. 50,000 are aimed at; this bound only ever falls."""
+MOST_BY_HAND = 50_000
+"""Words of all pages but what is generated; this bound only ever falls."""
 WRITTEN = "<!-- from here on written by "
 """Marks the rest of a page as the output of a command."""
 GENERATED = ("compatibility.md",)
