@@ -41,7 +41,7 @@ class Branch:
 
 
 @dataclass(frozen=True)
-class Way:
+class BranchOutcome:
     """What became of a branch.
 
     Attributes:
@@ -139,7 +139,7 @@ def branch(
     home = made_folder((out or HOME / base.name).absolute())
     say("coming to the branch", 0.0)
     state, how = state_at(base, recording, start)
-    ways: list[Way] = []
+    outcomes: list[BranchOutcome] = []
     plan = [(Branch("as it was"), base)]
     for one, experiment in zip(asked, experiments, strict=True):
         broken = experiment.faults[-1] if one.faults else None
@@ -148,13 +148,13 @@ def branch(
     for number, (one, experiment) in enumerate(plan):
         say(f"{one.name}, {number + 1} of {len(plan)}", number / len(plan))
         done = execute(experiment, home / f"{number}", state=state)
-        ways.append(_way(one, done, ways[0] if ways else None))
+        outcomes.append(_outcome(one, done, outcomes[0] if outcomes else None))
     say("drawing", 1.0)
-    _draw(ways, recording, start * tick, home / PICTURE)
-    return _result(base.name, run, ways, start * tick, how, home)
+    _draw(outcomes, recording, start * tick, home / PICTURE)
+    return _result(base.name, run, outcomes, start * tick, how, home)
 
 
-def _way(one: Branch, run: "Run", other: Way | None) -> Way:
+def _outcome(one: Branch, run: "Run", other: BranchOutcome | None) -> BranchOutcome:
     """What became of a branch, beside the first of them, `other`."""
     import numpy as np
 
@@ -163,10 +163,10 @@ def _way(one: Branch, run: "Run", other: Way | None) -> Way:
     found = read(run.recording)
     t, F_z = found.time("plant"), -found["plant.F_ee_B"][:, 2]
     left = np.flatnonzero(np.abs(F_z - other.F_z[: len(F_z)]) > APART) if other else np.zeros(0, dtype=int)
-    return Way(one, run, t, F_z, float(t[left[0]]) if len(left) else None)
+    return BranchOutcome(one, run, t, F_z, float(t[left[0]]) if len(left) else None)
 
 
-def _result(name: str, run: Path, ways: Sequence[Way], at: float, how: str, home: Path) -> Result:
+def _result(name: str, run: Path, outcomes: Sequence[BranchOutcome], at: float, how: str, home: Path) -> Result:
     columns = [
         Column("branch", left=True),
         Column("leaves", form=".3f", unit="s", gap=3),
@@ -176,17 +176,17 @@ def _result(name: str, run: Path, ways: Sequence[Way], at: float, how: str, home
         Column(gap=3, left=True, folds=True),
     ]
     rows = [
-        (str(number), way.apart if way.apart is not None else math.nan, *way.peak, way.run.outcome.end, way.run.trip)
-        for number, way in enumerate(ways)
+        (str(number), one.apart if one.apart is not None else math.nan, *one.peak, one.run.outcome.end, one.run.trip)
+        for number, one in enumerate(outcomes)
     ]
-    named = [note(str(number), way.branch.name) for number, way in enumerate(ways)]
-    count = len(ways) - 1
+    named = [note(str(number), one.branch.name) for number, one in enumerate(outcomes)]
+    count = len(outcomes) - 1
     headline = f"{name}  {count} {'branch' if count == 1 else 'branches'} at {at:g} s, {how}"
-    folders = " ".join(str(_seen(home / str(number))) for number in range(len(ways)))
+    folders = " ".join(str(_seen(home / str(number))) for number in range(len(outcomes)))
     after = note(
         "leaves", f"when the true force differs from the run's by more than {APART:g} N; end: mean of the last second"
     )
-    facts = {"at": at, "state": how, "branches": [way.facts for way in ways]}
+    facts = {"at": at, "state": how, "branches": [one.facts for one in outcomes]}
     files = {"picture": _seen(home / PICTURE), "next": f"twin report {run} {folders}"}
     return Result(headline, [Table(columns, rows), *named, after], facts, files)
 
@@ -197,7 +197,7 @@ def _seen(path: Path) -> Path:
     return seen_from_here(path)
 
 
-def _draw(ways: Sequence[Way], recording: Path, at: float, path: Path) -> None:
+def _draw(outcomes: Sequence[BranchOutcome], recording: Path, at: float, path: Path) -> None:
     """Write the picture to `path`: the true force, the shared past once."""
     from twin.kernel.recording.reader import read
     from twin.studies.figure import BLUE, GREEN, INK, ORANGE, PINK, SKY, VERMILION, picture
@@ -208,11 +208,11 @@ def _draw(ways: Sequence[Way], recording: Path, at: float, path: Path) -> None:
         axes = figure.subplots()
         before = (t >= at - BEFORE) & (t <= at)
         axes.plot(t[before], F_z[before], color=INK, lw=1.6)
-        for number, (way, color) in enumerate(
-            zip(ways, (INK, BLUE, VERMILION, GREEN, ORANGE, PINK, SKY) * 9, strict=False)
+        for number, (one, color) in enumerate(
+            zip(outcomes, (INK, BLUE, VERMILION, GREEN, ORANGE, PINK, SKY) * 9, strict=False)
         ):
             style = {"lw": 1.6} if number == 0 else {"lw": 1.2}
-            axes.plot(way.t, way.F_z, color=color, label=f"{number}  {way.branch.name}"[:70], **style)
+            axes.plot(one.t, one.F_z, color=color, label=f"{number}  {one.branch.name}"[:70], **style)
         axes.axvline(at, color=INK, lw=0.8, ls=":")
         axes.set_xlabel("t (s)")
         axes.set_ylabel("F_z (N)")

@@ -12,7 +12,7 @@ import numpy as np
 from twin.kernel.cosim.component import NOT_FINITE, Component
 from twin.kernel.cosim.master import NO_COMPONENT, advance
 from twin.kernel.cosim.port import by_port, named_values, width
-from twin.kernel.cosim.state import SavedState, State, StatePlaces
+from twin.kernel.cosim.state import SavedState, StatePlaces, SystemState
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
 
@@ -146,7 +146,7 @@ class Simulation:
                 self.failure = self._failed()
         return self._rows if done == len(self._rows) else self._rows[:done]
 
-    def state(self) -> State:
+    def state(self) -> SystemState:
         """The state at the beginning of `next_tick`, to be restored here, or saved for another process.
 
         Raises:
@@ -155,7 +155,7 @@ class Simulation:
         """
         return self._places.take(self.next_tick)
 
-    def restore(self, state: State | SavedState) -> None:
+    def restore(self, state: SystemState | SavedState) -> None:
         """Go to where `state` was taken, here or of the same system elsewhere; `last_tick` stays.
 
         Raises:
@@ -201,7 +201,7 @@ class Simulation:
         self.next_tick = saved.tick
         return new
 
-    def _refuse_not_finite(self, state: State) -> None:
+    def _refuse_not_finite(self, state: SystemState) -> None:
         """Raises InputRefused if an output is no number that could never have been recorded so."""
         place = 0
         copies = len(self._y) // max(1, self.system.outputs_width)

@@ -137,7 +137,7 @@ class SavedState:
         return cls(tick, pieces, inside, about)
 
 
-class State:
+class SystemState:
     """A state in the memory of the process that it was taken in; FMUs hold their part of it.
 
     Attributes:
@@ -200,7 +200,7 @@ class StatePlaces:
         self._table = piece_table(arrays, 0)
         self._size = sum(size for array in arrays for _, size in runs_of(array))
 
-    def take(self, tick: int) -> State:
+    def take(self, tick: int) -> SystemState:
         """The present state, at the beginning of `tick`.
 
         Raises:
@@ -208,9 +208,9 @@ class StatePlaces:
         """
         memory = np.empty(self._size, dtype=np.uint8)
         _copy(self._table.ctypes.data, len(self._table), memory.ctypes.data, 0)
-        return State(self, tick, memory, [holder.take() for *_, holder in self._holders])
+        return SystemState(self, tick, memory, [holder.take() for *_, holder in self._holders])
 
-    def put_back(self, state: State) -> None:
+    def put_back(self, state: SystemState) -> None:
         """Make `state`, taken here, the present one.
 
         Raises:
@@ -225,8 +225,8 @@ class StatePlaces:
         for (*_, holder), token in zip(self._holders, tokens, strict=False):
             holder.free(token)
 
-    def saved(self, state: State, about: dict[str, Any]) -> SavedState:
-        """`state`, taken here, for another process; raises as `State.saved`."""
+    def saved(self, state: SystemState, about: dict[str, Any]) -> SavedState:
+        """`state`, taken here, for another process; raises as `SystemState.saved`."""
         refuse_stateless(self._components)
         packed = [holder.pack(token) for (*_, holder), token in zip(self._holders, state.tokens, strict=True)]
         own, place = [], 0
@@ -247,7 +247,7 @@ class StatePlaces:
                     inside.append(SavedInside(component, name, content))
         return SavedState(state.tick, pieces, inside, about)
 
-    def taken(self, saved: SavedState) -> State:
+    def taken(self, saved: SavedState) -> SystemState:
         """A state of this system made of a `saved` one.
 
         Raises:
@@ -275,7 +275,7 @@ class StatePlaces:
         except BaseException:
             self.free(tokens)
             raise
-        return State(self, saved.tick, memory, tokens)
+        return SystemState(self, saved.tick, memory, tokens)
 
     def adopt(self, saved: SavedState) -> list[str]:
         """Take over what `saved`, of a system with perhaps other components, has of those that are here.
@@ -360,27 +360,27 @@ SIMPLE = "?bhilqBHILQfd"
 """Kinds of numbers that an array read from a file may hold."""
 
 
-def of_plain(said: Any, where: str) -> Any:
-    """What `plain` made `said` of; tuples are lists.
+def of_plain(stated: Any, where: str) -> Any:
+    """What `plain` made `stated` of; tuples are lists.
 
     Args:
-        said: what JSON says.
+        stated: what JSON says.
         where: what a refusal begins with.
 
     Raises:
         InputRefused: nothing that `plain` makes.
     """
-    if isinstance(said, list):
-        return [of_plain(one, where) for one in said]
-    if not isinstance(said, dict):
-        return said
+    if isinstance(stated, list):
+        return [of_plain(one, where) for one in stated]
+    if not isinstance(stated, dict):
+        return stated
     try:
-        if "dictionary" in said:
-            return {of_plain(key, where): of_plain(content, where) for key, content in said["dictionary"]}
-        kind = np.dtype(said["dtype"])
+        if "dictionary" in stated:
+            return {of_plain(key, where): of_plain(content, where) for key, content in stated["dictionary"]}
+        kind = np.dtype(stated["dtype"])
         if kind.char not in SIMPLE:
             raise ValueError(kind)
-        data = np.frombuffer(base64.b64decode(said["data"], validate=True), dtype=kind)
-        return data.reshape([int(n) for n in said["shape"]]).copy()
+        data = np.frombuffer(base64.b64decode(stated["data"], validate=True), dtype=kind)
+        return data.reshape([int(n) for n in stated["shape"]]).copy()
     except (KeyError, TypeError, ValueError) as problem:
         raise InputRefused(f"{where}: not a state that twin saved: {problem}") from None

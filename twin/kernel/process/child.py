@@ -30,7 +30,7 @@ def main() -> None:
     os.dup2(2, 1)
     # the parent may have had it ignored
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    # whoever ends all of a service's processes ends this one as its parent would
+    # a service that ends all its processes ends this one as its parent would
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     keep_interrupts()
     _die_with(parent)

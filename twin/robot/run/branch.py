@@ -81,11 +81,11 @@ def state_at(experiment: Experiment, recording: Path, tick: int) -> tuple[Stored
         InputRefused: a component has no state.
         ComponentFailed: a component failed on the way.
     """
-    kept = stored_state(recording, tick * experiment.cosim.tick)
+    nearest = stored_state(recording, tick * experiment.cosim.tick)
     with assemble(experiment) as assembly:
         if missing := stateless(assembly.system.components):
             raise InputRefused(f"{recording}: this run cannot be branched: {'; '.join(missing)}")
-        before, system = kept.saved if kept else None, assembly.system
+        before, system = nearest.saved if nearest else None, assembly.system
         lasting: dict[str, Observer] = {
             "tuning": Tuning(experiment, assembly),
             "watch": Watch(assembly, experiment),
@@ -99,7 +99,7 @@ def state_at(experiment: Experiment, recording: Path, tick: int) -> tuple[Stored
         state = done.simulation.state()
         saved = state.saved(observers={name: observer.state() for name, observer in lasting.items()})
         state.close()
-    how = f"from the state at {kept.time:g} s" if kept else "run again from the start"
+    how = f"from the state at {nearest.time:g} s" if nearest else "run again from the start"
     return StoredState(recording, tick * experiment.cosim.tick, saved.to_bytes(), branch=True), how
 
 
