@@ -211,8 +211,7 @@ def _draw(outcomes: Sequence[BranchOutcome], recording: Path, at: float, path: P
         for number, (one, color) in enumerate(
             zip(outcomes, (INK, BLUE, VERMILION, GREEN, ORANGE, PINK, SKY) * 9, strict=False)
         ):
-            style = {"lw": 1.6} if number == 0 else {"lw": 1.2}
-            axes.plot(one.t, one.F_z, color=color, label=f"{number}  {one.branch.name}"[:70], **style)
+            axes.plot(one.t, one.F_z, color=color, lw=1.2 if number else 1.6, label=f"{number}  {one.branch.name}"[:70])
         axes.axvline(at, color=INK, lw=0.8, ls=":")
         axes.set_xlabel("t (s)")
         axes.set_ylabel("F_z (N)")
