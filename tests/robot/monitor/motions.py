@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.laws.runs import Sampled, shipped
-from twin.robot.assembly.computer import monitor_belief, monitor_limits
+from twin.robot.assembly.build import monitor_belief, monitor_limits
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.mechanism.statics import Masses, environment_force
 from twin.robot.monitor.checks import Limits, Trip

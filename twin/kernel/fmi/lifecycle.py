@@ -25,8 +25,7 @@ from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.description import STRUCTURAL, clocks, stated_interval
 from twin.kernel.fmi.event_step import CHANGING, CLOCK, COUNTDOWN, EVENTS, NEVER, OUTPUT, PERIODIC, settle
 from twin.kernel.fmi.groups import explain_status, intermediate_update
-from twin.kernel.fmi.instance import Instance
-from twin.kernel.fmi.stepping import Stepping
+from twin.kernel.fmi.stepping import Instance, Stepping
 from twin.kernel.fmi.variable import KINDS, Variable
 
 MOST_RETURNED = 40

@@ -21,8 +21,16 @@ from pydantic import model_validator
 from twin.kernel.compiled.function import njit, with_lane
 from twin.kernel.cosim.port import record_of
 from twin.kernel.settings import Triple, Values, setting, taken
-from twin.robot.mechanism.geometry import Model, coordinates_along, legs
-from twin.robot.mechanism.leg import angle_near, angles_near, leg_motion, leg_vectors, links
+from twin.robot.mechanism.geometry import (
+    Model,
+    angle_near,
+    angles_near,
+    coordinates_along,
+    leg_motion,
+    leg_vectors,
+    legs,
+    links,
+)
 from twin.robot.mechanism.statics import (
     arm_weight,
     dead_zone,

@@ -15,8 +15,7 @@ from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.logs.reader import is_recording
 from twin.kernel.recording.reader import read
-from twin.robot.assembly.build import plant_parameters, surface_motions
-from twin.robot.assembly.computer import believed
+from twin.robot.assembly.build import believed, plant_parameters, surface_motions
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.load import load_experiment
 from twin.robot.assembly.roles import refuse_other_parts

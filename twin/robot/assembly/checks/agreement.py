@@ -14,9 +14,8 @@ import numpy as np
 
 from twin.kernel.errors import Unreachable
 from twin.kernel.settings import Triple
-from twin.robot.assembly.build import plant_parameters
+from twin.robot.assembly.build import monitor_belief, plant_parameters, sensing
 from twin.robot.assembly.checks.tasks import Situation, reference_mistakes, task_mistakes
-from twin.robot.assembly.computer import monitor_belief, sensing
 from twin.robot.controller.adaptive import SchedulePoint, gains_at, table_of
 from twin.robot.controller.pid import low_pass_share
 from twin.robot.controller.task_controller import Computer
