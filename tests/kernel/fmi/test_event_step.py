@@ -13,7 +13,7 @@ from tests.kernel.fmi.test_component import TICK, made, run
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi import groups as calls
 from twin.kernel.fmi.component import FmuComponent
-from twin.kernel.fmi.event_step import CHANGING, COUNTDOWN, PERIODIC, settle
+from twin.kernel.fmi.cosim_step import CHANGING, COUNTDOWN, PERIODIC, settle
 from twin.robot.assembly.drives import drive, planned
 from twin.robot.experiment.drive_files import lone_drive
 from twin.robot.experiment.schema import Drive

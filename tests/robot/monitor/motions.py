@@ -11,8 +11,7 @@ from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.mechanism.statics import Masses, environment_force
 from twin.robot.monitor.checks import Limits, Trip
 from twin.robot.monitor.checks import Monitor as Section
-from twin.robot.monitor.component import SafetyMonitor
-from twin.robot.monitor.observation import MonitorBelief, geometry
+from twin.robot.monitor.component import MonitorBelief, SafetyMonitor, geometry
 
 BELIEF = monitor_belief(shipped().robot)
 GEOMETRY = geometry(BELIEF)

@@ -16,10 +16,9 @@ import numpy as np
 
 from twin.kernel.cosim.port import Port
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.fmi import cosim_step, event_step
-from twin.kernel.fmi.cosim_step import SHORTER
+from twin.kernel.fmi import cosim_step
+from twin.kernel.fmi.cosim_step import CLOCK, SHORTER
 from twin.kernel.fmi.description import FmuDescription, clocks
-from twin.kernel.fmi.event_step import CLOCK
 from twin.kernel.fmi.groups import (
     AT_END,
     DO_STEP,
@@ -59,8 +58,8 @@ class Instance:
         standard: how its version of the FMI is spoken, a `lifecycle.Fmi2` or one derived from it.
         fmu: what FMPy made of it; None once it is freed.
         ramp: `groups.RAMP` of its inputs that are lines over a step.
-        clocks, planned, returned, events: `event_step.CLOCK` of each, time of the next event, and what
-            `event_step.EVENTS` else points to, or None.
+        clocks, planned, returned, events: `cosim_step.CLOCK` of each, time of the next event, and what
+            `cosim_step.EVENTS` else points to, or None.
 
     Raises:
         InputRefused: it cannot be loaded, instantiated or initialised.
@@ -511,7 +510,7 @@ class Stepping:
             [p for p in into if p.port.variable.variability != "continuous"] if instance.events is not None else []
         )
         held = [p for p in self.outputs if instance.clock_bits(p.port.variable)]
-        memory = np.zeros(1, dtype=event_step.MEMORY)
+        memory = np.zeros(1, dtype=cosim_step.EVENT_MEMORY)
         m = memory[0]
         m["instance"] = instance.handle
         self._fill(
@@ -528,7 +527,7 @@ class Stepping:
             m["events"] = instance.events.ctypes.data
             for name, table in zip(("discrete", "held"), tables, strict=True):
                 instance.events[name], instance.events[f"{name}_groups"] = len(table), table.ctypes.data
-        return event_step.step.address, memory
+        return cosim_step.event_step.address, memory
 
     def _fill(self, m: Any, inputs: np.ndarray, outputs: np.ndarray) -> None:
         """What the general step and the one with events have in common."""

@@ -45,8 +45,7 @@ from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.mechanism.statics import G_ACCELERATION, Masses, leg_inertia, moving_mass
 from twin.robot.monitor.checks import Limits, Monitor
-from twin.robot.monitor.component import POWER, SafetyMonitor
-from twin.robot.monitor.observation import MonitorBelief
+from twin.robot.monitor.component import POWER, MonitorBelief, SafetyMonitor
 from twin.robot.plant.component import Plant, resting
 from twin.robot.plant.contact_law import Body, Contact, Motion, MotionKind
 from twin.robot.plant.dynamics import PlantParameters, Robot, TrueRobot

@@ -25,9 +25,8 @@ from twin.robot.experiment.schema import WayPoints
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import jacobian
 from twin.robot.monitor.checks import Monitor
-from twin.robot.monitor.component import retreat
-from twin.robot.monitor.observation import MonitorBelief, Resolution, geometry, press_deflection, resolution
-from twin.robot.monitor.observation import low_pass_share as monitor_share
+from twin.robot.monitor.component import MonitorBelief, Resolution, geometry, press_deflection, resolution, retreat
+from twin.robot.monitor.component import low_pass_share as monitor_share
 from twin.robot.plant.dynamics import TrueRobot
 
 DISTINCT = 3.0
