@@ -76,6 +76,11 @@ def setting(
     return Setting(unit, default, help, field, into, absent, tunable, exported, broken_by, more)
 
 
+def optional(unit: str = "", *, help: str, example: Any, **declared: Any) -> Any:
+    """A key that the file may leave out, which then says None; `example`: what it might say. Else as `setting`."""
+    return setting(unit, help=help, default=None, examples=[example], **declared)
+
+
 class _Declaring(ModelMetaclass):
     """Makes fields of pydantic of the settings in a class."""
 

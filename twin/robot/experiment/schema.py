@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field, create_model, field_validator, mode
 from pydantic_core import PydanticCustomError
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.settings import Settings, Triple, setting
+from twin.kernel.settings import Settings, Triple, optional, setting
 from twin.robot.experiment.mistakes import checked, checked_kind, keys, model_in, numbered, unknown
 from twin.robot.experiment.source import RETAINED, SHAPES, at
 
@@ -117,14 +117,13 @@ class JointStep(Settings):
 class Reference(Settings):
     """[reference]: way points, straight lines at constant speed between them; or one shape."""
 
-    t: tuple[float, ...] | None = setting(
-        "s", default=None, min_length=1, examples=[[0.0, 2.0]], help="times of the way points, ascending"
+    t: tuple[float, ...] | None = optional(
+        "s", min_length=1, example=[0.0, 2.0], help="times of the way points, ascending"
     )
-    p: tuple[Triple, ...] | None = setting(
+    p: tuple[Triple, ...] | None = optional(
         "mm",
-        default=None,
         min_length=1,
-        examples=[[[0.0, 0.0, -90.0], [0.0, 0.0, -95.0]]],
+        example=[[0.0, 0.0, -90.0], [0.0, 0.0, -95.0]],
         help="positions (x, y, z) of the way points in frame B",
     )
     circle: Circle | None = None
@@ -207,30 +206,16 @@ class VelocityLoop(Settings):
 class PositionCommand(Settings):
     """[drive.position_command]: how a servo takes a position; angles as the servo counts its own."""
 
-    period: float | None = setting(
-        "ms", into=None, default=None, gt=0, examples=[1.0], help="time between two commands; else one per tick"
+    period: float | None = optional(
+        "ms", into=None, gt=0, example=1.0, help="time between two commands; else one per tick"
     )
-    lower: float | None = setting(
-        "deg", default=None, absent=-math.inf, examples=[-150.0], help="smallest angle that it takes"
+    lower: float | None = optional("deg", absent=-math.inf, example=-150.0, help="smallest angle that it takes")
+    upper: float | None = optional("deg", absent=math.inf, example=150.0, help="largest angle that it takes")
+    wrap_from: float | None = optional(
+        "deg", field="wrap", absent=math.inf, example=-180.0, help="it counts its angle from here over one turn only"
     )
-    upper: float | None = setting(
-        "deg", default=None, absent=math.inf, examples=[150.0], help="largest angle that it takes"
-    )
-    wrap_from: float | None = setting(
-        "deg",
-        field="wrap",
-        default=None,
-        absent=math.inf,
-        examples=[-180.0],
-        help="it counts its angle from here over one turn only",
-    )
-    lead: float | None = setting(
-        "deg",
-        default=None,
-        absent=math.inf,
-        gt=0,
-        examples=[20.0],
-        help="most by which the command is ahead of the robot's motor shaft",
+    lead: float | None = optional(
+        "deg", absent=math.inf, gt=0, example=20.0, help="most by which the command is ahead of the robot's motor shaft"
     )
 
     @model_validator(mode="after")
@@ -277,12 +262,12 @@ class DrivePart(Settings):
     """[drive.parts.NAME]: one FMU of a drive that is made of several."""
 
     fmu: str = setting(help="an .fmu file")
-    sha256: str | None = setting(default=None, examples=["00000000..."], help="refuse any other file")
+    sha256: str | None = optional(example="00000000...", help="refuse any other file")
     parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS)
-    tolerance: float | None = setting(default=None, gt=0, examples=[1e-9], help=TOLERANCE)
-    kind: Kind | None = setting(default=None, examples=["model_exchange"], help=KIND)
-    solver: Method | None = setting(default=None, examples=["rk4"], help=METHOD)
-    solver_step: float | None = setting("ms", default=None, gt=0, examples=[0.1], help=SOLVER_STEP)
+    tolerance: float | None = optional(gt=0, example=1e-9, help=TOLERANCE)
+    kind: Kind | None = optional(example="model_exchange", help=KIND)
+    solver: Method | None = optional(example="rk4", help=METHOD)
+    solver_step: float | None = optional("ms", gt=0, example=0.1, help=SOLVER_STEP)
 
 
 class Drive(Settings):
@@ -291,8 +276,8 @@ class Drive(Settings):
     Either `fmu`, or `parts` with `wires` between them; variables of parts are called "part.variable".
     """
 
-    fmu: str | None = setting(default=None, examples=["fmus/pmsm_foc"], help="an .fmu file, or a folder of fmus/")
-    sha256: str | None = setting(default=None, examples=["00000000..."], help="refuse any other file")
+    fmu: str | None = optional(example="fmus/pmsm_foc", help="an .fmu file, or a folder of fmus/")
+    sha256: str | None = optional(example="00000000...", help="refuse any other file")
     command: Literal["velocity", "torque", "current", "voltage", "position"] = setting(
         default="velocity", help="what the drive takes; torque, current and voltage need a [drive.velocity_loop]"
     )
@@ -302,10 +287,10 @@ class Drive(Settings):
     inputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
     outputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
     parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS)
-    tolerance: float | None = setting(default=None, gt=0, examples=[1e-9], help=TOLERANCE)
-    kind: Kind | None = setting(default=None, examples=["model_exchange"], help=KIND)
-    solver: Method | None = setting(default=None, examples=["rk4"], help=METHOD)
-    solver_step: float | None = setting("ms", default=None, gt=0, examples=[0.1], help=SOLVER_STEP)
+    tolerance: float | None = optional(gt=0, example=1e-9, help=TOLERANCE)
+    kind: Kind | None = optional(example="model_exchange", help=KIND)
+    solver: Method | None = optional(example="rk4", help=METHOD)
+    solver_step: float | None = optional("ms", gt=0, example=0.1, help=SOLVER_STEP)
     velocity_loop: VelocityLoop | None = None
     position_command: PositionCommand | None = None
     rotor: Rotor | None = None
