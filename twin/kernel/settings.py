@@ -175,6 +175,11 @@ class FieldSource(NamedTuple):
         return value if self.times == self.divisor == 1.0 else value / self.divisor * self.times
 
 
+def alike(form: str, names: str) -> dict[str, str]:
+    """Fields of a record that are all of one form: `record(**alike("f8", "k c error"), known="i8")`."""
+    return dict.fromkeys(names.split(), form)
+
+
 Triple = tuple[float, float, float]
 Fields = Mapping[str, FieldSource | Setting]
 """Fields of a record by name: where the number of each comes from, or what is declared of one that no file sets."""

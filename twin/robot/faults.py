@@ -21,6 +21,7 @@ import numpy as np
 from twin.kernel.compiled.function import carray, njit, pointer_to
 from twin.kernel.cosim.component import Component, NativeComponent, doubles_at, step_function
 from twin.kernel.cosim.port import Port, memory_of, record, width
+from twin.kernel.settings import alike
 
 WINDOW = record(next="i8", period="i8", onset="i8", end="i8")
 """The tick of the next step, ticks between steps, and the fault's first and first healthy tick."""
@@ -462,16 +463,9 @@ NEVER = 1 << 62
 
 MESSAGE_MEMORY = record(
     window=WINDOW,
-    size="i8",
-    sender_period="i8",
-    least="i8",
-    most="i8",
+    **alike("i8", "size sender_period least most"),
     share="f8",
-    sent="i8",
-    capacity="i8",
-    messages="i8",
-    arrivals="i8",
-    present="i8",
+    **alike("i8", "sent capacity messages arrivals present"),
     random="u8",
 )
 """A message is `least` to `most` ticks under way, a `share` of them for ever. `sent`: messages since the onset; the

@@ -156,10 +156,9 @@ def planned_drives(experiment: Experiment) -> tuple[DrivePlan, ...]:
     if len({plan.axes for plan in plans}) > 1 or (turns_all(plans[0]) and plans[1:] != plans[:1] * 2):
         label = next(plan.label for plan in plans if turns_all(plan))
         raise InputRefused(f"{label}: drives all three joints, so [drive.joint_1] .. cannot differ; remove them")
-    if experiment.cosim.inputs == "linear":
-        plans = [plan.with_lines() for plan in plans]
+    ticks, ramped = experiment.duration_ticks, experiment.cosim.inputs == "linear"
     folders: dict[str, Path] = {}
-    return tuple(replace(plan.until(experiment.duration_ticks), folders=folders) for plan in plans)
+    return tuple(replace(plan, ticks=ticks, ramped=ramped, folders=folders) for plan in plans)
 
 
 def turns_all(plan: DrivePlan) -> bool:
@@ -256,13 +255,8 @@ def motions(experiment: Experiment) -> tuple[Motion, ...]:
 
 
 def belief(experiment: Experiment) -> Belief:
-    """What the controller believes."""
-    return believed(experiment.controller)
-
-
-def believed(computer: Computer) -> Belief:
-    """[controller.model] and the dead zone as the estimator takes them."""
-    return Belief.made(computer, computer.model)
+    """What the controller believes: [controller.model] and the dead zone as the estimator takes them."""
+    return Belief.made(experiment.controller, experiment.controller.model)
 
 
 def monitor_belief(robot: Robot) -> MonitorBelief:

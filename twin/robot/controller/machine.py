@@ -22,6 +22,7 @@ import numpy as np
 
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.port import record
+from twin.kernel.settings import alike
 from twin.robot.controller.pid import state_variable
 from twin.robot.controller.program import PhaseEnd, PhaseKind
 from twin.robot.controller.tissue import HIGHEST, LOWEST, moving_mass
@@ -122,31 +123,14 @@ def motion(phase, start, end, length, t, p, v):
 
 
 MACHINE = record(
-    index="i8",
-    passes="i8",
-    entered="f8",
-    total="f8",
-    length="f8",
-    start="3f8",
-    end="3f8",
-    p="3f8",
-    v="3f8",
-    F_start="f8",
-    F_ref="f8",
-    contact_force="f8",
-    lost="f8",
-    patience="f8",
-    tapped="f8",
+    **alike("i8", "index passes"),
+    **alike("f8", "entered total length"),
+    **alike("3f8", "start end p v"),
+    **alike("f8", "F_start F_ref contact_force lost patience tapped"),
     touching="i8",
-    z_before="f8",
-    F_before="f8",
-    z_felt="f8",
-    depth="f8",
+    **alike("f8", "z_before F_before z_felt depth"),
     calibrated="i8",
-    z_turn="f8",
-    z_lowest="f8",
-    t_turn="f8",
-    learning="f8",
+    **alike("f8", "z_turn z_lowest t_turn learning"),
 )
 """State of the machine, SI.
 
@@ -325,28 +309,11 @@ UNREACHED = 1e-4
 """Height (m) above its turn at which a tap is over before it got there: its force ended it."""
 
 TAPS = record(
-    share="f8",
-    mass="f8",
-    g="f8",
-    z_fast="f8",
-    z_slow="f8",
-    F_fast="f8",
-    F_slow="f8",
-    z_0="f8",
+    **alike("f8", "share mass g z_fast z_slow F_fast F_slow z_0"),
     kind="i8",
-    vF="f8",
-    vv="f8",
-    z_begun="f8",
-    F_begun="f8",
-    k="f8",
-    depth="f8",
-    z_before="f8",
-    F_before="f8",
+    **alike("f8", "vF vv z_begun F_begun k depth z_before F_before"),
     felt="i8",
-    peak="f8",
-    level="f8",
-    speed="f8",
-    t_turn="f8",
+    **alike("f8", "peak level speed t_turn"),
 )
 """share: of the error that the next tap corrects. mass: of what moves up and down (kg), as of the beginning of the
 phase. g: of the filters; 0: they do not run. z_fast .. F_slow: of the filters, from the height z_0 on. kind: phase of

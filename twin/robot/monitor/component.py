@@ -23,7 +23,7 @@ from twin.kernel.cosim.component import Component, NativeComponent, step_functio
 from twin.kernel.cosim.port import Port, by_port, memory_of, record, record_of, width
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
-from twin.kernel.settings import Values, setting, taken
+from twin.kernel.settings import Values, alike, setting, taken
 from twin.robot.mechanism.geometry import Geometry, Model
 from twin.robot.mechanism.kinematics import jacobian, joint_angles, platform_position, position
 from twin.robot.mechanism.statics import (
@@ -140,25 +140,12 @@ def geometry(belief: MonitorBelief) -> Geometry:
 
 SEEN = record(
     started="i8",
-    theta_m="3f8",
-    theta_l="3f8",
-    moved_m="3i8",
-    moved_l="3i8",
-    deflection="3f8",
-    tau_l="3f8",
-    fastest="3f8",
-    omega_m="3f8",
-    omega_l="3f8",
-    omega_cmd="3f8",
-    p_B="3f8",
-    v_B="3f8",
-    F_ee_B="3f8",
-    speed="f8",
-    force="f8",
-    force_rate="f8",
+    **alike("3f8", "theta_m theta_l"),
+    **alike("3i8", "moved_m moved_l"),
+    **alike("3f8", "deflection tau_l fastest omega_m omega_l omega_cmd p_B v_B F_ee_B"),
+    **alike("f8", "speed force force_rate"),
     touching="i8",
-    z_touch="f8",
-    depth="f8",
+    **alike("f8", "z_touch depth"),
     contact_ticks="i8",
 )
 """The last observation: angles (rad), whether an encoder moved a count, deflection (rad), joint torques (N m), fastest
