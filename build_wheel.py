@@ -20,8 +20,8 @@ from hatch_build import OBJECTS
 from twin.kernel.compiled.machine import X86_64, file_of
 from twin.kernel.compiled.native import Entry, Native
 from twin.kernel.compiled.store import sealed
+from twin.robot import faults
 from twin.robot.controller import controller, task_controller
-from twin.robot.faults import drive_fault
 from twin.robot.plant import component
 
 ROOT = Path(__file__).parent
@@ -30,7 +30,7 @@ CLOSED = (
     (task_controller.step_over, 2),
     (component.step_over, 2),
     (component.outputs_at_start, 2),
-    (drive_fault.step_of, 1),
+    (faults.shaft_step_over, 1),
 )
 """Functions that make a step, and of how many booleans."""
 

@@ -14,8 +14,8 @@ from tests.conftest import ROOT
 from twin.kernel.settings import Settings
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.controller.program import TASKS
-from twin.robot.experiment import change, fault, measure, schema
 from twin.robot.experiment import drive_files as stand_in
+from twin.robot.experiment import fault, measure, schema
 from twin.robot.experiment.experiment import Head
 from twin.robot.experiment.schema import nested
 
@@ -33,7 +33,7 @@ TABLES: dict[str, type[Settings]] = {
     "a third-party part": stand_in.StandIn,
     **{f'[[task]] kind = "{kind}"': table for kind, table in TASKS.items()},
     "[[fault]]": fault.FaultTable,
-    "[[change]]": change.ChangeTable,
+    "[[change]]": schema.ChangeTable,
     **{f'[[measure]] kind = "{kind}"': table for kind, table in measure.KINDS.items()},
 }
 SIGNS = {annotated_types.Gt: ">", annotated_types.Ge: ">=", annotated_types.Lt: "<", annotated_types.Le: "<="}

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXACT_ENCODERS, FORCE, POSITION, Sampled, co_simulated, shipped
-from twin.robot.assembly.build import plant_parameters
-from twin.robot.assembly.computer import belief, controller
+from twin.robot.assembly.build import belief, controller, plant_parameters
 from twin.robot.controller.controller import Estimator
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import jacobian

@@ -76,6 +76,11 @@ def setting(
     return Setting(unit, default, help, field, into, absent, tunable, exported, broken_by, more)
 
 
+def optional(unit: str = "", *, help: str, example: Any, **declared: Any) -> Any:
+    """A key that the file may leave out, which then says None; `example`: what it might say. Else as `setting`."""
+    return setting(unit, help=help, default=None, examples=[example], **declared)
+
+
 class _Declaring(ModelMetaclass):
     """Makes fields of pydantic of the settings in a class."""
 
@@ -168,6 +173,11 @@ class FieldSource(NamedTuple):
             return get_args(self.table.model_fields[self.name].annotation).index(value)
         # what is not scaled stays as it is, to the last bit
         return value if self.times == self.divisor == 1.0 else value / self.divisor * self.times
+
+
+def alike(form: str, names: str) -> dict[str, str]:
+    """Fields of a record that are all of one form: `record(**alike("f8", "k c error"), known="i8")`."""
+    return dict.fromkeys(names.split(), form)
 
 
 Triple = tuple[float, float, float]

@@ -6,9 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN, Geometry
+from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN, NO_ANCHOR, Geometry
 from twin.robot.mechanism.kinematics import distal_volume, jacobian, joint_angles, position, transmission_sines
-from twin.robot.mechanism.leg import NO_ANCHOR
 from twin.robot.mechanism.statics import G_ACCELERATION, arm_gravity_torque, environment_force, leg_force
 from twin.robot.mechanism.workspace import is_reachable
 from twin.robot.plant.component import STILL

@@ -13,7 +13,7 @@ import llvmlite.binding as llvm
 import numpy as np
 import pytest
 
-from twin.kernel.compiled import emission, machine, store
+from twin.kernel.compiled import machine, store
 from twin.kernel.compiled.function import Function, carray, njit
 from twin.kernel.compiled.native import Entry, Native, address_of
 from twin.kernel.cosim.component import doubles_at
@@ -92,7 +92,7 @@ def test_what_is_built_into_something_else_is_not_compiled_once_more(place: Path
     function = ours(lambda x: math.sin(x) + 2.0 * x)
     native = Native("double", ("double",), function)
     assert native.address
-    monkeypatch.setattr(emission, "module_of", lambda *asked: pytest.fail("compiled again"))
+    monkeypatch.setattr(machine, "module_of", lambda *asked: pytest.fail("compiled again"))
     kept = Native("double", ("double",), function).module("another_name")
     assert kept.symbol == "another_name" and kept.inner in kept.text
     # what was damaged is compiled anew
@@ -127,7 +127,7 @@ def test_each_form_of_the_processor_is_another_code_that_numba_compiles_once(pla
     native = Native("double", ("double", "double"), ours(lambda a, b: math.sqrt(a) / b + a * b))
     plain, avx, _ = machine.X86_64
     code = native.emitted(plain)
-    monkeypatch.setattr(emission, "module_of", lambda *asked: pytest.fail("compiled again"))
+    monkeypatch.setattr(machine, "module_of", lambda *asked: pytest.fail("compiled again"))
     assert native.emitted(avx) != code
     assert len({machine.file_of(native.name, form) for form in machine.X86_64}) == 3
 

@@ -13,8 +13,8 @@ from packaging.version import Version
 
 from twin.kernel.compiled import function as lanes
 from twin.kernel.compiled import function as memory
-from twin.kernel.compiled.emission import module_of
 from twin.kernel.compiled.function import Function, njit
+from twin.kernel.compiled.machine import module_of
 
 DOUBLE = numba.float64(numba.float64)
 

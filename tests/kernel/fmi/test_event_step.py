@@ -1,6 +1,7 @@
 """FMI 3.0: events, early return, clocks and inputs within a step against closed forms; and FMUs that play tricks."""
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from tests.kernel.fmi.test_component import TICK, made, run
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi import groups as calls
 from twin.kernel.fmi.component import FmuComponent
-from twin.kernel.fmi.event_step import CHANGING, COUNTDOWN, PERIODIC, settle
+from twin.kernel.fmi.cosim_step import CHANGING, COUNTDOWN, PERIODIC, settle
 from twin.robot.assembly.drives import drive, planned
 from twin.robot.experiment.drive_files import lone_drive
 from twin.robot.experiment.schema import Drive
@@ -132,7 +133,7 @@ def test_an_input_that_rises_is_taken_as_a_line_within_the_step(shaft: Maker, sm
     """Without, it is taken at the middle of the step, and the speed at its end comes out half a step late."""
     ability = f'{VARIES} {EARLY} providesIntermediateUpdate="true"'
     fmu = shaft(ability, omega_ref='intermediateUpdate="true"' if smooth else "")
-    plan = planned(Drive.model_validate({"fmu": str(fmu)})).with_lines()
+    plan = replace(planned(Drive.model_validate({"fmu": str(fmu)})), ramped=True)
     component = drive("drive_1", plan, TICK, 0.0, 0.0)
     out = stepped(component, lambda t: 2.0 * t, 100, inputs="linear")
     t = TICK * np.arange(101)

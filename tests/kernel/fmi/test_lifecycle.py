@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -180,7 +181,7 @@ def first(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Maker:
 
 
 def plan(fmu: Path, **table: Any) -> Any:
-    return planned(Drive.model_validate({"fmu": str(fmu), **table})).until(100)
+    return replace(planned(Drive.model_validate({"fmu": str(fmu), **table})), ticks=100)
 
 
 def test_it_turns_as_it_is_told(first: Maker):
@@ -251,12 +252,12 @@ def test_a_discarded_step_goes_on_where_it_got_to(first: Maker):
 def test_an_input_that_rises_is_taken_as_a_line_within_the_step(first: Maker, longest: float):
     """Its slope is given with fmiSetRealInputDerivatives, and given again for every part of a discarded step."""
     told = {"parameters": {"longest": longest}}
-    component = drive("drive_1", plan(first(f"{VARIES} {LINES}"), **told).with_lines(), TICK, 0.0, 0.0)
+    component = drive("drive_1", replace(plan(first(f"{VARIES} {LINES}"), **told), ramped=True), TICK, 0.0, 0.0)
     out = stepped(component, lambda t: 2.0 * t, 100, inputs="linear")
     t = TICK * np.arange(101)
     # rounding of 400 sums
     assert out["omega_m"] == pytest.approx(2.0 * t, rel=1e-12)
     assert out["theta_m"] == pytest.approx(t**2, abs=1e-15)
-    held = drive("drive_1", plan(first(VARIES)).with_lines(), TICK, 0.0, 0.0)
+    held = drive("drive_1", replace(plan(first(VARIES)), ramped=True), TICK, 0.0, 0.0)
     late = stepped(held, lambda t: 2.0 * t, 100, inputs="linear")["omega_m"][1:]
     assert late == pytest.approx(2.0 * (t[1:] - 0.5 * TICK), rel=1e-12)

@@ -13,7 +13,7 @@ from tests.conftest import examples
 from twin.kernel.errors import InputRefused, RecordingRefused, UnknownSeries
 from twin.kernel.recording.messages import Field, Topic, descriptor_set
 from twin.kernel.recording.reader import Recording, last_time, read
-from twin.kernel.recording.series import Event
+from twin.kernel.recording.scan import Event
 from twin.kernel.recording.writer import Writer
 
 from . import samples

@@ -20,16 +20,21 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.ssp import ssd as package
 from twin.kernel.ssp import structure as elements
 from twin.kernel.ssp.flat import FlatSystem, Hop, flattened
-from twin.kernel.ssp.parameters import (
+from twin.kernel.ssp.ssd import read_package
+from twin.kernel.ssp.structure import (
+    Connection,
+    Connector,
+    Endpoint,
     MappingEntry,
     ParameterBinding,
     ParameterMapping,
     ParameterSet,
     ParameterValue,
+    SspComponent,
+    SspSystem,
+    Structure,
     Transformation,
 )
-from twin.kernel.ssp.ssd import read_package
-from twin.kernel.ssp.structure import Connection, Connector, Endpoint, SspComponent, SspSystem, Structure
 
 
 def flat(tmp_path: Path, whole: str) -> FlatSystem:

@@ -4,7 +4,7 @@ import pytest
 
 from tests.laws.runs import shipped
 from tests.robot.monitor.motions import LIMITS
-from twin.robot.assembly.computer import monitor_limits
+from twin.robot.assembly.build import monitor_limits
 from twin.robot.controller import program as programs
 from twin.robot.controller.program import PhaseKind as Kind
 from twin.robot.monitor.checks import Limits, Monitor

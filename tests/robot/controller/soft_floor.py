@@ -1,11 +1,12 @@
 """A program of phases carried out by the task controller on a soft floor, without robot and drives."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from tests.laws.runs import Sampled
-from twin.robot.controller.controller import NEVER, Law
+from twin.robot.controller.controller import Law
 from twin.robot.controller.pid import Believed, Damping, Gains
 from twin.robot.controller.program import Approach, Press, Push, Roll, Tap, program
 from twin.robot.controller.task_controller import TaskController, Touch
@@ -16,7 +17,7 @@ FLOOR, STIFFNESS = -0.1, 1000.0
 APPROACH = Approach.of(height=-0.09, floor=-0.12, speed=0.04, descent=0.01, ramp=0.1, release=0.5)
 CONTACT = 0.6
 """Pressing force (N) that counts as touching."""
-LAW = Law(N=2.0, omega_max=8.0, F_z_ref=0.0, trigger_force=NEVER, trigger_time=NEVER, dp_z_max=0.03, corner=0.0)
+LAW = Law(N=2.0, omega_max=8.0, F_z_ref=0.0, trigger_force=math.inf, trigger_time=math.inf, dp_z_max=0.03, corner=0.0)
 FORCE_GAINS = Gains(5e-4, 4e-3)
 FORWARD = Believed(k_s=1.0, eta=1.0, mu=0.0, lag=0.0)
 UNDAMPED = Damping.of(gain=0.0, corner=4.0)

@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -5,9 +7,8 @@ from hypothesis import strategies as st
 
 from tests.laws.runs import FORCE, POSITION, Sampled, shipped
 from tests.robot.plant.states import positions
-from twin.robot.assembly.computer import belief, controller
+from twin.robot.assembly.build import belief, controller
 from twin.robot.controller.controller import (
-    NEVER,
     Controller,
     Law,
     WayPointReference,
@@ -22,7 +23,7 @@ T_s = 2e-3
 GEOMETRY = Geometry(*belief(shipped())[:4])
 POINT = (0.0, 0.0, -0.105)
 J_HOME = jacobian(GEOMETRY, POINT).ravel()
-LAW = Law(N=2.0, omega_max=8.0, F_z_ref=5.0, trigger_force=0.6, trigger_time=NEVER, dp_z_max=0.015, corner=0.0)
+LAW = Law(N=2.0, omega_max=8.0, F_z_ref=5.0, trigger_force=0.6, trigger_time=math.inf, dp_z_max=0.015, corner=0.0)
 KP, FORCE_GAINS = 1.5, Gains(2e-3, 5e-4)
 
 
@@ -135,7 +136,7 @@ def test_force_at_the_threshold_does_not_trigger():
 
 
 def test_schedule_triggers_at_its_tick_whatever_the_force():
-    law = law_of(LAW._replace(trigger_force=NEVER, trigger_time=5 * T_s))
+    law = law_of(LAW._replace(trigger_force=math.inf, trigger_time=5 * T_s))
     found = pressed(law, np.full(10, 100.0))
     np.testing.assert_array_equal(found["triggered"], [0] * 5 + [1] * 5)
 
@@ -153,7 +154,7 @@ def test_force_mode_is_triggered_by_the_threshold_of_the_file():
 
 
 def test_force_filter_answers_a_step_as_a_first_order_lag():
-    found = pressed(law_of(LAW._replace(corner=10.0, trigger_force=NEVER)), np.full(60, 4.0))
+    found = pressed(law_of(LAW._replace(corner=10.0, trigger_force=math.inf)), np.full(60, 4.0))
     # the exact lag, the step having lasted one period at the first sample; rounding
     expected = 4.0 * (1.0 - np.exp(-2.0 * np.pi * 10.0 * T_s * np.arange(1, 61)))
     np.testing.assert_allclose(found["F_z"], expected, rtol=1e-12)

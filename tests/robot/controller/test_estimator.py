@@ -10,7 +10,7 @@ from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed
-from twin.robot.assembly.computer import belief
+from twin.robot.assembly.build import belief
 from twin.robot.controller.controller import Estimator
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import jacobian, joint_angles, position

@@ -5,7 +5,7 @@ import pytest
 from tests.laws.runs import shipped
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.declared import DECLARED
-from twin.robot.experiment.change import Change, changeable, checked_changes
+from twin.robot.experiment.schema import Change, changeable, checked_changes
 
 VALUES = shipped().values
 REFERENCE = {"t_s": 8.0, "key": "controller.force.reference_N", "value": 6.0}

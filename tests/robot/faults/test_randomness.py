@@ -1,6 +1,6 @@
 import numpy as np
 
-from twin.robot.faults.count_fault import drawn, first_state
+from twin.robot.faults import drawn, first_state
 
 MEMORY = np.dtype([("random", "u8")], align=True)
 

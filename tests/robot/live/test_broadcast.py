@@ -13,15 +13,15 @@ from websockets.exceptions import InvalidStatus
 
 from tests.robot.live.viewer import Viewer
 from twin.kernel.live import Channel, Gate, Message
-from twin.kernel.recording.messages import log_descriptor_set
+from twin.kernel.recording.messages import descriptors_of
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
-from twin.robot.live import broadcast as on_air
-from twin.robot.live.broadcast import BACKLOG, Broadcast
+from twin.robot.live import server as on_air
+from twin.robot.live.server import BACKLOG, Broadcast
 from twin.robot.run.watch import Tuning
 
-CHANNEL = Channel(1, "/words", "foxglove.Log", log_descriptor_set(), {})
-MOTTO = Channel(2, "/motto", "foxglove.Log", log_descriptor_set(), {}, constant=True)
+CHANNEL = Channel(1, "/words", "foxglove.Log", descriptors_of(Log.DESCRIPTOR), {})
+MOTTO = Channel(2, "/motto", "foxglove.Log", descriptors_of(Log.DESCRIPTOR), {}, constant=True)
 WORD = Log(message="word").SerializeToString()
 HANDSHAKE = b"""GET / HTTP/1.1\r
 Host: localhost\r

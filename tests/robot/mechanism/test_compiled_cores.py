@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.robot.mechanism.poses import GEOMETRY, HOME, MASSES
+from twin.robot.mechanism.geometry import leg_motion, leg_vectors
 from twin.robot.mechanism.kinematics import circumcentre, jacobian_row, leg_angle, leg_angle_inward, platform_position
-from twin.robot.mechanism.leg import leg_motion, leg_vectors
 from twin.robot.mechanism.statics import (
     arm_gravity_torque,
     dead_zone,

@@ -10,18 +10,22 @@ from hypothesis import strategies as st
 from tests.robot.mechanism.poses import GEOMETRY, geometries, reachable_poses, triple, working_poses
 from twin.kernel.compiled.function import njit
 from twin.robot.mechanism import geometry as base
-from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN, coordinates_along, distal_link, leg_coordinates
-from twin.robot.mechanism.kinematics import jacobian, jacobian_row, joint_angles, leg_angle
-from twin.robot.mechanism.leg import (
+from twin.robot.mechanism.geometry import (
+    LEG_COS,
+    LEG_SIN,
     NO_ANCHOR,
     SMALL,
     angle_near,
     angles_near,
+    coordinates_along,
+    distal_link,
+    leg_coordinates,
     leg_motion,
     leg_vectors,
     links,
     move_anchor,
 )
+from twin.robot.mechanism.kinematics import jacobian, jacobian_row, joint_angles, leg_angle
 
 legs = st.integers(0, 2)
 

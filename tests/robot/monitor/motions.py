@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.laws.runs import Sampled, shipped
-from twin.robot.assembly.computer import monitor_belief, monitor_limits
+from twin.robot.assembly.build import monitor_belief, monitor_limits
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.mechanism.statics import Masses, environment_force
 from twin.robot.monitor.checks import Limits, Trip
 from twin.robot.monitor.checks import Monitor as Section
-from twin.robot.monitor.component import SafetyMonitor
-from twin.robot.monitor.observation import MonitorBelief, geometry
+from twin.robot.monitor.component import MonitorBelief, SafetyMonitor, geometry
 
 BELIEF = monitor_belief(shipped().robot)
 GEOMETRY = geometry(BELIEF)

@@ -11,8 +11,8 @@ from tests.robot.monitor.motions import BELIEF, DT, GEOMETRY, angles
 from tests.robot.plant.states import positions
 from twin.robot.mechanism.kinematics import position
 from twin.robot.mechanism.statics import dead_zone, end_effector_force, load_torque
-from twin.robot.monitor.observation import BELIEF as BELIEF_RECORD
-from twin.robot.monitor.observation import (
+from twin.robot.monitor.component import BELIEF as BELIEF_RECORD
+from twin.robot.monitor.component import (
     SEEN,
     low_pass_share,
     observe_joints,

@@ -8,9 +8,8 @@ from tests.conftest import examples
 from tests.laws.runs import PARAMETERS
 from tests.robot.plant.kinetic import kinetic_energy
 from tests.robot.plant.states import SURFACES, moving
-from twin.robot.mechanism.geometry import Geometry
+from twin.robot.mechanism.geometry import NO_ANCHOR, Geometry
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
-from twin.robot.mechanism.leg import NO_ANCHOR
 from twin.robot.mechanism.statics import G_ACCELERATION, platform_weight
 from twin.robot.plant.component import STILL, integrate
 from twin.robot.plant.contact import Shape, apex_frame, normal_force

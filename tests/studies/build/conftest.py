@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.kernel.compiled.emission import Module
+from twin.kernel.compiled.machine import Module
 from twin.studies.build import linking as emission
 from twin.studies.build.fmu import build_fmu
 from twin.studies.build.linking import Emitted, Form, Platform, emitted

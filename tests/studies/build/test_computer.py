@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tests.studies.build.conftest import FIG4, ROOT, silent
 from tests.studies.build.test_open_parameters import another
-from twin.kernel.compiled.emission import MATHEMATICS
+from twin.kernel.compiled.machine import MATHEMATICS
 from twin.kernel.fmi.unpacked import compiler
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import Trace, run_in_memory

@@ -10,7 +10,7 @@ import pytest
 
 from tests.studies.build.binaries import Binary, binary, slices
 from tests.studies.build.conftest import FIG4, MODULES, silent
-from twin.kernel.compiled.emission import MATHEMATICS
+from twin.kernel.compiled.machine import MATHEMATICS
 from twin.kernel.compiled.native import Native
 from twin.kernel.errors import InputRefused
 from twin.studies.build.fmu import build_fmu

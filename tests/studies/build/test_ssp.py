@@ -12,15 +12,14 @@ import numpy as np
 import pytest
 
 from tests.kernel.fmi.archives import redescribed
-from tests.kernel.ssp.test_writing import complaints
+from tests.kernel.ssp.test_ssd import complaints
 from tests.studies.build.conftest import FIG4, ROOT, silent
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.variable import FilePath
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import read
-from twin.kernel.ssp.parameters import Transformation
 from twin.kernel.ssp.ssd import read_package
-from twin.kernel.ssp.structure import Endpoint, SspComponent
+from twin.kernel.ssp.structure import Endpoint, SspComponent, Transformation
 from twin.robot.assembly.build import planned_drives
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import run_in_memory

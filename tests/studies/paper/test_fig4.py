@@ -14,7 +14,7 @@ from tests.studies.paper.test_fig4_claims import WHILE_SWEEPING
 from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import Recording, read
-from twin.robot.assembly.computer import belief
+from twin.robot.assembly.build import belief
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
 from twin.robot.run.trace import run_in_memory

@@ -13,7 +13,7 @@ from tests.studies.systems.archives import archive, component, connection, conne
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.ssp.flat import Hop
-from twin.kernel.ssp.parameters import Transformation, UnitDefinition
+from twin.kernel.ssp.structure import Transformation, UnitDefinition
 from twin.kernel.units import Dimension
 from twin.studies.systems import recorded as coupled
 from twin.studies.systems.plan import Way, spelt, way

@@ -12,7 +12,7 @@ from twin.kernel.compiled import machine, store
 from twin.kernel.compiled.function import Function, types
 
 if TYPE_CHECKING:
-    from twin.kernel.compiled.emission import Module
+    from twin.kernel.compiled.machine import Module
 
 Kind = str | np.dtype
 """Of what a function takes or returns: a key of `_KINDS`, or a record's dtype, which it takes by its address."""
@@ -122,11 +122,9 @@ class Native:
 
     def emitted(self, form: machine.Form) -> bytes:
         """Object code of a form; none if it needs more than mathematics."""
-        from twin.kernel.compiled import emission
-
         returns = _KINDS[self.returns][1]
-        module = emission.callable_by_c(self.module(self.name), returns)
-        made, foreign = emission.bare(module, machine.machine(form))
+        module = machine.callable_by_c(self.module(self.name), returns)
+        made, foreign = machine.bare(module, machine.machine(form))
         return b"" if foreign else bytes(machine.machine(form).emit_object(made))
 
     def module(self, symbol: str) -> "Module":
@@ -136,14 +134,12 @@ class Native:
         """
         import zstandard
 
-        from twin.kernel.compiled import emission
-
         file = f"{self.name}.ll" if self.name else ""
         known = store.stored_code(file) if file else b""
         if known:
             inner, _, text = zstandard.decompress(known).decode().partition("\n")
-            return emission.Module(symbol, inner, text)
-        made = emission.module_of(self.signature, self.function, symbol)
+            return machine.Module(symbol, inner, text)
+        made = machine.module_of(self.signature, self.function, symbol)
         if file:
             store.keep(file, zstandard.compress(f"{made.inner}\n{made.text}".encode(), level=1))
         return made

@@ -19,7 +19,9 @@ from twin.kernel.cosim.python_class import STEP, ObjectStates
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.fmi.cosim_step import SHORTER
 from twin.kernel.fmi.description import FmuDescription
-from twin.kernel.fmi.equations import (
+from twin.kernel.fmi.groups import MOST_UPDATES, get_all
+from twin.kernel.fmi.lifecycle import CosimInstance, Fmi2, Fmi3, FMU2Exchange, FMU3Exchange
+from twin.kernel.fmi.solvers import (
     FUNCTIONS,
     FUNCTIONS_3,
     GUARD,
@@ -28,18 +30,19 @@ from twin.kernel.fmi.equations import (
     MOST_EVENTS,
     OVERFLOW,
     UNTOUCHED,
+    USUAL_TOLERANCE,
+    Cvode,
+    Solver,
     brought,
     handled,
+    integrate_cvode,
+    integrate_rk4,
     sentence,
     slack,
     weigh,
 )
-from twin.kernel.fmi.groups import MOST_UPDATES, get_all
-from twin.kernel.fmi.instance import Instance
-from twin.kernel.fmi.lifecycle import CosimInstance, Fmi2, Fmi3, FMU2Exchange, FMU3Exchange
-from twin.kernel.fmi.solvers import USUAL_TOLERANCE, Cvode, Solver, integrate_cvode, integrate_rk4
 from twin.kernel.fmi.state import FmuStates, RememberedMessages
-from twin.kernel.fmi.stepping import FmuPort, Placed, Stepping, placed
+from twin.kernel.fmi.stepping import FmuPort, Instance, Placed, Stepping, placed
 from twin.kernel.fmi.variable import Setting, Setup, Variable
 
 

@@ -1,39 +1,72 @@
-"""The compiled steps of co-simulation FMUs without events: set inputs, step, get outputs, all by address.
+"""The compiled steps of co-simulation FMUs: set inputs, step, get outputs, all by address.
 
 A slave of FMI 1.0 or 2.0 that discards a step has computed a part of it, perhaps none (FMI 2.0.4, 4.2.2). It is asked
 how far it got and stepped from there, over what it has shown that it can do, over half of the step if it has shown
 nothing, and over longer parts again as long as that goes well. To repeat a step, the FMU's state is saved and restored
 (FMI 2.0.4, 2.1.8; FMI 3.0, 2.2.5).
+
+The step of FMI 3.0 FMUs that have an event mode, may return early, or take inputs as lines is a loop: step as far as
+the tick's end or the next planned event, and handle what came up there, until the tick's end is reached. An FMU for
+which nothing comes up makes one turn of it. In event mode (2.3.5, 4.2.1) clocks that are due are ticked, discrete
+inputs set, clocked outputs read.
 """
 
 import numpy as np
 
-from twin.kernel.compiled.function import carray, njit, pointer_to
-from twin.kernel.cosim.component import address_of, bytes_at, keep_pieces, put_back_pieces, step_function
+from twin.kernel.compiled.function import carray, copy, njit, pointer_to
+from twin.kernel.compiled.native import entry
+from twin.kernel.cosim.component import (
+    address_of,
+    bytes_at,
+    doubles_at,
+    keep_pieces,
+    put_back_pieces,
+    step_function,
+)
 from twin.kernel.cosim.port import record, state
 from twin.kernel.fmi.groups import (
     DISCARD,
     DO_STEP,
     EARLY,
+    ENDLESS,
+    EVENT_MODE,
     GET,
+    GET_CLOCK,
+    INTERVAL,
+    MOST_STALLS,
     MOST_STEPS,
+    MOST_UPDATES,
     OUTSIDE,
+    PAST,
+    PERIOD,
     RESTORE,
     SAVE,
     SET,
+    SET_CLOCK,
     SHORTENED,
+    STALLED,
+    STEP_MODE,
     STUCK,
     TERMINATE,
     TOO_MANY,
+    UPDATE,
+    access,
     access_2,
+    access_pairs,
     ask_status,
     begin_ramp,
     do_step_2,
     do_step_3,
+    drain,
+    fill,
     get_all,
+    groups_at,
     on_pointer,
+    plain,
+    ramp_status,
     set_all,
     set_ramp,
+    update_3,
 )
 
 SHORTER = record(
@@ -111,6 +144,15 @@ def go_on(address, ramp, do_step, instance, t, h, final):
     return TOO_MANY
 
 
+@njit(cache=True, inline="always")
+def _step_2(address, ramp, do_step, instance, t, h, final):
+    """A step of FMI 1.0 or 2.0, in parts if it is discarded; 0, or the status that ends the run."""
+    status = do_step_2(do_step, (instance, t, h, final))
+    if status == DISCARD:
+        return go_on(address, ramp, do_step, instance, t, h, final)
+    return DO_STEP + status if status > 1 else 0
+
+
 MEMORY = record(
     version="i8",
     instance="i8",
@@ -138,11 +180,7 @@ def step(m, t, h, u, y):
             status = set_ramp(m.ramp, t)
             if status != 0:
                 return status
-        status = do_step_2(m.do_step, (m.instance, t, h, m.final))
-        if status == DISCARD:
-            status = go_on(m.shorter, m.ramp, m.do_step, m.instance, t, h, m.final)
-            if status != 0:
-                return status
+        status = _step_2(m.shorter, m.ramp, m.do_step, m.instance, t, h, m.final)
     else:
         # an FMU of 3.0 that takes lines is stepped as one with events
         back = m.returned
@@ -153,8 +191,9 @@ def step(m, t, h, u, y):
                 return TERMINATE
             if flags[10]:
                 return EARLY
-    if status > 1:
-        return DO_STEP + status
+        status = DO_STEP + status if status > 1 else 0
+    if status != 0:
+        return status
     return get_all(m.version, m.instance, m.output_groups, m.outputs, address_of(y))
 
 
@@ -181,13 +220,9 @@ def plain_step(m, t, h, u, y):
     status = access_2(m.set_real, (m.instance, m.input_references, m.inputs, address_of(u)))
     if status > 1:
         return SET + status
-    status = do_step_2(m.do_step, (m.instance, t, h, m.final))
-    if status == DISCARD:
-        status = go_on(m.shorter, 0, m.do_step, m.instance, t, h, m.final)
-        if status != 0:
-            return status
-    if status > 1:
-        return DO_STEP + status
+    status = _step_2(m.shorter, 0, m.do_step, m.instance, t, h, m.final)
+    if status != 0:
+        return status
     status = access_2(m.get_real, (m.instance, m.output_references, m.outputs, address_of(y)))
     if status > 1:
         return GET + status
@@ -219,3 +254,336 @@ def restore(m, t, h, u, y):
     status = on_pointer(m.set, (m.instance, m.state))
     put_back_pieces(m.piece_table, m.pieces)
     return RESTORE + status if status > 1 else 0
+
+
+PERIODIC, CHANGING, COUNTDOWN, OUTPUT = 0, 1, 2, 3
+"""What a clock is: its next tick is known from its period, from what the FMU says when it ticks, or in any event; or
+the FMU itself ticks it."""
+
+NEVER = 1 << 62
+"""Step of a clock whose next tick is not known."""
+
+CLOCK = np.dtype([("reference", "u4"), ("kind", "i4"), ("period", "i8"), ("next", "i8")], align=True)
+"""Value reference, one of the four kinds, period in steps, and the step at whose beginning it ticks next."""
+
+CLOCK_BYTES = CLOCK.itemsize
+
+EVENTS = record(
+    instance="i8",
+    enter_event_mode="i8",
+    update="i8",
+    enter_step_mode="i8",
+    set_clock="i8",
+    get_clock="i8",
+    get_interval="i8",
+    returned="i8",  # 40 bytes for what functions return
+    clocks="i8",  # how many
+    clock_table="i8",  # of `CLOCK`
+    discrete="i8",  # groups of discrete inputs
+    discrete_groups="i8",
+    held="i8",  # groups of clocked outputs
+    held_groups="i8",
+    next="i8",  # where the time of the next event is (s); infinity: none is planned
+    step="f8",  # s
+    value="f8",  # what the FMU returned when it went wrong
+    culprit="i8",  # about which clock
+)
+"""Event mode: counts, and addresses of functions and tables."""
+
+_events_at, _clocks_at = pointer_to(EVENTS), pointer_to(CLOCK)
+_words_at = pointer_to(np.int32)
+
+_VALUE, _ANSWER = 16, 24
+"""Where in `returned` a clock's state or reference's value, and what is asked of it, stand behind the update's 16."""
+
+
+@njit(cache=True)
+def tick_due(address, t, h):
+    """The step that begins at `t`, if a clock ticks there; else -1."""
+    e = carray(_events_at(address), 1)[0]
+    n = np.int64(np.floor(t / h + 0.5))
+    clocks = carray(_clocks_at(e.clock_table), e.clocks)
+    for c in range(e.clocks):
+        if clocks[c].kind != OUTPUT and clocks[c].next == n:
+            return n
+    return -1
+
+
+@njit(cache=True)
+def inputs_change(address, u):
+    """Put the discrete inputs at address `u` into their buffers; whether one is another than the last that was set."""
+    e = carray(_events_at(address), 1)[0]
+    groups = carray(groups_at(e.discrete_groups), e.discrete)
+    changed = False
+    for i in range(e.discrete):
+        g = groups[i]
+        fill(g, u)
+        new, last = carray(bytes_at(g.buffer), g.bytes), carray(bytes_at(g.last), g.bytes)
+        for j in range(g.bytes):
+            changed |= g.clocks == 0 and new[j] != last[j]
+    return changed
+
+
+@njit(cache=True)
+def _set_discrete(e, active):
+    """Set the discrete inputs whose clocks are active, or that have none; they lie in their buffers."""
+    groups = carray(groups_at(e.discrete_groups), e.discrete)
+    for i in range(e.discrete):
+        g = groups[i]
+        if g.clocks == 0 or g.clocks & active:
+            status = access(3, e.instance, g)
+            if status > 1:
+                return SET + status
+            copy(g.last, g.buffer, g.bytes)
+    return 0
+
+
+@njit(cache=True)
+def _tick(e, clocks, n):
+    """(bits of the clocks that are due at step `n` and are ticked, first bad status)."""
+    active = 0
+    flag = carray(bytes_at(e.returned + _VALUE), 1)
+    for c in range(e.clocks):
+        if clocks[c].kind != OUTPUT and clocks[c].next == n:
+            flag[0] = 1
+            status = access_2(e.set_clock, (e.instance, e.clock_table + c * CLOCK_BYTES, 1, e.returned + _VALUE))
+            if status > 1:
+                return active, SET_CLOCK + status
+            active |= 1 << c
+    return active, 0
+
+
+@njit(cache=True)
+def _ticked_by_fmu(e, clocks):
+    """(bits of the output clocks that are active, first bad status)."""
+    active = 0
+    flag = carray(bytes_at(e.returned + _VALUE), 1)
+    for c in range(e.clocks):
+        if clocks[c].kind == OUTPUT:
+            flag[0] = 0
+            status = access_2(e.get_clock, (e.instance, e.clock_table + c * CLOCK_BYTES, 1, e.returned + _VALUE))
+            if status > 1:
+                return active, GET_CLOCK + status
+            if flag[0]:
+                active |= 1 << c
+    return active, 0
+
+
+@njit(cache=True)
+def _read_held(e, active):
+    groups = carray(groups_at(e.held_groups), e.held)
+    for i in range(e.held):
+        if groups[i].clocks & active:
+            status = access(3, e.instance, groups[i])
+            if status > 1:
+                return GET + status
+    return 0
+
+
+@njit(cache=True, error_model="numpy")
+def _plan_clocks(e, clocks, ticked, n, t):
+    """When the input clocks tick next, of which `ticked` have just done so at `t`, the beginning of step `n`."""
+    answer = carray(_words_at(e.returned + _ANSWER), 1)
+    interval = carray(doubles_at(e.returned + _VALUE), 1)
+    for c in range(e.clocks):
+        kind, done = clocks[c].kind, ticked >> c & 1
+        if kind == PERIODIC:
+            if done:
+                clocks[c].next = n + clocks[c].period
+        elif kind == COUNTDOWN or (kind == CHANGING and done):
+            if done:
+                clocks[c].next = NEVER
+            answer[0], interval[0] = 0, np.nan
+            reference = e.clock_table + c * CLOCK_BYTES
+            status = access_pairs(e.get_interval, (e.instance, reference, 1, e.returned + _VALUE, e.returned + _ANSWER))
+            if status > 1:
+                return INTERVAL + status
+            if answer[0] == 2 or (answer[0] == 1 and kind == CHANGING):
+                steps = (t + interval[0]) / e.step
+                e.value, e.culprit = interval[0], c
+                # two of the first thousand million steps are distinct
+                if not (interval[0] > 0.0 and steps < 1e9 and abs(steps - np.floor(steps + 0.5)) < 1e-6):
+                    return PERIOD
+                clocks[c].next = np.int64(np.floor(steps + 0.5))
+    return 0
+
+
+@njit(cache=True)
+def pass_events(address, n, t):
+    """Step mode to event mode and back, at time `t`; 0, or the status that ends the run.
+
+    Discrete inputs that are set lie in their buffers.
+
+    Args:
+        address: of an `EVENTS`.
+        n: the step that begins there, whose clocks tick; -1: no clock of ours does.
+    """
+    e = carray(_events_at(address), 1)[0]
+    clocks = carray(_clocks_at(e.clock_table), e.clocks)
+    status = plain(e.enter_event_mode, (e.instance,))
+    if status > 1:
+        return EVENT_MODE + status
+    active, status = _tick(e, clocks, n)
+    if status != 0:
+        return status
+    status = _set_discrete(e, active)
+    if status != 0:
+        return status
+    status = settle(address, active, n, t)
+    if status != 0:
+        return status
+    status = plain(e.enter_step_mode, (e.instance,))
+    return STEP_MODE + status if status > 1 else 0
+
+
+@entry("int", "int", "int", "int", "double")
+def settle(address, active, n, t):
+    """Update the discrete states until they need it no more, in event mode, with the clocks `active`."""
+    e = carray(_events_at(address), 1)[0]
+    clocks = carray(_clocks_at(e.clock_table), e.clocks)
+    flags, next_time = carray(bytes_at(e.returned), 16), carray(doubles_at(e.returned), 1)
+    ticked = active
+    for _ in range(MOST_UPDATES):
+        raised, status = _ticked_by_fmu(e, clocks)
+        if status != 0:
+            return status
+        status = _read_held(e, active | raised)
+        if status != 0:
+            return status
+        for i in range(8, 13):
+            flags[i] = 0
+        r = e.returned
+        status = update_3(e.update, (e.instance, r + 8, r + 9, r + 10, r + 11, r + 12, r))
+        if status > 1:
+            return UPDATE + status
+        if flags[9]:
+            return TERMINATE
+        active = 0
+        if not flags[8]:
+            break
+    else:
+        return ENDLESS
+    planned = carray(doubles_at(e.next), 1)
+    planned[0] = np.inf
+    if flags[12]:
+        e.value = next_time[0]
+        if not next_time[0] > t - 1e-9 * e.step:
+            return PAST
+        planned[0] = next_time[0]
+    return _plan_clocks(e, clocks, ticked, n, t)
+
+
+EVENT_MEMORY = record(
+    instance="i8",
+    do_step="i8",
+    final="i8",
+    inputs="i8",
+    input_groups="i8",
+    outputs="i8",
+    output_groups="i8",
+    held="i8",  # clocked outputs, which are read in events
+    held_groups="i8",
+    returned="i8",
+    ramp="i8",
+    events="i8",  # an `EVENTS`; 0: none
+    next="i8",  # where the time of the next event is
+    clocks="i8",  # how many
+    discrete="i8",  # how many groups of discrete inputs
+    early="i8",  # whether it may return early
+    varies="i8",  # whether it takes steps of varying size
+    value="f8",  # the time that it returned when it went wrong
+)
+"""As `MEMORY`, and what events need."""
+
+
+@njit(cache=True, inline="always")
+def _set_off(m, t, h, u):
+    """Everything before the first call of doStep."""
+    if m.events != 0:
+        n = tick_due(m.events, t, h) if m.clocks > 0 else -1
+        changed = m.discrete > 0 and inputs_change(m.events, u)
+        if n >= 0 or changed or carray(doubles_at(m.next), 1)[0] <= t + 1e-9 * h:
+            status = pass_events(m.events, n, t)
+            if status != 0:
+                return status
+    status = set_all(3, m.instance, m.input_groups, m.inputs, u)
+    if status == 0 and m.ramp != 0:
+        begin_ramp(m.ramp, u, t, h)
+        status = set_ramp(m.ramp, t)
+    return status
+
+
+@njit(cache=True, inline="always")
+def _come_to(m, t, h):
+    """From `t` to `t` + `h`; 0, or the status that ends the run."""
+    close, here, end = 1e-9 * h, t, t + h
+    part, halved, stalls = h, 0, 0
+    flags, last = carray(bytes_at(m.returned), 16), carray(doubles_at(m.returned), 1)
+    planned = carray(doubles_at(m.next), 1)
+    for _ in range(MOST_STEPS):
+        goal = end
+        if m.varies:
+            if here + close < planned[0] < end - close:
+                goal = planned[0]
+            if goal - here > part:
+                goal = here + part
+        for i in range(8, 11):
+            flags[i] = 0
+        r = m.returned
+        status = do_step_3(m.do_step, (m.instance, here, goal - here, m.final, r + 8, r + 9, r + 10, r))
+        if m.ramp != 0:
+            bad = ramp_status(m.ramp)
+            if bad != 0:
+                return bad
+        if status == DISCARD and m.varies:
+            # the FMU is where it was before
+            part, halved, m.value = 0.5 * (goal - here), halved + 1, here
+            if halved > SHORTENED:
+                return STUCK
+            continue
+        if status > 1:
+            return DO_STEP + status
+        if flags[9]:
+            return TERMINATE
+        reached = goal
+        if flags[10]:
+            if not m.early:
+                return EARLY
+            m.value = reached = last[0]
+            if not (here - close <= reached <= goal + close):
+                return OUTSIDE
+        part, halved = max(2.0 * part, reached - here), 0
+        stalls = stalls + 1 if reached <= here + close else 0
+        if stalls > MOST_STALLS:
+            m.value = here
+            return STALLED
+        here = max(reached, here)
+        if m.events != 0 and (flags[8] or planned[0] <= here + close):
+            status = pass_events(m.events, -1, here)
+            if status != 0:
+                return status
+        if end - here <= close:
+            return 0
+        if m.ramp != 0:
+            status = set_ramp(m.ramp, here)
+            if status != 0:
+                return status
+    m.value = here
+    return TOO_MANY
+
+
+@njit(cache=True, inline="always")
+def _outputs(m, y):
+    held = carray(groups_at(m.held_groups), m.held)
+    for i in range(m.held):
+        drain(held[i], address_of(y))
+    return get_all(3, m.instance, m.output_groups, m.outputs, address_of(y))
+
+
+@step_function(EVENT_MEMORY)
+def event_step(m, t, h, u, y):
+    status = _set_off(m, t, h, address_of(u))
+    if status != 0:
+        return status
+    status = _come_to(m, t, h)
+    return _outputs(m, y) if status == 0 else status

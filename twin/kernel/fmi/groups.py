@@ -265,13 +265,15 @@ def access(version, instance, g):
 
 
 @njit(cache=True, inline="always")
+def _scaling(g):
+    """Slots, gains and offsets of the values of a group."""
+    return carray(_u64(g.slots), g.values), carray(_f64(g.gain), g.values), carray(_f64(g.offset), g.values)
+
+
+@njit(cache=True, inline="always")
 def fill(g, u):
     """Put the inputs at address `u` into the buffer of a group."""
-    slots, gain, offset = (
-        carray(_u64(g.slots), g.values),
-        carray(_f64(g.gain), g.values),
-        carray(_f64(g.offset), g.values),
-    )
+    slots, gain, offset = _scaling(g)
     for j in range(g.values):
         _store(g.kind, g.buffer, j, (carray(_f64(u), slots[j] + 1)[slots[j]] - offset[j]) / gain[j])
 
@@ -279,11 +281,7 @@ def fill(g, u):
 @njit(cache=True, inline="always")
 def drain(g, y):
     """Take what is in the buffer of a group to the outputs at address `y`."""
-    slots, gain, offset = (
-        carray(_u64(g.slots), g.values),
-        carray(_f64(g.gain), g.values),
-        carray(_f64(g.offset), g.values),
-    )
+    slots, gain, offset = _scaling(g)
     for j in range(g.values):
         carray(_f64(y), slots[j] + 1)[slots[j]] = gain[j] * _load(g.kind, g.buffer, j) + offset[j]
 

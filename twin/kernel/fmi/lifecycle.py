@@ -22,11 +22,10 @@ from fmpy.fmi3 import FMU3Model, FMU3Slave
 
 from twin.kernel.cosim.python_class import STEP
 from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.fmi.cosim_step import CHANGING, CLOCK, COUNTDOWN, EVENTS, NEVER, OUTPUT, PERIODIC, settle
 from twin.kernel.fmi.description import STRUCTURAL, clocks, stated_interval
-from twin.kernel.fmi.event_step import CHANGING, CLOCK, COUNTDOWN, EVENTS, NEVER, OUTPUT, PERIODIC, settle
 from twin.kernel.fmi.groups import explain_status, intermediate_update
-from twin.kernel.fmi.instance import Instance
-from twin.kernel.fmi.stepping import Stepping
+from twin.kernel.fmi.stepping import Instance, Stepping
 from twin.kernel.fmi.variable import KINDS, Variable
 
 MOST_RETURNED = 40
@@ -360,7 +359,7 @@ def _leave_event_mode(instance: Instance) -> None:
 
 
 def clock_table(instance: Instance) -> np.ndarray:
-    """The clocks of an instance in initialisation mode, (clocks,) of `event_step.CLOCK`.
+    """The clocks of an instance in initialisation mode, (clocks,) of `cosim_step.CLOCK`.
 
     Raises:
         InputRefused: a clock does not tick in whole steps.

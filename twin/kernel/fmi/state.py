@@ -2,8 +2,7 @@
 
 from typing import Any
 
-from twin.kernel.fmi.instance import Instance
-from twin.kernel.fmi.stepping import Stepping
+from twin.kernel.fmi.stepping import Instance, Stepping
 
 
 class FmuStates:

@@ -1,15 +1,25 @@
-"""The ports of an FMU and the compiled step that fits them: one of three, with its memory."""
+"""An FMU instance through FMPy, its ports, and the compiled step that fits them: one of three, with its memory.
 
-from collections.abc import Iterable, Sequence
+It is loaded, instantiated, initialised and freed here; nothing here is called while stepping.
+"""
+
+import ctypes
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from ctypes import c_void_p
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from pathlib import Path
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from twin.kernel.cosim.component import piece_table
 from twin.kernel.cosim.port import Port, state_fields
-from twin.kernel.fmi import cosim_step, event_step
-from twin.kernel.fmi.cosim_step import SHORTER
+from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.fmi import cosim_step
+from twin.kernel.fmi.cosim_step import CLOCK, SHORTER
+from twin.kernel.fmi.description import FmuDescription, clocks
 from twin.kernel.fmi.groups import (
     AT_END,
     DO_STEP,
@@ -18,12 +28,297 @@ from twin.kernel.fmi.groups import (
     INTERVAL,
     PAST,
     PERIOD,
+    RAMP,
     RESTORE,
     SAVE,
+    announced,
     explain_status,
 )
-from twin.kernel.fmi.instance import Instance
-from twin.kernel.fmi.variable import ITEM_SIZES, Variable
+from twin.kernel.fmi.variable import ITEM_SIZES, TEXTS, Setting, Setup, Variable
+
+MOST_UNHEARD = 100
+"""An FMU that complains in every step is believed after so many."""
+
+
+class Instance:
+    """An FMU instance where it can be stepped; of each kind there is a class, which knows the standards.
+
+    Args:
+        name: FMI's instance name.
+        description: the checked FMU.
+        folder: where it is unpacked.
+        settings: values set before initialisation, in the FMU's own units.
+        inputs: values set in initialisation mode.
+        setup: of the run.
+
+    Attributes:
+        handle: address of the instance.
+        messages: the last things it logged as warnings or errors.
+        clock: its first element is the tick at which it is stepped.
+        folder, settings, inputs, setup: the arguments.
+        standard: how its version of the FMI is spoken, a `lifecycle.Fmi2` or one derived from it.
+        fmu: what FMPy made of it; None once it is freed.
+        ramp: `groups.RAMP` of its inputs that are lines over a step.
+        clocks, planned, returned, events: `cosim_step.CLOCK` of each, time of the next event, and what
+            `cosim_step.EVENTS` else points to, or None.
+
+    Raises:
+        InputRefused: it cannot be loaded, instantiated or initialised.
+    """
+
+    _standards: ClassVar[Mapping[int, Any]]
+
+    def __init__(
+        self,
+        name: str,
+        description: FmuDescription,
+        folder: Path,
+        settings: Sequence[Setting] = (),
+        inputs: Sequence[Setting] = (),
+        setup: Setup = Setup(),  # noqa: B008, it is frozen
+    ):
+        self.description = description
+        self.name = name
+        self.messages: list[str] = []
+        self.clock = np.zeros(1, dtype=np.int64)
+        self._unheard: list[tuple[int, str]] = []
+        self.folder, self.settings, self.inputs, self.setup = folder, settings, inputs, setup
+        self.standard = self._standards[description.version]
+        self.ramp = np.zeros(1, dtype=RAMP)
+        self.clocks = np.zeros(0, dtype=CLOCK)
+        self.planned, self.returned = np.array([np.inf]), np.zeros(0, dtype=np.uint8)
+        self.events: np.ndarray | None = None
+        self.fmu = self._loaded()
+        self._instantiate()
+        if setup.waiting:
+            self._brought(self.standard.enter)
+        else:
+            self._initialise()
+
+    @property
+    def handle(self) -> int:
+        return int(self.fmu.component)
+
+    def address(self, function: str) -> int:
+        """Of one of its FMI functions, without prefix: `DoStep`."""
+        function = self.description.exported(function)
+        return ctypes.cast(getattr(self.fmu.dll, function), c_void_p).value or 0
+
+    def ramps(self, variable: Variable) -> bool:
+        """Whether it takes an input as a line over a step, and is given such."""
+        abilities = self.description.model.coSimulation
+        if not self.setup.ramped or variable.causality != "input" or variable.variability != "continuous":
+            return False
+        if self.description.version < 3:
+            return abilities.canInterpolateInputs and variable.type == "Real"
+        return abilities.providesIntermediateUpdate and variable.intermediate and variable.type == "Float64"
+
+    def clock_bits(self, variable: Variable) -> int:
+        """The clocks with which alone `variable` changes, a bit for each."""
+        return sum(1 << n for n, reference in enumerate(self.clocks["reference"]) if reference in variable.clocks)
+
+    def clock_name(self, index: int) -> str:
+        """Of a clock of `clocks`."""
+        return next((clock.name for clock in clocks(self.description)[index : index + 1]), "?")
+
+    @property
+    def schedule(self) -> list[np.ndarray]:
+        """What steps change beside its own state: when events and clocks are due."""
+        return [self.clocks, self.planned]
+
+    def read(self, variables: Sequence[Variable]) -> np.ndarray:
+        """Values of `variables`, arrays laid out flat, in the FMU's own units."""
+        with self.calling("Get"):
+            return np.array([value for v in variables for value in self.standard.values(self.fmu, v)], dtype=float)
+
+    def write(self, settings: Sequence[Setting]) -> None:
+        """Set variables; the FMU decides whether it may be done now."""
+        with self.calling("Set"):
+            for variable, value in settings:
+                self._set(variable, value)
+
+    def advance(self, t: float, h: float) -> None:
+        """One step from `t` to `t` + `h` (s), after which a saved state may be restored.
+
+        Raises:
+            ComponentFailed: it returned more than a warning.
+        """
+        raise NotImplementedError
+
+    def begin(self) -> None:
+        """From initialisation mode, in which it was `waiting`, to step mode.
+
+        Raises:
+            InputRefused: it cannot be initialised.
+        """
+        self._brought(self.standard.leave)
+
+    def reset(self) -> None:
+        """FMI's reset, then initialised as the first time.
+
+        Raises:
+            ComponentFailed: it refuses. InputRefused: it cannot be initialised again.
+        """
+        self._called("Reset", self.fmu.reset)
+        self._initialise()
+
+    def saved_state(self) -> Any:
+        """Its state, to be given to `restore`.
+
+        Raises:
+            ComponentFailed: it refuses.
+        """
+        return self._called("GetFMUstate", self.fmu.getFMUState), [array.copy() for array in self.schedule]
+
+    def restore(self, state: Any) -> None:
+        """Go back to `state` and free that.
+
+        Raises:
+            ComponentFailed: it refuses.
+        """
+        its, schedule = state
+        self._called("SetFMUstate", lambda: self.fmu.setFMUState(its))
+        self._called("FreeFMUstate", lambda: self.fmu.freeFMUState(its))
+        for array, copy in zip(self.schedule, schedule, strict=True):
+            array[:] = copy
+
+    def taken_state(self) -> Any:
+        """Its state now, a pointer that `forget` frees.
+
+        Raises:
+            ComponentFailed: it refuses.
+        """
+        return self._called("GetFMUstate", self.fmu.getFMUState)
+
+    def set_state(self, state: Any) -> None:
+        """Go back to `state`, which stays.
+
+        Raises:
+            ComponentFailed: it refuses.
+        """
+        self._called("SetFMUstate", lambda: self.fmu.setFMUState(state))
+
+    def serialized(self, state: Any) -> bytes:
+        """`state` as bytes.
+
+        Raises:
+            ComponentFailed: it refuses.
+        """
+        return self._called("SerializeFMUstate", lambda: self.fmu.serializeFMUState(state))
+
+    def deserialized(self, content: bytes) -> Any:
+        """A state, made of what `serialized` gave in this process or another one.
+
+        Raises:
+            ComponentFailed: it refuses.
+        """
+        return self._called("DeSerializeFMUstate", lambda: self.fmu.deserializeFMUState(content))
+
+    def forget(self, state: int) -> None:
+        """Free the state at address `state`.
+
+        Raises:
+            ComponentFailed: the FMU does not.
+        """
+        self._called("FreeFMUstate", lambda: self.fmu.freeFMUState(c_void_p(state)))
+
+    def remembered_messages(self) -> list[Any]:
+        """What it remembers of messages: those that were handed on, and those that were not yet."""
+        return [self.messages, self._unheard]
+
+    def restore_messages(self, state: Any) -> None:
+        """Go on from what `remembered_messages` returned."""
+        self.messages, self._unheard = list(state[0]), [(int(tick), str(text)) for tick, text in state[1]]
+
+    def unheard(self) -> list[tuple[int, str]]:
+        """(tick, text) of what it logged since this was last asked, at most `MOST_UNHEARD` of them."""
+        messages, self._unheard = self._unheard, []
+        return messages
+
+    def close(self) -> None:
+        """Free it; safe to call twice."""
+        if self.fmu is not None and self.fmu.component:
+            self.standard.free(self)
+        self.fmu = None
+
+    def calling(self, function: str) -> AbstractContextManager[None]:
+        return announced(self.description.path.name, self.name, f"{self.description.prefix}{function}")
+
+    def _loaded(self) -> Any:
+        description, here = self.description, os.getcwd()
+        try:
+            with announced(description.path.name, self.name, "the loading of its binary"):
+                return self.standard.slave(
+                    guid=description.model.guid,
+                    unzipDirectory=str(self.folder),
+                    modelIdentifier=description.identifier,
+                    instanceName=self.name,
+                )
+        # FMPy raises bare Exception for a library that does not load or lacks a function, ctypes AttributeError
+        except Exception as problem:
+            raise InputRefused(f"{description.path}: its binary does not load: {problem}") from None
+        # FMPy goes to the library's folder to load it, and stays there if that fails
+        finally:
+            os.chdir(here)
+
+    def _instantiate(self) -> None:
+        try:
+            self.standard.instantiate(self)
+        # FMPy turns a NULL instance into a bare Exception
+        except Exception:
+            self.fmu.component = None
+        if not self.fmu.component:
+            raise InputRefused(
+                f"{self.description.path}: {self.description.prefix}Instantiate refused{self._quoted_messages()}; "
+                f"{self.standard.why_refused(self)}"
+            )
+
+    def _initialise(self) -> None:
+        self._brought(self.standard.initialise)
+
+    def _brought(self, by: Callable[["Instance"], None]) -> None:
+        try:
+            by(self)
+        # FMPy's FMICallException and whatever is below it: this FMU cannot be used
+        except Exception as problem:
+            self.close()
+            raise InputRefused(
+                f"{self.description.path}: cannot be initialised: {problem}{self._quoted_messages()}"
+            ) from None
+
+    def _set(self, variable: Variable, value: Any) -> None:
+        values = value if variable.is_text else np.broadcast_to(value, variable.size).tolist()
+        if variable.type == "Boolean":
+            values = [v > 0.5 for v in values]
+        elif variable.type not in ("Real", "Float64", "Float32", *TEXTS):
+            values = [round(v) for v in values]
+        getattr(self.fmu, f"set{self.standard.type_name(variable)}")([variable.reference], values)
+
+    def _called(self, function: str, call: Callable[[], Any]) -> Any:
+        try:
+            with self.calling(function):
+                return call()
+        # FMPy's FMICallException, or ctypes where the binary lacks the function
+        except Exception as problem:
+            name = f"{self.description.prefix}{function}"
+            raise ComponentFailed(
+                f"{self.description.path.name}: {name} failed: {problem}{self._quoted_messages()}"
+            ) from None
+
+    def _quoted_messages(self) -> str:
+        return f" (it said: {'; '.join(self.messages)})" if self.messages else ""
+
+    def hear(self, status: int, message: bytes | None) -> None:
+        """Keep what it logged, if it is a warning or worse."""
+        if status > 0 and message:
+            text = message.decode(errors="replace").strip()
+            # a repeated message is handed on once
+            if text in self.messages:
+                self.messages.remove(text)
+            del self.messages[:-2]
+            self.messages.append(text)
+            if len(self._unheard) < MOST_UNHEARD:
+                self._unheard.append((int(self.clock[0]), text))
 
 
 @dataclass(frozen=True)
@@ -195,7 +490,7 @@ class Stepping:
             members.setdefault(key, []).append(p)
         table = np.zeros(len(members), dtype=GROUP)
         self._keep.append(table)
-        for row, (type_name, clocks), group in zip(table, members, members.values(), strict=True):
+        for row, (type_name, bits), group in zip(table, members, members.values(), strict=True):
             kind = group[0].port.variable.kind
             slots = np.concatenate([p.slots for p in group])
             arrays: dict[str, np.ndarray] = {
@@ -207,7 +502,7 @@ class Stepping:
                 # no value that an input has: the first one counts as new
                 "last": np.full(len(slots) * ITEM_SIZES[kind], 0xFF, dtype=np.uint8),
             }
-            row["kind"], row["clocks"], row["bytes"] = kind, clocks, len(arrays["buffer"])
+            row["kind"], row["clocks"], row["bytes"] = kind, bits, len(arrays["buffer"])
             row["access"] = instance.address(access + type_name)
             row["variables"], row["values"] = len(group), len(slots)
             for field, array in arrays.items():
@@ -261,7 +556,7 @@ class Stepping:
             [p for p in into if p.port.variable.variability != "continuous"] if instance.events is not None else []
         )
         held = [p for p in self.outputs if instance.clock_bits(p.port.variable)]
-        memory = np.zeros(1, dtype=event_step.MEMORY)
+        memory = np.zeros(1, dtype=cosim_step.EVENT_MEMORY)
         m = memory[0]
         m["instance"] = instance.handle
         self._fill(
@@ -278,7 +573,7 @@ class Stepping:
             m["events"] = instance.events.ctypes.data
             for name, table in zip(("discrete", "held"), tables, strict=True):
                 instance.events[name], instance.events[f"{name}_groups"] = len(table), table.ctypes.data
-        return event_step.step.address, memory
+        return cosim_step.event_step.address, memory
 
     def _fill(self, m: Any, inputs: np.ndarray, outputs: np.ndarray) -> None:
         """What the general step and the one with events have in common."""

@@ -14,7 +14,7 @@ import numpy as np
 from twin.kernel.archive import sha256
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import read_bytes
-from twin.kernel.ssp.parameters import ParameterValue, UnitDefinition
+from twin.kernel.ssp.structure import ParameterValue, UnitDefinition
 from twin.kernel.units import TEMPERATURE, Dimension, Unit, known_unit
 
 KINDS = ("Float64", "Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Boolean")

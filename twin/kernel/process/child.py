@@ -15,9 +15,8 @@ import sys
 import threading
 from collections.abc import Iterator
 
-from twin.kernel.process.job import failure_report, function_called, interrupt_main, keep_interrupts
+from twin.kernel.process.job import STOP, failure_report, function_called, interrupt_main, keep_interrupts
 
-STOP = "stop"
 _PR_SET_PDEATHSIG = 1
 
 

@@ -8,8 +8,7 @@ from typing import Any
 
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError, visible
 from twin.kernel.process.black_box import Account, failure_sentence, manner
-from twin.kernel.process.child import STOP
-from twin.kernel.process.job import PATIENCE, WAITING, JobLimits, duration_text, error_of
+from twin.kernel.process.job import PATIENCE, STOP, WAITING, JobLimits, duration_text, error_of
 from twin.kernel.process.process import GuardedProcess, process_for, resident_memory
 
 POLL = 0.05

@@ -27,6 +27,9 @@ def function_called(name: str) -> Callable[..., Any]:
     return found
 
 
+STOP = "stop"
+"""Order to a job's process: interrupt it."""
+
 LONG = 3600.0
 """Time (s) beyond which a run starts only after a question."""
 PATIENCE = 10.0

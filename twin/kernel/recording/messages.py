@@ -200,9 +200,15 @@ def described_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...]
     return tuple(fields)
 
 
-def log_descriptor_set() -> bytes:
-    """Serialised FileDescriptorSet of `foxglove.Log`, the type of `/events`."""
-    return descriptors_of(Log.DESCRIPTOR)
+def log_message(time: int, level: str, text: str, name: str) -> bytes:
+    """A `foxglove.Log`, the type of `/events`, at `time` (ns); `level`, `text` and `name` as of `Event`.
+
+    Raises:
+        ValueError: an unknown level.
+    """
+    log = Log(level=Log.Level.Value(level.upper()), message=text, name=name)
+    log.timestamp.FromNanoseconds(time)
+    return log.SerializeToString(deterministic=True)
 
 
 def descriptors_of(message_type: Descriptor) -> bytes:

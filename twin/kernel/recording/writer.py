@@ -13,7 +13,7 @@ import contextlib
 import os
 import struct
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -40,7 +40,7 @@ from twin.kernel.recording.messages import (
     descriptor_set,
     descriptors_of,
     form_filling,
-    log_descriptor_set,
+    log_message,
     message_layout,
     message_names,
     no_integer,
@@ -380,7 +380,7 @@ class Writer:
         if len({*names, EVENTS}) <= len(names):
             raise ValueError(f"topics {names}: expected different names, none of them {EVENTS!r}")
         self.tick = tick
-        schemas, self._channels = _declarations(topics, forms)
+        schemas, self._channels = _declared(topics, forms)
         self._topics = {
             stream.name: OpenTopic.of(stream, channel.id)
             for stream, channel in zip(streams, self._channels[:-1], strict=True)
@@ -449,10 +449,8 @@ class Writer:
         """
         times = self._times(np.array([tick]))
         time = int(times[0])
-        log = Log(level=Log.Level.Value(level.upper()), message=text, name=name)
-        log.timestamp.FromNanoseconds(time)
+        data = log_message(time, level, text, name)
         channel = self._channels[-1].id
-        data = log.SerializeToString(deterministic=True)
         record = encoded(Message(channel, time, data, time, self._summary.message_counts[channel]))
         self._summary.message_counts[channel] += 1
         self._pending.put(channel, times, np.frombuffer(record, dtype=np.uint8)[None, :])
@@ -557,19 +555,29 @@ def append_chunks(output: Output, summary: Summary, pending: Pending, compressor
         summary.note_chunk(record, start, len(data), indexes)
 
 
-def _declarations(topics: Sequence[Topic], forms: Sequence[MessageForm]) -> tuple[list[Schema], list[Channel]]:
-    """Schemas and channels of `topics` and `forms` in their order, and last those of `/events`; ids count from 1."""
-    schemas: dict[str, Schema] = {}
-    channels: list[Channel] = []
+class Declaration(NamedTuple):
+    """Of a topic: its name, that of its message type, the description of that (FileDescriptorSet), what fields mean."""
 
-    def declare(topic: str, type_name: str, descriptors: bytes, metadata: dict[str, str]) -> None:
-        schema = schemas.setdefault(type_name, Schema(len(schemas) + 1, descriptors, "protobuf", type_name))
-        channels.append(Channel(len(channels) + 1, f"/{topic}", "protobuf", metadata, schema.id))
+    topic: str
+    type_name: str
+    descriptors: bytes
+    meanings: dict[str, str]
 
+
+def declarations(topics: Sequence[Topic], forms: Sequence[MessageForm]) -> Iterator[Declaration]:
+    """Of `topics` and `forms` in their order, and last of `/events`."""
     for topic, name in zip(topics, message_names(topics), strict=True):
         meanings = {field.name: f"{field.unit}; {field.meaning}" for field in topic.fields}
-        declare(topic.name, name, descriptor_set(name, topic.fields), meanings)
-    for form in forms:
-        declare(form.name, form.example.DESCRIPTOR.full_name, descriptors_of(form.example.DESCRIPTOR), {})
-    declare(EVENTS, Log.DESCRIPTOR.full_name, log_descriptor_set(), {})
+        yield Declaration(topic.name, name, descriptor_set(name, topic.fields), meanings)
+    for name, kind in [*((form.name, form.example.DESCRIPTOR) for form in forms), (EVENTS, Log.DESCRIPTOR)]:
+        yield Declaration(name, kind.full_name, descriptors_of(kind), {})
+
+
+def _declared(topics: Sequence[Topic], forms: Sequence[MessageForm]) -> tuple[list[Schema], list[Channel]]:
+    """Schemas and channels of all `declarations`; ids count from 1."""
+    schemas: dict[str, Schema] = {}
+    channels: list[Channel] = []
+    for topic, type_name, descriptors, meanings in declarations(topics, forms):
+        schema = schemas.setdefault(type_name, Schema(len(schemas) + 1, descriptors, "protobuf", type_name))
+        channels.append(Channel(len(channels) + 1, f"/{topic}", "protobuf", meanings, schema.id))
     return list(schemas.values()), channels

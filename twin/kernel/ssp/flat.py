@@ -5,8 +5,20 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.ssp.parameters import NONE, ParameterBinding, ParameterValue, Transformation, UnitDefinition
-from twin.kernel.ssp.structure import Connection, Connector, Endpoint, Patience, SspComponent, SspSystem, Structure
+from twin.kernel.ssp.structure import (
+    NONE,
+    Connection,
+    Connector,
+    Endpoint,
+    ParameterBinding,
+    ParameterValue,
+    Patience,
+    SspComponent,
+    SspSystem,
+    Structure,
+    Transformation,
+    UnitDefinition,
+)
 
 SOURCES, SINKS = ("output", "calculatedParameter", "constant", "local"), ("input", "parameter", "structuralParameter")
 """Kinds of connectors that values leave, and get to; seen from inside a system its own are the other way round."""

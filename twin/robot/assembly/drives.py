@@ -81,14 +81,6 @@ class DrivePlan:
         fixed = {qualified(part, v.name) for part, settings in self.settings.items() for v, _ in settings}
         return replace(self, switched=any(b.port.name == ENABLE and b.name not in fixed for b in self.bindings))
 
-    def until(self, ticks: int | None) -> "DrivePlan":
-        """The same drive for a run of so many `ticks`; None: not known."""
-        return replace(self, ticks=ticks)
-
-    def with_lines(self) -> "DrivePlan":
-        """The same drive, offered its inputs as lines over a step."""
-        return replace(self, ramped=True)
-
     def tolerance(self, part: str) -> float | None:
         """Of the solver of a part, as the experiment says, or else the FMU itself; for a CVODE of ours there is one."""
         own = self.table.parts[part].tolerance if part else None

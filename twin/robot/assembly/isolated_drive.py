@@ -11,6 +11,7 @@ import ctypes
 import os
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
@@ -284,9 +285,9 @@ def hosted_drive(
     Raises:
         InputRefused: the drive cannot be made.
     """
-    plan = planned(table).until(ticks)
+    plan = replace(planned(table), ticks=ticks, ramped=ramped)
     plan = plan.switchable() if switched else plan
-    component = drive(name, plan.with_lines() if ramped else plan, tick, theta_m, tau_load)
+    component = drive(name, plan, tick, theta_m, tau_load)
     page = Page(reporter.box, sum(p.size for p in component.inputs), sum(p.size for p in component.outputs))
     page.clear()
     # no question: compiles, or loads from the cache, before the first one comes

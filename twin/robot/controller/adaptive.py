@@ -39,7 +39,7 @@ import numpy as np
 
 from twin.kernel.compiled.function import carray, njit, pointer_to
 from twin.kernel.cosim.port import Port, record, record_of, state, states
-from twin.kernel.settings import Settings, Values, numbers, setting, taken
+from twin.kernel.settings import Settings, Values, alike, numbers, setting, taken
 from twin.robot.controller.machine import TAPS
 from twin.robot.controller.pid import ForceLoop, ScheduledGains, low_pass_share, state_variable
 from twin.robot.controller.tissue import HIGHEST, TISSUE, Sensing, Tissue, sense, unlearn
@@ -210,10 +210,8 @@ class Breath(Settings):
 
 BREATH = record_of(
     Breath,
-    **states(
-        omega="f8", x="f8", q="f8", v="f8", share="f8", z="f8", F="f8", running="i8", low="f8", ahead="f8",
-    ),
-)  # fmt: skip
+    **states(**alike("f8", "omega x q v share z F"), running="i8", **alike("f8", "low ahead")),
+)
 """Settings and state: the oscillator's; velocity of the surface, low-passed; the share that is fed forward; height and
 force of the call before, and whether there was one; share of the low-pass; how far ahead it is fed forward (s)."""
 
@@ -276,10 +274,7 @@ ADAPTIVE = record(
     taps=TAPS,
     scheduled="i8",
     breathing="i8",
-    pressing=state("i8"),
-    shift=state("f8"),
-    v_shift=state("f8"),
-    v=state("f8"),
+    **states(pressing="i8", **alike("f8", "shift v_shift v")),
 )
 """The parts; which of them are on; whether the force loop acted in the call before; shift of the z reference and its
 rate, and velocity of the breath, of this call."""

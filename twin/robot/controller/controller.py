@@ -12,7 +12,6 @@ triggered by the pressing force F_z, or at a set time, and stays on: dp_z = -PID
 The pre-defined way as a component of its own, for a controller that does not bring one.
 """
 
-import math
 from collections.abc import Sequence
 from functools import cache
 
@@ -324,9 +323,6 @@ class Controller(NativeComponent):
         variant = adapting is not None, tank
         sides = ports(INPUTS, OUTPUTS, *variant)
         super().__init__("controller", *sides, True, step_over(*variant), memory, period=period, pointers=arrays)
-
-
-NEVER = math.inf
 
 
 P_REF_B = next(port for port in OUTPUTS if port.name == "p_ref_B")

@@ -31,7 +31,7 @@ import numpy as np
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, by_port, memory_of, record, record_of, states, width
-from twin.kernel.settings import Settings, Values, setting, taken
+from twin.kernel.settings import Settings, Values, optional, setting, taken
 from twin.robot.controller.controller import OMEGA_REF
 from twin.robot.controller.pid import load_torques
 from twin.robot.mechanism.geometry import Model
@@ -64,13 +64,8 @@ class EnergyTank(Settings):
         help="how long it has to last whatever happens: longer than delays and the drives' lag",
     )
     touch: float = setting("N", default=0.3, gt=0, help="estimated force from which on something is touched")
-    release: float | None = setting(
-        "s",
-        default=None,
-        gt=0,
-        examples=[0.5],
-        absent=math.inf,
-        help="after so long without touch it is full again; without it never",
+    release: float | None = optional(
+        "s", gt=0, example=0.5, absent=math.inf, help="after so long without touch it is full again; without it never"
     )
     bias: float = setting(
         "N m",

@@ -22,6 +22,7 @@ import numpy as np
 
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.port import record, state, states
+from twin.kernel.settings import alike
 from twin.robot.controller.pid import state_variable
 from twin.robot.controller.program import PhaseEnd, PhaseKind
 from twin.robot.controller.tissue import HIGHEST, LOWEST, moving_mass
@@ -123,29 +124,17 @@ def motion(phase, start, end, length, t, p, v):
 
 MACHINE = record(
     index=state("i8", below="/count"),
-    passes=state("i8"),
-    entered=state("f8"),
-    total=state("f8"),
-    length=state("f8"),
-    start=state("3f8"),
-    end=state("3f8"),
-    p=state("3f8"),
-    v=state("3f8"),
-    F_start=state("f8"),
-    F_ref=state("f8"),
+    **states(
+        passes="i8",
+        **alike("f8", "entered total length"),
+        **alike("3f8", "start end p v"),
+        **alike("f8", "F_start F_ref"),
+    ),
     contact_force="f8",
     lost=state("f8"),
     patience="f8",
-    tapped=state("f8"),
-    touching=state("i8"),
-    z_before=state("f8"),
-    F_before=state("f8"),
-    z_felt=state("f8"),
-    depth=state("f8"),
-    calibrated=state("i8"),
-    z_turn=state("f8"),
-    z_lowest=state("f8"),
-    t_turn=state("f8"),
+    **states(tapped="f8", touching="i8", **alike("f8", "z_before F_before z_felt depth"), calibrated="i8"),
+    **states(**alike("f8", "z_turn z_lowest t_turn")),
     learning="f8",
 )
 """State of the machine, SI.
@@ -327,27 +316,11 @@ UNREACHED = 1e-4
 TAPS = record(
     share="f8",
     **states(
-        mass="f8",
-        g="f8",
-        z_fast="f8",
-        z_slow="f8",
-        F_fast="f8",
-        F_slow="f8",
-        z_0="f8",
+        **alike("f8", "mass g z_fast z_slow F_fast F_slow z_0"),
         kind="i8",
-        vF="f8",
-        vv="f8",
-        z_begun="f8",
-        F_begun="f8",
-        k="f8",
-        depth="f8",
-        z_before="f8",
-        F_before="f8",
+        **alike("f8", "vF vv z_begun F_begun k depth z_before F_before"),
         felt="i8",
-        peak="f8",
-        level="f8",
-        speed="f8",
-        t_turn="f8",
+        **alike("f8", "peak level speed t_turn"),
     ),
 )
 """share: of the error that the next tap corrects. mass: of what moves up and down (kg), as of the beginning of the

@@ -36,7 +36,7 @@ from pydantic import model_validator
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, memory_of, record, record_of, state, states
-from twin.kernel.settings import Settings, Values, numbers, setting, taken
+from twin.kernel.settings import Settings, Values, numbers, optional, setting, taken
 from twin.robot.mechanism.geometry import Model
 
 
@@ -117,28 +117,14 @@ class PositionLoop(Settings):
 class ForceLoop(Settings):
     """[controller.force]: PID from force error (N) to a shift of the z reference (m), and what starts it."""
 
-    reference: float | None = setting(
-        "N",
-        default=None,
-        gt=0,
-        le=50,
-        examples=[5.0],
-        field="F_z_ref",
-        absent=0.0,
-        tunable=True,
-        help="pressing force to hold",
+    reference: float | None = optional(
+        "N", gt=0, le=50, example=5.0, field="F_z_ref", absent=0.0, tunable=True, help="pressing force to hold"
     )
-    trigger: float | None = setting(
-        "N",
-        default=None,
-        ge=0,
-        examples=[0.6],
-        field="trigger_force",
-        absent=math.inf,
-        help="pressing force that starts the force loop",
+    trigger: float | None = optional(
+        "N", ge=0, example=0.6, field="trigger_force", absent=math.inf, help="pressing force that starts the force loop"
     )
-    trigger_time: float | None = setting(
-        "s", default=None, ge=0, examples=[6.0], absent=math.inf, help="when the force loop starts, whatever the force"
+    trigger_time: float | None = optional(
+        "s", ge=0, example=6.0, absent=math.inf, help="when the force loop starts, whatever the force"
     )
     kp: float = setting(
         "mm/N", ge=0, le=1000, into="gains", tunable=True, help="shift of the z reference per force error"

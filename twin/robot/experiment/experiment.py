@@ -15,12 +15,20 @@ from typing import TYPE_CHECKING, Any
 from twin.kernel.errors import InputRefused
 from twin.kernel.settings import Settings, Triple, setting
 from twin.robot.experiment import schema
-from twin.robot.experiment.change import Change, checked_changes
 from twin.robot.experiment.drive_files import StandIn, checked_apart, fill_from_body, joint_tables, role_named
 from twin.robot.experiment.fault import Fault, checked_faults
 from twin.robot.experiment.measure import Measure, checked_measures
 from twin.robot.experiment.mistakes import checked, keys, unknown
-from twin.robot.experiment.schema import MOST_TICKS, Declared, Reference, WayPoints, checked_tasks, whole_ticks
+from twin.robot.experiment.schema import (
+    MOST_TICKS,
+    Change,
+    Declared,
+    Reference,
+    WayPoints,
+    checked_changes,
+    checked_tasks,
+    whole_ticks,
+)
 from twin.robot.experiment.source import RETAINED, Source, with_numbers
 
 if TYPE_CHECKING:

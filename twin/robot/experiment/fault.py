@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 from pydantic import create_model
 
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.settings import Settings, setting
+from twin.kernel.settings import Settings, optional, setting
 from twin.robot.experiment.mistakes import checked, numbered
 from twin.robot.experiment.schema import whole_ticks
 
@@ -346,9 +346,7 @@ class FaultTable(Settings):
     kind: str
     target: str | None = setting(default=None, help="what breaks; without it the kind's first")
     onset: float = setting("s", ge=0, help="when it begins")
-    duration: float | None = setting(
-        "s", default=None, gt=0, examples=[2.0], help="how long it lasts; without it to the end"
-    )
+    duration: float | None = optional("s", gt=0, example=2.0, help="how long it lasts; without it to the end")
     seed: int = setting(default=0, ge=0, lt=2**63, help="of what is random in it")
 
 

@@ -24,13 +24,12 @@ from pydantic.json_schema import GenerateJsonSchema
 
 from twin.kernel.places import located
 from twin.robot.experiment import schema
-from twin.robot.experiment.change import ChangeTable
 from twin.robot.experiment.drive_files import JOINTS, StandIn, fill_from_body
 from twin.robot.experiment.experiment import Head
 from twin.robot.experiment.fault import CATALOGUE, table_of
 from twin.robot.experiment.measure import KINDS as MEASURES
 from twin.robot.experiment.mistakes import model_in
-from twin.robot.experiment.schema import Declared
+from twin.robot.experiment.schema import ChangeTable, Declared
 from twin.robot.experiment.source import RETAINED, Source, at, read_source, toml_value
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"

@@ -17,7 +17,7 @@ from typing import Any, Literal
 from pydantic import field_validator
 from pydantic.config import JsonDict
 
-from twin.kernel.settings import Settings, setting
+from twin.kernel.settings import Settings, optional, setting
 from twin.kernel.units import Dimension, Unit, known_unit
 from twin.robot.experiment.mistakes import checked_kind, numbered
 
@@ -285,7 +285,7 @@ class Window(Settings):
 
     name: str = setting(examples=["z"], help="what its numbers are called by: small letters, digits, _")
     begin: float = setting("s", default=0.0, ge=0, help="from when on")
-    until: float | None = setting("s", default=None, gt=0, examples=[3.5], help="until when; without it the end")
+    until: float | None = optional("s", gt=0, example=3.5, help="until when; without it the end")
 
     @field_validator("name")
     @classmethod

@@ -1,8 +1,7 @@
 """The tables of an experiment file that no part declares. Keys carry units, attributes are SI.
 
-See `twin.kernel.settings`.
-
-Times of an experiment as whole ticks.
+See `twin.kernel.settings`. Among them are [[change]], scheduled changes of controller parameters, such as a step of the
+force reference.
 """
 
 import math
@@ -14,9 +13,10 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 from pydantic import BeforeValidator, Field, create_model, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from twin.kernel.settings import Settings, Triple, setting
-from twin.robot.experiment.mistakes import checked_kind, keys, model_in, numbered
-from twin.robot.experiment.source import RETAINED, SHAPES
+from twin.kernel.errors import InputRefused
+from twin.kernel.settings import Settings, Triple, optional, setting
+from twin.robot.experiment.mistakes import checked, checked_kind, keys, model_in, numbered, unknown
+from twin.robot.experiment.source import RETAINED, SHAPES, at
 
 
 class Changeable(NamedTuple):
@@ -117,14 +117,13 @@ class JointStep(Settings):
 class Reference(Settings):
     """[reference]: way points, straight lines at constant speed between them; or one shape."""
 
-    t: tuple[float, ...] | None = setting(
-        "s", default=None, min_length=1, examples=[[0.0, 2.0]], help="times of the way points, ascending"
+    t: tuple[float, ...] | None = optional(
+        "s", min_length=1, example=[0.0, 2.0], help="times of the way points, ascending"
     )
-    p: tuple[Triple, ...] | None = setting(
+    p: tuple[Triple, ...] | None = optional(
         "mm",
-        default=None,
         min_length=1,
-        examples=[[[0.0, 0.0, -90.0], [0.0, 0.0, -95.0]]],
+        example=[[0.0, 0.0, -90.0], [0.0, 0.0, -95.0]],
         help="positions (x, y, z) of the way points in frame B",
     )
     circle: Circle | None = None
@@ -220,30 +219,16 @@ class VelocityLoop(Settings):
 class PositionCommand(Settings):
     """[drive.position_command]: how a servo takes a position; angles as the servo counts its own."""
 
-    period: float | None = setting(
-        "ms", into=None, default=None, gt=0, examples=[1.0], help="time between two commands; else one per tick"
+    period: float | None = optional(
+        "ms", into=None, gt=0, example=1.0, help="time between two commands; else one per tick"
     )
-    lower: float | None = setting(
-        "deg", default=None, absent=-math.inf, examples=[-150.0], help="smallest angle that it takes"
+    lower: float | None = optional("deg", absent=-math.inf, example=-150.0, help="smallest angle that it takes")
+    upper: float | None = optional("deg", absent=math.inf, example=150.0, help="largest angle that it takes")
+    wrap_from: float | None = optional(
+        "deg", field="wrap", absent=math.inf, example=-180.0, help="it counts its angle from here over one turn only"
     )
-    upper: float | None = setting(
-        "deg", default=None, absent=math.inf, examples=[150.0], help="largest angle that it takes"
-    )
-    wrap_from: float | None = setting(
-        "deg",
-        field="wrap",
-        default=None,
-        absent=math.inf,
-        examples=[-180.0],
-        help="it counts its angle from here over one turn only",
-    )
-    lead: float | None = setting(
-        "deg",
-        default=None,
-        absent=math.inf,
-        gt=0,
-        examples=[20.0],
-        help="most by which the command is ahead of the robot's motor shaft",
+    lead: float | None = optional(
+        "deg", absent=math.inf, gt=0, example=20.0, help="most by which the command is ahead of the robot's motor shaft"
     )
 
     @model_validator(mode="after")
@@ -290,12 +275,12 @@ class DrivePart(Settings):
     """[drive.parts.NAME]: one FMU of a drive that is made of several."""
 
     fmu: str = setting(help="an .fmu file")
-    sha256: str | None = setting(default=None, examples=["00000000..."], help="refuse any other file")
+    sha256: str | None = optional(example="00000000...", help="refuse any other file")
     parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS)
-    tolerance: float | None = setting(default=None, gt=0, examples=[1e-9], help=TOLERANCE)
-    kind: Kind | None = setting(default=None, examples=["model_exchange"], help=KIND)
-    solver: Method | None = setting(default=None, examples=["rk4"], help=METHOD)
-    solver_step: float | None = setting("ms", default=None, gt=0, examples=[0.1], help=SOLVER_STEP)
+    tolerance: float | None = optional(gt=0, example=1e-9, help=TOLERANCE)
+    kind: Kind | None = optional(example="model_exchange", help=KIND)
+    solver: Method | None = optional(example="rk4", help=METHOD)
+    solver_step: float | None = optional("ms", gt=0, example=0.1, help=SOLVER_STEP)
 
 
 class Drive(Settings):
@@ -304,8 +289,8 @@ class Drive(Settings):
     Either `fmu`, or `parts` with `wires` between them; variables of parts are called "part.variable".
     """
 
-    fmu: str | None = setting(default=None, examples=["fmus/pmsm_foc"], help="an .fmu file, or a folder of fmus/")
-    sha256: str | None = setting(default=None, examples=["00000000..."], help="refuse any other file")
+    fmu: str | None = optional(example="fmus/pmsm_foc", help="an .fmu file, or a folder of fmus/")
+    sha256: str | None = optional(example="00000000...", help="refuse any other file")
     command: Literal["velocity", "torque", "current", "voltage", "position"] = setting(
         default="velocity", help="what the drive takes; torque, current and voltage need a [drive.velocity_loop]"
     )
@@ -315,10 +300,10 @@ class Drive(Settings):
     inputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
     outputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
     parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS)
-    tolerance: float | None = setting(default=None, gt=0, examples=[1e-9], help=TOLERANCE)
-    kind: Kind | None = setting(default=None, examples=["model_exchange"], help=KIND)
-    solver: Method | None = setting(default=None, examples=["rk4"], help=METHOD)
-    solver_step: float | None = setting("ms", default=None, gt=0, examples=[0.1], help=SOLVER_STEP)
+    tolerance: float | None = optional(gt=0, example=1e-9, help=TOLERANCE)
+    kind: Kind | None = optional(example="model_exchange", help=KIND)
+    solver: Method | None = optional(example="rk4", help=METHOD)
+    solver_step: float | None = optional("ms", gt=0, example=0.1, help=SOLVER_STEP)
     velocity_loop: VelocityLoop | None = None
     position_command: PositionCommand | None = None
     rotor: Rotor | None = None
@@ -357,3 +342,121 @@ def whole_ticks(time: float, tick: float) -> int | None:
         return None
     count = round(time / tick)
     return count if abs(count * tick - time) <= 1e-9 * time else None
+
+
+FORCE_LOOP = "controller.force."
+"""Where the keys of the force loop begin."""
+SCHEDULED = ("controller.force.kp_mm_per_N", "controller.force.ki_mm_per_N_s")
+"""What may not, where [controller.force] has a schedule of them."""
+
+
+class ChangeTable(Settings):
+    """[[change]]: a value of [controller] that changes while the experiment runs."""
+
+    t: float = setting("s", gt=0, examples=[8.0], help="when it changes")
+    key: str = setting(examples=["controller.force.reference_N"], help="what changes")
+    value: float = setting(examples=[6.0], help="its new value, in the unit of the key")
+
+
+@dataclass(frozen=True)
+class Change:
+    """A [[change]], checked.
+
+    Attributes:
+        tick: from which on it holds.
+        key: of the experiment's file.
+        number: in the unit of the key.
+        value: in SI.
+    """
+
+    tick: int
+    key: str
+    number: float
+    value: float
+
+
+def changeable(declared: Declared, tables: Mapping[str, Any]) -> dict[str, float]:
+    """What may change in an experiment, with the value in its file, in the unit of the key.
+
+    Nothing of the force loop where it never acts, and no reference where tasks bring their own.
+
+    Args:
+        declared: what may be said in them.
+        tables: of the experiment, as `Experiment.values`.
+    """
+    found = {}
+    for key in declared.changeable:
+        number = at(tables, key)
+        acts = not key.startswith(FORCE_LOOP) or at(tables, "controller.mode") == "force_position"
+        # a schedule sets these itself
+        acts = acts and not (at(tables, "controller.force.schedule") and key in SCHEDULED)
+        if acts and number is not None:
+            found[key] = number
+    return found
+
+
+def changed_value(declared: Declared, key: str, number: object, tables: Mapping[str, Any]) -> float:
+    """`number`, given in the unit of the `key`, in SI.
+
+    Args:
+        declared: has `key` among what is changeable.
+        number: whatever somebody has sent.
+        tables: of the experiment, as `Experiment.values`.
+
+    Raises:
+        InputRefused: the experiment's schema refuses it.
+    """
+    if number is None:
+        # the file may leave the reference out where no force loop acts; a running one needs it
+        raise InputRefused(f"{key}: no value; expected a number")
+    table, attribute = declared.changeable[key]
+    path, _, name = key.rpartition(".")
+    mistakes: list[str] = []
+    changed = checked(table, {**at(tables, path), name: number}, path, mistakes)
+    if mistakes:
+        raise InputRefused("; ".join(mistakes))
+    return getattr(changed, attribute)
+
+
+def checked_changes(
+    declared: Declared, tables: Any, values: Mapping[str, Any], tick: float, duration: float, mistakes: list[str]
+) -> tuple[Change, ...]:
+    """The changes of the array of tables [[change]] that are right, the earliest first.
+
+    Args:
+        declared: what may be said in the tables.
+        tables: what the file says; () if nothing.
+        values: the tables of the experiment.
+        tick, duration: s.
+        mistakes: gets a sentence for each mistake, with the number of its change, counted from 1.
+    """
+    changes: dict[tuple[int, str], Change] = {}
+    for number, table in numbered(tables, "change", mistakes):
+        wanted = checked(ChangeTable, table, f"change {number}", mistakes)
+        if wanted is None:
+            continue
+        try:
+            change = _checked(declared, wanted, values, tick, duration)
+        except InputRefused as problem:
+            mistakes.append(f"[change {number}] {problem}")
+            continue
+        if (change.tick, change.key) in changes:
+            mistakes.append(f"[change {number}] changes {change.key} at {wanted.t:g} s a second time; remove one")
+        changes[change.tick, change.key] = change
+    return tuple(changes[place] for place in sorted(changes))
+
+
+def _checked(
+    declared: Declared, wanted: ChangeTable, values: Mapping[str, Any], tick: float, duration: float
+) -> Change:
+    known = changeable(declared, values)
+    if wanted.key in declared.changeable and wanted.key not in known:
+        raise InputRefused(f'key = "{wanted.key}": does not act in this experiment; known are {", ".join(known)}')
+    if wanted.key not in known:
+        raise InputRefused(f"key: {unknown(wanted.key, list(known))}")
+    if wanted.t > duration:
+        raise InputRefused(f"t_s = {wanted.t:g}: after the end at {duration:g} s")
+    at = whole_ticks(wanted.t, tick)
+    if at is None:
+        raise InputRefused(f"t_s = {wanted.t:g}: not a whole number of ticks of {tick:g} s")
+    return Change(at, wanted.key, wanted.value, changed_value(declared, wanted.key, wanted.value, values))

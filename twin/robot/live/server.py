@@ -1,34 +1,355 @@
-"""The live server: Foxglove's WebSocket protocol on this machine's own address."""
+"""The live server: Foxglove's WebSocket protocol on this machine's own address.
 
+Each run is broadcast by an event loop in a thread of its own, to which viewers connect.
+"""
+
+import asyncio
+import logging
 import socket
 import threading
+import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import suppress
+from http import HTTPStatus
+from queue import SimpleQueue
 from typing import Self
 
 import numpy as np
-from foxglove_schemas_protobuf.Log_pb2 import Log
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
 
+from twin.kernel import live as protocol
 from twin.kernel.cosim.observers import TickEvent
 from twin.kernel.errors import InputRefused
-from twin.kernel.live import Channel, Gate, Message
+from twin.kernel.live import (
+    SUBPROTOCOLS,
+    Channel,
+    Gate,
+    Level,
+    Message,
+    advertisement,
+    message_data,
+    server_info,
+    status,
+    time_now,
+)
 from twin.kernel.recording.messages import (
     HEAD_SIZE,
     VALUE_TYPES,
     Kind,
-    descriptor_set,
-    descriptors_of,
     form_filling,
     form_records,
-    log_descriptor_set,
+    log_message,
     message_layout,
-    message_names,
 )
 from twin.kernel.recording.recorder import RowStream
-from twin.kernel.recording.writer import EVENTS, NANOSECONDS
-from twin.robot.live.broadcast import HOST, Broadcast
+from twin.kernel.recording.writer import EVENTS, NANOSECONDS, declarations
 from twin.robot.run.watch import Tuning
 from twin.robot.scene import Scene
+
+BACKLOG = 1024
+"""Messages that wait for a viewer that is too slow; after that it loses the oldest."""
+WATCHES = "refused: this viewer watches only; to tune, open the address that twin has printed, with its token"
+
+
+class Client:
+    """Lives in the server's event loop.
+
+    Args:
+        connection: to the viewer.
+        may_tune: whether it may change parameters.
+        channels: by their numbers.
+        tuning: of the run.
+        subscribed: called when its subscriptions have changed, with whether there are more of them.
+        changed: called with the parameters that it has asked to change.
+
+    Attributes:
+        subscriptions: by channel, the number that the viewer has given it.
+        lacking: those of them that never change and of which it has been handed nothing yet.
+    """
+
+    def __init__(
+        self,
+        connection: ServerConnection,
+        may_tune: bool,
+        channels: Mapping[int, Channel],
+        tuning: Tuning,
+        subscribed: Callable[[bool], None],
+        changed: Callable[[Sequence[str]], None],
+    ):
+        self.subscriptions: dict[int, int] = {}
+        self.lacking: set[int] = set()
+        self._connection, self._may_tune, self._channels = connection, may_tune, channels
+        self._tuning, self._subscribed, self._changed = tuning, subscribed, changed
+        self._follows: set[str] = set()
+        # what comes only once must not be among what gets lost
+        self._once: dict[int, bytes] = {}
+        self._waiting: deque[str | bytes | None] = deque(maxlen=BACKLOG)
+        self._ready = asyncio.Event()
+        self._sending = asyncio.create_task(self._send())
+
+    async def attend(self, greeting: Sequence[str]) -> None:
+        """Say the `greeting`, then answer until it leaves."""
+        try:
+            for message in greeting:
+                await self._connection.send(message)
+            # answers are waited for, so a viewer that does not read them is not heard any more
+            async for frame in self._connection:
+                for answer in self._answers(frame):
+                    await self._connection.send(answer)
+        except ConnectionClosed:
+            pass
+        finally:
+            self._sending.cancel()
+
+    def hand(self, time: int, messages: Sequence[Message]) -> None:
+        """Send it the simulated `time` (ns), and what it has subscribed to of `messages`."""
+        found, sent = self.subscriptions, [time_now(time)]
+        for message in messages:
+            if message.channel in self.lacking:
+                self.lacking.remove(message.channel)
+                self._once[message.channel] = message_data(found[message.channel], message)
+            elif message.channel in found and not self._channels[message.channel].constant:
+                sent.append(message_data(found[message.channel], message))
+        self._put(*sent)
+
+    def tell(self, names: Sequence[str]) -> None:
+        """Send it what has become of those of the parameters `names` that it follows."""
+        if wanted := self._follows.intersection(names):
+            self._put(protocol.parameter_values(self._values(wanted)))
+
+    async def farewell(self, patience: float) -> None:
+        """Send what is waiting and say goodbye; after `patience` (s) it is left as it is."""
+        self._put(None)
+        await asyncio.wait([self._sending], timeout=patience)
+
+    def cut_off(self) -> None:
+        """End the connection; what was not sent is lost. Everything that waits for the viewer ends with it."""
+        self._connection.transport.abort()
+
+    def _put(self, *messages: str | bytes | None) -> None:
+        self._waiting.extend(messages)
+        self._ready.set()
+
+    async def _send(self) -> None:
+        try:
+            while True:
+                await self._ready.wait()
+                self._ready.clear()
+                while self._once or self._waiting:
+                    message = self._once.popitem()[1] if self._once else self._waiting.popleft()
+                    if message is None:
+                        await self._connection.close(1001)
+                        return
+                    await self._connection.send(message)
+        except ConnectionClosed:
+            pass
+
+    def _answers(self, frame: str | bytes) -> list[str]:
+        if isinstance(frame, bytes):
+            return [status(Level.ERROR, "not understood: nothing binary is expected here")]
+        try:
+            return self._answer(protocol.request(frame))
+        except InputRefused as refusal:
+            return [status(Level.ERROR, str(refusal))]
+
+    def _answer(self, asked: protocol.Request) -> list[str]:
+        match asked:
+            case protocol.Subscribe():
+                return self._subscribe(asked)
+            case protocol.Unsubscribe():
+                left = {c: number for c, number in self.subscriptions.items() if number not in asked.ids}
+                self.subscriptions = left
+                self.lacking &= left.keys()
+                self._subscribed(False)
+            case protocol.AskParameters():
+                return [protocol.parameter_values(self._values(asked.names), asked.id)]
+            case protocol.SetParameters():
+                return self._set(asked)
+            case protocol.FollowParameters(op="subscribeParameterUpdates"):
+                self._follows |= self._values(asked.names).keys()
+            case protocol.FollowParameters():
+                self._follows -= self._values(asked.names).keys()
+        return []
+
+    def _subscribe(self, asked: protocol.Subscribe) -> list[str]:
+        answers, before = [], len(self.subscriptions)
+        for wanted in asked.subscriptions:
+            if wanted.channel not in self._channels:
+                answers.append(status(Level.ERROR, f"there is no channel {wanted.channel}"))
+            elif wanted.channel in self.subscriptions:
+                answers.append(status(Level.WARNING, f"already subscribed to channel {wanted.channel}"))
+            else:
+                self.subscriptions[wanted.channel] = wanted.id
+                if self._channels[wanted.channel].constant:
+                    self.lacking.add(wanted.channel)
+        if len(self.subscriptions) > before:
+            self._subscribed(True)
+        return answers
+
+    def _set(self, asked: protocol.SetParameters) -> list[str]:
+        """What the answer says of a refused one is the value that it keeps."""
+        answers, names = [], [wish.name for wish in asked.parameters]
+        if self._may_tune:
+            for wish in asked.parameters:
+                try:
+                    self._tuning.request(wish.name, wish.value)
+                except InputRefused as refusal:
+                    answers.append(status(Level.WARNING, f"refused: {refusal}"))
+            self._changed(names)
+        else:
+            answers.append(status(Level.WARNING, WATCHES))
+        if asked.id is not None and names:
+            answers.append(protocol.parameter_values(self._values(names), asked.id))
+        return answers
+
+    def _values(self, names: Collection[str]) -> dict[str, float]:
+        """Of those of `names` that there are; of all if there are no names."""
+        return {name: value for name, value in self._tuning.values().items() if name in names or not names}
+
+
+HOST = "127.0.0.1"
+LARGEST = 2**16
+"""Bytes of the largest message that a viewer may send; subscribing to everything takes a thousand."""
+VIEWERS = 64
+"""Viewers that there may be at the same time."""
+COMPLAINTS = 5
+"""Connections whose refusal is printed; a page that tries again and again shall not fill it."""
+FAREWELL = 2.0
+"""Longest time (s) to send what has been published when the run is over; after that connections are cut."""
+END = 3 * FAREWELL
+"""Longest time (s) that the end of a run waits for the server's thread, whatever holds it up."""
+
+# a viewer learns itself what it does wrong; here it would only look like a failure of the run
+_SILENT = logging.getLogger("twin.robot.live")
+_SILENT.setLevel(logging.CRITICAL + 1)
+# asyncio's own warning that a viewer has vanished while several of its pings were answered at once
+logging.getLogger("asyncio").addFilter(lambda record: record.msg != "socket.send() raised exception.")
+
+
+class Broadcast:
+    """Listens as soon as it is made.
+
+    Args:
+        port: to listen at.
+        gate: asked about every connection.
+        channels: what can be subscribed to.
+        tuning: of the run.
+
+    Attributes:
+        port: at which it listens.
+        news: sentences about connections that were refused; None as soon as somebody has subscribed to something.
+        wanted: channels that somebody has subscribed to.
+        lacking: those of them that never change and of which somebody has nothing yet.
+
+    Raises:
+        OSError: the port is taken.
+    """
+
+    def __init__(self, port: int, gate: Gate, channels: Sequence[Channel], tuning: Tuning):
+        self.news: SimpleQueue[str | None] = SimpleQueue()
+        self.wanted: frozenset[int] = frozenset()
+        self.lacking: frozenset[int] = frozenset()
+        self.port, self._gate, self._tuning = port, gate, tuning
+        self._channels = {channel.number: channel for channel in channels}
+        self._greeting = (server_info(str(time.time_ns())), advertisement(channels))
+        self._clients: set[Client] = set()
+        self._refused: set[str] = set()
+        self._begun = False
+        self._over = asyncio.Event()
+        self._started: Future[asyncio.AbstractEventLoop] = Future()
+        self._thread = threading.Thread(target=lambda: asyncio.run(self._live()), daemon=True)
+        self._thread.start()
+        self._loop = self._started.result()
+
+    def publish(self, time: int, messages: Sequence[Message]) -> None:
+        """Send every viewer the simulated `time` (ns), and what it has subscribed to of `messages`."""
+        self._loop.call_soon_threadsafe(self._hand_out, time, messages)
+
+    def close(self) -> None:
+        """Send what has been published, say goodbye to every viewer and let go of the port; at most `END` s."""
+        # it may have ended before
+        with suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self._over.set)
+        self._thread.join(END)
+
+    async def _live(self) -> None:
+        try:
+            # no context manager: its end waits for viewers that do not read
+            server = await serve(
+                self._attend,
+                HOST,
+                self.port,
+                subprotocols=SUBPROTOCOLS,
+                process_request=self._admit,
+                # a small message that unpacks into a large one, and work for the thread that steps
+                compression=None,
+                max_size=LARGEST,
+                close_timeout=FAREWELL,
+                logger=_SILENT,
+            )
+        except OSError as problem:
+            self._started.set_exception(problem)
+            return
+        self.port = next(iter(server.sockets)).getsockname()[1]
+        self._started.set_result(asyncio.get_running_loop())
+        await self._over.wait()
+        # who comes from now on is not let in
+        server.close(close_connections=False)
+        await asyncio.gather(*(client.farewell(FAREWELL) for client in self._clients))
+        for client in self._clients:
+            client.cut_off()
+        # for connections that have not said yet what they want; whatever still waits then is cancelled with the loop
+        with suppress(TimeoutError):
+            await asyncio.wait_for(server.wait_closed(), FAREWELL)
+
+    def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
+        """None if the connection may be made."""
+        if refusal := self._gate.refusal(request.headers):
+            if refusal not in self._refused and len(self._refused) < COMPLAINTS:
+                self._refused.add(refusal)
+                self.news.put(refusal)
+            return connection.respond(HTTPStatus.FORBIDDEN, f"{refusal}\n")
+        if len(self._clients) >= VIEWERS:
+            return connection.respond(HTTPStatus.SERVICE_UNAVAILABLE, f"{VIEWERS} viewers are connected already\n")
+        return None
+
+    async def _attend(self, connection: ServerConnection) -> None:
+        assert connection.request is not None
+        knows = self._gate.knows(connection.request.path)
+        client = Client(connection, knows is True, self._channels, self._tuning, self._subscribed, self._changed)
+        greeting = list(self._greeting)
+        if knows is False:
+            greeting.append(status(Level.WARNING, "the token is not that of this run: watching only"))
+        self._clients.add(client)
+        try:
+            await client.attend(greeting)
+        finally:
+            self._clients.remove(client)
+            self._look_around()
+
+    def _look_around(self) -> None:
+        self.wanted = frozenset(channel for client in self._clients for channel in client.subscriptions)
+        self.lacking = frozenset(channel for client in self._clients for channel in client.lacking)
+
+    def _subscribed(self, more: bool) -> None:
+        self._look_around()
+        if more and not self._begun:
+            self._begun = True
+            self.news.put(None)
+
+    def _changed(self, names: Sequence[str]) -> None:
+        for client in self._clients:
+            client.tell(names)
+
+    def _hand_out(self, time: int, messages: Sequence[Message]) -> None:
+        for client in self._clients:
+            client.hand(time, messages)
+        if self.lacking:
+            self._look_around()
 
 
 class Topics:
@@ -44,11 +365,12 @@ class Topics:
     def __init__(self, streams: Sequence[RowStream], scene: Scene, tick: float):
         self._encoder, self._scene, self._tick = MessageEncoder(streams), scene, tick
         self._layouts = {form.name: form_filling(0, form) for form in scene.forms}
-        events: _Channel = (EVENTS, Log.DESCRIPTOR.full_name, log_descriptor_set(), {}, False)
-        channels = [*_streams(streams), *_forms(scene), events]
+        constant = {form.name for form in scene.forms if form.width == 0}
         self.channels = tuple(
-            Channel(number, f"/{name}", kind, descriptors, meanings, constant)
-            for number, (name, kind, descriptors, meanings, constant) in enumerate(channels, start=1)
+            Channel(number, f"/{name}", kind, descriptors, meanings, name in constant)
+            for number, (name, kind, descriptors, meanings) in enumerate(
+                declarations([stream.topic for stream in streams], scene.forms), start=1
+            )
         )
         self._numbers = {channel.topic[1:]: channel.number for channel in self.channels}
         self._drawn = {self._numbers[name] for name in self._layouts}
@@ -68,7 +390,7 @@ class Topics:
         """
         for event in events:
             time = self.time(event.tick)
-            yield Message(self._numbers[EVENTS], time, _log(event, time))
+            yield Message(self._numbers[EVENTS], time, log_message(time, event.level, event.text, event.source))
         time = self.time(tick)
         # sampled outputs stay valid until the next sample, so all of the row is what is valid now
         for channel, content in zip(self.channels, self._encoder.messages(row), strict=False):
@@ -80,28 +402,6 @@ class Topics:
             if rows.shape[1] > 0 or self._numbers[name] in lacking:
                 record = form_records(self._layouts[name], np.array([time]), 0, rows)
                 yield Message(self._numbers[name], time, record[0, HEAD_SIZE:].tobytes())
-
-
-_Channel = tuple[str, str, bytes, dict[str, str], bool]
-
-
-def _streams(streams: Sequence[RowStream]) -> Iterator[_Channel]:
-    topics = [stream.topic for stream in streams]
-    for topic, name in zip(topics, message_names(topics), strict=True):
-        units = {field.name: f"{field.unit}; {field.meaning}" for field in topic.fields}
-        yield topic.name, name, descriptor_set(name, topic.fields), units, False
-
-
-def _forms(scene: Scene) -> Iterator[_Channel]:
-    for form in scene.forms:
-        descriptor = form.example.DESCRIPTOR
-        yield form.name, descriptor.full_name, descriptors_of(descriptor), {}, form.width == 0
-
-
-def _log(event: TickEvent, time: int) -> bytes:
-    log = Log(level=Log.Level.Value(event.level), message=event.text, name=event.source)
-    log.timestamp.FromNanoseconds(time)
-    return log.SerializeToString()
 
 
 class MessageEncoder:

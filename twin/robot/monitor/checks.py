@@ -16,7 +16,7 @@ import numpy as np
 
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.port import record, record_of, states
-from twin.kernel.settings import Settings, Values, setting, taken
+from twin.kernel.settings import Settings, Values, optional, setting, taken
 
 
 class Reason(IntEnum):
@@ -145,12 +145,8 @@ class Monitor(Settings):
     frozen_demand: float = setting("rad/s", default=0.5, gt=0, help="commanded speed at which a shaft has to move")
     frozen_time: float = setting("ms", default=100.0, gt=0, help="time for which it may stand still")
     frozen_travel: float = setting("deg", default=8.0, gt=0, help="commanded travel without a count that trips")
-    command_limit: float | None = setting(
-        "rad/s",
-        default=None,
-        gt=0,
-        examples=[8.0],
-        help="command that counts as saturated; without it the controller's own limit",
+    command_limit: float | None = optional(
+        "rad/s", gt=0, example=8.0, help="command that counts as saturated; without it the controller's own limit"
     )
     saturation_time: float = setting("ms", default=500.0, gt=0, help="time of a saturated command that trips")
     follow_limit: float = setting(

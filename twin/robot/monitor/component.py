@@ -6,8 +6,13 @@ All motors turn at the same speed -retract_speed for a set time. Positive theta 
 raises it: the height changes by the sum of the third row of J^-1 times the joints' speed, and that sum is positive
 everywhere in the workspace (docs/safety.md has the numbers). No encoder takes part, because a wrong encoder may be the
 reason for the trip.
+
+What it makes of an encoder message, pose, speeds and force, is by its own belief and its own low-pass, so that the
+controller's wrong model is not also the monitor's. What one count is worth in the quantities that it limits says which
+differences cannot be seen.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -15,11 +20,20 @@ from numpy.typing import ArrayLike
 
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.component import Component, NativeComponent, step_function
-from twin.kernel.cosim.port import Port, by_port, memory_of, record, state, states, width
+from twin.kernel.cosim.port import Port, by_port, memory_of, record, record_of, states, width
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
-from twin.robot.mechanism.geometry import Geometry
-from twin.robot.mechanism.kinematics import joint_angles, position
+from twin.kernel.settings import Values, alike, setting, taken
+from twin.robot.mechanism.geometry import Geometry, Model
+from twin.robot.mechanism.kinematics import jacobian, joint_angles, platform_position, position
+from twin.robot.mechanism.statics import (
+    Masses,
+    dead_zone,
+    deflection,
+    environment_force,
+    force_on_environment,
+    load_torque,
+)
 from twin.robot.monitor.checks import (
     INVALID_SAMPLE,
     LARGEST_COUNT,
@@ -40,15 +54,191 @@ from twin.robot.monitor.checks import (
     value_command,
     value_sample,
 )
-from twin.robot.monitor.observation import (
-    BELIEF,
-    SEEN,
-    MonitorBelief,
-    low_pass_share,
-    observe_contact,
-    observe_joints,
-    observe_platform,
+
+
+class MonitorBelief(
+    Values,
+    parts=(
+        taken(Model),
+        {"backlash": setting("rad", help="half width of the dead zone of the spring deflection, motor side")},
+        taken(Model, into="encoders"),
+    ),
+):
+    """The monitor's model of the robot, SI."""
+
+
+BELIEF = record_of(MonitorBelief)
+
+
+class Resolution(NamedTuple):
+    """Worst case of one count on every encoder at once, SI.
+
+    Attributes:
+        deflection: of a spring on the motor's side (rad).
+        motor_speed: one motor count from one sample to the next (rad/s).
+        jump: the same of a deflection: motor and joint count together (rad/s).
+        force: length of the force (N).
+        force_rate: that per sample (N/s).
+        position: of the platform (m).
+        velocity: that per sample (m/s).
+    """
+
+    deflection: float
+    motor_speed: float
+    jump: float
+    force: float
+    force_rate: float
+    position: float
+    velocity: float
+
+
+def resolution(belief: MonitorBelief, p_B: ArrayLike, dt: float) -> Resolution:
+    """What one count is worth with the platform at `p_B` (3,), m, and `dt` (s) between samples.
+
+    F = J^T tau_l and v = J^-1 dtheta_l/dt; the worst case over the signs of the three joints is bounded by the sum of
+    the lengths of the rows of J and of the columns of J^-1.
+
+    Raises:
+        Unreachable: the robot cannot stand there.
+    """
+    J = jacobian(geometry(belief), p_B)
+    motor, joint = 2.0 * np.pi / belief.motor_counts, 2.0 * np.pi / belief.joint_counts
+    deflected = motor + belief.N * joint
+    force = float(load_torque(belief.k_s, belief.N, belief.eta, deflected)) * float(np.linalg.norm(J, axis=1).sum())
+    position = joint * float(np.linalg.norm(np.linalg.inv(J), axis=0).sum())
+    return Resolution(
+        deflection=deflected,
+        motor_speed=motor / dt,
+        jump=deflected / dt,
+        force=force,
+        force_rate=force / dt,
+        position=position,
+        velocity=position / dt,
+    )
+
+
+def press_deflection(belief: MonitorBelief, p_B: ArrayLike, force: float) -> float:
+    """Largest deflection (rad, motor side) of a spring while the robot at `p_B` (3,), m, presses down with `force` (N).
+
+    tau_l = J^-T (F_ee_B + own weight) with F_ee_B = (0, 0, -force), and Eq. 20; the dead zone comes on top.
+
+    Raises:
+        Unreachable: the robot cannot stand there.
+    """
+    shape = geometry(belief)
+    theta_l, J = joint_angles(shape, p_B), jacobian(shape, p_B)
+    masses = Masses(belief.m_a, belief.m_b, belief.m_p, 0.0)
+    unloaded = force_on_environment(shape, masses, theta_l, p_B, np.zeros(3))
+    tau_l = np.linalg.solve(J.T, np.array([0.0, 0.0, -force]) - unloaded)
+    return float(np.abs(tau_l).max() / load_torque(belief.k_s, belief.N, belief.eta, 1.0) + belief.backlash)
+
+
+def geometry(belief: MonitorBelief) -> Geometry:
+    """The lengths of Fig. 2 that the monitor believes."""
+    return Geometry(belief.a, belief.b, belief.l_a, belief.l_b)
+
+
+SEEN = record(
+    **states(
+        started="i8",
+        **alike("3f8", "theta_m theta_l"),
+        **alike("3i8", "moved_m moved_l"),
+        **alike("3f8", "deflection tau_l fastest omega_m omega_l omega_cmd p_B v_B F_ee_B"),
+        **alike("f8", "speed force force_rate"),
+        touching="i8",
+        **alike("f8", "z_touch depth"),
+        contact_ticks="i8",
+    ),
 )
+"""The last observation: angles (rad), whether an encoder moved a count, deflection (rad), joint torques (N m), fastest
+change since the sample before on the motor's side (rad/s); low-passed: motor speed, joint speed on the motor's side and
+commanded speed (rad/s), velocity (m/s), speed (m/s), force (N) and the growth of its length (N/s); position (m); the
+contact: height where it began (m), depth below that (m), duration (ticks)."""
+
+
+@njit(cache=True)
+def angle(count, counts_per_turn, zero):
+    """Angle (rad) that an encoder count stands for."""
+    return count * (2.0 * np.pi / counts_per_turn) - zero
+
+
+@njit(cache=True)
+def low_pass_share(corner, dt):
+    """How much of a new sample a first-order low-pass with `corner` (Hz) takes over after `dt` (s)."""
+    return 1.0 - math.exp(-2.0 * math.pi * corner * dt)
+
+
+@njit(cache=True, error_model="numpy")
+def observe_joints(belief, seen, share, dt, count_m, count_l, sent):
+    """Angles, speeds and torques of the three joints from counts (3,) each, `dt` (s) after the sample before.
+
+    Args:
+        sent: commanded motor speeds since the sample before (3,), rad/s.
+    """
+    for i in range(3):
+        theta_m = angle(count_m[i], belief.motor_counts, belief.motor_zero[i])
+        theta_l = angle(count_l[i], belief.joint_counts, belief.joint_zero[i])
+        if seen.started:
+            rate_m = (theta_m - seen.theta_m[i]) / dt
+            rate_l = belief.N * (theta_l - seen.theta_l[i]) / dt
+            seen.moved_m[i] = theta_m != seen.theta_m[i]
+            seen.moved_l[i] = theta_l != seen.theta_l[i]
+            seen.fastest[i] = max(abs(rate_m), abs(rate_l), abs(rate_m - rate_l))
+            seen.omega_m[i] += share * (rate_m - seen.omega_m[i])
+            seen.omega_l[i] += share * (rate_l - seen.omega_l[i])
+            seen.omega_cmd[i] += share * (sent[i] - seen.omega_cmd[i])
+        seen.theta_m[i], seen.theta_l[i] = theta_m, theta_l
+        seen.deflection[i] = deflection(theta_m, theta_l, belief.N)
+        seen.tau_l[i] = load_torque(belief.k_s, belief.N, belief.eta, dead_zone(seen.deflection[i], belief.backlash))
+
+
+@njit(cache=True, error_model="numpy")
+def observe_platform(belief, seen, share, dt):
+    """Position, velocity and force of the platform from the joints; False, and nothing changes, if they fit no pose.
+
+    F_ee_B = J^T (tau_l + arm gravity) - weight e_z: Eq. 21-27 corrected and gravity-compensated.
+    """
+    x, y, z = platform_position(belief, seen.theta_l[0], seen.theta_l[1], seen.theta_l[2])
+    p = (x, y, z)
+    F = environment_force(belief, belief, seen.theta_l, p, seen.tau_l)
+    # at the edge of the workspace the Jacobian is infinite
+    if not math.isfinite(x + F[0] + F[1] + F[2]):
+        return False
+    if not seen.started:
+        for i in range(3):
+            seen.p_B[i], seen.F_ee_B[i] = p[i], F[i]
+        seen.force = math.sqrt(F[0] * F[0] + F[1] * F[1] + F[2] * F[2])
+        return True
+    v2, F2 = 0.0, 0.0
+    for i in range(3):
+        seen.v_B[i] += share * ((p[i] - seen.p_B[i]) / dt - seen.v_B[i])
+        seen.F_ee_B[i] += share * (F[i] - seen.F_ee_B[i])
+        seen.p_B[i] = p[i]
+        v2 += seen.v_B[i] * seen.v_B[i]
+        F2 += seen.F_ee_B[i] * seen.F_ee_B[i]
+    seen.speed = math.sqrt(v2)
+    seen.force_rate = (math.sqrt(F2) - seen.force) / dt
+    seen.force = math.sqrt(F2)
+    return True
+
+
+@njit(cache=True)
+def observe_contact(seen, contact_force, ticks):
+    """Where and how long the robot presses: a contact begins at `contact_force` (N) and ends at half of it."""
+    F_z = -seen.F_ee_B[2]
+    if not seen.touching and F_z >= contact_force:
+        seen.touching = 1
+        seen.z_touch = seen.p_B[2]
+        seen.contact_ticks = 0
+    elif seen.touching and F_z < 0.5 * contact_force:
+        seen.touching = 0
+    if seen.touching:
+        seen.contact_ticks += ticks
+        seen.depth = max(0.0, seen.z_touch - seen.p_B[2])
+    else:
+        seen.contact_ticks = 0
+        seen.depth = 0.0
+
 
 STEPS = 101
 
@@ -140,19 +330,11 @@ MEMORY = record(
     rest=("f8", (REASONS,)),
     period="i8",
     sample_interval="i8",
-    tick=state("i8"),
-    first_tick=state("i8"),
-    first_sample=state("i8"),
-    sample=state("i8"),
+    **states(**alike("i8", "tick first_tick first_sample sample")),
     seen=SEEN,
     timers=TIMERS,
-    values=state(("f8", (REASONS,))),
-    joints=state(("i8", (REASONS,))),
-    sent=state("3f8"),
-    reason=state("i8"),
-    trip_tick=state("i8"),
-    trip_value=state("f8"),
-    trip_joint=state("i8"),
+    **states(values=("f8", (REASONS,)), joints=("i8", (REASONS,)), sent="3f8"),
+    **states(reason="i8", trip_tick="i8", trip_value="f8", trip_joint="i8"),
     retraction=RETRACTION,
 )
 

@@ -24,9 +24,8 @@ from twin.kernel.compiled.function import njit
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, memory_of, port_record, record, state
-from twin.robot.mechanism.geometry import Geometry, coordinates_along, legs
+from twin.robot.mechanism.geometry import Geometry, angles_near, coordinates_along, leg_motion, legs, links, move_anchor
 from twin.robot.mechanism.kinematics import jacobian, jacobian_row, joint_angles, leg_angle
-from twin.robot.mechanism.leg import angles_near, leg_motion, links, move_anchor
 from twin.robot.mechanism.statics import motor_load_torque, platform_weight
 from twin.robot.plant.contact import (
     ANCHORS,

@@ -37,7 +37,7 @@ from pydantic import ValidationInfo, field_validator
 from twin.kernel.compiled.function import carray, njit, pointer_to
 from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, record, record_of
-from twin.kernel.settings import Settings, Triple, numbers, setting
+from twin.kernel.settings import Settings, Triple, numbers, optional, setting
 
 
 class MotionKind(IntEnum):
@@ -80,7 +80,7 @@ class Breathing(Settings):
     )
     rate: float = setting("1/min", gt=0, examples=[15.0], help="breaths per time")
     start: float = setting("s", field="onset", default=0.0, ge=0, help="first breath")
-    end: float | None = setting("s", absent=math.inf, default=None, ge=0, examples=[20.0], help="last breath")
+    end: float | None = optional("s", absent=math.inf, ge=0, example=20.0, help="last breath")
 
     @property
     def motion(self) -> Motion:
@@ -94,7 +94,7 @@ class Shift(Settings):
     by: Triple = setting("mm", field="displacement", examples=[[0.0, 0.0, 2.0]], help="how far (x, y, z)")
     start: float = setting("s", field="onset", ge=0, examples=[5.0], help="when it moves")
     rise: float = setting("s", gt=0, examples=[0.5], help="how long it takes")
-    end: float | None = setting("s", absent=math.inf, default=None, ge=0, examples=[20.0], help="when it moves back")
+    end: float | None = optional("s", absent=math.inf, ge=0, example=20.0, help="when it moves back")
 
     @property
     def motion(self) -> Motion:
@@ -226,59 +226,35 @@ class Contact(Settings):
         kind: for people; a law or shape is not tied to it.
     """
 
-    body: str | None = setting(
-        default=None, examples=["back"], help="a file of bodies/ that fills in what this table does not say"
-    )
+    body: str | None = optional(example="back", help="a file of bodies/ that fills in what this table does not say")
     kind: Literal["scale", "skin"] = setting(into=None, help="for people")
     height: float = setting("mm", field="z_s", help="z of the surface's highest point, or of the plane at x = y = 0")
     tilt: float = setting("deg", gt=-45, lt=45, help="tilt about y")
     tilt_x: float = setting("deg", default=0.0, gt=-45, lt=45, help="tilt about x")
-    radius: float | None = setting(
-        "mm", absent=math.inf, default=None, gt=0, examples=[60.0], help="radius of a sphere or cylinder"
-    )
+    radius: float | None = optional("mm", absent=math.inf, gt=0, example=60.0, help="radius of a sphere or cylinder")
     shape: Literal["plane", "sphere", "cylinder_x", "cylinder_y"] = setting(
         default="plane", help="shape of the surface"
     )
     stiffness: float = setting(
         "N/m", field="K", broken_by=("stiffness_change",), ge=0, help="stiffness; the laws say at which depth"
     )
-    damping: float | None = setting(
+    damping: float | None = optional(
         "s/m",
         absent=0.0,
-        default=None,
         ge=0,
-        examples=[3.0],
+        example=3.0,
         help="Hunt-Crossley and exponential: force grows by this share per speed of pressing in",
     )
-    exponent: float | None = setting(
-        absent=1.0, default=None, ge=1, le=5, examples=[1.5], help="Hunt-Crossley: force over depth"
+    exponent: float | None = optional(absent=1.0, ge=1, le=5, example=1.5, help="Hunt-Crossley: force over depth")
+    reference_depth: float | None = optional(
+        "mm", absent=1e-3, gt=0, example=4.0, help="Hunt-Crossley with an exponent: depth at which the stiffness holds"
     )
-    reference_depth: float | None = setting(
-        "mm",
-        absent=1e-3,
-        default=None,
-        gt=0,
-        examples=[4.0],
-        help="Hunt-Crossley with an exponent: depth at which the stiffness holds",
+    damper: float | None = optional("N s/m", absent=0.0, ge=0, example=10.0, help="Kelvin-Voigt: viscous damper")
+    touch_depth: float | None = optional(
+        "mm", absent=1e-3, gt=0, example=1.0, help="Kelvin-Voigt: depth over which damper and spring take hold"
     )
-    damper: float | None = setting(
-        "N s/m", absent=0.0, default=None, ge=0, examples=[10.0], help="Kelvin-Voigt: viscous damper"
-    )
-    touch_depth: float | None = setting(
-        "mm",
-        absent=1e-3,
-        default=None,
-        gt=0,
-        examples=[1.0],
-        help="Kelvin-Voigt: depth over which damper and spring take hold",
-    )
-    stiffening: float | None = setting(
-        "1/mm",
-        absent=0.0,
-        default=None,
-        gt=0,
-        examples=[0.2],
-        help="exponential: relative growth of the stiffness per depth",
+    stiffening: float | None = optional(
+        "1/mm", absent=0.0, gt=0, example=0.2, help="exponential: relative growth of the stiffness per depth"
     )
     # law and shape stand after the keys they decide on: a field's check sees the fields before it
     law: Law = setting(default="hunt_crossley", help="law of the normal force")

@@ -20,9 +20,17 @@ from pydantic import model_validator
 
 from twin.kernel.compiled.function import njit, with_lane
 from twin.kernel.cosim.port import record_of
-from twin.kernel.settings import Triple, Values, setting, taken
-from twin.robot.mechanism.geometry import Model, coordinates_along, legs
-from twin.robot.mechanism.leg import angle_near, angles_near, leg_motion, leg_vectors, links
+from twin.kernel.settings import Triple, Values, optional, setting, taken
+from twin.robot.mechanism.geometry import (
+    Model,
+    angle_near,
+    angles_near,
+    coordinates_along,
+    leg_motion,
+    leg_vectors,
+    legs,
+    links,
+)
 from twin.robot.mechanism.statics import (
     arm_weight,
     dead_zone,
@@ -95,41 +103,25 @@ class Robot(Model):
     spring_hysteresis: float = setting(
         default=0.0, ge=0, le=0.5, help="share of a spring's torque that its own dry friction adds and takes"
     )
-    spring_stop: float | None = setting(
-        "deg",
-        absent=math.inf,
-        default=None,
-        gt=0,
-        examples=[15.0],
-        help="deflection at which a spring meets its hard stop, motor side",
+    spring_stop: float | None = optional(
+        "deg", absent=math.inf, gt=0, example=15.0, help="deflection at which a spring meets its hard stop, motor side"
     )
-    joint_lower: float | None = setting(
-        "deg", absent=-math.inf, default=None, examples=[-60.0], help="hard stop of a joint, upwards"
-    )
-    joint_upper: float | None = setting(
-        "deg", absent=math.inf, default=None, examples=[90.0], help="hard stop of a joint, downwards"
-    )
+    joint_lower: float | None = optional("deg", absent=-math.inf, example=-60.0, help="hard stop of a joint, upwards")
+    joint_upper: float | None = optional("deg", absent=math.inf, example=90.0, help="hard stop of a joint, downwards")
     stop: float = setting("N m/rad", default=100.0, gt=0, help="stiffness of hard stops")
     mounting_tilt: float = setting("deg", default=0.0, ge=-180, le=180, help="tilt of the base about its y")
     mounting_tilt_x: float = setting("deg", default=0.0, ge=-180, le=180, help="tilt of the base about its x")
     head: Triple = setting("mm", default=ZEROS, help="where the head touches, seen from O_P")
-    ball_joint_limit: float | None = setting(
-        "deg",
-        into=None,
-        default=None,
-        gt=0,
-        examples=[30.0],
-        help="how far a rod may lean in its ball joints; without it, any",
+    ball_joint_limit: float | None = optional(
+        "deg", into=None, gt=0, example=30.0, help="how far a rod may lean in its ball joints; without it, any"
     )
-    link_diameter: float | None = setting(
-        "mm", into=None, default=None, gt=0, examples=[9.0], help="of the proximal links, which may not meet other legs"
+    link_diameter: float | None = optional(
+        "mm", into=None, gt=0, example=9.0, help="of the proximal links, which may not meet other legs"
     )
-    rod_diameter: float | None = setting(
-        "mm", into=None, default=None, gt=0, examples=[4.0], help="of the distal rods, which may not meet other legs"
+    rod_diameter: float | None = optional(
+        "mm", into=None, gt=0, example=4.0, help="of the distal rods, which may not meet other legs"
     )
-    rod_spacing: float | None = setting(
-        "mm", into=None, default=None, gt=0, examples=[24.0], help="between the two rods of a pair"
-    )
+    rod_spacing: float | None = optional("mm", into=None, gt=0, example=24.0, help="between the two rods of a pair")
 
     @model_validator(mode="after")
     def _in_order(self) -> "Robot":

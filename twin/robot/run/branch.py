@@ -17,7 +17,7 @@ from twin.kernel.recording.recorder import EventLog
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import recorded_experiment
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.faults.drive_fault import FaultComponent
+from twin.robot.faults import FaultComponent
 from twin.robot.run.outcome import HeldForce, Tally
 from twin.robot.run.states import StoredState, stored_state
 from twin.robot.run.watch import Tuning, Watch

@@ -14,7 +14,7 @@ from twin.kernel.cosim.system import System
 from twin.kernel.errors import UnknownSeries, nearest
 from twin.kernel.recording.messages import VALUE_TYPES, Field, Topic
 from twin.kernel.recording.recorder import RowStream
-from twin.kernel.recording.series import NANOSECONDS
+from twin.kernel.recording.scan import NANOSECONDS
 from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
 

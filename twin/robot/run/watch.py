@@ -15,9 +15,9 @@ from twin.kernel.process.job import LONG, duration_text
 from twin.robot.assembly.assemble import Assembly, tunables
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.controller.program import PhaseKind
-from twin.robot.experiment.change import changed_value
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.mistakes import unknown
+from twin.robot.experiment.schema import changed_value
 from twin.robot.monitor.checks import trip_sentence
 from twin.robot.monitor.component import other_trip, own_monitor
 

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import InputRefused
-from twin.robot.assembly.build import shafts
-from twin.robot.assembly.computer import belief
+from twin.robot.assembly.build import belief, shafts
 from twin.robot.assembly.drives import DrivePlan, planned
 from twin.robot.controller.pid import Gains, force_gains
 from twin.robot.experiment.experiment import Experiment

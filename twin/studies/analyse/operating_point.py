@@ -11,8 +11,7 @@ from twin.kernel.cosim.observers import Observer, TickEvent, simulate
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused, Unreachable
 from twin.robot.assembly.assemble import assemble
-from twin.robot.assembly.build import plant_parameters
-from twin.robot.assembly.computer import controller
+from twin.robot.assembly.build import controller, plant_parameters
 from twin.robot.controller.controller import Controller
 from twin.robot.controller.program import Phase, PhaseKind, Push, Tap
 from twin.robot.controller.task_controller import TaskController

@@ -5,7 +5,7 @@ headers and libraries of all of them.
 
 Platforms that machine code is written for.
 
-Compiled steps as object files for any platform, see `twin.kernel.compiled.emission`. Such a module knows no platform:
+Compiled steps as object files for any platform, see `twin.kernel.compiled.machine`. Such a module knows no platform:
 its numbers have their sizes in their types, its pointers 64 bits, and what it takes and gives are pointers and doubles,
 which every C takes in the same way. So LLVM writes it for any of them.
 
@@ -28,8 +28,7 @@ from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 
-from twin.kernel.compiled.emission import Module, bare
-from twin.kernel.compiled.machine import OLDEST, X86_64, Form
+from twin.kernel.compiled.machine import OLDEST, X86_64, Form, Module, bare
 from twin.kernel.errors import InputRefused, disk_refusals, nearest
 from twin.kernel.fmi.unpacked import PATIENCE, ZIG, call_compiler, compiler, zig
 from twin.studies.build.layout import Layout

@@ -18,7 +18,7 @@ from twin.kernel.units import Unit, known_unit
 from twin.robot.assembly.declared import MEMORIES, PATHS, PLACES
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE, Fault, table_of
-from twin.robot.faults.drive_fault import FaultComponent
+from twin.robot.faults import FaultComponent
 from twin.robot.mechanism.geometry import Model
 from twin.studies.build.part import RobotPart
 

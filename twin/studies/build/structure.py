@@ -12,24 +12,22 @@ import numpy as np
 
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.fmi.variable import Setting, Variable
-from twin.kernel.ssp.parameters import (
-    Annotation,
-    Metadata,
-    ParameterBinding,
-    ParameterSet,
-    ParameterValue,
-    Transformation,
-    UnitDefinition,
-)
 from twin.kernel.ssp.structure import (
+    Annotation,
     Connection,
     Connector,
     ConnectorKind,
     DefaultExperiment,
     Endpoint,
+    Metadata,
+    ParameterBinding,
+    ParameterSet,
+    ParameterValue,
     SspComponent,
     SspSystem,
     Structure,
+    Transformation,
+    UnitDefinition,
 )
 from twin.kernel.units import Dimension, known_unit
 from twin.robot.assembly.assemble import COMMAND, POWER

@@ -14,9 +14,18 @@ import numpy as np
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.description import FmuDescription
-from twin.kernel.ssp.parameters import NONE, Metadata, ParameterSet, ParameterValue, UnitDefinition
-from twin.kernel.ssp.structure import STRUCTURE, Connection, Connector, ConnectorKind
-from twin.kernel.ssp.writing import parameter_set_xml, structure_xml
+from twin.kernel.ssp.ssd import parameter_set_xml, structure_xml
+from twin.kernel.ssp.structure import (
+    NONE,
+    STRUCTURE,
+    Connection,
+    Connector,
+    ConnectorKind,
+    Metadata,
+    ParameterSet,
+    ParameterValue,
+    UnitDefinition,
+)
 from twin.kernel.writing import json_text, made_folder, refuse_unwritable, write_bytes
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment

@@ -24,8 +24,7 @@ from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.port import memory_of, places, record, width
 from twin.kernel.errors import ComponentFailed
-from twin.robot.assembly.build import plant_parameters, shafts, surface_motions
-from twin.robot.assembly.computer import belief, controller
+from twin.robot.assembly.build import belief, controller, plant_parameters, shafts, surface_motions
 from twin.robot.assembly.drives import ALONE, DrivePlan
 from twin.robot.controller.controller import Estimator
 from twin.robot.experiment.experiment import Experiment

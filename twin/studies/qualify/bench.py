@@ -154,7 +154,7 @@ def on_bench(plan: DrivePlan, tick: float, inputs: Curve) -> Iterator[System]:
     """
     ports = tuple(replace(port, size=plan.axes) for port in (OMEGA_REF, LOAD.port))
     signals = playback(ports, np.repeat(inputs, plan.axes, axis=1))
-    component = drive("drive", plan.until(len(inputs)), tick, 0.0, float(inputs[0, 1]))
+    component = drive("drive", replace(plan, ticks=len(inputs)), tick, 0.0, float(inputs[0, 1]))
     try:
         wires = [(f"signals.{port.name}", f"drive.{port.name}") for port in component.inputs]
         yield System([signals, component], wires, tick)

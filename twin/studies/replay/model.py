@@ -16,7 +16,6 @@ from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.logs.reader import is_recording
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.build import plant_parameters, surface_motions
-from twin.robot.assembly.computer import believed
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.load import load_experiment
 from twin.robot.assembly.roles import refuse_other_parts
@@ -138,7 +137,7 @@ def _model(
     return RobotModel(
         name=name,
         values=values,
-        belief=believed(controller),
+        belief=Belief.made(controller, controller.model),
         gravity_compensation=controller.gravity_compensation,
         plant=plant_parameters(plant, contact),
         substeps=plant.substeps,

@@ -36,9 +36,8 @@ from twin.kernel.fmi.variable import (
 )
 from twin.kernel.recording.writer import EVENTS
 from twin.kernel.ssp.flat import Assigned, FlatSystem, Hop, Lead
-from twin.kernel.ssp.parameters import UnitDefinition
 from twin.kernel.ssp.ssd import Package
-from twin.kernel.ssp.structure import FMU, Connector
+from twin.kernel.ssp.structure import FMU, Connector, UnitDefinition
 
 _ELEMENT = re.compile(r"(.+)\[(\d+)\]")
 

@@ -24,9 +24,8 @@ from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import build, refuse_step
-from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.lifecycle import CosimInstance
-from twin.kernel.fmi.stepping import FmuPort
+from twin.kernel.fmi.stepping import FmuPort, Instance
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setup, Variable, stop_time, to_json
 from twin.kernel.process.reporter import Reporter

@@ -19,10 +19,10 @@ from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Message, Schem
 from mcap.writer import CompressionType, Writer
 
 from tests.memory import growth
-from twin.kernel.recording.logs.bag import MAGIC, topics_in
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.logs.reader import read_log
+from twin.kernel.recording.logs.topics import MAGIC, topics_in
 from twin.kernel.recording.summary import FEW_BYTES, LARGEST_CHUNK, encoded, unpacked
 
 F = [4.0, 5.0, 6.5]

@@ -6,10 +6,10 @@ from tests.robot.faults.robot import COUNTS, SPEED_LIMIT, TICK, Robot, plant, ru
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.system import End, Feeds
 from twin.kernel.errors import InputRefused
+from twin.robot import faults
+from twin.robot.assembly.assemble import COUNT_LAWS, DRIVE_LAWS, inject
 from twin.robot.assembly.declared import BROKEN
-from twin.robot.assembly.faults import COUNT_LAWS, DRIVE_LAWS, inject
 from twin.robot.experiment.fault import CATALOGUE, Fault
-from twin.robot.faults import count_fault, drive_fault
 
 DEG = np.pi / 180.0
 TURN = 2.0 * np.pi
@@ -96,8 +96,8 @@ def test_faults_on_one_wire_act_in_the_order_of_the_list():
 def test_faults_of_counts_and_of_messages_chain():
     late = Fault("sample_delay", "encoder", 0, magnitude=4 * TICK)
     flip = Fault("encoder_flip", "joint_encoder_1", 0)
-    for faults in ([late, flip], [flip, late]):
-        done = run(*faults)
+    for both in ([late, flip], [flip, late]):
+        done = run(*both)
         np.testing.assert_array_equal(done["estimator.read"][4:, 3], -done["encoder.count_l"][:-4, 0])
         np.testing.assert_array_equal(done["estimator.read"][4:, 6], done["encoder.sample"][:-4, 0])
 
@@ -150,7 +150,7 @@ def test_each_mechanism_does_its_kinds_and_no_others(mechanism, kinds):
     assert set(kinds) == {name for name, known in CATALOGUE.items() if known.mechanism == mechanism}
 
 
-@pytest.mark.parametrize(("laws", "known"), [(COUNT_LAWS, count_fault.CountLaw), (DRIVE_LAWS, drive_fault.DriveLaw)])
+@pytest.mark.parametrize(("laws", "known"), [(COUNT_LAWS, faults.CountLaw), (DRIVE_LAWS, faults.DriveLaw)])
 def test_each_law_belongs_to_one_kind(laws, known):
     assert sorted(laws.values()) == sorted(known)
 

@@ -7,12 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.laws.runs import PARAMETERS, Sampled, shipped
-from twin.robot.assembly.computer import belief
+from twin.robot.assembly.build import belief
 from twin.robot.controller.controller import Controller, Estimator, Law
 from twin.robot.controller.pid import Damping, Gains
-from twin.robot.mechanism.geometry import Geometry
+from twin.robot.mechanism.geometry import NO_ANCHOR, Geometry
 from twin.robot.mechanism.kinematics import joint_angles
-from twin.robot.mechanism.leg import NO_ANCHOR
 from twin.robot.plant.component import STILL, integrate, resting
 from twin.robot.plant.contact import apex_frame
 from twin.studies.analyse.linear.drive_model import DriveModel

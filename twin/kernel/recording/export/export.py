@@ -38,7 +38,7 @@ from twin.kernel.recording.messages import (
     record_template,
 )
 from twin.kernel.recording.reader import Recording, Stream, read
-from twin.kernel.recording.series import NANOSECONDS
+from twin.kernel.recording.scan import NANOSECONDS
 from twin.kernel.recording.summary import COMPRESSION_LEVEL, Summary, encoded
 from twin.kernel.recording.writer import Output, Pending, append_chunks
 from twin.kernel.writing import inline_table, made_folder, write_text

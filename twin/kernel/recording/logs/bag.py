@@ -1,29 +1,21 @@
-"""Files of logged messages: MCAP of any writer, and bags of ROS 2 in MCAP or SQLite, packed or not.
+"""Bags of ROS 2 in MCAP or SQLite, packed or not.
 
-Layouts: https://mcap.dev/spec, https://github.com/ros2/rosbag2. They are opened here and not by rosbags, which reads as
-much as a file says: what a file may ask for is bounded by its size. What a bag's metadata.yaml says is needed for
-nothing but the names of files that should be there: a recorder that was killed writes none.
+Layout: https://github.com/ros2/rosbag2. They are opened here and not by rosbags, which reads as much as a file says:
+what a file may ask for is bounded by its size. What a bag's metadata.yaml says is needed for nothing but the names of
+files that should be there: a recorder that was killed writes none.
 """
 
 import os
 import re
 import sqlite3
-import struct
 import tempfile
-import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import zstandard
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import EndOfFile, McapError
-from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Header, McapRecord, Message, Schema, Statistics
-from mcap.stream_reader import StreamReader
-from mcap.writer import MCAP0_MAGIC
+from mcap.records import Channel, Schema
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import open_regular, read_text
@@ -31,16 +23,10 @@ from twin.kernel.recording.folder import LATEST, RECORDING
 from twin.kernel.recording.logs import decoding
 from twin.kernel.recording.logs.column_map import MappedColumn
 from twin.kernel.recording.logs.log import Log, LogRefused
-from twin.kernel.recording.logs.topics import NANOSECONDS, LoggedTopic, log_of, merged, wanted
-from twin.kernel.recording.messages import RECORD_PREFIX
-from twin.kernel.recording.summary import LARGEST_RATIO, allowance, unpacked
+from twin.kernel.recording.logs.topics import LoggedTopic, log_of, merged, topics_in, wanted
+from twin.kernel.recording.summary import LARGEST_RATIO, allowance
 from twin.kernel.writing import written
 
-MAGIC = MCAP0_MAGIC
-_PREFIX, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
-"""What every record begins with, and a message behind that: https://mcap.dev/spec#message-op0x05."""
-LONGEST_RECORD, LONGEST_HEADER = 2**30, 2**20
-"""Bytes; a damaged length must not ask for any amount of memory."""
 SQLITE = b"SQLite format 3\0"
 HEAD = 100
 """Bytes of its header (https://sqlite.org/fileformat2.html)."""
@@ -288,113 +274,3 @@ def _define(topic: LoggedTopic, folder: Path) -> None:
         own = texts.pop(schema.name)
         others = "".join(f"{'=' * 80}\nMSG: {name}\n{text.rstrip()}\n" for name, text in texts.items())
         topic.schema = Schema(0, f"{own.rstrip()}\n{others}".encode(), "ros2msg", schema.name)
-
-
-def written_by_twin(path: Path) -> bool:
-    """Whether the header of an MCAP file says that `twin.kernel.recording` wrote it; a damaged header does not."""
-    with path.open("rb") as file:
-        try:
-            header = next(StreamReader(file, record_size_limit=LONGEST_HEADER).records)
-        except (McapError, ValueError, struct.error, StopIteration, OverflowError, MemoryError):
-            return False
-    return isinstance(header, Header) and header.library.startswith("twin ")
-
-
-def read_mcap(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
-    """The log in the MCAP file `path`; one that ends early is read up to there, and a note says so.
-
-    Args:
-        columns: see `log_of`.
-
-    Raises:
-        LogRefused: damaged, or as `log_of`.
-    """
-    found, note = topics_in(path, columns)
-    return log_of(path, merged(found), columns, (note,) if note else ())
-
-
-def topics_in(
-    path: Path, columns: Mapping[str, MappedColumn], file: Path | None = None
-) -> tuple[list[LoggedTopic], str]:
-    """Topics of the MCAP file `path`, one for each publisher, and a sentence on what is missing at the end.
-
-    Args:
-        columns: of which topics the messages are kept.
-        file: that it was unpacked from, which refusals name instead of it.
-
-    Raises:
-        LogRefused: damaged.
-    """
-    where = file or path
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, LoggedTopic] = {}
-    chosen_ids: set[int] = set()
-    with path.open("rb") as content:
-        content.seek(-len(MAGIC), 2)
-        finished = content.read() == MAGIC and content.tell() > len(MAGIC)
-        content.seek(0)
-        reader = StreamReader(content, emit_chunks=True, validate_crcs=True, record_size_limit=LONGEST_RECORD)
-        note, expected = "", None
-        try:
-            for record in _records(reader, allowance(path.stat().st_size)):
-                if isinstance(record, Schema):
-                    schemas[record.id] = record
-                elif isinstance(record, Channel):
-                    channels.setdefault(record.id, LoggedTopic(record, schemas.get(record.schema_id)))
-                    if wanted(record.topic, columns):
-                        chosen_ids.add(record.id)
-                elif isinstance(record, Message):
-                    channels[record.channel_id].times.append(record.log_time)
-                    if record.channel_id in chosen_ids:
-                        channels[record.channel_id].data.append(record.data)
-                elif isinstance(record, Statistics):
-                    expected = record.message_count
-        except (McapError, ValueError, LookupError, OverflowError, struct.error, MemoryError) as problem:
-            if finished or not isinstance(problem, EndOfFile | struct.error):
-                raise LogRefused(
-                    f"{where}: damaged near byte {content.tell()}: {problem or 'a record is cut short'}; "
-                    "recover what is readable first (mcap recover)"
-                ) from None
-            note = "the file ends early"
-    topics = list(channels.values())
-    count = sum(len(topic.times) for topic in topics)
-    # few writers fill in the CRC of the whole, and a record whose kind is damaged is skipped
-    if expected not in (None, count):
-        raise LogRefused(f"{where}: damaged: {count} messages where its index says {expected}; mcap recover may help")
-    last = max((max(t.times) for t in topics if t.times), default=0)
-    first = min((min(t.times) for t in topics if t.times), default=0)
-    return topics, f"{note}: read {(last - first) / NANOSECONDS:.3f} s of it" if note else ""
-
-
-def _records(reader: StreamReader, most: int) -> Iterator[McapRecord]:
-    """Records of a file, those in its chunks among them, which may unpack to `most` bytes in all."""
-    for record in reader.records:
-        if isinstance(record, Chunk):
-            content = unpacked(record, most)
-            most -= len(content)
-            if record.uncompressed_crc not in (0, found := zlib.crc32(content)):
-                raise ValueError(f"a chunk has the CRC {found:08x}, expected {record.uncompressed_crc:08x}")
-            yield from _inside(content)
-        else:
-            yield record
-
-
-def _inside(content: bytes) -> Iterator[McapRecord]:
-    """The records in a chunk, one by one: mcap's own way has all of them in memory, ten times what they unpack to."""
-    place = 0
-    while place < len(content):
-        if place + RECORD_PREFIX > len(content):
-            raise EndOfFile
-        opcode, length = _PREFIX.unpack_from(content, place)
-        begin, place = place + RECORD_PREFIX, place + RECORD_PREFIX + length
-        if place > len(content):
-            raise EndOfFile
-        if opcode == Opcode.MESSAGE:
-            if length < _MESSAGE.size:
-                raise ValueError("a message is cut short")
-            channel, sequence, logged, published = _MESSAGE.unpack_from(content, begin)
-            data = content[begin + _MESSAGE.size : place]
-            yield Message(channel_id=channel, sequence=sequence, log_time=logged, publish_time=published, data=data)
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            kind = Schema if opcode == Opcode.SCHEMA else Channel
-            yield kind.read(ReadDataStream(BytesIO(content[begin:place])))

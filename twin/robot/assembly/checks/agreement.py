@@ -14,9 +14,8 @@ import numpy as np
 
 from twin.kernel.errors import Unreachable
 from twin.kernel.settings import Triple
-from twin.robot.assembly.build import plant_parameters
+from twin.robot.assembly.build import monitor_belief, plant_parameters, sensing
 from twin.robot.assembly.checks.tasks import Situation, reference_mistakes, task_mistakes
-from twin.robot.assembly.computer import monitor_belief, sensing
 from twin.robot.controller.adaptive import SchedulePoint, gains_at, table_of
 from twin.robot.controller.pid import low_pass_share
 from twin.robot.controller.task_controller import Computer
@@ -26,9 +25,8 @@ from twin.robot.experiment.schema import WayPoints
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import jacobian
 from twin.robot.monitor.checks import Monitor
-from twin.robot.monitor.component import retreat
-from twin.robot.monitor.observation import MonitorBelief, Resolution, geometry, press_deflection, resolution
-from twin.robot.monitor.observation import low_pass_share as monitor_share
+from twin.robot.monitor.component import MonitorBelief, Resolution, geometry, press_deflection, resolution, retreat
+from twin.robot.monitor.component import low_pass_share as monitor_share
 from twin.robot.plant.dynamics import TrueRobot
 
 DISTINCT = 3.0

@@ -1,0 +1,600 @@
+"""Faults as components: in wires, behind drives, before parameters. They know no other part and no experiment.
+
+All count their ticks themselves. A command is limited on its last way into the drive; a constant lies in the memory of
+another component; a drive that does not do what it should has a shaft of its own between it and all that see the shaft.
+
+An encoder that miscounts has one element of a port of counts replaced on its way to every reader. A message is whatever
+its sender puts out in one period. One that is overtaken by a later one is dropped, so what a reader gets never goes
+back in time. What is random comes of a generator small enough to live in a component's memory: the same seed gives the
+same bytes. SplitMix64: Steele, Lea, Flood, "Fast splittable pseudorandom number generators", OOPSLA 2014, with the
+constants of Vigna's public-domain splitmix64.c.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from enum import IntEnum
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from twin.kernel.compiled.function import carray, njit, pointer_to
+from twin.kernel.cosim.component import Component, NativeComponent, doubles_at, step_function
+from twin.kernel.cosim.port import Port, memory_of, record, state, states, width
+from twin.kernel.settings import alike
+
+WINDOW = record(next=state("i8"), period="i8", onset="i8", end="i8")
+"""The tick of the next step, ticks between steps, and the fault's first and first healthy tick."""
+
+ACTIVE = Port("active", 1, "1", "whether the fault is active", "bool")
+
+
+class Span(NamedTuple):
+    """The ticks onset <= k < end in which a fault is active; of a continuous component, steps that begin at these."""
+
+    onset: int
+    end: int
+
+
+def window(span: Span, period: int) -> tuple[int, int, int, int]:
+    """A `WINDOW` before the first step of a component of `period` ticks."""
+    return 0, period, span.onset, span.end
+
+
+@njit(cache=True)
+def tick_now(window):
+    """The tick of the present step; called once per step, because it counts them."""
+    k = window.next
+    window.next = k + window.period
+    return k
+
+
+@njit(cache=True)
+def within(window, k):
+    """Whether the fault is active at tick `k`."""
+    return window.onset <= k and k < window.end
+
+
+COMMAND_MEMORY = record(window=WINDOW, size="i8", limit="f8")
+
+
+@step_function(COMMAND_MEMORY)
+def command_step(m, t, h, u, y):
+    asked, given = carray(u, m.size), carray(y, m.size + 1)
+    active = within(m.window, tick_now(m.window))
+    for j in range(m.size):
+        given[j] = min(max(asked[j], -m.limit), m.limit) if active else asked[j]
+    given[m.size] = active
+    return 0
+
+
+class FaultComponent(NativeComponent):
+    """Something that breaks, between the wires of a healthy system.
+
+    Attributes:
+        numbers: of its [[fault]] that its memory has, not rounded to counts or ticks: by attribute the field, and how
+            many times the number is there.
+    """
+
+    numbers: Mapping[str, tuple[str, float]] = {}
+
+    def join(self, tick: int, given: np.ndarray) -> np.ndarray:
+        """Come into a run at the beginning of `tick`, as if it had been there from the start without acting.
+
+        Returns:
+            Its outputs as they are valid now, where its inputs are what it is `given`.
+        """
+        clock = self.memory["window"]
+        clock["next"] = -(-tick // clock["period"]) * clock["period"]
+        return self.passed_on(given)
+
+    def passed_on(self, given: np.ndarray) -> np.ndarray:
+        """The outputs of a fault that does not act: what it is `given`, and that it does not act."""
+        return np.append(given, 0.0)
+
+
+class CommandFault(FaultComponent):
+    """Sampled component, every tick: commanded speeds in, the same within +-limit out while active.
+
+    Args:
+        name: of the component.
+        span: when it is active.
+        limit: of the drives' speed (rad/s).
+        size: number of drives behind it.
+    """
+
+    def __init__(self, name: str, span: Span, limit: float, size: int):
+        port = Port("omega_ref", size, "rad/s", "commanded motor speed, as far as the drive can follow")
+        memory = memory_of(COMMAND_MEMORY, window=window(span, 1), size=size, limit=limit)
+        super().__init__(name, (port,), (port, ACTIVE), True, command_step, memory)
+
+
+VALUE = Port("value", 1, "SI", "the parameter as it holds now")
+PARAMETER_MEMORY = record(window=WINDOW, address="i8", nominal="f8", chained="i8", factor="f8", added="f8", ramp="i8")
+"""`chained`: another fault writes to the same address before; what it wrote is this one's nominal value."""
+
+
+@step_function(PARAMETER_MEMORY, outputs=(VALUE, ACTIVE))
+def parameter_step(m, t, h, u, y):
+    parameter = carray(doubles_at(m.address), 1)
+    k = tick_now(m.window)
+    active = within(m.window, k)
+    value = parameter[0] if m.chained else m.nominal
+    if active:
+        grown = min(1.0, (k - m.window.onset) / m.ramp) if m.ramp else 1.0
+        value = value * (1.0 + grown * (m.factor - 1.0)) + grown * m.added
+    parameter[0] = value
+    y.value, y.active = value, active
+    return 0
+
+
+class ParameterFault(FaultComponent):
+    """Sampled component, first in every tick: writes the value that holds from now on.
+
+    Before the onset and after the end that is the nominal value, to the last bit.
+
+    Args:
+        name: of the component.
+        span: when it is active.
+        owner: the component in whose memory the parameter lies.
+        parameter: what it is called there.
+        cell: the parameter itself, a view (1,) of that memory.
+        factor, added: what the nominal value is multiplied by, and what is added to it (SI).
+        ramp: ticks in which both grow from nothing; 0: at once.
+        chained: whether a fault before it in the tick writes to the same place.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        span: Span,
+        owner: Component,
+        parameter: str,
+        cell: np.ndarray,
+        factor: float,
+        added: float,
+        ramp: int,
+        chained: bool,
+    ):
+        memory = memory_of(
+            PARAMETER_MEMORY, window=window(span, 1), factor=factor, added=added, ramp=ramp, chained=chained
+        )
+        memory["address"], memory["nominal"] = cell.ctypes.data, cell[0]
+        value = replace(VALUE, meaning=f"{parameter} of {owner.name}, as it holds now")
+        super().__init__(name, (), (value, ACTIVE), True, parameter_step, memory, keep=owner)
+
+    def passed_on(self, given: np.ndarray) -> np.ndarray:
+        return np.array([self.memory["nominal"][0], 0.0])
+
+
+class DriveLaw(IntEnum):
+    """How the shaft moves while the fault is active; by the names in an experiment's file, in capitals."""
+
+    DRIVE_RUNAWAY = 0
+    DRIVE_FREEWHEEL = 1
+    DRIVE_DEAD = 2
+    JOINT_JAM = 3
+    DRIVE_FAILURE = 4
+
+
+# plain integers: what compiled code compares with
+_RUNAWAY, _FREEWHEEL, _DEAD, _JAM, _FAILURE = (int(law) for law in DriveLaw)
+
+INERTIA = 1e-4
+"""Of rotor, coupling and spring hub (kg m2), as the velocity_servo, pmsm_foc and python_servo drives of fmus/ have."""
+FRICTION = 1e-4
+"""Of the bearings of a shaft without current (N m s/rad), as python_servo has."""
+
+DRIVE_SHAFT = Port("theta_m", 1, "rad", "angle of the drive's own shaft")
+TAU_LOAD = Port("tau_load", 1, "N m", "torque the spring asks of the shaft")
+POWER = Port("power", 1, "1", "whether the drives may have power", "bool")
+SHAFT_OUTPUTS = (
+    Port("theta_m", 1, "rad", "motor angle as it really is"),
+    Port("omega_m", 1, "rad/s", "motor speed as it really is"),
+    ACTIVE,
+)
+
+
+def shaft_inputs(monitored: bool) -> tuple[Port, ...]:
+    """The ports of a shaft, with or without an input that takes its power away."""
+    return (DRIVE_SHAFT, TAU_LOAD, POWER) if monitored else (DRIVE_SHAFT, TAU_LOAD)
+
+
+FAILED = 2
+
+SHAFT_MEMORY = record(window=WINDOW, law="i8", omega="f8", **states(**alike("f8", "stop drive offset theta_m omega_m")))
+"""`omega`: speed of a runaway (rad/s). `stop`: angle beyond which a jam lets nothing turn. `drive`: where the drive's
+own shaft was. `offset`: how far the real shaft is from it. `theta_m`, `omega_m`: the real shaft."""
+
+
+@njit(cache=True)
+def free_shaft(theta_m, omega_m, tau_load, h):
+    """(theta_m, omega_m) after `h` seconds of a shaft that nothing drives.
+
+    J d omega_m/dt = -b omega_m - tau_load, with friction implicit and the angle moved by the new speed (symplectic
+    Euler): `tau_load` is the spring's torque at the old angle, and so stepped an oscillator of k_s on J is stable for
+    h < 2 sqrt(J/k_s), 20 ms here; the exact solution with the torque held would gain energy in every turn (Hairer,
+    Lubich, Wanner, Geometric Numerical Integration, section I.1.2).
+    """
+    omega_m = (omega_m - h * tau_load / INERTIA) / (1.0 + h * FRICTION / INERTIA)
+    return theta_m + h * omega_m, omega_m
+
+
+@njit(cache=True)
+def move(m, drive, tau_load, power, h):
+    """Turn the shaft of `m` over a step in which the fault is active; `drive` is where the drive's own has gone."""
+    before = m.theta_m
+    if m.law == _FREEWHEEL:
+        m.theta_m, m.omega_m = free_shaft(m.theta_m, m.omega_m, tau_load, h)
+        return
+    if m.law == _RUNAWAY and power != 0.0:
+        m.theta_m += h * m.omega
+    if m.law == _JAM:
+        m.theta_m = min(m.theta_m + drive - m.drive, m.stop)
+    m.omega_m = (m.theta_m - before) / h
+
+
+@cache
+def shaft_step_over(monitored):
+    """The step of a shaft, with or without an input that takes its power away."""
+
+    @step_function(SHAFT_MEMORY, shaft_inputs(monitored), SHAFT_OUTPUTS)
+    def step(m, t, h, u, y):
+        drive = u.theta_m
+        power = 1.0
+        if monitored:
+            power = u.power
+        k = tick_now(m.window)
+        active = within(m.window, k)
+        if active and m.law == _FAILURE:
+            return FAILED
+        if active:
+            if k == m.window.onset:
+                m.stop = m.theta_m
+            move(m, drive, u.tau_load, power, h)
+            m.offset = m.theta_m - drive
+        else:
+            m.omega_m = (drive + m.offset - m.theta_m) / h
+            m.theta_m = drive + m.offset
+        m.drive = drive
+        y.theta_m, y.omega_m, y.active = m.theta_m, m.omega_m, active
+        return 0
+
+    return step
+
+
+class DriveFault(FaultComponent):
+    """Continuous component right behind a drive: the drive's shaft in, the shaft that the joint really has out.
+
+    The step that begins at tick k is faulty for onset <= k < end. Afterwards the drive's motion is followed again from
+    where the shaft then is: nothing jumps, an offset stays. The drive itself knows of nothing.
+
+    Args:
+        name: of the component.
+        span: when it is active.
+        law: how the shaft moves.
+        omega: speed of a runaway (rad/s).
+        theta_m: angle of the drive's shaft before tick 0 (rad).
+        monitored: whether there is an input `power`; without it the power is always on.
+        period: of the drive, in ticks.
+        label, target: what people know the fault and its drive by.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        span: Span,
+        law: DriveLaw,
+        omega: float,
+        theta_m: float,
+        monitored: bool,
+        period: int,
+        label: str,
+        target: str,
+    ):
+        memory = memory_of(
+            SHAFT_MEMORY, window=window(span, period), law=law, omega=omega, drive=theta_m, theta_m=theta_m
+        )
+        initial = np.array([theta_m, 0.0, 0.0])
+        super().__init__(
+            name, shaft_inputs(monitored), SHAFT_OUTPUTS, False, shaft_step_over(monitored), memory, initial, period
+        )
+        self.label, self.target = label, target
+
+    def passed_on(self, given: np.ndarray) -> np.ndarray:
+        # the shaft is where the drive's own is; how fast it turns shows in the next step
+        theta_m = float(given[0])
+        self.memory["drive"] = self.memory["theta_m"] = theta_m
+        return np.array([theta_m, 0.0, 0.0])
+
+    def explain(self, status: int) -> str:
+        return f"made {self.target} fail (drive_failure)"
+
+
+_GAMMA, _MIX_1, _MIX_2 = (np.uint64(n) for n in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
+_27, _30, _31, _11 = (np.uint64(n) for n in (27, 30, 31, 11))
+_UNIT = 2.0**-53
+
+
+@njit(cache=True)
+def mixed(z):
+    """SplitMix64's scrambling of a uint64."""
+    z = (z ^ (z >> _30)) * _MIX_1
+    z = (z ^ (z >> _27)) * _MIX_2
+    return z ^ (z >> _31)
+
+
+@njit(cache=True)
+def drawn(memory):
+    """The next number of the generator in `memory.random` (uint64): uniform in [0, 1)."""
+    memory.random += _GAMMA
+    return (mixed(memory.random) >> _11) * _UNIT
+
+
+def first_state(seed: int, number: int) -> int:
+    """State of the generator of the fault with this number: the same `seed` serves them all, and each draws its own."""
+    # modulo 2**64, which is what is meant
+    with np.errstate(over="ignore"):
+        return int(mixed(np.uint64((seed + number * int(_GAMMA)) % 2**64)))
+
+
+class CountLaw(IntEnum):
+    """What becomes of a count; by the names in an experiment's file, in capitals."""
+
+    BIAS = 0
+    DRIFT = 1
+    QUANTISATION = 2
+    DROPOUT_HOLD = 3
+    DROPOUT_ZERO = 4
+    DROPOUT_NAN = 5
+    STUCK = 6
+    GLITCH = 7
+    FLIP = 8
+    SWAP = 9
+
+
+NUMBERS: dict[CountLaw, dict[str, str]] = {
+    CountLaw.BIAS: {"magnitude": "counts"},
+    CountLaw.GLITCH: {"magnitude": "counts", "share": "share"},
+    CountLaw.DROPOUT_HOLD: {"magnitude": "share"},
+    CountLaw.DROPOUT_ZERO: {"magnitude": "share"},
+    CountLaw.DROPOUT_NAN: {"magnitude": "share"},
+}
+"""Numbers of a [[fault]] that a law takes as they are, and the field of its memory."""
+
+# plain integers: what compiled code compares with
+_BIAS, _DRIFT, _QUANTISATION, _HOLD, _ZERO, _NAN, _STUCK, _GLITCH, _FLIP, _SWAP = (int(law) for law in CountLaw)
+
+ENCODER_CHANNELS = 3
+COUNT = Port("count", ENCODER_CHANNELS, "1", "counts of the motor or of the joint encoders")
+
+COUNT_MEMORY = record(
+    window=WINDOW,
+    **alike("i8", "law element partner"),
+    **alike("f8", "counts share"),
+    **states(held="f8", spiked="i8", random="u8"),
+)
+"""`counts`: the magnitude in counts, of a drift in counts per tick. `held`: the last count that went through."""
+
+
+@njit(cache=True)
+def whole(count):
+    """The nearest whole count, half up, as the encoder itself rounds."""
+    return np.floor(count + 0.5)
+
+
+@njit(cache=True)
+def lost_count(m, count):
+    """What a reader gets while a random share of samples is lost."""
+    if drawn(m) >= m.share:
+        m.held = count
+        return count
+    if m.law == _HOLD:
+        return m.held
+    return 0.0 if m.law == _ZERO else np.nan
+
+
+@njit(cache=True)
+def spiked_count(m, count):
+    """`count` with spikes of one sample: never two in a row, and in the long run the stated share of all samples.
+
+    A spike follows a good sample with probability q, a spike never: of all samples the share p = q (1 - p) are spikes,
+    so q = p / (1 - p).
+    """
+    spike = drawn(m) < m.share / (1.0 - m.share) and m.spiked == 0
+    m.spiked = 1 if spike else 0
+    return count + whole(m.counts) if spike else count
+
+
+@njit(cache=True)
+def faulty_count(m, counts, k):
+    """What the encoder `m.element` delivers at tick `k` instead of its own of the clean `counts`."""
+    count = counts[m.element]
+    if m.law == _BIAS:
+        return count + whole(m.counts)
+    if m.law == _DRIFT:
+        return count + whole(m.counts * (k - m.window.onset))
+    if m.law == _QUANTISATION:
+        return m.counts * whole(count / m.counts)
+    if m.law == _STUCK:
+        return m.held
+    if m.law == _GLITCH:
+        return spiked_count(m, count)
+    if m.law == _FLIP:
+        return -count
+    if m.law == _SWAP:
+        return counts[m.partner]
+    return lost_count(m, count)
+
+
+@step_function(COUNT_MEMORY, (COUNT,), (COUNT, ACTIVE))
+def count_step(m, t, h, u, y):
+    counts, delivered = u.count, y.count
+    # not delivered[:] = counts, for which memory is allocated
+    for i in range(ENCODER_CHANNELS):
+        delivered[i] = counts[i]
+    k = tick_now(m.window)
+    active = within(m.window, k)
+    if k == 0 or not active:
+        m.held = counts[m.element]
+    if active:
+        delivered[m.element] = faulty_count(m, counts, k)
+        if m.law == _SWAP:
+            delivered[m.partner] = counts[m.element]
+    y.active = active
+    return 0
+
+
+class CountFault(FaultComponent):
+    """Sampled component: three counts in, three counts out, one of them (two if swapped) wrong while active.
+
+    Counts stay whole numbers, as an encoder's are, but the port is of kind "double": a lost one may be NaN.
+
+    Args:
+        name: of the component.
+        span: when it is active.
+        law: what becomes of a count.
+        port: the encoder's port of counts (3).
+        element: which of the three.
+        counts: by which a count is off, or of one step; of a drift per tick.
+        share: of the samples that are lost, or hit by a glitch.
+        random: state in which its generator begins, see `first_state`.
+        period: of the encoder, in ticks.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        span: Span,
+        law: CountLaw,
+        port: Port,
+        element: int,
+        counts: float,
+        share: float,
+        random: int,
+        period: int,
+    ):
+        memory = memory_of(COUNT_MEMORY, window=window(span, period), counts=counts, share=share, random=random)
+        memory["law"], memory["element"], memory["partner"] = law, element, (element + 1) % ENCODER_CHANNELS
+        out = Port(port.name, port.size, port.unit, f"{port.meaning}, faulty")
+        super().__init__(name, (port,), (out, ACTIVE), True, count_step, memory, period=period)
+        self.finite = law != CountLaw.DROPOUT_NAN
+
+    def passed_on(self, given: np.ndarray) -> np.ndarray:
+        self.memory["held"] = given[int(self.memory["element"][0])]
+        return super().passed_on(given)
+
+
+NEVER = 1 << 62
+"""The tick at which a lost message arrives."""
+
+MESSAGE_MEMORY = record(
+    window=WINDOW,
+    **alike("i8", "size sender_period least most"),
+    share="f8",
+    sent=state("i8"),
+    capacity="i8",
+    **states(**alike("i8", "messages arrivals present"), random="u8"),
+)
+"""A message is `least` to `most` ticks under way, a `share` of them for ever. `sent`: messages since the onset; the
+n-th of them lies at n modulo `capacity` in the rings `messages` and `arrivals` (ticks), which are long enough for all
+that are under way. `present`: what the reader has."""
+_ticks_at = pointer_to(np.int64)
+
+
+@njit(cache=True)
+def copy(target, values):
+    """Write `values` into `target`; an assignment of a whole array allocates memory."""
+    for j in range(len(values)):
+        target[j] = values[j]
+
+
+@njit(cache=True)
+def arrival(m, k):
+    """The tick at which a message sent at tick `k` arrives."""
+    if m.share > 0.0 and drawn(m) < m.share:
+        return NEVER
+    under_way = m.least
+    if m.most > m.least:
+        under_way += int(drawn(m) * (m.most - m.least + 1))
+    return k + under_way
+
+
+@njit(cache=True)
+def post(m, message, messages, arrivals, k):
+    """Put `message` of tick `k` under way."""
+    m.sent += 1
+    slot = m.sent % m.capacity
+    copy(messages[slot], message)
+    arrivals[slot] = arrival(m, k)
+
+
+@njit(cache=True)
+def receive(m, present, messages, arrivals, k):
+    """Make the newest message that has arrived the `present` one, in place."""
+    for n in range(m.sent, max(0, m.sent - m.capacity), -1):
+        if arrivals[n % m.capacity] <= k:
+            copy(present, messages[n % m.capacity])
+            return
+
+
+@step_function(MESSAGE_MEMORY)
+def message_step(m, t, h, u, y):
+    message, read, present = carray(u, m.size), carray(y, m.size + 1), carray(doubles_at(m.present), m.size)
+    messages = carray(doubles_at(m.messages), (m.capacity, m.size))
+    arrivals = carray(_ticks_at(m.arrivals), m.capacity)
+    k = tick_now(m.window)
+    active = within(m.window, k)
+    if k == 0 or not active:
+        copy(present, message)
+        m.sent = 0
+    if active:
+        if k % m.sender_period == 0:
+            post(m, message, messages, arrivals, k)
+        receive(m, present, messages, arrivals, k)
+    for j in range(m.size):
+        read[j] = present[j]
+    read[m.size] = active
+    return 0
+
+
+class MessageFault(FaultComponent):
+    """Sampled component, every tick: the ports of a sender in, the same ports out, late or held while active.
+
+    Once the fault is over the reader has the sender's own message again at once; what is still under way is dropped.
+
+    Args:
+        name: of the component.
+        span: when it is active.
+        ports: the sender's ports that make one message.
+        sender_period: in ticks.
+        least, most: how long a message is under way, in ticks.
+        share: of the messages that are lost.
+        random: state in which its generator begins, see `first_state`.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        span: Span,
+        ports: tuple[Port, ...],
+        sender_period: int,
+        least: int,
+        most: int,
+        share: float,
+        random: int,
+    ):
+        size, capacity = width(ports), most // sender_period + 2
+        messages, arrivals, present = np.zeros((capacity, size)), np.zeros(capacity, dtype=np.int64), np.zeros(size)
+        pointers = {"messages": messages, "arrivals": arrivals, "present": present}
+        memory = memory_of(
+            MESSAGE_MEMORY, window=window(span, 1), size=size, sender_period=sender_period, capacity=capacity
+        )
+        memory["least"], memory["most"], memory["share"], memory["random"] = least, most, share, random
+        # a count that came through a fault before may be NaN
+        read = (replace(port, kind="double") for port in ports)
+        super().__init__(name, ports, (*read, ACTIVE), True, message_step, memory, pointers=pointers)
+
+    def passed_on(self, given: np.ndarray) -> np.ndarray:
+        self.pointers["present"][:] = given
+        return super().passed_on(given)
