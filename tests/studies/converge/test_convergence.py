@@ -15,13 +15,15 @@ from twin.studies.converge.convergence import (
     FINEST,
     Coupling,
     Smooth,
+    chosen,
     comparable,
+    largest_errors,
     power_residuals,
     reference_of,
+    sampled_run,
     smoothed,
 )
 from twin.studies.converge.monolith import applies, monolithic_rows, servos, within_limits
-from twin.studies.converge.order import chosen, largest_errors, sampled_run
 
 DURATION = 2.0
 

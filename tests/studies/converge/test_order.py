@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.studies.converge.order import OrderFinding, observed_order
+from twin.studies.converge.convergence import OrderFinding, observed_order
 
 TICKS = 1e-3 * np.array([2.0, 1.0, 0.5, 0.25])
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from tests.studies.identify.calibrations import PLANE, STEP, belief, true_parameters, windows_of_statics
-from twin.studies.identify.balance import in_air, on_scale
-from twin.studies.identify.fit import Fit, fit, line, sandwich, t_factor
-from twin.studies.identify.windows import BACKLASH, COMPLIANCE, KAPPA, OFFSET, Windows, parameters
+from twin.studies.identify.identification import Fit, fit, line, sandwich, t_factor
+from twin.studies.identify.windows import BACKLASH, COMPLIANCE, KAPPA, OFFSET, Windows, in_air, on_scale, parameters
 
 
 def test_two_clusters_have_one_degree_of_freedom():
@@ -107,7 +106,7 @@ def test_a_wrong_length_moves_every_log_alike_and_their_mean_as_much():
 def test_a_search_that_is_cut_short_says_so(monkeypatch: pytest.MonkeyPatch):
     seen = windows_of_statics(true_parameters(), np.random.default_rng(8))
     assert fitted(seen).converged
-    monkeypatch.setattr("twin.studies.identify.fit.STEPS", 2)
+    monkeypatch.setattr("twin.studies.identify.identification.STEPS", 2)
     assert not fitted(seen).converged
 
 

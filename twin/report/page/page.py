@@ -30,8 +30,7 @@ from twin.robot.experiment.recorded import (
     toml_text,
 )
 from twin.robot.experiment.source import COMMAND_LINE
-from twin.studies.accuracy.budget import NOT_MODELLED, Budget, Contribution
-from twin.studies.accuracy.text import NUMBERS, details, headline, row
+from twin.studies.accuracy.budget import NOT_MODELLED, NUMBERS, Budget, Contribution, details, headline, row
 from twin.studies.answer import Answer
 from twin.studies.paper.claim import ClaimFinding
 from twin.studies.paper.fig4 import standing, tally

@@ -34,8 +34,7 @@ def accuracy(
     """
     from twin.kernel.writing import made_folder, write_json
     from twin.robot.assembly.load import load_experiment
-    from twin.studies.accuracy.budget import accuracy_budget
-    from twin.studies.accuracy.text import accuracy_facts, accuracy_result
+    from twin.studies.accuracy.budget import accuracy_budget, accuracy_facts, accuracy_result
 
     loaded = load_experiment(experiment, settings, drive)
     folder = made_folder(out or HOME / loaded.name)

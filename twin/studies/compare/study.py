@@ -81,8 +81,7 @@ def compare(
         raise InputRefused(
             f"twin compare: got {len(runs)} path{'s' * (len(runs) != 1)}, expected A and B, or --paper FIGURE"
         )
-    from twin.studies.compare.comparison import both, compared, experiments_differ
-    from twin.studies.compare.text import comparison_result, draw_comparison
+    from twin.studies.compare.comparison import both, compared, comparison_result, draw_comparison, experiments_differ
     from twin.studies.compare.tolerance import alignment, rules
 
     found = compared(*both(runs[0], runs[1], maps), rules(tolerances), signals, alignment(align, by, max_shift))
