@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from twin.studies.figure import picture
-from twin.studies.paper_figure import COLUMNS, LETTERS, for_paper
+from twin.studies.figure import COLUMNS, LETTERS, for_paper, picture
 
 
 def drawn(path: Path) -> Figure:

@@ -129,7 +129,7 @@ def sweep_show(
         NotWritten: the disk refuses.
     """
     from twin.robot.experiment.drive_files import sweep_file
-    from twin.studies.sweep.folder import HOME, stored_sweep
+    from twin.studies.sweep.rows import HOME, stored_sweep
 
     # a sweep by its file or its name; else its folder
     if not sweep.is_dir() and os.path.isfile(file := sweep_file(sweep)):
@@ -140,8 +140,8 @@ def sweep_show(
         return
     found = stored_sweep(folder)
     # only for what is there: what reckons takes a second to load
-    from twin.studies.paper_figure import for_paper
-    from twin.studies.sweep.folder import write_parquet
+    from twin.studies.figure import for_paper
+    from twin.studies.sweep.rows import write_parquet
     from twin.studies.sweep.show.parts import Asked, axes_of, parts, sweep_text, worst_label
     from twin.studies.sweep.show.pictures import write_pictures
     from twin.studies.sweep.statistics.ranking import checked_rank, claims_in, usual_metric

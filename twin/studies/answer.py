@@ -69,7 +69,7 @@ def answered(
     if not formats:
         return vars(answer_of(function_called(study)(**asked, say=say)))
     # most answers draw nothing, and it takes a while to load
-    from twin.studies.paper_figure import for_paper
+    from twin.studies.figure import for_paper
 
     with for_paper(formats, columns) as paper:
         answer = answer_of(function_called(study)(**asked, say=say))

@@ -3,7 +3,7 @@ import pytest
 
 from twin.robot.assembly.drives import planned
 from twin.robot.experiment.drive_files import lone_drive
-from twin.studies.analyse.drive_response import identified, sum_of_sines
+from twin.studies.analyse.operating_point import identified, sum_of_sines
 
 TICK = 1e-3
 

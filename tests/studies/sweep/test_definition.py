@@ -6,7 +6,7 @@ import pytest
 
 from tests.studies.sweep.definitions import written
 from twin.kernel.errors import InputRefused
-from twin.studies.sweep.definition import read_definition, short_definition
+from twin.studies.sweep.plan import read_definition, short_definition
 
 VARY = '[[vary]]\nkey = "contact.stiffness_N_per_m"\n'
 LEVELS = f"{VARY}from = 500\nto = 5000\ncount = 3\n"

@@ -14,9 +14,8 @@ from twin.robot.assembly.load import load_experiment
 from twin.studies.paper.claim import as_facts
 from twin.studies.paper.fig4 import fig4_score
 from twin.studies.paper.fig4_measures import fig4_runs
-from twin.studies.sweep.fig4 import PERIOD, packed, unpacked
 from twin.studies.sweep.plan import planned
-from twin.studies.sweep.worker import trial
+from twin.studies.sweep.worker import PERIOD, packed, trial, unpacked
 
 
 def test_a_curve_comes_back_as_it_was_at_every_40_ms():

@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 
 from tests.studies.sweep.statistics.rows import kept, row
-from twin.studies.sweep.folder import write_parquet
+from twin.studies.sweep.rows import write_parquet
 
 pytest.importorskip("pyarrow")
 

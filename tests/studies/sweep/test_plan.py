@@ -12,16 +12,19 @@ from scipy import stats
 
 from tests.studies.sweep.definitions import GAIN, SHORT, STIFFNESS, definition, stiffness_text, stiffnesses, written
 from twin.kernel.errors import InputRefused
-from twin.studies.sweep.definition import Condition, Value, Vary, why_not_saltelli
 from twin.studies.sweep.plan import (
     MOST,
+    Condition,
     DesignPoint,
     SweepPlan,
+    Value,
+    Vary,
     largest_count,
     planned,
     points,
     saltelli_cube,
     unit_cube,
+    why_not_saltelli,
 )
 
 numbers = st.lists(st.integers(-50, 50), min_size=1, max_size=4, unique=True)

@@ -18,10 +18,9 @@ from tests.kernel.process.hostile import EXIT, HANG, HANG_IN_INITIALISATION, LEA
 from tests.studies.sweep.definitions import job, stiffnesses, written
 from twin.kernel.errors import TwinError
 from twin.kernel.process.job import JobLimits
-from twin.studies.sweep.folder import stored_sweep
 from twin.studies.sweep.plan import SweepPlan, Task, planned
-from twin.studies.sweep.pool import PATIENCE, Pool, WorkerProcess, raise_if_pressed, remembered
-from twin.studies.sweep.sweep import State, run_sweep
+from twin.studies.sweep.rows import stored_sweep
+from twin.studies.sweep.sweep import PATIENCE, Pool, State, WorkerProcess, raise_if_pressed, remembered, run_sweep
 
 
 class Gone:
@@ -67,7 +66,7 @@ def test_what_was_pressed_last_of_all_is_not_lost():
 
 PRESSED_TWICE = """
 import os, signal, sys
-from twin.studies.sweep.pool import remembered
+from twin.studies.sweep.sweep import remembered
 
 def press():
     os.kill(os.getpid(), signal.SIGINT)
@@ -97,7 +96,7 @@ for moment in range(1, 60):
 """
 PRESSED_AGAIN = """
 import os, signal
-from twin.studies.sweep.pool import remembered
+from twin.studies.sweep.sweep import remembered
 
 with remembered():
     for number in range({times}):

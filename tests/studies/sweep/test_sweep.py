@@ -12,12 +12,10 @@ from tests.conftest import examples
 from tests.kernel.recording.test_writer import largest_file
 from tests.studies.sweep.definitions import STIFFNESS, stiffnesses
 from twin.kernel.errors import InputRefused
-from twin.studies.sweep.folder import stored_sweep
 from twin.studies.sweep.measures import RunFinding
 from twin.studies.sweep.plan import SweepPlan, Task
-from twin.studies.sweep.pool import Job, Result
-from twin.studies.sweep.rows import ROWS, DiskFailed, read_rows
-from twin.studies.sweep.sweep import State, run_sweep
+from twin.studies.sweep.rows import ROWS, DiskFailed, read_rows, stored_sweep
+from twin.studies.sweep.sweep import Job, Result, State, run_sweep
 
 RUNS = 12
 VALUES = str([500 + 10 * number for number in range(RUNS)])

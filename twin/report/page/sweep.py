@@ -7,7 +7,7 @@ from twin.kernel.writing import write_text
 from twin.report.page.markup import Markup, element, joined, table
 from twin.report.page.page import plain_page
 from twin.report.page.picture import figure
-from twin.studies.sweep.folder import SweepRows
+from twin.studies.sweep.rows import SweepRows
 from twin.studies.sweep.show.parts import Asked, ReportPart, headline, parts
 
 PAGE = "sweep.html"

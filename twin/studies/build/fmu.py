@@ -28,8 +28,7 @@ from twin.studies.build.linking import (
     shared_library,
     universal,
 )
-from twin.studies.build.parameters import OpenParameter, fixed, parameters
-from twin.studies.build.part import RobotPart, part_of
+from twin.studies.build.part import OpenParameter, RobotPart, fixed, parameters, part_of
 
 TOOL = "twin"
 _CAUSALITY: dict[Kind, str] = {"parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output"}

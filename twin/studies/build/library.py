@@ -30,8 +30,7 @@ from twin.studies.build.linking import (
     refuse_platform,
     static_library,
 )
-from twin.studies.build.parameters import Limits, fixed, parameters
-from twin.studies.build.part import RobotPart, drive_commands, part_of
+from twin.studies.build.part import Limits, RobotPart, drive_commands, fixed, parameters, part_of
 
 COUNTS = (
     Port("count_m", 3, "1", "motor encoders", "int"),

@@ -22,20 +22,21 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.run import named_files
 from twin.studies.answer import Answer
-from twin.studies.build.drives import Element, JointDrive, travelling_drives
 from twin.studies.build.fmu import HOME, about, archive, packed, readme
 from twin.studies.build.layout import ExportedVariable, Kind, laid_out
 from twin.studies.build.linking import Platform, platforms_named, refuse_platform
-from twin.studies.build.parameters import fixed, parameters
-from twin.studies.build.part import RobotPart, part_of
+from twin.studies.build.part import RobotPart, fixed, parameters, part_of
 from twin.studies.build.structure import (
     ConnectorUnit,
+    Element,
+    JointDrive,
     Member,
     defined,
     foreign_connectors,
     foreign_values,
     origin,
     structure,
+    travelling_drives,
 )
 
 KINDS: dict[Kind, ConnectorKind] = {

@@ -36,7 +36,7 @@ from twin.studies.metrics.requirement import checked_requirement
 from twin.studies.steps import Say
 from twin.studies.sweep.measures import RunFinding
 from twin.studies.sweep.plan import Task
-from twin.studies.sweep.pool import Job, WorkerProcess
+from twin.studies.sweep.sweep import Job, WorkerProcess
 
 FORCE, PLACE = "plant.F_ee_B", "plant.p_B"
 

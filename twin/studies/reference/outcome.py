@@ -40,7 +40,8 @@ from twin.studies.lines import counted, labelled, wrapped
 from twin.studies.metrics.response import Curve
 
 STANDARD = "org.fmi-standard.fmi-ls-ref"
-MANIFEST = f"extra/{STANDARD}/fmi-ls-manifest.xml"
+HOME = f"extra/{STANDARD}"
+MANIFEST = f"{HOME}/fmi-ls-manifest.xml"
 NAMESPACE = "{http://fmi-standard.org/fmi-ls-manifest}"
 MOST_RELATED = 1_000
 """Files of one manifest; an honest one lists a dozen."""
@@ -319,10 +320,9 @@ def bare_run(description: FmuDescription, trial: Trial, files: Prepared, ended: 
         while not simulation.finished:
             slices.append(simulation.advance().copy())
         rows = np.concatenate(slices)
-        columns = {p.variable.name: system.columns(f"fmu.{p.port.name}").start for p in outputs}
         failure = str(simulation.failure) if simulation.failure else ""
-        names = {name: rows[:, column] for name, column in columns.items()}
-        ended(BareRun(step, step * np.arange(len(rows), dtype=float), names, unknown, failure))
+        watched = {p.variable.name: rows[:, system.columns(f"fmu.{p.port.name}").start] for p in outputs}
+        ended(BareRun(step, step * np.arange(len(rows), dtype=float), watched, unknown, failure))
     finally:
         component.close()
 
