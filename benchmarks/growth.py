@@ -24,7 +24,7 @@ from twin.kernel.writing import made_folder, write_json, write_text
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.figure import BLUE, picture
-from twin.studies.lines import markdown
+from twin.studies.result import markdown
 from twin.studies.sweep.measures import METRICS, RunFinding, failure
 from twin.studies.sweep.plan import plan_of, short_definition
 from twin.studies.sweep.rows import FACTS, ROWS, RowFile

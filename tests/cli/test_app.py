@@ -26,9 +26,9 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.studies.answer import Answer
+from twin.studies.command import Answer
 from twin.studies.command import Argument, Asked, Option, study
-from twin.studies.steps import Say
+from twin.studies.command import Say
 
 
 def _look(asked: Asked) -> None:

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.studies.lines import WIDTH, counted, labelled, markdown, wrapped
+from twin.studies.result import WIDTH, counted, labelled, markdown, wrapped
 
 words = st.lists(st.text("ab-", min_size=1, max_size=20), min_size=1, max_size=40).map(" ".join)
 

@@ -8,9 +8,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.studies.answer import answered
-from twin.studies.lines import WIDTH
-from twin.studies.result import TIE, Column, Note, Result, Table, laid_out, note, render_text, table_markdown, to_json
+from twin.studies.command import answered
+from twin.studies.result import (
+    TIE,
+    WIDTH,
+    Column,
+    Note,
+    Result,
+    Table,
+    laid_out,
+    note,
+    render_text,
+    table_markdown,
+    to_json,
+)
 from twin.studies.result import to_markdown as markdown_of
 
 COLUMNS = (Column("joint", left=True), Column("error", 8, "+.2f", "mm"), Column("why", left=True, gap=3, folds=True))

@@ -9,8 +9,7 @@ from twin.cli.terminal import TerminalDisplay
 from twin.kernel.errors import ComponentFailed
 from twin.kernel.process.guard import JobEnded, guarded
 from twin.kernel.process.job import JobLimits, function_called, left_behind, recorded_until_then
-from twin.studies.answer import Answer, answer_of
-from twin.studies.command import SHARED, Interrupted, Isolation, JobIsolation, Study, answer_apart
+from twin.studies.command import SHARED, Answer, Interrupted, Isolation, JobIsolation, Study, answer_apart, answer_of
 
 Hear = Callable[[dict[str, Any]], None]
 """Takes a note of a job."""

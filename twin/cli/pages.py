@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.kernel.process.job import JobLimits
-from twin.studies.answer import Answer
 from twin.studies.command import (
     JOB_ISOLATION,
+    Answer,
     Argument,
     AsJson,
     BodyName,
@@ -21,12 +21,12 @@ from twin.studies.command import (
     LimitStep,
     LimitWall,
     Option,
+    Say,
     Settings,
     answer_apart,
     study,
 )
 from twin.studies.first_look import load_experiments, print_latest
-from twin.studies.steps import Say
 from twin.studies.sweep.study import By
 
 

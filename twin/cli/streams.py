@@ -11,7 +11,7 @@ from twin.kernel.errors import NotWritten, visible_lines
 from twin.kernel.writing import json_text
 
 if TYPE_CHECKING:
-    from twin.studies.answer import Answer
+    from twin.studies.command import Answer
 
 READER_GONE = 128 + 13
 """Exit code of a command whose output has no reader any more: what a shell shows for the signal SIGPIPE."""

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from twin.studies.lines import counted, wrapped
+from twin.studies.result import counted, wrapped
 
 MOST_EVENTS = 20
 """The most events that are listed; the recording has all of them."""

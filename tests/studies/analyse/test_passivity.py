@@ -27,7 +27,7 @@ from twin.studies.analyse.linear.loops import LOOPS, linear_law
 from twin.studies.analyse.operating_point import NUDGED, Linearised, OperatingPoint, held, resting_point, undisturbed
 from twin.studies.analyse.passivity import RENDERED, WIDTH_FREQUENCIES, Passivity, largest_passive, passivity
 from twin.studies.analyse.text import passivity_result
-from twin.studies.steps import silent
+from twin.studies.command import silent
 
 
 @pytest.fixture(scope="module")

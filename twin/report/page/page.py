@@ -31,11 +31,10 @@ from twin.robot.experiment.recorded import (
 )
 from twin.robot.experiment.source import COMMAND_LINE
 from twin.studies.accuracy.budget import NOT_MODELLED, NUMBERS, Budget, Contribution, details, headline, row
-from twin.studies.answer import Answer
+from twin.studies.command import Answer, Say, silent
 from twin.studies.paper.claim import ClaimFinding
 from twin.studies.paper.fig4 import standing, tally
 from twin.studies.result import Cell, Column, Table
-from twin.studies.steps import Say, silent
 
 if TYPE_CHECKING:
     from twin.studies.accuracy.budget import Budget

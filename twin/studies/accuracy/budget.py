@@ -32,8 +32,8 @@ from twin.robot.experiment.experiment import Experiment, exactly_measured, with_
 from twin.robot.mechanism.geometry import Model
 from twin.robot.plant.dynamics import TrueRobot
 from twin.robot.run.trace import run_in_memory
+from twin.studies.command import Say, Steps, silent
 from twin.studies.result import Block, Column, Note, Result, Table
-from twin.studies.steps import Say, Steps, silent
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,7 @@ from twin.studies.analyse.operating_point import (
     operating_points,
     resting_point,
 )
-from twin.studies.steps import Say
+from twin.studies.command import Say
 
 INSIDE, OUTSIDE = 0.85, 1.15
 """Of the predicted mass: off by 15 % at most, as gain limits are allowed to be."""

@@ -36,7 +36,7 @@ from twin.studies.analyse.operating_point import (
     on_stiffness,
     operating_points,
 )
-from twin.studies.steps import Say, Steps, silent
+from twin.studies.command import Say, Steps, silent
 
 HOLDS = 0.15
 """What a predicted gain limit may be off the simulated one, as a share of that."""

@@ -36,8 +36,7 @@ from twin.studies.analyse.stability import (
     StabilityMap,
 )
 from twin.studies.figure import BLUE, GREEN, GREY, INK, LIGHT_IS_GOOD, MAP, ORANGE, PINK, SKY, VERMILION, Axes, picture
-from twin.studies.lines import counted
-from twin.studies.result import TIE, Block, Column, Note, Result, Row, Table
+from twin.studies.result import TIE, Block, Column, Note, Result, Row, Table, counted
 
 SHOWN_GAIN = (1e-4, 1e3)
 COLORS = (BLUE, ORANGE, GREEN, PINK, VERMILION, SKY)

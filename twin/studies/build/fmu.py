@@ -14,7 +14,6 @@ from twin.kernel.fmi.unpacked import fmi_headers
 from twin.kernel.units import Unit, known_unit
 from twin.kernel.writing import made_folder, refuse_unwritable, write_bytes
 from twin.robot.assembly.load import load_experiment
-from twin.studies.answer import Answer
 from twin.studies.build.layout import ExportedVariable, Kind, Layout, laid_out, sizes, tables
 from twin.studies.build.linking import (
     HERE,
@@ -29,6 +28,7 @@ from twin.studies.build.linking import (
     universal,
 )
 from twin.studies.build.part import OpenParameter, RobotPart, fixed, parameters, part_of
+from twin.studies.command import Answer
 
 TOOL = "twin"
 _CAUSALITY: dict[Kind, str] = {"parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output"}

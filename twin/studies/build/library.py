@@ -15,7 +15,6 @@ from twin.kernel.errors import disk_refusals
 from twin.kernel.writing import made_folder, write_bytes
 from twin.robot.assembly.load import load_experiment
 from twin.robot.monitor.checks import Reason
-from twin.studies.answer import Answer
 from twin.studies.build.fmu import HOME
 from twin.studies.build.layout import STATUS, ExportedVariable, Layout, laid_out, sizes, tables
 from twin.studies.build.linking import (
@@ -31,6 +30,7 @@ from twin.studies.build.linking import (
     static_library,
 )
 from twin.studies.build.part import Limits, RobotPart, drive_commands, fixed, parameters, part_of
+from twin.studies.command import Answer
 
 COUNTS = (
     Port("count_m", 3, "1", "motor encoders", "int"),

@@ -21,7 +21,6 @@ from twin.kernel.writing import json_text, made_folder, refuse_unwritable, write
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.run import named_files
-from twin.studies.answer import Answer
 from twin.studies.build.fmu import HOME, about, archive, packed, readme
 from twin.studies.build.layout import ExportedVariable, Kind, laid_out
 from twin.studies.build.linking import Platform, platforms_named, refuse_platform
@@ -38,6 +37,7 @@ from twin.studies.build.structure import (
     structure,
     travelling_drives,
 )
+from twin.studies.command import Answer
 
 KINDS: dict[Kind, ConnectorKind] = {
     "parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output",

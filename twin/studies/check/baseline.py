@@ -31,9 +31,8 @@ from twin.studies.check.measurement import POINTS, Measured, Metric, SampledCurv
 from twin.studies.compare.comparison import A_COLOUR, B_COLOUR, OUT_COLOUR, shown
 from twin.studies.compare.tolerance import reach
 from twin.studies.figure import Axes, picture
-from twin.studies.lines import counted
 from twin.studies.metrics.response import within
-from twin.studies.result import Block, Column, Note, Result, Row, Table
+from twin.studies.result import Block, Column, Note, Result, Row, Table, counted
 
 OWN = "own"
 """Called like a drive: the one that the experiment's file names, with the parameters that it sets."""

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.kernel.errors import InputRefused, plain
-from twin.studies.command import JOB_ISOLATION, Argument, Isolate, JobIsolation, Option, study
+from twin.studies.command import JOB_ISOLATION, Argument, Isolate, JobIsolation, Option, Say, study
 from twin.studies.first_look import find_experiments
 from twin.studies.result import Result
-from twin.studies.steps import Say
 
 PICTURES = Path("results/check")
 

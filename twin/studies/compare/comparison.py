@@ -39,10 +39,9 @@ from twin.studies.compare.tolerance import (
     spans,
 )
 from twin.studies.figure import PAPER_BLUE, PAPER_ORANGE, Axes, picture
-from twin.studies.lines import counted, cut
 from twin.studies.metrics.response import rms
 from twin.studies.paper.digitised.provenance import provenance
-from twin.studies.result import Block, Cell, Column, Note, Result, Table
+from twin.studies.result import Block, Cell, Column, Note, Result, Table, counted, cut
 
 
 def both(a: Path, b: Path, maps: Sequence[str] = ()) -> tuple[Log, Log]:

@@ -5,11 +5,9 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.kernel.errors import InputRefused
-from twin.studies.answer import judged
-from twin.studies.command import Argument, Asked, Option, study
+from twin.studies.command import Argument, Asked, Option, Say, judged, study
 from twin.studies.first_look import find_logs, print_latest
 from twin.studies.result import Result
-from twin.studies.steps import Say
 
 HOME = Path("results") / "compare"
 FIGURES = ("fig4", "fig5")

@@ -33,8 +33,8 @@ from twin.robot.experiment.experiment import Experiment, exactly_measured, short
 from twin.robot.mechanism.statics import G_ACCELERATION, dead_zone, deflection, motor_load_torque
 from twin.robot.plant.dynamics import series_share, spring_stiffness
 from twin.robot.run.trace import Trace, run_in_memory
+from twin.studies.command import Say, Steps, silent
 from twin.studies.converge.monolith import ATOL, applies, monolithic_rows, servos, within_limits
-from twin.studies.steps import Say, Steps, silent
 
 
 @dataclass(frozen=True)

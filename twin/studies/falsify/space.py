@@ -16,8 +16,7 @@ from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.experiment.source import laid_over
 from twin.studies.faults.matrix import GLITCH_SHARE
 from twin.studies.faults.text import magnitude_text
-from twin.studies.lines import counted, wrapped
-from twin.studies.result import Block, Cell, Column, Note, Result, Table
+from twin.studies.result import Block, Cell, Column, Note, Result, Table, counted, wrapped
 
 RANDOM = (
     "encoder_dropout_hold", "encoder_dropout_zero", "encoder_dropout_nan", "encoder_glitch", "sample_jitter",

@@ -23,6 +23,7 @@ from scipy.stats import t as student
 from twin.kernel.errors import TwinError, Unreachable
 from twin.kernel.recording.logs.log import Log, LogRefused
 from twin.robot.controller.controller import Belief
+from twin.studies.command import Say, Steps, silent
 from twin.studies.identify.windows import (
     BACKLASH,
     COMPLIANCE,
@@ -56,7 +57,6 @@ from twin.studies.identify.windows import (
 )
 from twin.studies.replay.model import RobotModel
 from twin.studies.replay.replay import robot_log
-from twin.studies.steps import Say, Steps, silent
 
 CONFIDENCE = 0.95
 

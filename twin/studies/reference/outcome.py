@@ -35,9 +35,9 @@ from twin.kernel.recording.logs.csv_file import table_of
 from twin.kernel.ssp.ssd import parameter_set
 from twin.robot.assembly.drives import planned
 from twin.robot.experiment.schema import Drive
-from twin.studies.answer import Answer
-from twin.studies.lines import counted, labelled, wrapped
+from twin.studies.command import Answer
 from twin.studies.metrics.response import Curve
+from twin.studies.result import counted, labelled, wrapped
 
 STANDARD = "org.fmi-standard.fmi-ls-ref"
 HOME = f"extra/{STANDARD}"

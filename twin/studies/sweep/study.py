@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.job import LONG, JobLimits, cores
-from twin.studies.answer import Answer
-from twin.studies.command import Argument, AsJson, Interrupted, LimitStep, Option, confirmed, study
-from twin.studies.steps import Say
+from twin.studies.command import Answer, Argument, AsJson, Interrupted, LimitStep, Option, Say, confirmed, study
 
 if TYPE_CHECKING:
     from twin.studies.sweep.plan import SweepFile, SweepPlan

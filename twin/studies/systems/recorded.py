@@ -37,8 +37,7 @@ from twin.kernel.recording.writer import Writer
 from twin.kernel.ssp.flat import flattened
 from twin.kernel.ssp.ssd import Package, read_package
 from twin.kernel.writing import made_folder, write_bytes
-from twin.studies.lines import counted
-from twin.studies.result import Result, note
+from twin.studies.result import Result, counted, note
 from twin.studies.systems.plan import SystemPart, SystemPlan, distinct, element, field, fmu_sources, planned
 
 _T = TypeVar("_T")

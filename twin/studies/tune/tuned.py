@@ -31,7 +31,7 @@ from twin.robot.run.outcome import RunOutcome, Tally
 from twin.robot.run.trace import Trace
 from twin.studies.analyse.linear.loops import Matrix
 from twin.studies.analyse.operating_point import Linearised
-from twin.studies.steps import Say, silent
+from twin.studies.command import Say, silent
 from twin.studies.tune.prediction import (
     HALF_POWER,
     HORIZON,
