@@ -1,4 +1,4 @@
-"""One renderer: what stands in tables, notes and files is the same as text, for programs and as Markdown."""
+"""One renderer: what stands in tables, notes and files is the same as text and for programs."""
 
 import subprocess
 import sys
@@ -19,10 +19,8 @@ from twin.studies.result import (
     laid_out,
     note,
     render_text,
-    table_markdown,
     to_json,
 )
-from twin.studies.result import to_markdown as markdown_of
 
 COLUMNS = (Column("joint", left=True), Column("error", 8, "+.2f", "mm"), Column("why", left=True, gap=3, folds=True))
 TABLE = Table(COLUMNS, [("first", -0.001, "a reason"), ("second one", 12.345, ""), ("third",)])
@@ -99,15 +97,6 @@ def test_programs_get_the_facts_or_what_people_read_with_its_numbers():
     (table,) = found["tables"]
     assert table["columns"][1] == {"name": "error", "unit": "mm"}
     assert table["rows"][1] == ["second one", 12.345, ""]
-
-
-def test_markdown_has_the_cells_of_the_text():
-    assert table_markdown(TABLE).splitlines()[:3] == [
-        "| joint | error (mm) | why |", "|---|---|---|", "| first | +0.00 | a reason |",
-    ]  # fmt: skip
-    headline, table, said, files = markdown_of(RESULT).split("\n\n")
-    assert headline == "**all is well**" and table == table_markdown(TABLE)
-    assert said == "note: a sentence" and files == "- picture: `a.png`"
 
 
 class Listener:

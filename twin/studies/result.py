@@ -1,9 +1,7 @@
-"""The result of a study and its layout: text of 80 columns, JSON, Markdown.
+"""The result of a study and its layout: text of 80 columns, JSON.
 
 A study computes and returns a `Result`; where columns stand, how many digits they have and how sentences are folded is
 said in its tables and notes, and done here.
-
-Text for people in lines of at most 80 columns.
 """
 
 import textwrap
@@ -249,19 +247,6 @@ def to_json(result: Result) -> Any:
         "notes": [text for part in result.body for text in _plain(part)],
         "files": {kind: str(file) for kind, file in result.files.items()},
     }
-
-
-def to_markdown(result: Result) -> str:
-    """`result` as Markdown: tables between paragraphs, then a list of its files."""
-    parts = [table_markdown(one) if isinstance(one, Table) else "".join(_plain(one)) for one in result.body]
-    files = "\n".join(f"- {kind}: `{file}`" for kind, file in result.files.items())
-    return "\n\n".join(filter(None, [f"**{''.join(_plain(result.headline))}**", *parts, files]))
-
-
-def table_markdown(table: Table) -> str:
-    """A table of Markdown; units stand behind the titles."""
-    head = [f"{column.name} ({column.unit})" if column.unit else column.name for column in table.columns]
-    return markdown(head, table.cells)
 
 
 def _plain(part: Block) -> list[str]:

@@ -8,7 +8,7 @@ import pytest
 
 from tests.studies.sweep.statistics.rows import kept, row
 from twin.kernel.errors import InputRefused, NotWritten
-from twin.report.page.sweep import sweep_page, write_sweep_page
+from twin.report.page.plain import sweep_page, write_sweep_page
 from twin.studies.sweep.rows import SweepRows
 from twin.studies.sweep.show.parts import Asked
 from twin.studies.sweep.show.pictures import write_pictures

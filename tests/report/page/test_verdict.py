@@ -3,8 +3,7 @@ from pathlib import Path
 
 from tests.studies.paper.fig5_recordings import pressed
 from twin.kernel.recording.reader import Recording
-from twin.report.page.run import ReportRun
-from twin.report.page.verdict import verdict
+from twin.report.page.run import ReportRun, verdict
 
 
 def test_both_runs_of_fig4_are_scored_in_any_order(force_position: Recording, position: Recording):

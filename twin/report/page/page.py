@@ -17,8 +17,16 @@ from twin.kernel.writing import finite, made_folder, write_text
 from twin.report.page.markup import DataBlock, Markup, dark_filter, element, joined, section, table
 from twin.report.page.panels import curves, scene
 from twin.report.page.picture import picture
-from twin.report.page.run import ReportRun, RunMeasure, key_measures, number, report_runs
-from twin.report.page.verdict import PageVerdict, RunGroup, verdict
+from twin.report.page.run import (
+    PageVerdict,
+    ReportRun,
+    RunGroup,
+    RunMeasure,
+    key_measures,
+    number,
+    report_runs,
+    verdict,
+)
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.experiment.recorded import (
     FROM_ROBOT,
