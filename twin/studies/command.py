@@ -267,7 +267,7 @@ class Steps:
         self._say(what, min(1.0, (max(0, self._begun - 1) + done) / self._total))
 
 
-JOB = "twin.studies.answer:answered"
+JOB = "twin.studies.command:answered"
 
 
 @dataclass(frozen=True)

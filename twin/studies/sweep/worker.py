@@ -88,7 +88,7 @@ def refuse_unfit(experiment: Experiment) -> None:
 
 
 def findings(runs: Fig4Runs) -> dict[str, Any]:
-    """For the row: "claims", key -> {"value", "verdict"}, and "curves", see `twin.studies.sweep.fig4`: height and
+    """For the row: "claims", key -> {"value", "verdict"}, and "curves", as `packed` writes them: height and
     forces of both runs as estimated and, from `true_`, as they are (m, N)."""
     # the plant drawn is the imperfect one
     score = fig4_score(replace(runs, imperfect=(runs.force_position, runs.position)))
