@@ -41,12 +41,6 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])
 
 
-def first_few(texts: Sequence[str], most: int, more: str = "and {} more") -> list[str]:
-    """At most so many of `texts`, and how many more there are."""
-    left = len(texts) - most
-    return [*texts[:most], *([more.format(left)] if left > 0 else [])]
-
-
 def cut(text: str, length: int) -> str:
     """A value in at most so many characters."""
     return text if len(text) <= length else f"{text[: length - 3]}..."
