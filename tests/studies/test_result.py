@@ -1,4 +1,7 @@
-"""One renderer: what stands in tables, notes and files is the same as text and for programs."""
+"""One renderer: what stands in tables, notes and files is the same as text and for programs.
+
+Text for people in lines of at most 80 columns.
+"""
 
 import subprocess
 import sys
@@ -16,10 +19,14 @@ from twin.studies.result import (
     Note,
     Result,
     Table,
+    counted,
+    labelled,
     laid_out,
+    markdown,
     note,
     render_text,
     to_json,
+    wrapped,
 )
 
 COLUMNS = (Column("joint", left=True), Column("error", 8, "+.2f", "mm"), Column("why", left=True, gap=3, folds=True))
@@ -116,8 +123,39 @@ def test_who_asks_a_study_gets_its_text_facts_and_exit_code():
 @pytest.mark.slow
 def test_what_says_text_only_loads_no_matplotlib():
     # `compare --paper` is not among them: it always draws the figure
-    names = ("check", "compare", "converge", "falsify", "identify", "qualify")
-    code = (
-        f"import sys, {', '.join(f'twin.studies.{name}.text' for name in names)}; sys.exit('matplotlib' in sys.modules)"
-    )
+    names = (
+        "check.baseline", "compare.comparison", "converge.text", "falsify.space", "identify.text", "qualify.text",
+    )  # fmt: skip
+    code = f"import sys, {', '.join(f'twin.studies.{name}' for name in names)}; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=60).returncode == 0
+
+
+sentences = st.lists(st.text("ab-", min_size=1, max_size=20), min_size=1, max_size=40).map(" ".join)
+
+
+@given(sentences, st.booleans())
+def test_no_line_is_wider_than_80_columns_and_no_word_is_lost(text: str, whole: bool):
+    lines = wrapped(text, "  head  ", 3, whole)
+    assert max(map(len, lines)) <= WIDTH
+    assert lines[0].startswith("  head  ") and all(line.startswith("   ") and line[3] != " " for line in lines[1:])
+    joined = "".join([lines[0][8:], *(line[3:] for line in lines[1:])])
+    assert joined.replace(" ", "") == text.replace(" ", "")
+
+
+def test_names_stay_whole_where_they_are_to():
+    path = "results/" + "-".join(["long"] * 20)
+    assert wrapped(f"see {path}", whole=True) == ["see", path]
+    assert len(wrapped(f"see {path}")) == 2 and wrapped(f"see {path}")[0].endswith("long-")
+
+
+def test_later_lines_begin_below_the_text_of_a_label():
+    first, second = labelled("note", "x" * 60 + " y" * 10)
+    assert first.startswith("  note       x") and second.startswith(" " * 13 + "y")
+
+
+def test_a_markdown_table_has_a_rule_below_its_head():
+    assert markdown(("a", "b"), [("1", "2")]) == "| a | b |\n|---|---|\n| 1 | 2 |"
+
+
+def test_one_of_something_has_no_s():
+    assert [counted(n, "run") for n in (0, 1, 2)] == ["0 runs", "1 run", "2 runs"]
