@@ -25,7 +25,7 @@ from twin.studies.sweep import SERVED
 from twin.studies.sweep.measures import failure, within
 from twin.studies.sweep.plan import SweepPlan, Task
 from twin.studies.sweep.rows import ROWS, Columns, Row, RowFile, claim, columns_of
-from twin.studies.sweep.statistics import USUAL_METRICS, best, value
+from twin.studies.sweep.statistics.ranking import USUAL_METRICS, best, value
 
 HEAR = 0.1
 """Longest time (s) that a sweep waits for anything before it asks whether Ctrl-C was pressed."""
