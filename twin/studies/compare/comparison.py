@@ -36,12 +36,13 @@ from twin.studies.compare.tolerance import (
     paired,
     reach,
     shift,
+    some_signals,
     spans,
 )
 from twin.studies.figure import PAPER_BLUE, PAPER_ORANGE, Axes, picture
 from twin.studies.metrics.response import rms
 from twin.studies.paper.digitised.provenance import provenance
-from twin.studies.result import Block, Cell, Column, Note, Result, Table, counted, cut
+from twin.studies.result import Block, Cell, Column, Note, Result, Table, counted, cut, some
 
 
 def both(a: Path, b: Path, maps: Sequence[str] = ()) -> tuple[Log, Log]:
@@ -441,9 +442,7 @@ def _others(comparison: Comparison, partial: bool) -> Iterable[Block]:
         yield _note(f"{lacking}: what B does not cover of A is not compared; --partial lets that pass")
     for name, names in (("A", comparison.only_a), ("B", comparison.only_b)):
         if names:
-            there = list(dict.fromkeys(signal.partition("[")[0] for signal in names))
-            more = f" and {len(there) - 4} more" if len(there) > 4 else ""
-            yield _note(f"only in {name}: {', '.join(there[:4])}{more}")
+            yield _note(f"only in {name}: {some_signals(names, 4)}")
 
 
 def _note(text: str) -> Note:
@@ -470,8 +469,7 @@ def draw_comparison(comparison: Comparison, path: Path) -> None:
             below = figure.add_subplot(grid[2 * line + 1, column], sharex=above)
             _draw(above, below, row, comparison.curves[row.signal])
             if alike:
-                more = f" and {len(alike) - NAMED} more" if len(alike) > NAMED else ""
-                above.set_title(f"as {', '.join(alike[:NAMED])}{more}", loc="right", fontsize=8)
+                above.set_title(f"as {some(alike, NAMED)}", loc="right", fontsize=8)
         handles, names = figure.axes[0].get_legend_handles_labels()
         files = {"A": f"A  {_tail(comparison.a)}", "B": f"B  {_tail(comparison.b)}"}
         names = [files.get(name, name) for name in names]
