@@ -9,9 +9,8 @@ from statistics import median
 
 from benchmarks.measurement import Measurement
 from twin.kernel.process.job import JobLimits
-from twin.studies.sweep.definition import short_definition
-from twin.studies.sweep.plan import SweepPlan, plan_of
-from twin.studies.sweep.pool import Engine, Job, Pool
+from twin.studies.sweep.plan import SweepPlan, plan_of, short_definition
+from twin.studies.sweep.sweep import Engine, Job, Pool
 
 WARM_UP = 10
 """Runs until everything is imported, compiled and unpacked, and batches have found their size."""

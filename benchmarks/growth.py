@@ -24,13 +24,11 @@ from twin.kernel.writing import made_folder, write_json, write_text
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.figure import BLUE, picture
-from twin.studies.lines import markdown
-from twin.studies.sweep.definition import short_definition
-from twin.studies.sweep.folder import FACTS
+from twin.studies.result import markdown
 from twin.studies.sweep.measures import METRICS, RunFinding, failure
-from twin.studies.sweep.plan import plan_of
-from twin.studies.sweep.pool import Job, Pool
-from twin.studies.sweep.rows import ROWS, RowFile
+from twin.studies.sweep.plan import plan_of, short_definition
+from twin.studies.sweep.rows import FACTS, ROWS, RowFile
+from twin.studies.sweep.sweep import Job, Pool
 
 ROOT = Path(__file__).parents[1]
 EXPERIMENT = ROOT / "experiments" / "fig4_force_position.toml"

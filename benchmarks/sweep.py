@@ -9,9 +9,8 @@ from pathlib import Path
 
 from benchmarks.measurement import Measurement
 from twin.kernel.process.job import JobLimits
-from twin.studies.sweep.definition import short_definition
-from twin.studies.sweep.plan import SweepPlan, Task, plan_of
-from twin.studies.sweep.pool import Job, Pool, WorkerProcess
+from twin.studies.sweep.plan import SweepPlan, Task, plan_of, short_definition
+from twin.studies.sweep.sweep import Job, Pool, WorkerProcess
 
 WARM_UP = 5
 """Runs of each process until everything is imported, compiled and unpacked."""

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from twin.studies.lines import markdown
+from twin.studies.result import markdown
 
 BEGIN = "<!-- from here on written by make validation -->\n"
 HEAD = ("", "what is compared", "made by", "difference", "at most", "")

@@ -26,9 +26,8 @@ from twin.kernel.process.reporter import Reporter
 from twin.kernel.writing import made_folder, write_json, write_text
 from twin.robot.assembly.drives import planned
 from twin.robot.experiment.drive_files import lone_drive
-from twin.studies.lines import counted, labelled, markdown
-from twin.studies.reference.carried import Trial, carried
-from twin.studies.reference.outcome import BAD, TOLERANCE, WORDS, Outcome, outcome_of, references
+from twin.studies.reference.outcome import BAD, TOLERANCE, WORDS, Outcome, Trial, carried, outcome_of, references
+from twin.studies.result import counted, labelled, markdown
 
 DOCS = Path(__file__).parents[1] / "docs"
 JOB = "validation.survey:tried"

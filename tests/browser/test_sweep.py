@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Browser
 
 from tests.studies.sweep.statistics.rows import kept, row
-from twin.report.page.sweep import write_sweep_page
+from twin.report.page.plain import write_sweep_page
 from twin.studies.sweep.show.parts import Asked
 from twin.studies.sweep.show.pictures import write_pictures
 

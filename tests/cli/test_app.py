@@ -1,4 +1,7 @@
-"""Studies as commands: found by their files, with the options that their arguments say; errors of a command line."""
+"""Studies as commands: found by their files, with the options that their arguments say; errors of a command line.
+
+Completion as a shell asks for it.
+"""
 
 import json
 import os
@@ -26,9 +29,9 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.studies.answer import Answer
+from twin.studies.command import Answer
 from twin.studies.command import Argument, Asked, Option, study
-from twin.studies.steps import Say
+from twin.studies.command import Say
 
 
 def _look(asked: Asked) -> None:
@@ -261,3 +264,28 @@ def test_help_fits_80_columns(words: str, monkeypatch: pytest.MonkeyPatch):
 )
 def test_isolation_as_it_was_once_asked_for_and_real_time_without_a_factor_work(words: str, now: str):
     assert as_spelt_now(words.split()) == now.split()
+
+
+def offered(line: str, cwd: Path) -> list[str]:
+    words = line.split(" ")
+    asked = {"_TWIN_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
+    return twin(cwd=cwd, env=os.environ | asked).stdout.split()
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("twin sch", ["schema"]),
+        ("twin drive l", ["list"]),
+        ("twin run experiments/fig4_", [f"experiments/fig4_{name}.toml" for name in ("force_position", "imperfect")]),
+        ("twin run experiments/pressing.toml --drive pm", ["pmsm_foc"]),
+        ("twin drive check st", ["stepper"]),
+        ("twin run experiments/pressing.toml --body b", ["back", "belly"]),
+        ("twin run experiments/pressing.toml --set controller.force.k", ["controller.force.ki_mm_per_N_s="]),
+        ("twin run experiments/nowhere.toml --set contr", []),
+        ("twin init --from ta", ["tapping"]),
+    ],
+)
+def test_the_shell_offers_what_there_is(root: Path, line: str, words: list[str]):
+    found = offered(line, root)
+    assert found[: len(words)] == words and bool(found) == bool(words)

@@ -9,8 +9,7 @@ from typer.testing import CliRunner
 from tests.studies.sweep.statistics.rows import row
 from twin.cli.app import app
 from twin.kernel.errors import InputRefused, NotWritten
-from twin.studies.sweep.folder import FACTS
-from twin.studies.sweep.rows import ROWS
+from twin.studies.sweep.rows import FACTS, ROWS
 
 
 @pytest.fixture

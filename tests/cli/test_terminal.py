@@ -18,8 +18,8 @@ from pathlib import Path
 import pytest
 
 from tests.cli.test_run import FIG4
+from tests.cli.test_run_text import RUN
 from tests.command_line import twin
-from tests.report.test_run_text import RUN
 from twin.cli import terminal as compiling
 from twin.cli import terminal as display
 from twin.cli import terminal as progress

@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
-from twin.studies.sweep.definition import SweepFile, Vary
 from twin.studies.sweep.measures import METRICS, RunFinding
+from twin.studies.sweep.plan import SweepFile, Vary
 
 
 def named(page: str, header: str) -> set[str]:

@@ -9,7 +9,7 @@ import pytest
 
 from tests.studies.sweep.definitions import job, stiffness_text, written
 from twin.studies.sweep.plan import planned
-from twin.studies.sweep.pool import WorkerProcess
+from twin.studies.sweep.sweep import WorkerProcess
 
 pytestmark = [
     pytest.mark.endurance,

@@ -7,8 +7,7 @@ import pytest
 from builder.references import FILES, carry_references
 
 from tests.kernel.fmi.archives import altered
-from twin.studies.reference.carried import HOME, carried
-from twin.studies.reference.outcome import References, references
+from twin.studies.reference.outcome import HOME, References, carried, references
 
 DRIVES = sorted(path.stem for path in (Path(__file__).resolve().parents[2] / "fmus").glob("*/*.fmu"))
 ROUNDING = 1e-4

@@ -14,7 +14,7 @@ from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.run.branch import branched_experiment, state_at
 from twin.robot.run.run import execute
 from twin.studies.branch import branch
-from twin.studies.steps import silent
+from twin.studies.command import silent
 
 AT, SHORT = 6.2, "duration_s=13"
 

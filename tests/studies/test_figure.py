@@ -1,11 +1,19 @@
-"""How pictures look."""
+"""How pictures look.
+
+Pictures for a paper have the width of its columns, its letters and lines, and stand beside those for the screen.
+"""
+
+import re
+from pathlib import Path
 
 import numpy as np
+import pytest
 from matplotlib import colormaps
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 
 from twin.studies.analyse.text import SHADES
-from twin.studies.figure import LESS_IS_BETTER
+from twin.studies.figure import COLUMNS, LESS_IS_BETTER, LETTERS, for_paper, picture
 
 
 def lightness(color: object) -> float:
@@ -19,3 +27,50 @@ def test_in_every_map_light_is_good():
     # from hardly damped to well damped
     damping = [lightness(color) for color in SHADES]
     assert damping == sorted(damping)
+
+
+def drawn(path: Path) -> Figure:
+    with picture(path, 12, 7.5, "title") as figure:
+        for axes in figure.subplots(2, 2).ravel():
+            axes.plot([0, 1], [0, 1], lw=2.2, label="a")
+            axes.plot([0, 1], [1, 0], lw=0.7, label="b")
+            axes.legend()
+    return figure
+
+
+def test_nothing_more_is_written_unless_it_is_asked_for(tmp_path: Path):
+    drawn(tmp_path / "a.png")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+
+
+@pytest.mark.parametrize("columns", [1, 2])
+def test_a_picture_fills_the_columns_and_has_one_size_of_letters_and_two_weights(tmp_path: Path, columns: int):
+    with for_paper(["svg", "pdf"], columns) as paper:
+        figure = drawn(tmp_path / "a.png")
+    assert paper.written == [tmp_path / "a.svg", tmp_path / "a.pdf"]
+    width = re.search(r'width="([\d.]+)pt"', (tmp_path / "a.svg").read_text())
+    assert width and float(width[1]) == pytest.approx(72.0 * COLUMNS[columns], abs=0.1)
+    for axes in figure.axes:
+        assert [line.get_linewidth() for line in axes.lines] == [1.0, 0.6]
+        legend = axes.get_legend()
+        assert legend and {text.get_fontsize() for text in legend.get_texts()} == {LETTERS}
+    lefts = {round(axes.get_position().x0, 2) for axes in figure.axes}
+    assert len(lefts) == columns
+
+
+@pytest.mark.slow
+def test_the_same_picture_has_the_same_bytes(tmp_path: Path):
+    found = []
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        with for_paper(["svg", "pdf"]):
+            drawn(tmp_path / name / "x.png")
+        found.append([(tmp_path / name / f"x.{form}").read_bytes() for form in ("png", "svg", "pdf")])
+    assert found[0] == found[1]
+
+
+def test_the_picture_for_the_screen_is_what_it_is_without(tmp_path: Path):
+    drawn(tmp_path / "a.png")
+    with for_paper(["svg"]):
+        drawn(tmp_path / "b.png")
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()

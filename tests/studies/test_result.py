@@ -1,4 +1,7 @@
-"""One renderer: what stands in tables, notes and files is the same as text, for programs and as Markdown."""
+"""One renderer: what stands in tables, notes and files is the same as text and for programs.
+
+Text for people in lines of at most 80 columns.
+"""
 
 import subprocess
 import sys
@@ -8,10 +11,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.studies.answer import answered
-from twin.studies.lines import WIDTH
-from twin.studies.result import TIE, Column, Note, Result, Table, laid_out, note, render_text, table_markdown, to_json
-from twin.studies.result import to_markdown as markdown_of
+from twin.studies.command import answered
+from twin.studies.result import (
+    TIE,
+    WIDTH,
+    Column,
+    Note,
+    Result,
+    Table,
+    counted,
+    labelled,
+    laid_out,
+    markdown,
+    note,
+    render_text,
+    to_json,
+    wrapped,
+)
 
 COLUMNS = (Column("joint", left=True), Column("error", 8, "+.2f", "mm"), Column("why", left=True, gap=3, folds=True))
 TABLE = Table(COLUMNS, [("first", -0.001, "a reason"), ("second one", 12.345, ""), ("third",)])
@@ -90,15 +106,6 @@ def test_programs_get_the_facts_or_what_people_read_with_its_numbers():
     assert table["rows"][1] == ["second one", 12.345, ""]
 
 
-def test_markdown_has_the_cells_of_the_text():
-    assert table_markdown(TABLE).splitlines()[:3] == [
-        "| joint | error (mm) | why |", "|---|---|---|", "| first | +0.00 | a reason |",
-    ]  # fmt: skip
-    headline, table, said, files = markdown_of(RESULT).split("\n\n")
-    assert headline == "**all is well**" and table == table_markdown(TABLE)
-    assert said == "note: a sentence" and files == "- picture: `a.png`"
-
-
 class Listener:
     def note(self, **values: object) -> None:
         """Nobody listens."""
@@ -116,8 +123,39 @@ def test_who_asks_a_study_gets_its_text_facts_and_exit_code():
 @pytest.mark.slow
 def test_what_says_text_only_loads_no_matplotlib():
     # `compare --paper` is not among them: it always draws the figure
-    names = ("check", "compare", "converge", "falsify", "identify", "qualify")
-    code = (
-        f"import sys, {', '.join(f'twin.studies.{name}.text' for name in names)}; sys.exit('matplotlib' in sys.modules)"
-    )
+    names = (
+        "check.baseline", "compare.comparison", "converge.text", "falsify.space", "identify.text", "qualify.text",
+    )  # fmt: skip
+    code = f"import sys, {', '.join(f'twin.studies.{name}' for name in names)}; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], timeout=60).returncode == 0
+
+
+sentences = st.lists(st.text("ab-", min_size=1, max_size=20), min_size=1, max_size=40).map(" ".join)
+
+
+@given(sentences, st.booleans())
+def test_no_line_is_wider_than_80_columns_and_no_word_is_lost(text: str, whole: bool):
+    lines = wrapped(text, "  head  ", 3, whole)
+    assert max(map(len, lines)) <= WIDTH
+    assert lines[0].startswith("  head  ") and all(line.startswith("   ") and line[3] != " " for line in lines[1:])
+    joined = "".join([lines[0][8:], *(line[3:] for line in lines[1:])])
+    assert joined.replace(" ", "") == text.replace(" ", "")
+
+
+def test_names_stay_whole_where_they_are_to():
+    path = "results/" + "-".join(["long"] * 20)
+    assert wrapped(f"see {path}", whole=True) == ["see", path]
+    assert len(wrapped(f"see {path}")) == 2 and wrapped(f"see {path}")[0].endswith("long-")
+
+
+def test_later_lines_begin_below_the_text_of_a_label():
+    first, second = labelled("note", "x" * 60 + " y" * 10)
+    assert first.startswith("  note       x") and second.startswith(" " * 13 + "y")
+
+
+def test_a_markdown_table_has_a_rule_below_its_head():
+    assert markdown(("a", "b"), [("1", "2")]) == "| a | b |\n|---|---|\n| 1 | 2 |"
+
+
+def test_one_of_something_has_no_s():
+    assert [counted(n, "run") for n in (0, 1, 2)] == ["0 runs", "1 run", "2 runs"]

@@ -1,4 +1,4 @@
-from twin.studies.steps import Steps
+from twin.studies.command import Steps
 
 
 def test_each_step_says_which_it_is_and_how_much_is_over_before_it():

@@ -55,8 +55,7 @@ def test_results_at_other_times_fail(folder: Path):
 def stepped(folder: Path) -> float:
     """The step of the default experiment (s)."""
     from twin.kernel.fmi.description import described
-    from twin.studies.reference.carried import Prepared, Trial
-    from twin.studies.reference.outcome import BareRun, bare_run
+    from twin.studies.reference.outcome import BareRun, Prepared, Trial, bare_run
 
     runs: list[BareRun] = []
     description = described(folder / "2.0" / f"{MODELS[0]}.fmu")

@@ -1,9 +1,13 @@
-"""The command `twin`: its subcommands, generated from studies and listed without importing them, and its errors."""
+"""The command `twin`: its subcommands, generated from studies and listed without importing them, and its errors.
+
+Shell completion runs at every TAB: nothing of it imports more than TOML files need.
+"""
 
 import inspect
+import os
 import re
 import typing
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from importlib import import_module
 from itertools import pairwise
@@ -14,20 +18,75 @@ import typer
 from typer.core import TyperArgument, TyperCommand, TyperGroup
 
 from twin import __version__
-from twin.cli import completion
 from twin.kernel.errors import InputRefused
+from twin.kernel.places import located
 from twin.studies.command import SHARED, Argument, Isolation, Option
+
+
+def experiment_files(incomplete: str) -> list[str]:
+    """Experiments of this folder and of experiments/; by name, those that come with twin."""
+    files = [*Path().glob("*.toml"), *Path("experiments").glob("*.toml")]
+    return _starting_with(incomplete, map(str, files)) or experiment_names(incomplete)
+
+
+def experiment_names(incomplete: str) -> list[str]:
+    """Experiments that come with twin, without folder and suffix."""
+    from twin.robot.experiment.drive_files import known_experiments
+
+    return _starting_with(incomplete, known_experiments())
+
+
+def drive_names(incomplete: str) -> list[str]:
+    """Drives of fmus/."""
+    shelf = located("fmus", Path.cwd())
+    fmus = [*shelf.glob("*/*.fmu"), *shelf.glob("*/mapping.toml")]
+    return _starting_with(incomplete, {fmu.parent.name for fmu in fmus})
+
+
+def role_names(incomplete: str) -> list[str]:
+    """Parts of the robot that may be third-party."""
+    from twin.robot.experiment.source import RETAINED
+
+    return _starting_with(incomplete, RETAINED)
+
+
+def body_names(incomplete: str) -> list[str]:
+    """Bodies of bodies/ and experiments/bodies/."""
+    from twin.robot.experiment.drive_files import FOLDERS
+
+    bodies = {body.stem for folder in FOLDERS for body in located(folder, Path.cwd()).glob("*.toml")}
+    return _starting_with(incomplete, bodies)
+
+
+def setting_keys(incomplete: str) -> list[str]:
+    """Keys that the experiments on the line, or what they extend, already set."""
+    from twin.robot.experiment.source import read_source
+
+    keys: set[str] = set()
+    # the parser gives up on the whole line while an option lacks its value; the line itself is what shells hand over
+    for word in f"{os.environ.get('COMP_WORDS', '')} {os.environ.get('_TYPER_COMPLETE_ARGS', '')}".split():
+        try:
+            keys |= read_source(Path(word)).origins.keys() if word.endswith(".toml") else set()
+        # a line that is still being typed holds no mistake yet
+        except InputRefused:
+            continue
+    return _starting_with(incomplete, (f"{key}=" for key in keys))
+
+
+def _starting_with(incomplete: str, words: Iterable[str]) -> list[str]:
+    return sorted(word for word in words if word.startswith(incomplete))
+
 
 FOLDERS = {"twin.studies": Path(__file__).parents[1] / "studies", "twin.cli": Path(__file__).parent}
 """Packages whose files hold commands, and the `study.py` of their folders."""
 DECLARED = re.compile(r'^@study\((?:"([^"]*)")?.*?^def (\w+)\(.*?"""(.*?)"""', re.DOTALL | re.MULTILINE)
 COMPLETIONS = {
-    "experiment": completion.experiment_files,
-    "experiment name": completion.experiment_names,
-    "drive": completion.drive_names,
-    "body": completion.body_names,
-    "setting": completion.setting_keys,
-    "role": completion.role_names,
+    "experiment": experiment_files,
+    "experiment name": experiment_names,
+    "drive": drive_names,
+    "body": body_names,
+    "setting": setting_keys,
+    "role": role_names,
 }
 WHOLE = 1000
 """Most letters of a command's first sentence; Typer would cut it to what is left of a line."""

@@ -15,8 +15,7 @@ from twin.kernel.process.job import (
     left_behind,
     recorded_until_then,
 )
-from twin.studies.answer import Answer, answer_of
-from twin.studies.command import SHARED, Interrupted, Isolation, JobIsolation, Study, answer_apart
+from twin.studies.command import SHARED, Answer, Interrupted, Isolation, JobIsolation, Study, answer_apart, answer_of
 
 Hear = Callable[[dict[str, Any]], None]
 """Takes a note of a job."""

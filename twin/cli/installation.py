@@ -18,10 +18,9 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_toml
 from twin.kernel.fmi.unpacked import shelf
 from twin.kernel.places import HOME, PACKAGE, is_clone
-from twin.studies.answer import Answer
-from twin.studies.command import Option, study
-from twin.studies.lines import wrapped
+from twin.studies.command import Answer, Option, study
 from twin.studies.qualify.shelf import shelved_drives
+from twin.studies.result import wrapped
 
 # what takes long to import is imported where it is needed: most of what is looked at is kept
 State = Literal["ok", "note", "lacks", "bad"]

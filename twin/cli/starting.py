@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.kernel.cache_folder import cached_answer
-from twin.studies.answer import Answer
-from twin.studies.command import Argument, Option, study
+from twin.studies.command import Answer, Argument, Option, study
 from twin.studies.first_look import find_logs
 
 ROOMS = ("kernel/compiled", "kernel/cosim", "robot")

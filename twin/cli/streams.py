@@ -11,7 +11,7 @@ from twin.kernel.errors import NotWritten, visible_lines
 from twin.kernel.writing import json_text
 
 if TYPE_CHECKING:
-    from twin.studies.answer import Answer
+    from twin.studies.command import Answer
 
 READER_GONE = 128 + 13
 """Exit code of a command whose output has no reader any more: what a shell shows for the signal SIGPIPE."""
@@ -21,11 +21,18 @@ class Unread(Exception):
     """The reader of standard output has gone, as `head` does when it has enough."""
 
 
-class Outlet:
-    """Standard output that says in a sentence why it takes no more; everything else is the `stream`'s own."""
+class _Stream:
+    """Stands before a `stream`: everything but writing is that one's own."""
 
     def __init__(self, stream: TextIO):
         self._stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+class Outlet(_Stream):
+    """Standard output that says in a sentence why it takes no more."""
 
     def write(self, text: str) -> int:
         """As of the stream.
@@ -42,15 +49,9 @@ class Outlet:
         with _writing_output():
             self._stream.flush()
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
 
-
-class Aside:
-    """Standard error, which is no reason to fail: what it does not take is lost; the rest is the `stream`'s own."""
-
-    def __init__(self, stream: TextIO):
-        self._stream = stream
+class Aside(_Stream):
+    """Standard error, which is no reason to fail: what it does not take is lost."""
 
     def write(self, text: str) -> int:
         with contextlib.suppress(OSError):
@@ -60,9 +61,6 @@ class Aside:
     def flush(self) -> None:
         with contextlib.suppress(OSError):
             self._stream.flush()
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
 
 
 @contextlib.contextmanager
@@ -114,22 +112,12 @@ _OBEYED = re.compile(r"\x1b(?!\[[0-9;]*m)|[\x00-\x08\x0b\x0c\x0e-\x1a\x1c-\x1f\x
 """Control characters, but line ends, tabs and the colours of the help."""
 
 
-class Harmless:
-    """A stream that writes control characters out: `\\x07` instead of a bell.
-
-    Args:
-        stream: the terminal; everything but writing is left to it.
-    """
-
-    def __init__(self, stream: TextIO):
-        self._stream = stream
+class Harmless(_Stream):
+    """A terminal that writes control characters out: `\\x07` instead of a bell."""
 
     def write(self, text: str) -> int:
         """Write `text`."""
         return self._stream.write(_OBEYED.sub(lambda found: repr(found[0])[1:-1], text))
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
 
 
 def guard_terminal() -> None:

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from twin.kernel.errors import InputRefused
-from twin.studies.command import Argument, BodyName, Option, study
+from twin.studies.command import Argument, BodyName, Option, Say, study
 from twin.studies.first_look import print_latest
 from twin.studies.result import Column, Result, Table, note
-from twin.studies.steps import Say
 
 if TYPE_CHECKING:
     import numpy as np

@@ -4,23 +4,25 @@ The command's name is the function's, or the words that the decorator is given (
 the docstring up to `Raises:`. A module holds it if it is `twin/studies/NAME.py` or `twin/studies/NAME/study.py`, or one
 of the command line itself: nothing else says that there is such a command. The arguments are read without running
 anything, so such a module imports at its top only what they need, and what computes inside the function.
+
+Besides: progress of a study while it runs; its answer, the same for every study.
 """
 
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeVar
 
 from twin.kernel.errors import ComponentFailed, TwinError
-from twin.kernel.process.job import INTERRUPTED, JobLimits
+from twin.kernel.process.job import INTERRUPTED, JobLimits, function_called
+from twin.kernel.writing import made_folder, write_json
+from twin.studies.result import Result, render_text, to_json
 
 if TYPE_CHECKING:
     from twin.kernel.process.reporter import Reporter
-    from twin.studies.answer import Answer
-    from twin.studies.steps import Say
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Asked = Mapping[str, Any]
@@ -196,7 +198,6 @@ def answer_apart(
             whether stepping had begun.
         TwinError: the study raised one.
     """
-    from twin.studies.answer import JOB, Answer, answered
 
     def hear(note: dict[str, Any]) -> None:
         say(note["say"], note["share"])
@@ -224,7 +225,6 @@ def recorded(reporter: "Reporter", name: str, asked: Asked) -> dict[str, Any]:
         asked: its arguments.
     """
     from twin.kernel.process.job import function_called
-    from twin.studies.answer import answer_of
 
     return vars(answer_of(function_called(name)(**asked, reporter=reporter)))
 
@@ -234,3 +234,105 @@ def confirmed(question: str) -> bool:
     import typer
 
     return typer.confirm(question, err=True)
+
+
+class Say(Protocol):
+    """Takes what is being done, and how much of all is over, 0 .. 1; None: unknown."""
+
+    def __call__(self, what: str, share: float | None = None, /) -> None: ...
+
+
+def silent(what: str, share: float | None = None, /) -> None:
+    """Where progress is not asked for."""
+
+
+class Steps:
+    """Counts steps that take about as long as each other.
+
+    Args:
+        say: called at the beginning of each.
+        total: how many there are.
+    """
+
+    def __init__(self, say: Say, total: int):
+        self._say, self._total, self._begun = say, total, 0
+
+    def next(self, what: str) -> None:
+        """The one before is over, and `what` begins."""
+        self._say(f"{what}, {self._begun + 1} of {self._total}", min(1.0, self._begun / self._total))
+        self._begun += 1
+
+    def share(self, what: str, done: float) -> None:
+        """So much of the present step, 0 .. 1, is over."""
+        self._say(what, min(1.0, (max(0, self._begun - 1) + done) / self._total))
+
+
+JOB = "twin.studies.command:answered"
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer of a study to its command.
+
+    Attributes:
+        text: for people, at most 80 columns.
+        facts: for programs; JSON can hold them.
+        exit_code: of a command that asks this; 0 or, of what was judged, 1 and more if it failed.
+    """
+
+    text: str
+    facts: Any
+    exit_code: int = 0
+
+
+def judged(name: str, folder: Path, result: Result, draw: Callable[[Path], None], notes: Sequence[str] = ()) -> Result:
+    """`result` of a comparison with notes and with where its files are; picture and verdict are written.
+
+    Args:
+        name: of the files.
+        folder: where they go.
+        result: with the facts of the verdict.
+        draw: draws the picture, into a file.
+        notes: on what was compared.
+
+    Raises:
+        InputRefused, NotWritten: the folder or the disk refuses.
+    """
+    files = {"picture": made_folder(folder) / f"{name}.png", "verdict": folder / f"{name}.json"}
+    draw(files["picture"])
+    write_json(files["verdict"], result.facts)
+    return replace(result, body=[*result.body, *(f"  note     {note}" for note in notes)], files=files, label=8)
+
+
+def answered(
+    reporter: "Reporter", study: str, asked: dict[str, Any], formats: Sequence[str] = (), columns: int = 2
+) -> dict[str, Any]:
+    """The answer of a study, taken apart; a job of the guard.
+
+    Notes {"say": what is being done, "share": of all that is over, or None}.
+
+    Args:
+        study: "module:function"; the function takes what is asked, and `say`, which it tells what it is doing, and
+            returns a `Result` or an `Answer`.
+        asked: its arguments.
+        formats, columns: of pictures for a paper, see `for_paper`.
+    """
+
+    def say(what: str, share: float | None = None, /) -> None:
+        reporter.note(say=what, share=share)
+
+    if not formats:
+        return vars(answer_of(function_called(study)(**asked, say=say)))
+    # most answers draw nothing, and it takes a while to load
+    from twin.studies.figure import for_paper
+
+    with for_paper(formats, columns) as paper:
+        answer = answer_of(function_called(study)(**asked, say=say))
+    files = [str(path) for path in paper.written]
+    lines = [answer.text, *(f"  {Path(file).suffix[1:]:<8} {file}" for file in files)]
+    return vars(replace(answer, text="\n".join(lines), facts=answer.facts | {"pictures": files}))
+
+
+def answer_of(found: Result | Answer) -> Answer:
+    """What is printed of a study's result; an answer is one already."""
+    return found if isinstance(found, Answer) else Answer(render_text(found), to_json(found), found.exit_code)

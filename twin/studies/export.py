@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from twin.kernel.errors import InputRefused
-from twin.studies.answer import Answer
-from twin.studies.command import Argument, Asked, Option, study
+from twin.studies.command import Answer, Argument, Asked, Option, study
 from twin.studies.first_look import print_latest
 
 if TYPE_CHECKING:

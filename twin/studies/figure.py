@@ -1,12 +1,123 @@
-"""Style and saving of pictures."""
+"""Style and saving of pictures.
 
-from collections.abc import Iterator, Mapping
+Pictures for a paper, as SVG or PDF: column width, font size, line weights.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin.kernel.writing import written
-from twin.studies.paper_figure import write_for_paper
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLUMNS = {1: 3.5, 2: 7.16}
+"""Width (in) of a picture in one column of a paper, and across two: those that IEEE asks for."""
+LETTERS = 8.0
+"""Size of letters (pt)."""
+PANEL = 1.9
+"""Height (in) of a panel in one column, where panels stand below each other."""
+HEAVY, FINE = 1.0, 0.6
+"""Weight (pt) of lines in a paper; on the screen a heavy one has more than 1 pt."""
+NO_DATE: Mapping[str, Mapping[str, None]] = {
+    "svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None, "Producer": None},
+}  # fmt: skip
+"""What a format would say of when and by what it was written."""
+
+
+@dataclass
+class Paper:
+    """What pictures are wanted for a paper, besides those for the screen.
+
+    Attributes:
+        formats: "svg", "pdf".
+        columns: 1 or 2.
+        written: the files, as they are.
+    """
+
+    formats: Sequence[str]
+    columns: int
+    written: list[Path] = field(default_factory=list)
+
+
+_paper: ContextVar[Paper | None] = ContextVar("paper", default=None)
+
+
+@contextmanager
+def for_paper(formats: Sequence[str], columns: int = 2) -> Iterator[Paper]:
+    """Whatever is drawn in the block is written in `formats`, too, for so many `columns`."""
+    paper = Paper(formats, columns)
+    before = _paper.set(paper)
+    try:
+        yield paper
+    finally:
+        _paper.reset(before)
+
+
+def write_for_paper(figure: "Figure", path: Path) -> None:
+    """Write `figure` beside `path` as it is wanted for a paper, if it is; it is another figure then.
+
+    Raises:
+        NotWritten: the disk refuses.
+    """
+    paper = _paper.get()
+    if paper is None or not paper.formats:
+        return
+    # here, for who only draws for the screen or not at all
+    from matplotlib import rc_context
+
+    _fit(figure, paper.columns)
+    # letters that can be searched; names of parts that are the same every time
+    with rc_context({"pdf.fonttype": 42, "svg.hashsalt": "twin"}):
+        for form in paper.formats:
+            vector = path.with_suffix(f".{form}")
+            with written(vector) as beside:
+                figure.savefig(beside, metadata=dict(NO_DATE[form]))
+            paper.written.append(vector)
+
+
+def _fit(figure: "Figure", columns: int) -> None:
+    """Bring what was drawn for the screen to the width of a paper's columns, with letters and lines of a paper."""
+    from matplotlib.lines import Line2D
+    from matplotlib.text import Text
+
+    width, height = figure.get_size_inches()
+    stacked = _stack(figure) if columns == 1 else 0
+    # letters shrink less than the picture, which needs more height for them
+    figure.set_size_inches(COLUMNS[columns], stacked * PANEL or 1.1 * COLUMNS[columns] * height / width)
+    figure.set_layout_engine("constrained")
+    for axes in figure.axes:
+        if legend := axes.get_legend():
+            # the distances in a legend are those of the letters that it was made with
+            names = [text.get_text() for text in legend.get_texts()]
+            handles = [handle for handle in legend.legend_handles if handle is not None]
+            loc: Any = getattr(legend, "_loc", "best")
+            axes.legend(handles, names, loc=loc, fontsize=LETTERS, frameon=False)
+    for text in figure.findobj(Text):
+        text.set_fontsize(LETTERS)
+    for line in figure.findobj(Line2D):
+        line.set_linewidth(HEAVY if line.get_linewidth() > 1.0 else FINE)
+        line.set_markersize(0.5 * line.get_markersize())
+
+
+def _stack(figure: "Figure") -> int:
+    """Put panels that stand beside each other below each other; how many there are, 0 where that cannot be done."""
+    panels = [axes for axes in figure.axes if axes.get_visible() and axes.get_subplotspec()]
+    places = [axes.get_subplotspec() for axes in panels]
+    whole = {place.get_gridspec() for place in places if place}
+    single = all(place and len(place.rowspan) == len(place.colspan) == 1 for place in places)
+    if len(whole) != 1 or not single or len(panels) != len([axes for axes in figure.axes if axes.get_visible()]):
+        return 0
+    below = figure.add_gridspec(len(panels), 1)
+    for row, axes in enumerate(panels):
+        axes.set_subplotspec(below[row])
+        axes.tick_params(labelbottom=True)
+    return len(panels)
+
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes as Axes

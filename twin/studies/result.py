@@ -1,16 +1,60 @@
-"""The result of a study and its layout: text of 80 columns, JSON, Markdown.
+"""The result of a study and its layout: text of 80 columns, JSON.
 
 A study computes and returns a `Result`; where columns stand, how many digits they have and how sentences are folded is
 said in its tables and notes, and done here.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+import textwrap
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import accumulate, zip_longest
 from math import isnan
 from typing import Any
 
-from twin.studies.lines import WIDTH, counted, markdown, wrapped
+WIDTH = 80
+
+
+def wrapped(text: str, head: str = "", later: int | None = None, whole: bool = False) -> list[str]:
+    """`text` after `head` in lines of `WIDTH`.
+
+    Args:
+        text: on one line.
+        head: begins the first line.
+        later: columns by which later lines are indented; None: they begin below the text.
+        whole: names of files, signals and options stay whole: nothing is parted at hyphens, or because it is long.
+    """
+    indent = " " * (len(head) if later is None else later)
+    return textwrap.wrap(
+        text, WIDTH, initial_indent=head, subsequent_indent=indent, break_on_hyphens=not whole,
+        break_long_words=not whole,
+    )  # fmt: skip
+
+
+def labelled(label: str, text: str, whole: bool = False) -> list[str]:
+    """`text` beside its label, as all reports end with: `  note       ...`."""
+    return wrapped(text, f"  {label:<10} ", whole=whole)
+
+
+def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table of Markdown."""
+    lines = [f"| {' | '.join(cells)} |" for cells in (head, *rows)]
+    return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])
+
+
+def cut(text: str, length: int) -> str:
+    """A value in at most so many characters."""
+    return text if len(text) <= length else f"{text[: length - 3]}..."
+
+
+def some(names: Sequence[str], most: int) -> str:
+    """`a, b and 3 more`: at most so many of `names`."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def counted(count: int, noun: str) -> str:
+    """`1 run`, `2 runs`."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
 
 Cell = str | float | None
 """Of a table: text as it stands, a number in the format of its column, NaN as `-`, None as nothing."""
@@ -202,19 +246,6 @@ def to_json(result: Result) -> Any:
         "notes": [text for part in result.body for text in _plain(part)],
         "files": {kind: str(file) for kind, file in result.files.items()},
     }
-
-
-def to_markdown(result: Result) -> str:
-    """`result` as Markdown: tables between paragraphs, then a list of its files."""
-    parts = [table_markdown(one) if isinstance(one, Table) else "".join(_plain(one)) for one in result.body]
-    files = "\n".join(f"- {kind}: `{file}`" for kind, file in result.files.items())
-    return "\n\n".join(filter(None, [f"**{''.join(_plain(result.headline))}**", *parts, files]))
-
-
-def table_markdown(table: Table) -> str:
-    """A table of Markdown; units stand behind the titles."""
-    head = [f"{column.name} ({column.unit})" if column.unit else column.name for column in table.columns]
-    return markdown(head, table.cells)
 
 
 def _plain(part: Block) -> list[str]:

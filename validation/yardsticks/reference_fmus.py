@@ -32,8 +32,7 @@ def found(model: str) -> list[Path]:
 def beside_its_results(model: str) -> Mapping[str, float]:
     """How far each signal is from the FMU's own results at their times, of its range."""
     from twin.kernel.fmi.description import described
-    from twin.studies.reference.carried import carried, prepared
-    from twin.studies.reference.outcome import BareRun, bare_run
+    from twin.studies.reference.outcome import BareRun, bare_run, carried, prepared
 
     off: dict[str, float] = {}
     for file in found(model):

@@ -4,7 +4,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
-from twin.studies.reference.carried import HOME
+from twin.studies.reference.outcome import HOME
 
 DESCRIPTION = "modelDescription.xml"
 

@@ -1,13 +1,15 @@
 """Measures against curves whose measures are known."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.studies.paper.fig5_recordings import pressed
 from twin.kernel.recording.reader import Recording, read
-from twin.report.page.run import ReportRun, measures, number, outcome
+from twin.report.page.run import ReportRun, measures, number, outcome, verdict
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
 from twin.studies.paper.fig4_measures import FINAL, Fig4Run
@@ -44,3 +46,88 @@ def test_numbers_are_told_with_four_digits():
     assert number(4.88421, "N") == "4.884 N"
     assert number(math.inf, "s") == "never"
     assert number(math.nan, "s") == ""
+
+
+def test_both_runs_of_fig4_are_scored_in_any_order(force_position: Recording, position: Recording):
+    runs = [ReportRun("p", position), ReportRun("fp", force_position)]
+    judged = verdict(runs)
+    assert judged.good is True and judged.headline.endswith("; 28 of 34 claims hold, 6 not reproduced")
+    words, better = judged.headline.split(": ")[0], judged.headline.partition("better in ")[2].partition(";")[0]
+    assert words == "fp beside p" and "settling" in better and "force error" in better
+    assert judged.fig4 is not None and judged.fig4.position.recording is position
+
+
+def test_imperfect_runs_beside_them_say_what_there_is_to_say_of_x(
+    force_position: Recording, position: Recording, imperfect: tuple[Recording, Recording]
+):
+    four = [ReportRun(str(n), one) for n, one in enumerate((*imperfect, position, force_position))]
+    judged = verdict(four)
+    assert judged.good is True and judged.headline == "30 of 36 claims hold, 6 not reproduced"
+    assert [remark.partition(":")[0] for remark in judged.remarks[:3]] == [f"{n} beside 0" for n in (1, 2, 3)]
+    assert judged.fig4 is not None and judged.fig4.position.recording is position
+    assert judged.fig4.imperfect is not None and judged.fig4.imperfect[0].recording is imperfect[0]
+
+
+def test_imperfect_runs_alone_are_scored_as_they_are(imperfect: tuple[Recording, Recording]):
+    judged = verdict([ReportRun(str(n), one) for n, one in enumerate(imperfect)])
+    # the tilt shifts the end by 0.1 mm, which the reference has to make up for
+    assert judged.headline.endswith("; 1 of 36 claims fails: z reference comes back")
+
+
+def test_force_control_alone_is_judged_on_the_true_force(force_position: Recording):
+    judged = verdict([ReportRun("fp", force_position)])
+    assert judged.good is True and judged.headline == "5 of 5 claims hold"
+    assert any("report those two together" in remark for remark in judged.remarks)
+
+
+def test_a_run_without_claims_says_what_its_force_came_to(position: Recording):
+    judged = verdict([ReportRun("p", position)])
+    assert judged.good is None and not judged.groups
+    assert judged.headline == "The true force never stays within 5 % of 5 N and ends at 4.473 N"
+
+
+def without(recording: Recording, *names: str) -> Recording:
+    """`recording` as one of a controller that lacks these outputs."""
+    controller = recording.streams["controller"]
+    fields = tuple(field for field in controller.fields if field.name not in names)
+    return replace(recording, streams=recording.streams | {"controller": replace(controller, fields=fields)})
+
+
+def test_what_a_run_cannot_be_scored_by_is_said_before_what_it_is_better_in(force_position: Recording):
+    whole, part = ReportRun("A", force_position), ReportRun("B", without(force_position, "F_z_ref"))
+    lost = "settling, overshoot, force error, settled force error (no controller.F_z_ref)"
+    assert verdict([whole, part]).headline.startswith(f"not scored of B: {lost}; B beside A: the same in ")
+    # whichever of the two is first
+    assert verdict([part, whole]).headline.startswith(f"not scored of B: {lost}; A beside B: the same in ")
+    assert verdict([part]).headline.startswith(f"not scored: {lost}")
+    said = verdict([whole, ReportRun("B", without(force_position, "F_z_ref", "F_z"))]).headline
+    every = "the estimated force, settling, overshoot, force error, settled force error"
+    assert said.startswith(f"not scored of B: {every} (no controller.F_z, controller.F_z_ref); B beside A: ")
+
+
+def test_a_run_that_never_touched_is_not_scored_on_its_force(force_position: Recording):
+    plant = force_position.streams["plant"]
+    lifted = replace(plant, records=plant.records.copy())
+    lifted.values["F_ee_B"][:] = 0.0
+    lifted.values["F_n"][:] = 0.0
+    above = replace(force_position, streams=force_position.streams | {"plant": lifted})
+    said = verdict([ReportRun("A", force_position), ReportRun("B", above)]).headline
+    assert said.startswith("not scored of B: the estimated force, settling, overshoot, force error, settled")
+
+
+def test_tasks_that_cannot_be_scored_are_said_first(tmp_path: Path):
+    judged = verdict([ReportRun("press", without(pressed(tmp_path), "task", "phase"))])
+    said = "not scored: its tasks, force error, the estimated position (no controller.task, controller.phase, "
+    assert judged.headline.startswith(said)
+
+
+def test_a_task_that_fails_is_named(tmp_path: Path):
+    judged = verdict([ReportRun("press", pressed(tmp_path, force=-0.5))])
+    assert judged.good is False
+    assert "claims fail" in judged.headline
+    assert judged.groups[0].title.startswith("Task press: 8 N")
+
+
+def test_a_trip_is_never_good(tmp_path: Path):
+    judged = verdict([ReportRun("press", pressed(tmp_path, trip=3.0))])
+    assert judged.good is False

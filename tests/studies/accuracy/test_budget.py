@@ -18,9 +18,10 @@ from twin.studies.accuracy.budget import (
     Effect,
     Uncertainty,
     accuracy_budget,
+    accuracy_facts,
+    accuracy_result,
     without_effects,
 )
-from twin.studies.accuracy.text import accuracy_facts, accuracy_result
 
 EXPERIMENT = shipped()
 

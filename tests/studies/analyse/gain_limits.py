@@ -7,8 +7,7 @@ from pathlib import Path
 
 from tests.studies.analyse.simulated import fig4
 from twin.robot.experiment.experiment import Experiment
-from twin.studies.analyse.drive_response import Linearised
-from twin.studies.analyse.operating_point import operating_points
+from twin.studies.analyse.operating_point import Linearised, operating_points
 from twin.studies.analyse.stability import LimitCheck, Stability, judged_point, lasting_nudges, limit_checks, narrowed
 from twin.studies.qualify.shelf import shelved_drives
 

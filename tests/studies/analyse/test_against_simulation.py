@@ -13,10 +13,9 @@ from tests.studies.analyse.simulated import (
     pressing_with_force_loop,
     simulated_limit,
 )
-from twin.studies.analyse.drive_response import Linearised, LinearPoint
 from twin.studies.analyse.linear.loops import closed_loops
 from twin.studies.analyse.linear.margins import gain_limit
-from twin.studies.analyse.operating_point import operating_points
+from twin.studies.analyse.operating_point import Linearised, LinearPoint, operating_points
 from twin.studies.analyse.stability import FORCE, POSITION
 
 CLOSE = 0.02

@@ -12,7 +12,6 @@ from twin.robot.assembly.build import plant_parameters
 from twin.robot.controller.pid import Gains
 from twin.robot.experiment.experiment import with_model, with_plant
 from twin.robot.run.trace import Trace
-from twin.studies.analyse.drive_response import Linearised
 from twin.studies.analyse.linear.hand import (
     DRIFT,
     NOTHING,
@@ -25,10 +24,10 @@ from twin.studies.analyse.linear.hand import (
     robot_with,
 )
 from twin.studies.analyse.linear.loops import LOOPS, linear_law
-from twin.studies.analyse.operating_point import NUDGED, OperatingPoint, held, resting_point, undisturbed
+from twin.studies.analyse.operating_point import NUDGED, Linearised, OperatingPoint, held, resting_point, undisturbed
 from twin.studies.analyse.passivity import RENDERED, WIDTH_FREQUENCIES, Passivity, largest_passive, passivity
 from twin.studies.analyse.text import passivity_result
-from twin.studies.steps import silent
+from twin.studies.command import silent
 
 
 @pytest.fixture(scope="module")

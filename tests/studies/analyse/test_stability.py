@@ -6,8 +6,7 @@ import pytest
 
 from tests.laws.runs import shipped
 from twin.kernel.errors import InputRefused
-from twin.studies.analyse.drive_response import Linearised
-from twin.studies.analyse.operating_point import operating_points
+from twin.studies.analyse.operating_point import Linearised, operating_points
 from twin.studies.analyse.stability import FACTORS, STIFFNESSES, Stability, judged_point, stability
 from twin.studies.analyse.text import analysis_result
 

@@ -21,8 +21,7 @@ from twin.studies.build.fmu import build_fmu
 from twin.studies.build.layout import laid_out
 from twin.studies.build.library import build_c
 from twin.studies.build.linking import HERE, emitted
-from twin.studies.build.parameters import parameters
-from twin.studies.build.part import part_of
+from twin.studies.build.part import parameters, part_of
 from twin.studies.build.system import build_ssp
 
 SOFT = 'fault=[{kind="spring_broken", target="joint_1", onset_s=1.0}]'

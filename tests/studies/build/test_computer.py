@@ -17,8 +17,7 @@ from twin.kernel.fmi.unpacked import compiler
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.build.library import COMMANDS, COUNTS, PART, build_c
-from twin.studies.build.parameters import parameters
-from twin.studies.build.part import part_of
+from twin.studies.build.part import parameters, part_of
 
 MASSAGE = ROOT / "experiments" / "massage.toml"
 LIFE = Path(__file__).with_name("life.c")

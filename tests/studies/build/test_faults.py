@@ -14,8 +14,7 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.run.trace import run_in_memory
 from twin.studies.build.layout import laid_out, tables
-from twin.studies.build.parameters import fixed, parameters
-from twin.studies.build.part import part_of
+from twin.studies.build.part import fixed, parameters, part_of
 
 TICKS = 600
 WIRES = {

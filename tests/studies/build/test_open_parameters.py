@@ -11,8 +11,7 @@ from tests.studies.build.conftest import DELAYED, FIG4, MASSAGE, ROOT
 from tests.studies.build.slaves import Kept, Slave
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import run_in_memory
-from twin.studies.build.parameters import START, OpenParameter, parameters
-from twin.studies.build.part import part_of
+from twin.studies.build.part import START, OpenParameter, parameters, part_of
 
 TICKS = 1500
 BREATHING = ROOT / "experiments" / "track_breathing.toml"

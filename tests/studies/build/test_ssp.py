@@ -23,8 +23,8 @@ from twin.kernel.ssp.structure import Endpoint, SspComponent, Transformation
 from twin.robot.assembly.build import planned_drives
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import run_in_memory
-from twin.studies.build import drives, linking
-from twin.studies.build.drives import travelling_drives
+from twin.studies.build import linking, structure
+from twin.studies.build.structure import travelling_drives
 from twin.studies.build.system import build_ssp
 from twin.studies.systems.recorded import recorded_system
 
@@ -236,7 +236,7 @@ def test_files_and_arrays_do_not_travel(value: Any, size: int, told: str) -> Non
     (plan, *_) = planned_drives(load_experiment(FIG4))
     ((variable, _),) = plan.settings[""]
     with pytest.raises(InputRefused, match=told):
-        drives._refuse_bound(replace(plan, settings={"": [(replace(variable, size=size), value)]}), 0.001)
+        structure._refuse_bound(replace(plan, settings={"": [(replace(variable, size=size), value)]}), 0.001)
 
 
 def test_without_a_compiler_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

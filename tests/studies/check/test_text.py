@@ -1,7 +1,6 @@
 import pytest
 
-from twin.studies.check.baseline import CheckRow, CheckVerdict
-from twin.studies.check.text import MOST, check_result
+from twin.studies.check.baseline import MOST, CheckRow, CheckVerdict, check_result
 
 OK = CheckRow("z.rise_time", "s", 1.4, 1.41, 0.028, None, "ok")
 WORSE = CheckRow("motors.commanded_travel", "rad", 0.4, 0.5, 0.008, None, "worse")

@@ -9,9 +9,9 @@ import pytest
 from tests.laws.runs import EXPERIMENTS
 from tests.studies.faults.pressing import pressing
 from twin.kernel.errors import InputRefused
+from twin.studies.command import silent
 from twin.studies.falsify.study import RUNS, falsify
 from twin.studies.result import Result
-from twin.studies.steps import silent
 from twin.studies.sweep.worker import trial
 
 BOUND = "always (|plant.F_ee_B| <= 18 N)"

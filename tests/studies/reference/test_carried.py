@@ -9,7 +9,7 @@ from tests.kernel.fmi.archives import carrying
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import LIMIT
 from twin.kernel.fmi.description import FmuDescription, described
-from twin.studies.reference.carried import HOME, MANIFEST, MOST_RELATED, carried, parameters_of, series_of
+from twin.studies.reference.outcome import HOME, MANIFEST, MOST_RELATED, carried, parameters_of, series_of
 
 NAMED = (
     'xmlns:fmi-ls="http://fmi-standard.org/fmi-ls-manifest" fmi-ls:fmi-ls-name="org.fmi-standard.fmi-ls-ref" '

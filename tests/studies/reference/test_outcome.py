@@ -10,8 +10,16 @@ from tests.studies.reference.test_carried import NAMED, real, ssv
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import LIMIT
 from twin.robot.experiment.drive_files import lone_drive
-from twin.studies.reference.carried import HOME, MANIFEST
-from twin.studies.reference.outcome import MOST_STEPS, Outcome, References, came_with, references, references_text
+from twin.studies.reference.outcome import (
+    HOME,
+    MANIFEST,
+    MOST_STEPS,
+    Outcome,
+    References,
+    came_with,
+    references,
+    references_text,
+)
 
 SSV = "application/x-ssp-parameter-set"
 FILES = {

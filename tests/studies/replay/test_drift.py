@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from twin.studies.replay.drift import Drift, _sum, correlation_time, drift, residual, statistics
+from twin.studies.replay.replay import Drift, _sum, correlation_time, drift, residual, statistics
 
 PERIOD = 0.01
 T = np.arange(0.0, 60.0, PERIOD)

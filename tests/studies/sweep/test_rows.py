@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.kernel.recording.test_writer import largest_file
 from tests.studies.sweep.statistics import rows as made_up
-from tests.studies.sweep.statistics.rows import row
+from tests.studies.sweep.statistics.rows import kept, row
 from twin.kernel.errors import InputRefused
 from twin.studies.sweep.rows import (
     Columns,
@@ -24,6 +24,7 @@ from twin.studies.sweep.rows import (
     once,
     read_columns,
     read_rows,
+    write_parquet,
 )
 
 VALUES = st.one_of(st.booleans(), st.integers(-3, 3), st.floats(-3.0, 3.0), st.sampled_from(["", "1", "x"]))
@@ -177,3 +178,34 @@ def test_a_number_that_json_does_not_have_is_never_written(file: Path):
         rows.add([{"key": "k9", "metrics": {"peak_N": float("nan")}}])
     assert file.read_bytes() == before
     assert all(json.loads(line) for line in before.splitlines())
+
+
+pytest.importorskip("pyarrow")
+
+
+@pytest.mark.parametrize(
+    ("values", "kind", "written"),
+    [
+        ([1.5, None, 2.0], "double", [1.5, None, 2.0]),
+        ([1, None, 3], "int64", [1, None, 3]),
+        ([1, 2.5, None], "double", [1.0, 2.5, None]),
+        ([True, False, None], "bool", [True, False, None]),
+        ([True, 1, 2.5], "string", ["True", "1", "2.5"]),
+        (["x", "1", None], "string", ["x", "1", None]),
+        # half of a pair of code units, which a file's name may have
+        (["x\udce4", "y", None], "string", ["x\\udce4", "y", None]),
+    ],
+)
+def test_numbers_stay_numbers_and_what_is_mixed_becomes_text(
+    tmp_path: Path, values: list[Any], kind: str, written: list[Any]
+):
+    import pyarrow.parquet as pq
+
+    rows = [row(n, {} if value is None else {"a": value}, y=0.5 * n) for n, value in enumerate(values, start=1)]
+    rows.append(row(4, {}))
+    write_parquet(kept(rows, labels=("a", "never")), tmp_path / "rows.parquet")
+    table = pq.read_table(tmp_path / "rows.parquet")
+    assert str(table.schema.field("a").type) == kind and table["a"].to_pylist() == [*written, None]
+    assert table["never"].null_count == 4
+    assert table["run"].to_pylist() == [1, 2, 3, 4] and table["y"].to_pylist() == [0.5, 1.0, 1.5, None]
+    assert table["key"].to_pylist() == ["1", "2", "3", "4"]

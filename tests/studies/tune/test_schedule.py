@@ -11,8 +11,7 @@ from tests.laws.runs import EXPERIMENTS
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.load import load_experiment
 from twin.studies.analyse.stability import stability
-from twin.studies.lines import WIDTH
-from twin.studies.result import laid_out
+from twin.studies.result import WIDTH, laid_out
 from twin.studies.tune import tuned as search
 from twin.studies.tune.prediction import Goals
 from twin.studies.tune.schedule import (

@@ -10,8 +10,7 @@ from tests.laws.runs import EXPERIMENTS, shipped
 from tests.studies.tune.corners import fig4_corners
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.load import load_experiment
-from twin.studies.lines import WIDTH
-from twin.studies.result import laid_out
+from twin.studies.result import WIDTH, laid_out
 from twin.studies.tune import tuned as search
 from twin.studies.tune.prediction import Corner, Goals, LawGains, at_stiffness, gains_of, predicted, rounded
 from twin.studies.tune.text import fragment, tuning_parts

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import matplotlib.backends.backend_agg  # noqa: F401
 
-import twin.report.page.verdict
+import twin.report.page.run
 import twin.studies.paper.fig4_measures  # noqa: F401
 from twin.kernel.process.job import function_called
 from twin.kernel.process.reporter import Reporter

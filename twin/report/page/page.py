@@ -17,8 +17,16 @@ from twin.kernel.writing import finite, made_folder, write_text
 from twin.report.page.markup import DataBlock, Markup, dark_filter, element, joined, section, table
 from twin.report.page.panels import curves, scene
 from twin.report.page.picture import picture
-from twin.report.page.run import ReportRun, RunMeasure, key_measures, number, report_runs
-from twin.report.page.verdict import PageVerdict, RunGroup, verdict
+from twin.report.page.run import (
+    PageVerdict,
+    ReportRun,
+    RunGroup,
+    RunMeasure,
+    key_measures,
+    number,
+    report_runs,
+    verdict,
+)
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.experiment.recorded import (
     FROM_ROBOT,
@@ -30,13 +38,11 @@ from twin.robot.experiment.recorded import (
     toml_text,
 )
 from twin.robot.experiment.source import COMMAND_LINE
-from twin.studies.accuracy.budget import NOT_MODELLED, Budget, Contribution
-from twin.studies.accuracy.text import NUMBERS, details, headline, row
-from twin.studies.answer import Answer
+from twin.studies.accuracy.budget import NOT_MODELLED, NUMBERS, Budget, Contribution, details, headline, row
+from twin.studies.command import Answer, Say, silent
 from twin.studies.paper.claim import ClaimFinding
 from twin.studies.paper.fig4 import standing, tally
 from twin.studies.result import Cell, Column, Table
-from twin.studies.steps import Say, silent
 
 if TYPE_CHECKING:
     from twin.studies.accuracy.budget import Budget

@@ -13,8 +13,7 @@ from twin.kernel.process.job import function_called
 from twin.kernel.process.process import GuardedProcess, taken
 from twin.report.page import DRAWN
 from twin.report.page.markup import Markup, element
-from twin.report.page.run import ReportRun
-from twin.report.page.verdict import PageVerdict
+from twin.report.page.run import PageVerdict, ReportRun
 from twin.studies.paper.fig4_measures import Fig4Run
 from twin.studies.paper.fig5 import Fig5Score, shown_tasks
 
@@ -88,7 +87,7 @@ def picture(runs: Sequence[ReportRun], verdict: PageVerdict) -> AbstractContextM
         run = Fig4Run(runs[0].recording)
         if run.is_in_step:
             text = "Laid out like Fig. 4 of the paper: A height, B pressing force, C and D force along x and y."
-            return _figure(runs, "twin.report.page.verdict:draw_one_run", run, text)
+            return _figure(runs, "twin.report.page.run:draw_one_run", run, text)
     return nullcontext(lambda: None)
 
 

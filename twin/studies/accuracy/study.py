@@ -3,10 +3,9 @@
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.command import Argument, DriveName, Option, Settings, study
+from twin.studies.command import Argument, DriveName, Option, Say, Settings, study
 from twin.studies.first_look import load_experiments
 from twin.studies.result import Result
-from twin.studies.steps import Say
 
 HOME = Path("results") / "accuracy"
 FACTS = "accuracy.json"
@@ -34,8 +33,7 @@ def accuracy(
     """
     from twin.kernel.writing import made_folder, write_json
     from twin.robot.assembly.load import load_experiment
-    from twin.studies.accuracy.budget import accuracy_budget
-    from twin.studies.accuracy.text import accuracy_facts, accuracy_result
+    from twin.studies.accuracy.budget import accuracy_budget, accuracy_facts, accuracy_result
 
     loaded = load_experiment(experiment, settings, drive)
     folder = made_folder(out or HOME / loaded.name)

@@ -1,29 +1,69 @@
-"""Where an experiment's loops are looked at: the robot at rest, in free air and pressing."""
+"""Where an experiment's loops are looked at: the robot at rest, in free air and pressing.
 
+The small-signal frequency response of a drive, measured through its FMU.
+
+Where FMI offers partial derivatives (fmi2GetDirectionalDerivative, fmi3GetDirectionalDerivative) a co-simulation FMU
+gives those of its outputs at one instant, not of the step that the master makes with it: solver, sampled loops and
+delays inside are left out, and its states cannot be listed. None of the drives of fmus/ offers them. So the step itself
+is measured, which every FMU has.
+
+On the steady command comes a periodic sum of sines with random phases, once on the command and once on the load, for
+several draws of the phases: of a drive that is not quite linear their mean is the best linear approximation (Pintelon
+and Schoukens 2012, System Identification, Ch. 3). It is taken at rest and with small sines, as the operating point
+asks: friction that is smooth about zero speed brakes there much more than while the shaft turns. A drive whose small
+signals drown in the steps of its registers, or in friction that sticks, is measured while it turns instead.
+
+An experiment's loops at each operating point, linear and sampled as the co-simulation steps them.
+"""
+
+import copy
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from twin.kernel.cosim.observers import Observer, TickEvent, simulate
+from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused, Unreachable
 from twin.robot.assembly.assemble import assemble
-from twin.robot.assembly.build import controller, plant_parameters
+from twin.robot.assembly.build import belief, controller, plant_parameters, shafts
+from twin.robot.assembly.drives import DrivePlan, planned
 from twin.robot.controller.controller import Controller
+from twin.robot.controller.pid import Gains, force_gains
 from twin.robot.controller.program import Phase, PhaseKind, Push, Tap
 from twin.robot.controller.task_controller import TaskController
 from twin.robot.experiment.experiment import Experiment, exactly_measured, with_plant
-from twin.robot.experiment.schema import WayPoints
+from twin.robot.experiment.schema import WayPoints, whole_ticks
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.plant.component import resting
-from twin.robot.plant.contact import contact_force, surface_depth
-from twin.robot.plant.dynamics import PlantParameters
+from twin.robot.plant.contact import contact_force, stopped, surface_depth
+from twin.robot.plant.dynamics import PlantParameters, series_share, spring_stiffness
 from twin.robot.run.trace import Trace
-from twin.studies.analyse.linear.drive_model import Matrix
+from twin.studies.analyse.linear.hand import linear_plant
+from twin.studies.analyse.linear.loops import (
+    LOOPS,
+    DriveModel,
+    Estimation,
+    Loops,
+    LoopSettings,
+    LoopStepping,
+    Matrix,
+    estimation,
+    fitted_drive,
+    linear_law,
+    open_loops,
+    period_map,
+    tick_map,
+)
+from twin.studies.metrics.response import Curve
+from twin.studies.qualify.bench import on_bench, refuse_impossible
+from twin.studies.qualify.definitions import LOAD_IN_USE, SPEED_IN_USE
 
 CLEARANCE = 1e-3
 """Height (m) over the surface at which a pose is looked at in free air, too."""
@@ -321,3 +361,226 @@ def holding_controller(experiment: Experiment, point: OperatingPoint) -> Control
     # as if it had pressed before
     found.memory["F_z"], found.memory["machine"]["F_ref"] = point.F_z, point.F_z
     return found
+
+
+PERIOD = 1.0
+"""Of the sum of sines (s)."""
+LINES = 32
+"""Sines, evenly spaced over the logarithm of the frequency as far as whole periods allow."""
+HIGHEST = 0.2
+"""Highest frequency over the rate of ticks."""
+DRAWS = 4
+SEED = 1
+PROPORTIONAL = 0.05
+"""Residual up to which a drive answers small signals in proportion."""
+
+
+class Excitation(NamedTuple):
+    """What a drive is measured with: steady command, largest added command (rad/s), largest added load (N m)."""
+
+    steady: float
+    command: float
+    load: float
+
+
+AT_REST = Excitation(0.0, 0.02 * SPEED_IN_USE, 0.02 * LOAD_IN_USE)
+TURNING = Excitation(3.0 * SPEED_IN_USE, SPEED_IN_USE, LOAD_IN_USE)
+"""Fast enough that, with the sines and under load, friction does not change sign."""
+
+Inputs = tuple[float, float]
+"""Command (rad/s) and load (N m)."""
+
+
+def identified(plan: DrivePlan, tick: float, tau_load: float) -> DriveModel:
+    """The linear model of a drive around a steady load `tau_load` (N m).
+
+    The same drive gives the same model: the draws of the phases are always the same.
+
+    Raises:
+        InputRefused: the drive cannot be loaded, or no linear model describes it.
+        ComponentFailed: the drive failed.
+    """
+    measured = frequency_response(plan, tick, tau_load, AT_REST)
+    # whatever it refuses, the measurement of the turning shaft may still be shown
+    with suppress(InputRefused):
+        at_rest = fitted_drive(*measured, tick, plan.label)
+        if at_rest.residual <= PROPORTIONAL:
+            return at_rest
+    turning = fitted_drive(*frequency_response(plan, tick, tau_load, TURNING), tick, plan.label)
+    return replace(turning, turning=True)
+
+
+def frequency_response(
+    plan: DrivePlan, tick: float, tau_load: float, excitation: Excitation
+) -> tuple[Curve, NDArray[np.complex128], Curve]:
+    """(frequencies (n,) in Hz from 0, advance of the shaft per tick over command and load (n, 2), its uncertainty), SI.
+
+    The uncertainty (n, 2) is the standard deviation of the mean over the draws.
+
+    Raises:
+        ComponentFailed: the drive failed.
+    """
+    samples = round(PERIOD / tick)
+    lines = np.unique(np.round(np.geomspace(1.0, HIGHEST * samples, LINES)).astype(int))
+    steady = (excitation.steady, tau_load)
+    drawn = np.zeros((DRAWS, 1 + len(lines), 2), dtype=complex)
+    for channel, step in enumerate((excitation.command, excitation.load)):
+        drawn[:, 0, channel] = _steady_gain(plan, tick, samples, steady, channel, step)
+        random = np.random.default_rng(SEED)
+        for draw in range(DRAWS):
+            wave = step * sum_of_sines(samples, lines, random.uniform(0.0, 2.0 * np.pi, len(lines)))
+            advance = _advance(plan, tick, _played(steady, channel, np.tile(wave, 2)))[samples:]
+            drawn[draw, 1:, channel] = np.fft.rfft(advance)[lines] / np.fft.rfft(wave)[lines]
+    frequencies = np.concatenate([[0.0], lines / (samples * tick)])
+    return frequencies, drawn.mean(axis=0), drawn.std(axis=0, ddof=1) / np.sqrt(DRAWS)
+
+
+def sum_of_sines(samples: int, lines: NDArray[np.int64], phases: Curve) -> Curve:
+    """One period (samples,) of sines that fit into it `lines` (n,) times, with `phases` (n,); the largest value is 1.
+
+    Amplitudes fall with the square root of the frequency, so that high frequencies do not drive a drive to its limits.
+    """
+    spectrum = np.zeros(samples // 2 + 1, dtype=complex)
+    spectrum[lines] = np.exp(1j * phases) / np.sqrt(lines)
+    wave = np.fft.irfft(spectrum, samples)
+    return wave / np.max(np.abs(wave))
+
+
+def _steady_gain(plan: DrivePlan, tick: float, samples: int, steady: Inputs, channel: int, step: float) -> float:
+    """Mean advance over the second period with the input `channel` higher by `step`, less that with it lower."""
+    means = [
+        np.mean(_advance(plan, tick, _played(steady, channel, np.full(2 * samples, sign * step)))[samples:])
+        for sign in (1.0, -1.0)
+    ]
+    return float(means[0] - means[1]) / (2.0 * step)
+
+
+def _played(steady: Inputs, channel: int, added: Curve) -> Curve:
+    inputs = np.tile(steady, (len(added), 1))
+    inputs[:, channel] += added
+    return inputs
+
+
+def _advance(plan: DrivePlan, tick: float, inputs: Curve) -> Curve:
+    """Advance of the shaft in each tick (n,) rad for `inputs` (n, 2) of a fresh instance; of three axes the first."""
+    with on_bench(plan, tick, inputs) as system:
+        rows = Simulation(system, len(inputs), len(inputs) + 1).run()
+        refuse_impossible(plan, system, rows)
+        return np.diff(rows[:, system.columns("drive.theta_m").start])
+
+
+OFF = Gains(0.0)
+
+
+@dataclass(frozen=True)
+class LinearPoint:
+    """The loops at one operating point.
+
+    Attributes:
+        point: where.
+        loops: all open, see `twin.studies.analyse.linear.loops.open_loops`.
+        gains: 1 for each loop that is closed there.
+    """
+
+    point: OperatingPoint
+    loops: Loops
+    gains: dict[str, float] = field(default_factory=dict)
+
+
+class Linearised:
+    """What all operating points of an experiment share: drives, settings, stepping.
+
+    Args:
+        experiment: its faults are left out.
+        points: the drives are identified under the mean load of these.
+
+    Attributes:
+        drives: one model per joint.
+        labels: what the drives are called.
+
+    Raises:
+        InputRefused: a drive has no linear model, or a rate is not one that the analysis knows.
+        ComponentFailed: a drive failed while it was measured.
+    """
+
+    def __init__(self, experiment: Experiment, points: list[OperatingPoint]):
+        self.experiment = experiment
+        self.stepping = _stepping(experiment)
+        load = float(np.mean([_loads(point) for point in points]))
+        models: list[DriveModel] = []
+        tables = experiment.drives
+        plans = [planned(table) for table in tables]
+        for i, table in enumerate(tables):
+            same = tables.index(table)
+            models.append(models[same] if same < i else identified(plans[i], experiment.cosim.tick, load))
+        self.drives, self.labels = tuple(models), tuple(plan.label for plan in plans)
+
+    def at(self, point: OperatingPoint) -> LinearPoint:
+        """The loops at `point`."""
+        plant = linear_plant(point.parameters, point.x, point.theta_m)
+        robot = period_map(tick_map(plant, self.drives, self.stepping), self.stepping)
+        settings = self.settings(point.force_on)
+        law = linear_law(settings, self.estimation(point))
+        return LinearPoint(point, open_loops(robot, law), dict.fromkeys(closed_in(settings), 1.0))
+
+    def of(self, experiment: Experiment) -> Self:
+        """The same for `experiment`, which has the same drives."""
+        other = copy.copy(self)
+        other.experiment = experiment
+        return other
+
+    def settings(self, force_on: bool) -> LoopSettings:
+        """Of the controller, with its force loop on or off."""
+        c = self.experiment.controller
+        damping = c.damping if self.experiment.tasks else None
+        return LoopSettings(
+            N=c.model.N,
+            eta=c.model.eta,
+            position=Gains.made(c.position),
+            force=force_gains(c.force) if force_on else OFF,
+            corner=c.force.filter,
+            damping=damping,
+            period=self.stepping.period * self.stepping.tick,
+        )
+
+    def estimation(self, point: OperatingPoint) -> Estimation:
+        """What the controller's estimator makes of the angles near `point`."""
+        plant, parameters = self.experiment.plant, point.parameters
+        geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
+        angles = np.concatenate([point.theta_m, joint_angles(geometry, point.p_B)])
+        motor, joint = shafts(plant)
+        read = angles + np.concatenate([motor.error(angles[:3]), joint.error(angles[3:])])
+        # the command with which a drive stands still under its load
+        gains = np.array([drive.steady_gain for drive in self.drives])
+        standing = -gains[:, 1] / gains[:, 0] * _loads(point)
+        compensation = self.experiment.controller.gravity_compensation
+        return estimation(belief(self.experiment), compensation, read, standing)
+
+
+def closed_in(settings: LoopSettings) -> tuple[str, ...]:
+    """Those of `LOOPS` that a controller with these `settings` closes."""
+    return LOOPS if any(settings.force[:3]) else LOOPS[:3]
+
+
+def _loads(point: OperatingPoint) -> np.ndarray:
+    """tau_load (3,) at rest (N m)."""
+    p = point.parameters
+    geometry = Geometry(p.a, p.b, p.l_a, p.l_b)
+    d = point.theta_m - p.N * joint_angles(geometry, point.p_B) - np.array(p.slip)
+    loaded = np.sign(d) * np.maximum(np.abs(d) - p.backlash - np.array(p.backlash_added), 0.0)
+    return np.array([spring_stiffness(p, leg) * series_share(p, leg) * stopped(p, loaded[leg]) for leg in range(3)])
+
+
+def _stepping(experiment: Experiment) -> LoopStepping:
+    c = experiment.controller
+    period, delay = experiment.controller_ticks, c.delay_ticks
+    if experiment.monitor is not None and (period % experiment.monitor_ticks or delay % experiment.monitor_ticks):
+        raise InputRefused(
+            f"[monitor] period_ms = {1e3 * experiment.monitor_ticks * experiment.cosim.tick:g} passes the controller's "
+            "commands on late; the analysis knows only monitors that divide the controller's period and delay"
+        )
+    jacobi = experiment.cosim.scheme == "jacobi"
+    # nothing behind the monitor and before the encoders is sampled
+    latency = whole_ticks(experiment.plant.encoder_latency, experiment.cosim.tick) or 0
+    late = delay + c.bus_delay_ticks + latency
+    return LoopStepping(experiment.cosim.tick, experiment.plant.substeps, period, late, jacobi)

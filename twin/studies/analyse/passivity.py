@@ -19,8 +19,6 @@ from twin.kernel.errors import InputRefused
 from twin.robot.assembly.roles import refuse_other_parts
 from twin.robot.controller.pid import Gains
 from twin.robot.experiment.experiment import Experiment, with_model, with_plant
-from twin.studies.analyse.drive_response import Linearised, closed_in
-from twin.studies.analyse.linear.drive_model import Matrix
 from twin.studies.analyse.linear.hand import (
     AXES,
     DRIFT,
@@ -36,9 +34,17 @@ from twin.studies.analyse.linear.hand import (
     power_share,
     robot_with,
 )
-from twin.studies.analyse.linear.loops import LOOPS, closed_poles, linear_law
-from twin.studies.analyse.operating_point import NUDGED, OperatingPoint, nudged_path, operating_points, resting_point
-from twin.studies.steps import Say
+from twin.studies.analyse.linear.loops import LOOPS, Matrix, closed_poles, linear_law
+from twin.studies.analyse.operating_point import (
+    NUDGED,
+    Linearised,
+    OperatingPoint,
+    closed_in,
+    nudged_path,
+    operating_points,
+    resting_point,
+)
+from twin.studies.command import Say
 
 INSIDE, OUTSIDE = 0.85, 1.15
 """Of the predicted mass: off by 15 % at most, as gain limits are allowed to be."""

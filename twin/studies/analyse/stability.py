@@ -16,9 +16,7 @@ import numpy as np
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.roles import refuse_other_parts
 from twin.robot.experiment.experiment import Experiment
-from twin.studies.analyse.drive_response import Linearised, LinearPoint
-from twin.studies.analyse.linear.drive_model import DriveModel
-from twin.studies.analyse.linear.loops import COMMANDS, LOOPS, closed_poles, spectral_radius
+from twin.studies.analyse.linear.loops import COMMANDS, LOOPS, DriveModel, closed_poles, spectral_radius
 from twin.studies.analyse.linear.margins import (
     LARGEST_GAIN,
     DiskMargin,
@@ -30,8 +28,15 @@ from twin.studies.analyse.linear.margins import (
     poles,
     worst_sensitivity,
 )
-from twin.studies.analyse.operating_point import OperatingPoint, aftermath, on_stiffness, operating_points
-from twin.studies.steps import Say, Steps, silent
+from twin.studies.analyse.operating_point import (
+    Linearised,
+    LinearPoint,
+    OperatingPoint,
+    aftermath,
+    on_stiffness,
+    operating_points,
+)
+from twin.studies.command import Say, Steps, silent
 
 HOLDS = 0.15
 """What a predicted gain limit may be off the simulated one, as a share of that."""

@@ -3,10 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from twin.studies.command import BodyName, DriveName, ExperimentName, Option, Settings, study
+from twin.studies.command import BodyName, DriveName, ExperimentName, Option, Say, Settings, study
 from twin.studies.first_look import load_experiments
 from twin.studies.result import Result
-from twin.studies.steps import Say
 
 if TYPE_CHECKING:
     from twin.robot.experiment.experiment import Experiment

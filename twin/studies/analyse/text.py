@@ -11,9 +11,8 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import ArrayLike, NDArray
 
-from twin.studies.analyse.linear.drive_model import Matrix
 from twin.studies.analyse.linear.hand import AXES, power_share
-from twin.studies.analyse.linear.loops import closed_poles
+from twin.studies.analyse.linear.loops import Matrix, closed_poles
 from twin.studies.analyse.linear.margins import LARGEST_GAIN, DiskMargin, Margins, Pole, frequencies, loop_response
 from twin.studies.analyse.operating_point import OperatingPoint
 from twin.studies.analyse.passivity import (
@@ -37,8 +36,7 @@ from twin.studies.analyse.stability import (
     StabilityMap,
 )
 from twin.studies.figure import BLUE, GREEN, GREY, INK, LIGHT_IS_GOOD, MAP, ORANGE, PINK, SKY, VERMILION, Axes, picture
-from twin.studies.lines import counted
-from twin.studies.result import TIE, Block, Column, Note, Result, Row, Table
+from twin.studies.result import TIE, Block, Column, Note, Result, Row, Table, counted
 
 SHOWN_GAIN = (1e-4, 1e3)
 COLORS = (BLUE, ORANGE, GREEN, PINK, VERMILION, SKY)

@@ -14,7 +14,6 @@ from twin.kernel.fmi.unpacked import fmi_headers
 from twin.kernel.units import Unit, known_unit
 from twin.kernel.writing import made_folder, refuse_unwritable, write_bytes
 from twin.robot.assembly.load import load_experiment
-from twin.studies.answer import Answer
 from twin.studies.build.layout import ExportedVariable, Kind, Layout, laid_out, sizes, tables
 from twin.studies.build.linking import (
     HERE,
@@ -22,14 +21,16 @@ from twin.studies.build.linking import (
     c_files,
     emitted_steps,
     guid_of,
+    names_of,
     object_files,
     platforms_named,
     refuse_platform,
     shared_library,
+    summary,
     universal,
 )
-from twin.studies.build.parameters import OpenParameter, fixed, parameters
-from twin.studies.build.part import RobotPart, part_of
+from twin.studies.build.part import RobotPart, fixed, parameters, part_of
+from twin.studies.command import Answer
 
 TOOL = "twin"
 _CAUSALITY: dict[Kind, str] = {"parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output"}
@@ -271,22 +272,34 @@ def build_fmu(
     refuse_platform(file, targets)
     offered = parameters(found)
     layout, closed = laid_out(found, offered), fixed(found, offered)
-    text = readme(found, layout, closed, targets)
-    content = packed(found, layout, fmi, targets, about(found), text, file, say)
+    page = readme(found, layout, closed, targets)
+    content = packed(found, layout, fmi, targets, about(found), page, file, say)
     if out is None:
         made_folder(file.parent)
     write_bytes(file, content)
-    return Answer(_text(found, file, fmi, targets, len(content), layout, offered, closed), {
+    components = [component.name for component in found.components]
+    inputs, outputs = _names(layout, "input"), _names(layout, "output")
+    text = summary(f"{found.name} of {loaded.name}, FMI {fmi} co-simulation, {len(content) / 1000:.0f} KB", {
+        "runs on": names_of(targets),
+        "holds": ", ".join(components),
+        "step": f"multiples of {1e3 * loaded.cosim.tick:g} ms",
+        "inputs": ", ".join(inputs) or "none",
+        "outputs": f"{len(outputs)}: {', '.join(outputs[:4])}{' ..' if len(outputs) > 4 else ''}",
+        "open": f"{len(offered)} parameters, as the experiment's file calls them",
+        "fixed": ", ".join(closed),
+        "written": str(file),
+    })  # fmt: skip
+    return Answer(text, {
         "file": str(file),
         "part": found.name,
-        "components": [component.name for component in found.components],
+        "components": components,
         "fmi": fmi,
         "platforms": [target.name for target in targets],
         "bytes": len(content),
         "parameters": [parameter.key for parameter in offered],
         "fixed": closed,
-        "inputs": _names(layout, "input"),
-        "outputs": _names(layout, "output"),
+        "inputs": inputs,
+        "outputs": outputs,
     })  # fmt: skip
 
 
@@ -317,10 +330,6 @@ def about(part: RobotPart) -> str:
     return " ".join(sentences)
 
 
-def _named(platforms: Sequence[Platform]) -> str:
-    return ", ".join(platform.name for platform in platforms)
-
-
 def _names(layout: Layout, kind: str) -> list[str]:
     return [variable.name for variable in layout.variables if variable.kind == kind]
 
@@ -337,7 +346,7 @@ def readme(part: RobotPart, layout: Layout, closed: Sequence[str], platforms: Se
             "",
             about(part),
             "",
-            f"Native code for {_named(platforms)}; it needs the C library with its mathematics and nothing else.",
+            f"Native code for {names_of(platforms)}; it needs the C library with its mathematics and nothing else.",
             "",
             "| variable | | unit | start | |",
             "|---|---|---|---|---|",
@@ -345,31 +354,5 @@ def readme(part: RobotPart, layout: Layout, closed: Sequence[str], platforms: Se
             "",
             "Fixed, because something was worked out of it when this was built: " + ", ".join(closed) + ".",
             "",
-        ]
-    )
-
-
-def _text(
-    part: RobotPart,
-    file: Path,
-    fmi: str,
-    platforms: Sequence[Platform],
-    size: int,
-    layout: Layout,
-    offered: Sequence[OpenParameter],
-    closed: Sequence[str],
-) -> str:
-    inputs, outputs = _names(layout, "input"), _names(layout, "output")
-    return "\n".join(
-        [
-            f"{part.name} of {part.experiment.name}, FMI {fmi} co-simulation, {size / 1000:.0f} KB",
-            f"  runs on  {_named(platforms)}",
-            f"  holds    {', '.join(component.name for component in part.components)}",
-            f"  step     multiples of {1e3 * part.experiment.cosim.tick:g} ms",
-            f"  inputs   {', '.join(inputs) or 'none'}",
-            f"  outputs  {len(outputs)}: {', '.join(outputs[:4])}{' ..' if len(outputs) > 4 else ''}",
-            f"  open     {len(offered)} parameters, as the experiment's file calls them",
-            f"  fixed    {', '.join(closed)}",
-            f"  written  {file}",
         ]
     )

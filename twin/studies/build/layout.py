@@ -15,8 +15,7 @@ from twin.kernel.cosim.component import NativeComponent
 from twin.kernel.cosim.port import Port, by_port, width
 from twin.kernel.cosim.system import End
 from twin.kernel.units import Unit, known_unit
-from twin.studies.build.parameters import UNLIMITED, Destination, Limits, OpenParameter
-from twin.studies.build.part import Beginning, RobotPart
+from twin.studies.build.part import UNLIMITED, Beginning, Destination, Limits, OpenParameter, RobotPart
 
 ALIGNED = 64
 """Bytes to whose multiples components and what they point to begin."""

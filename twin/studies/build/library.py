@@ -15,7 +15,6 @@ from twin.kernel.errors import disk_refusals
 from twin.kernel.writing import made_folder, write_bytes
 from twin.robot.assembly.load import load_experiment
 from twin.robot.monitor.checks import Reason
-from twin.studies.answer import Answer
 from twin.studies.build.fmu import HOME
 from twin.studies.build.layout import STATUS, ExportedVariable, Layout, laid_out, sizes, tables
 from twin.studies.build.linking import (
@@ -25,13 +24,15 @@ from twin.studies.build.linking import (
     c_files,
     emitted_steps,
     guid_of,
+    names_of,
     object_files,
     platforms_named,
     refuse_platform,
     static_library,
+    summary,
 )
-from twin.studies.build.parameters import Limits, fixed, parameters
-from twin.studies.build.part import RobotPart, drive_commands, part_of
+from twin.studies.build.part import Limits, RobotPart, drive_commands, fixed, parameters, part_of
+from twin.studies.command import Answer
 
 COUNTS = (
     Port("count_m", 3, "1", "motor encoders", "int"),
@@ -257,11 +258,21 @@ def build_c(
         for other in PLATFORMS.keys() - {target.name for target in targets}:
             (folder / other / LIBRARY).unlink(missing_ok=True)
     names = [variable.name for variable in parameters_of(layout)]
-    return Answer(_library_text(part, folder, targets, len(names), closed), {
+    components = [component.name for component in part.components]
+    step = step_ticks(part) * loaded.cosim.tick
+    text = summary(f"C for the robot's own computer, of {loaded.name}", {
+        "runs on": names_of(targets),
+        "holds": ", ".join(components),
+        "step": f"{1e3 * step:g} ms: counts in, motor speeds out",
+        "open": f"{len(names)} parameters, as the experiment's file calls them",
+        "fixed": ", ".join(closed),
+        "written": f"{folder}: computer.h, main.c, README.md, PLATFORM/{LIBRARY}",
+    })  # fmt: skip
+    return Answer(text, {
         "folder": str(folder),
         "files": {name: len(content) for name, content in files.items()},
-        "components": [component.name for component in part.components],
-        "step_s": step_ticks(part) * loaded.cosim.tick,
+        "components": components,
+        "step_s": step,
         "platforms": [target.name for target in targets],
         "parameters": names,
         "fixed": closed,
@@ -306,19 +317,3 @@ def _compile(platform: Platform) -> str:
     libm = " -lm" if platform.is_elf else ""
     target = platform.target
     return f"python -m ziglang cc -target {target} -O2 main.c {platform.name}/{LIBRARY}{libm} -o main{suffix}"
-
-
-def _library_text(
-    part: RobotPart, folder: Path, platforms: Sequence[Platform], open_ones: int, closed: Sequence[str]
-) -> str:
-    return "\n".join(
-        [
-            f"C for the robot's own computer, of {part.experiment.name}",
-            f"  runs on  {', '.join(platform.name for platform in platforms)}",
-            f"  holds    {', '.join(component.name for component in part.components)}",
-            f"  step     {1e3 * step_ticks(part) * part.experiment.cosim.tick:g} ms: counts in, motor speeds out",
-            f"  open     {open_ones} parameters, as the experiment's file calls them",
-            f"  fixed    {', '.join(closed)}",
-            f"  written  {folder}: computer.h, main.c, README.md, PLATFORM/{LIBRARY}",
-        ]
-    )

@@ -21,7 +21,7 @@ import struct
 import sys
 import tempfile
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -99,6 +99,16 @@ def platforms_named(names: Sequence[str], fmi: str | None = None) -> list[Platfo
             raise InputRefused(f"--platform {name}: FMI 2.0 has no folder for it; build it with --fmi 3")
         raise InputRefused(f"--platform {name}: {nearest(name, [*able, ALL], 'expected one of {}')}")
     return [p for name, p in able.items() if p is HERE or ALL in names or name in names]
+
+
+def names_of(platforms: Iterable[Platform]) -> str:
+    """Their names, as a sentence has them."""
+    return ", ".join(platform.name for platform in platforms)
+
+
+def summary(title: str, rows: Mapping[str, str]) -> str:
+    """What was built, as text: a title, and a line for each thing to know about it."""
+    return "\n".join([title, *(f"  {label:<8} {text}" for label, text in rows.items())])
 
 
 class Emitted(NamedTuple):

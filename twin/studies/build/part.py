@@ -1,23 +1,38 @@
-"""An exported part of the robot: components, inner wires, outer inputs."""
+"""An exported part of the robot: components, inner wires, outer inputs.
 
-from collections.abc import Mapping, Sequence
+Parameters that stay open in an exported part, and their place in its components' memory.
+
+A number has a place in the memory of a component, which is its SI value, or that divided or multiplied by a constant:
+so all that is derived of it is derived again when it is put there. What is not in these tables is fixed: it decides how
+many ticks or phases there are, or which law holds, or something is worked out of it in Python.
+
+What of an experiment's file decides on a part and cannot be set in it any more.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from twin.kernel.cosim.component import Component, NativeComponent
+from twin.kernel.cosim.component import Component, MemoryPlace, NativeComponent
 from twin.kernel.cosim.delay import filled
 from twin.kernel.cosim.port import Port, width
 from twin.kernel.cosim.system import End, Feeds
 from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.settings import taken
+from twin.kernel.units import Unit, known_unit
 from twin.robot.assembly.assemble import HERE, ROBOT, ComponentRow, broken, connected
 from twin.robot.assembly.build import JOINTS, Build, at_rest
+from twin.robot.assembly.declared import MEMORIES, PATHS, PLACES
 from twin.robot.assembly.roles import CONTRACTS
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import CATALOGUE, Fault, table_of
+from twin.robot.faults import FaultComponent
+from twin.robot.mechanism.geometry import Model
 from twin.robot.plant.component import REST_OUTPUTS, outputs_at_start, rest
 from twin.robot.plant.component import inputs as plant_inputs
-from twin.studies.build.drives import refuse_broken, refuse_changed, refuse_others
+from twin.studies.build.structure import refuse_broken, refuse_changed, refuse_others
 
 DRIVE = "drive"
 COMMANDS = (Port("omega_ref", JOINTS, "rad/s"), Port("tau_load", JOINTS, "N m"))
@@ -137,3 +152,240 @@ def _at_start(component: Component, port: Port, components: Sequence[Component],
             feeder = next(other for other in components if other.name == source.component)
             values[n] = feeder.initial(source.port)[source.element]
     return values
+
+
+def fault_of(experiment: Experiment, name: str) -> Fault | None:
+    """The fault whose component is called `name`, `fault_1` of the first; None if that is no fault."""
+    return next((fault for n, fault in enumerate(experiment.faults, start=1) if name == f"fault_{n}"), None)
+
+
+def fault_beside(fault: Fault) -> tuple[str, ...]:
+    """Keys of other tables that decide on the component of `fault`."""
+    match CATALOGUE[fault.kind].mechanism:
+        case "counts":
+            side = "motor" if fault.target.startswith("motor") else "joint"
+            return (f"plant.{side}_counts_per_turn", "controller.period_ms")
+        case "message":
+            return ("controller.period_ms",)
+        case "drive":
+            return ("start.p_B",)
+    return ("controller.speed_limit_rad_per_s",) if fault.kind == "brown_out" else ()
+
+
+START = "start.p_B"
+_TABLES = (
+    "plant", "robot", "contact", "contact.breathing", "contact.shift", "scale", "controller", "controller.model",
+    "controller.force", "controller.position", "controller.touch", "controller.feed_forward", "controller.damping",
+    "controller.tissue", "controller.breath", "controller.energy_tank",
+)  # fmt: skip
+"""The order in which their parameters stand."""
+_FIRST = {
+    "contact": (
+        "height", "tilt", "tilt_x", "stiffness", "friction", "bristle", "bristle_damping", "damping", "exponent",
+        "reference_depth", "damper", "touch_depth", "stiffening", "radius",
+    ),
+    "contact.breathing": ("amplitude", "start", "rate", "end"),
+    "controller.force": ("limit", "filter", "kp", "ki", "kd", "derivative_filter", "follow", "rate"),
+    "controller.energy_tank": ("size", "horizon", "touch", "bias", "release"),
+}  # fmt: skip
+"""Of a table, what stands before all else, as in FMUs that were built before; the rest as it lies in memory."""
+_MODELS = {path: table for table, path in PATHS.items()}
+
+Limits = tuple[float | None, float | None, float | None, float | None]
+UNLIMITED: Limits = (None, None, None, None)
+
+
+class Destination(NamedTuple):
+    """Where a number goes.
+
+    Attributes:
+        component: whose memory it is.
+        memory: the numbers there, one for each value, or any number of the same.
+        divisor, times: memory = SI value / divisor * times.
+    """
+
+    component: str
+    memory: np.ndarray
+    divisor: float = 1.0
+    times: float = 1.0
+
+
+class OpenParameter(NamedTuple):
+    """A number of the experiment's file that stays open.
+
+    Attributes:
+        key: of the file, `plant.k_s_Nm_per_rad`.
+        meaning: one phrase.
+        start: its values.
+        unit: of them; `text` as the file spells it.
+        limits: above, at least, below, at most; None where there is none.
+        destinations: where it goes.
+        tunable: whether it may change between two steps.
+    """
+
+    key: str
+    meaning: str
+    start: tuple[float, ...]
+    unit: Unit
+    text: str
+    limits: Limits
+    destinations: tuple[Destination, ...]
+    tunable: bool
+
+
+def parameters(part: RobotPart) -> list[OpenParameter]:
+    """All of them, in the order of the tables of the file."""
+    found: dict[str, list[Destination]] = {}
+    worked_out = {f"controller.model.{name}" for name in Model.model_fields} if senses(part) else set()
+    for component in part.components:
+        for key, destination in _numbers(part, component):
+            if key not in worked_out:
+                found.setdefault(key, []).append(destination)
+        for attribute, (field, times) in component.numbers.items() if isinstance(component, FaultComponent) else ():
+            found[f"{component.name}.{attribute}"] = [Destination(component.name, component.memory[field], times=times)]
+    offered = [_parameter(part.experiment, key, tuple(found[key])) for key in sorted(found, key=_order) if key != START]
+    if START in found:
+        meaning = "where the platform is at the start, at rest"
+        metre = known_unit("m")
+        assert metre is not None
+        start = tuple(float(x) for x in part.start)
+        offered.append(OpenParameter(START, meaning, start, metre, "m", UNLIMITED, tuple(found[START]), False))
+    return offered
+
+
+def _order(key: str) -> tuple[int, int]:
+    table, _, name = key.rpartition(".")
+    first = _FIRST.get(table, ())
+    return (
+        _TABLES.index(table) if table in _TABLES else 0,
+        first.index(name) if name in first else len(first),
+    )
+
+
+def _parameter(experiment: Experiment, key: str, destinations: tuple[Destination, ...]) -> OpenParameter:
+    table, _, attribute = key.rpartition(".")
+    fault = fault_of(experiment, table)
+    field = (table_of(CATALOGUE[fault.kind]) if fault else _MODELS[table]).model_fields[attribute]
+    name = field.alias or attribute
+    value = stated_values(experiment, table).get(name, field.default)
+    text = name.removeprefix(f"{attribute}_").replace("_per_", "/").replace("per_", "1/").replace("_", ".")
+    text = text if field.alias and known_unit(text) else "1"
+    unit = known_unit(text)
+    assert unit is not None
+    start = tuple(float(x) for x in value) if isinstance(value, (tuple, list)) else (float(value),)
+    above, at_least, below, at_most = (
+        next((getattr(m, sign) for m in field.metadata if hasattr(m, sign)), None) for sign in ("gt", "ge", "lt", "le")
+    )
+    key = f"{table}.{name}"
+    limits = above, at_least, below, at_most
+    return OpenParameter(key, field.description or "", start, unit, text, limits, destinations, key in PLACES)
+
+
+Found = Iterator[tuple[str, Destination]]
+
+
+def _numbers(part: RobotPart, component: NativeComponent) -> Found:
+    """What of the file is in the memory of a `component`: key by attribute, and where it is."""
+    name = component.name
+    for memory in MEMORIES:
+        for field, source in memory.fields.items() if memory.component == name else ():
+            path, numbers = PATHS[source.table], MemoryPlace(name, memory.record, field).memory_of(component)
+            shown = source.setting.exported and source.form != "i8"
+            if shown and numbers is not None and _is_open(part, memory.record, path, source.name):
+                yield f"{path}.{source.name}", Destination(name, numbers, source.divisor, source.times)
+    if name == "body":
+        yield from _body(part)
+    if name == "plant":
+        yield START, Destination("plant", component.memory[0:1]["x"][0, :3])
+
+
+def _is_open(part: RobotPart, record: str, path: str, name: str) -> bool:
+    """Whether a number is one that the experiment has, and that nothing is worked out of."""
+    c, watched = part.experiment.controller, part.experiment.monitor
+    table: Any = part.experiment
+    for inner in path.split("."):
+        table = getattr(table, inner, None)
+    if getattr(table, name, None) is None:
+        return False
+    match record, name:
+        case "law", "speed_limit":
+            # the limits of a monitor are worked out of it where it has no limit of its own
+            return watched is None or watched.command_limit is not None or part.component("monitor") is None
+        case "law", "reference":
+            return part.experiment.reference is not None
+        case "law", "trigger" | "trigger_time":
+            return part.experiment.reference is not None and c.mode == "force_position"
+        case "adaptive.schedule", _:
+            return bool(c.force.schedule)
+        case "adaptive.taps", _:
+            return c.touch is not None and c.touch.force_learning > 0.0
+    return True
+
+
+def _body(part: RobotPart) -> Found:
+    body = part.component("body")
+    assert body is not None
+    motions = body.pointers["motions"]
+    for row, table in enumerate(part.experiment.contact.motions):
+        for field, source in taken(type(table)).items():
+            if getattr(table, source.name) is not None:
+                numbers = motions[row : row + 1][field].reshape(-1)
+                # an amplitude is the last of the three numbers of its displacement
+                there = numbers if source.form == "3f8" else numbers[-1:]
+                yield f"{PATHS[type(table)]}.{source.name}", Destination("body", there)
+
+
+def senses(part: RobotPart) -> bool:
+    """Whether its controller senses the tissue: masses and springs are worked out of its model then, in Python."""
+    return part.component("controller") is not None and part.experiment.controller.tissue is not None
+
+
+def stated_values(experiment: Experiment, table: str) -> Mapping[str, Any]:
+    """What the experiment says in `table`, `controller.force`, or `fault_2` for the second [[fault]]."""
+    values: Any = experiment.values
+    if fault_of(experiment, table):
+        return values["fault"][int(table.rpartition("_")[2]) - 1]
+    for word in table.split(".") if table else ():
+        values = values.get(word) if isinstance(values, Mapping) else None
+    return values if isinstance(values, Mapping) else {}
+
+
+_FIXED = {
+    "plant": ("plant.substeps", "contact.law", "contact.shape"),
+    "scale": ("scale.period_ms",),
+    "latency": ("plant.encoder_latency_ms",),
+    "encoder": ("seed", "controller.period_ms"),
+    "estimator": ("controller.gravity_compensation", "controller.period_ms"),
+    "controller": (
+        "controller.mode", "controller.period_ms", "controller.speed_limit_rad_per_s", "controller.force.reference_N",
+        "controller.force.trigger_N", "controller.force.trigger_time_s", "controller.touch.contact_N", "[reference]",
+        "[approach]", "[[task]]", "controller.force.schedule",
+    ),
+    "tank": ("controller.period_ms",),
+    "delay": ("controller.delay_ticks",),
+    "monitor": ("[monitor]",),
+}  # fmt: skip
+"""What decides on a component and may be fixed in it; what is offered after all is not."""
+
+
+def fixed(part: RobotPart, offered: Sequence[OpenParameter]) -> list[str]:
+    """The keys of the experiment's file that decide on the part, and cannot be set any more."""
+    open_ones = {parameter.key for parameter in offered}
+    experiment = part.experiment
+    keys: dict[str, None] = {}
+    for component in part.components:
+        fault = fault_of(experiment, component.name)
+        if fault:
+            stated = (f"{component.name}.{key}" for key in stated_values(experiment, component.name))
+            keys |= dict.fromkeys((*stated, *fault_beside(fault)))
+        keys |= dict.fromkeys(key for key in _FIXED.get(component.name, ()) if _has(experiment, key))
+    if senses(part):
+        keys["[controller.model]"] = None
+    return ["cosim.tick_ms", *(key for key in keys if key not in open_ones)]
+
+
+def _has(experiment: Experiment, key: str) -> bool:
+    """Whether the experiment says it, or has such a table."""
+    table, _, name = key.strip("[]").rpartition(".")
+    value = stated_values(experiment, table).get(name)
+    return bool(value) or value == 0

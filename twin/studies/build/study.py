@@ -6,10 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.kernel.errors import InputRefused
-from twin.studies.answer import Answer
-from twin.studies.command import Argument, Asked, DriveName, Option, Settings, study
+from twin.studies.command import Answer, Argument, Asked, DriveName, Option, Say, Settings, study
 from twin.studies.first_look import load_experiments
-from twin.studies.steps import Say
 
 
 class Fmi(StrEnum):

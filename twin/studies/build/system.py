@@ -30,22 +30,23 @@ from twin.kernel.writing import json_text, made_folder, refuse_unwritable, write
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.run import named_files
-from twin.studies.answer import Answer
-from twin.studies.build.drives import Element, JointDrive, travelling_drives
 from twin.studies.build.fmu import HOME, about, archive, packed, readme
 from twin.studies.build.layout import ExportedVariable, Kind, laid_out
-from twin.studies.build.linking import Platform, platforms_named, refuse_platform
-from twin.studies.build.parameters import fixed, parameters
-from twin.studies.build.part import RobotPart, part_of
+from twin.studies.build.linking import Platform, names_of, platforms_named, refuse_platform, summary
+from twin.studies.build.part import RobotPart, fixed, parameters, part_of
 from twin.studies.build.structure import (
     ConnectorUnit,
+    Element,
+    JointDrive,
     Member,
     defined,
     foreign_connectors,
     foreign_values,
     origin,
     structure,
+    travelling_drives,
 )
+from twin.studies.command import Answer
 
 KINDS: dict[Kind, ConnectorKind] = {
     "parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output",
@@ -198,7 +199,15 @@ def build_ssp(
         made_folder(file.parent)
     write_bytes(file, content)
     members = makers.members
-    return Answer(_text(loaded, file, fmi, targets, len(content), members), {
+    scheme = "Jacobi" if loaded.cosim.scheme == "jacobi" else "Gauss-Seidel"
+    text = summary(f"{loaded.name}, SSP 1.0, {len(content) / 1000:.0f} KB", {
+        "elements": ", ".join(member.name for member in members),
+        "coupling": f"{scheme} in this order, steps of {1e3 * loaded.cosim.tick:g} ms",
+        "until": f"{loaded.duration_ticks * loaded.cosim.tick:g} s",
+        "FMUs": f"of ours FMI {fmi}, for {names_of(targets)}",
+        "written": str(file),
+    })  # fmt: skip
+    return Answer(text, {
         "file": str(file),
         "experiment": loaded.name,
         "fmi": fmi,
@@ -348,19 +357,3 @@ def _table(experiment: Experiment, number: int, part: str) -> str:
     tail = f"parts.{part}.parameters" if part else "parameters"
     own = f"drive.joint_{number}.{tail}"
     return own if any(key.startswith(own) for key in experiment.origins) else f"drive.{tail}"
-
-
-def _text(
-    experiment: Experiment, file: Path, fmi: str, platforms: Sequence[Platform], size: int, members: Sequence[Member]
-) -> str:
-    scheme = "Jacobi" if experiment.cosim.scheme == "jacobi" else "Gauss-Seidel"
-    return "\n".join(
-        [
-            f"{experiment.name}, SSP 1.0, {size / 1000:.0f} KB",
-            f"  elements {', '.join(member.name for member in members)}",
-            f"  coupling {scheme} in this order, steps of {1e3 * experiment.cosim.tick:g} ms",
-            f"  until    {experiment.duration_ticks * experiment.cosim.tick:g} s",
-            f"  FMUs     of ours FMI {fmi}, for {', '.join(platform.name for platform in platforms)}",
-            f"  written  {file}",
-        ]
-    )

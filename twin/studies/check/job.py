@@ -35,7 +35,7 @@ from twin.studies.check.baseline import (
     verdict,
 )
 from twin.studies.check.measurement import Measured, measured, run_for_measures
-from twin.studies.steps import Say
+from twin.studies.command import Say
 
 
 @dataclass(frozen=True)

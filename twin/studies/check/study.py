@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.kernel.errors import InputRefused, plain
-from twin.studies.command import JOB_ISOLATION, Argument, Isolate, JobIsolation, Option, study
+from twin.studies.command import JOB_ISOLATION, Argument, Isolate, JobIsolation, Option, Say, study
 from twin.studies.first_look import find_experiments
 from twin.studies.result import Result
-from twin.studies.steps import Say
 
 PICTURES = Path("results/check")
 
@@ -64,9 +63,8 @@ def check(
         InputRefused: see `pairs`; or an update has no reason.
         NotWritten: the disk refuses.
     """
-    from twin.studies.check.baseline import baseline_file, write_baseline
+    from twin.studies.check.baseline import baseline_file, check_pictures, check_result, write_baseline
     from twin.studies.check.job import outcomes, pairs
-    from twin.studies.check.text import check_pictures, check_result
 
     if update != bool(reason.strip()):
         raise InputRefused('twin check: --update and --reason "why the numbers may move" go together; give both')

@@ -5,11 +5,9 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.kernel.errors import InputRefused
-from twin.studies.answer import judged
-from twin.studies.command import Argument, Asked, Option, study
+from twin.studies.command import Argument, Asked, Option, Say, judged, study
 from twin.studies.first_look import find_logs, print_latest
 from twin.studies.result import Result
-from twin.studies.steps import Say
 
 HOME = Path("results") / "compare"
 FIGURES = ("fig4", "fig5")
@@ -81,8 +79,7 @@ def compare(
         raise InputRefused(
             f"twin compare: got {len(runs)} path{'s' * (len(runs) != 1)}, expected A and B, or --paper FIGURE"
         )
-    from twin.studies.compare.comparison import both, compared, experiments_differ
-    from twin.studies.compare.text import comparison_result, draw_comparison
+    from twin.studies.compare.comparison import both, compared, comparison_result, draw_comparison, experiments_differ
     from twin.studies.compare.tolerance import alignment, rules
 
     found = compared(*both(runs[0], runs[1], maps), rules(tolerances), signals, alignment(align, by, max_shift))

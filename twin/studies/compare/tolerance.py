@@ -36,6 +36,7 @@ from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import read_toml
 from twin.kernel.recording.logs.log import Log, LogSeries
 from twin.kernel.units import Dimension, Unit, known_unit, weight_hint
+from twin.studies.result import some
 
 SECONDS = Dimension(s=1)
 _RULE = re.compile(r"\s*(?:([0-9.eE+-]+)\s*([^@]*?))?\s*(?:@\s*([0-9.eE+-]+)\s*(\S+))?\s*")
@@ -419,13 +420,13 @@ def _nothing_in_common(a: Log, b: Log) -> str:
             if meant:
                 choice = f"say which with --map {meant[0]}=COLUMN[UNIT]"
                 return f"{log.path}: '{name}' could be {' or '.join(meant)}; {choice}"
-    there = f"{a.path} has {_some(a)}; {b.path} has {_some(b)}"
+    there = "; ".join(f"{log.path} has {some_signals(log.series, 6)}" for log in (a, b))
     return f"no signal in common: {there}; name them with --map NAME=COLUMN[UNIT]"
 
 
-def _some(log: Log) -> str:
-    names = list(dict.fromkeys(name.partition("[")[0] for name in log.series))
-    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+def some_signals(names: Iterable[str], most: int) -> str:
+    """At most so many of the signals `names`; elements of an array are one."""
+    return some(list(dict.fromkeys(name.partition("[")[0] for name in names)), most)
 
 
 def _unit(series: LogSeries) -> Unit:

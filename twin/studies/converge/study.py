@@ -3,10 +3,9 @@
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.command import Argument, DriveName, Option, Settings, study
+from twin.studies.command import Argument, DriveName, Option, Say, Settings, study
 from twin.studies.first_look import load_experiments
 from twin.studies.result import Result
-from twin.studies.steps import Say
 
 HOME = Path("results") / "converge"
 PICTURE, FACTS = "convergence.png", "convergence.json"

@@ -13,8 +13,16 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.writing import finite
-from twin.studies.converge.convergence import CouplingSeries, CouplingStudy, TickPoint
-from twin.studies.converge.order import FORCE, SIGNALS, Order, OrderFinding, Signal
+from twin.studies.converge.convergence import (
+    FORCE,
+    SIGNALS,
+    CouplingSeries,
+    CouplingStudy,
+    Order,
+    OrderFinding,
+    Signal,
+    TickPoint,
+)
 from twin.studies.figure import BLUE, GREEN, INK, ORANGE, PINK, RED, SKY, Axes, picture
 from twin.studies.result import Block, Column, Note, Result, Table, note
 

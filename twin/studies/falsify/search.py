@@ -30,14 +30,13 @@ from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.monitor.component import trip_reason
 from twin.robot.run.trace import Trace, fields_of
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
-from twin.studies.falsify.space import Ended, Place, Space, TriedFault
-from twin.studies.falsify.text import Requirement
+from twin.studies.command import Say
+from twin.studies.falsify.space import Ended, Place, Requirement, Space, TriedFault
 from twin.studies.faults.matrix import default_onsets, fault_trial_of
 from twin.studies.metrics.requirement import checked_requirement
-from twin.studies.steps import Say
 from twin.studies.sweep.measures import RunFinding
 from twin.studies.sweep.plan import Task
-from twin.studies.sweep.pool import Job, WorkerProcess
+from twin.studies.sweep.sweep import Job, WorkerProcess
 
 FORCE, PLACE = "plant.F_ee_B", "plant.p_B"
 

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.kernel.errors import InputRefused
-from twin.studies.command import Argument, DriveName, Option, Settings, study
+from twin.studies.command import Argument, DriveName, Option, Say, Settings, study
 from twin.studies.first_look import load_experiments
 from twin.studies.result import Result
-from twin.studies.steps import Say
 
 HOME = Path("results") / "falsify"
 FOUND = "falsify.json"
@@ -66,8 +65,7 @@ def falsify(
     from twin.robot.experiment.drive_files import experiment_file
     from twin.robot.experiment.source import Source, override
     from twin.studies.falsify.search import Judge, Search, crew, requirements_of
-    from twin.studies.falsify.space import Holes, Space
-    from twin.studies.falsify.text import Found, falsify_result, header
+    from twin.studies.falsify.space import Found, Holes, Space, falsify_result, header
     from twin.studies.faults.matrix import cases, known_kinds
     from twin.studies.left_behind import SCRATCH, held_folder
     from twin.studies.tune.text import findable

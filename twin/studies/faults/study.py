@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.command import Argument, Asked, BodyName, DriveName, Option, Settings, study
+from twin.studies.command import Argument, Asked, BodyName, DriveName, Option, Say, Settings, study
 from twin.studies.first_look import load_experiments
 from twin.studies.result import Result
-from twin.studies.steps import Say
 
 HOME = Path("results") / "faults"
 ROWS, MATRIX, PICTURE = "rows.jsonl", "matrix.json", "matrix.png"

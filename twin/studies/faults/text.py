@@ -10,7 +10,7 @@ import numpy as np
 from twin.robot.experiment.fault import CATALOGUE
 from twin.studies.faults.matrix import ALLOWANCE, FaultRow
 from twin.studies.figure import BARE, INK, LESS_IS_BETTER, LIGHT_IS_GOOD, VERMILION, Axes, picture
-from twin.studies.result import Block, Column, Note, Result, Table, table_markdown
+from twin.studies.result import Block, Column, Note, Result, Table
 
 if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
@@ -36,17 +36,6 @@ COLUMNS = (
     Column("seen", 4),
     Column("by", 14, ".14s", left=True),
     Column("after", 6, unit="s"),
-)
-MARKDOWN = (
-    Column("Kind"),
-    Column("Worst at"),
-    Column("Onset", unit="s"),
-    Column("Peak", unit="N"),
-    Column("Without monitor", unit="N"),
-    Column("Seen"),
-    Column("By"),
-    Column("After", unit="s"),
-    Column("Ends"),
 )
 
 
@@ -80,12 +69,6 @@ def fault_matrix_result(experiment: str, rows: Sequence[FaultRow], picture: Path
     parts = [Note(counts, later=4), *([Note(early, later=4)] if ended else []), "", worst, *_exceptions(rows), ""]
     facts = {"experiment": experiment, "rows": [row.facts() for row in rows]}
     return Result(Note(verdict, later=4), parts, facts, {"picture": picture}, label=0, exit_code=int(failing))
-
-
-def fault_matrix_table(rows: Sequence[FaultRow]) -> str:
-    """A Markdown table: the worst case of each kind."""
-    lines = [(f"`{row.kind}`", *_cells(row, of_kind), row.watched.end) for row, of_kind in _worst(rows)]
-    return table_markdown(Table(MARKDOWN, [[cell or "-" for cell in cells] for cells in lines]))
 
 
 def magnitude_text(kind: str, magnitude: float | None) -> str:

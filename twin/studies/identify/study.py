@@ -3,10 +3,9 @@
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.command import Argument, ColumnMaps, Option, Settings, study
+from twin.studies.command import Argument, ColumnMaps, Option, Say, Settings, silent, study
 from twin.studies.first_look import find_experiments, find_logs, print_latest
 from twin.studies.result import Result
-from twin.studies.steps import Say, silent
 
 HOME = Path("results") / "identify"
 PICTURE, MODEL, FACTS = "identify.png", "model.toml", "identify.json"

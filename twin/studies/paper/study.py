@@ -15,9 +15,8 @@ from twin.kernel.recording.reader import Recording, read
 from twin.robot.controller.program import PhaseKind, Push, Roll, Tap
 from twin.robot.experiment.source import names_stand_in
 from twin.robot.monitor.checks import Monitor
-from twin.studies.answer import judged
+from twin.studies.command import judged
 from twin.studies.figure import GREEN, ORANGE, Axes, picture
-from twin.studies.lines import WIDTH, counted
 from twin.studies.metrics.response import along_and_off
 from twin.studies.paper.claim import Claim, ClaimFinding
 from twin.studies.paper.fig4 import Score, bound_used, fig4_score, standing, tally
@@ -34,7 +33,7 @@ from twin.studies.paper.fig5 import (
     shown_tasks,
 )
 from twin.studies.paper.fig5_measures import TaskRun, settings
-from twin.studies.result import Block, Column, Note, Result, Row, Table
+from twin.studies.result import WIDTH, Block, Column, Note, Result, Row, Table, counted
 
 ESTIMATE, SHIFTED = ORANGE, GREEN
 JUDGED = "#e9eef5"

@@ -19,11 +19,11 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.program import PhaseKind
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import Trace
+from twin.studies.command import Say, Steps, silent
 from twin.studies.figure import BLUE, GREEN, GREY, INK, ORANGE, PINK, SKY, VERMILION, picture
 from twin.studies.metrics.requirement import Standing, overall, standing
 from twin.studies.metrics.response import Curve, first_time, overshoot, rms, settling_time
 from twin.studies.qualify.definitions import Definition, Measure
-from twin.studies.steps import Say, Steps, silent
 
 BAND = 0.05
 """Share of the reference (force) or of its last change (position) within which the robot has settled."""

@@ -14,8 +14,8 @@ import numpy as np
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.job import LONG, PATIENCE, duration_text
+from twin.studies.command import Say, silent
 from twin.studies.metrics.response import Curve
-from twin.studies.steps import Say, silent
 
 ABOUT = 75_000
 """Ticks of a whole qualification: 60,000 of a drive that stalls at once, 100,000 of one that cannot be stalled."""

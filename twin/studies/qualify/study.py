@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.job import JobLimits
-from twin.studies.answer import Answer
 from twin.studies.command import (
     JOB_ISOLATION,
+    Answer,
     Argument,
     AsJson,
     Columns,
@@ -22,13 +22,13 @@ from twin.studies.command import (
     LimitStep,
     LimitWall,
     Option,
+    Say,
     Settings,
     answer_apart,
     study,
 )
 from twin.studies.first_look import find_experiments
 from twin.studies.result import Block, Note, Result
-from twin.studies.steps import Say
 
 if TYPE_CHECKING:
     from twin.robot.experiment.schema import Drive

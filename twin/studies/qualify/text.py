@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 
 from twin.studies.figure import GREY, INK, PAPER_BLUE, Axes, picture
-from twin.studies.lines import WIDTH, markdown
 from twin.studies.qualify.bench import Response
 from twin.studies.qualify.comparison import COMPARED, DriveTrials
 from twin.studies.qualify.definitions import COMMANDED, LOAD_IN_USE, LOAD_PEAK, LOADED, SPEED_IN_USE, TICK
 from twin.studies.qualify.motion import BAND, NOTHING
 from twin.studies.qualify.qualification import Qualification
-from twin.studies.result import Block, Column, Note, Result, Table
+from twin.studies.result import WIDTH, Block, Column, Note, Result, Table, markdown
 
 CHECKS = (Column("", 4, left=True), Column("", 10, left=True, gap=2), Column(folds=True))
 MEASURES = (Column("", 20, left=True), Column("", 10), Column("", 14, left=True), Column(folds=True))

@@ -3,32 +3,308 @@
 The part of a log that says what is normal.
 
 What a robot recorded, as the estimator takes it: encoder counts, and a measured force if there is one.
+
+When does a residual leave what it was? Page's cumulative sum over means of blocks.
+
+E. S. Page, Continuous inspection schemes, Biometrika 41 (1954) 100; the two-sided form and its run lengths as in D. C.
+Montgomery, Introduction to Statistical Quality Control, sec. 9.1. With r_n the mean residual of block n and r_0 that of
+the beginning of the log,
+
+    up_n   = max(0, up_(n-1)   + (r_n - r_0) - K),     low_n = max(0, low_(n-1) - (r_n - r_0) - K),
+
+and the alarm is the first sum beyond H. K = tolerance + sigma / 2 and H = 5 sigma: a residual that wanders within the
+tolerance never fills a sum; one that stays just at its edge, with independent normal means of deviation sigma, does by
+chance once in 930 blocks on one side (Montgomery, table 9.3: 465 for both sides of an in-control mean).
+
+Neighbouring samples of a residual say the same thing twice, and a sum would take that for evidence. Blocks are at least
+twice its correlation time T_c, and at least `SHORTEST_BLOCK`. sigma is the deviation of a block's mean: that of single
+samples at the beginning times sqrt(2 T_c / block) (M. S. Bartlett, J. R. Stat. Soc. 8 (1946) 27, for an exponential
+autocorrelation), but at least that of the sensors' own rounding: at rest an encoder shows one count for minutes, and no
+spread at all.
+
+How far two courses of one quantity are apart: bias, spread, when, how late one is, and what rounding explains.
 """
 
 import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.delay import columns, play
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
+from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries, in_gap
 from twin.kernel.units import known_unit, weight_hint
 from twin.robot.controller.controller import Belief, Estimator, angle
-from twin.studies.replay.drift import (
-    Drift,
-    Residual,
-    Statistics,
-    angle_rounding,
-    drift,
-    force_rounding,
-    residual,
-    statistics,
-)
+from twin.robot.mechanism.statics import load_torque
 from twin.studies.replay.model import RobotModel, motions
+
+SHORTEST_BLOCK = 1.0
+"""s. Two taps of a massage: the force of the platform's acceleration and of viscous joints comes to nothing over a
+motion that returns to where it began."""
+DECISION = 5.0
+"""H / sigma."""
+
+
+@dataclass(frozen=True)
+class Drift:
+    """What became of one residual, in its own unit.
+
+    Attributes:
+        baseline, sigma: its mean r_0 at the beginning, and the deviation of a block's mean.
+        block: its length (s).
+        tolerance: changes of the mean up to this are none.
+        t, mean: end (s) and mean residual of each block, (n,);
+        up, low: the sums after it, (n,).
+        alarm: end of the block that raised it (s); NaN: none did.
+        since: when the sum that raised it began to grow (s).
+        size: mean residual less r_0 since then.
+    """
+
+    baseline: float
+    sigma: float
+    block: float
+    tolerance: float
+    t: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    up: NDArray[np.float64]
+    low: NDArray[np.float64]
+    alarm: float
+    since: float
+    size: float
+
+    @property
+    def matches(self) -> bool:
+        """Whether there was no alarm."""
+        return bool(np.isnan(self.alarm))
+
+    @property
+    def slack(self) -> float:
+        """K: how far a mean may be off before a sum begins to fill."""
+        return self.tolerance + 0.5 * self.sigma
+
+    @property
+    def threshold(self) -> float:
+        """H."""
+        return DECISION * self.sigma
+
+
+def drift(
+    t: NDArray[np.float64], r: NDArray[np.float64], baseline: float, tolerance: float, sigma_least: float
+) -> Drift | None:
+    """The two-sided sum over a residual; None if there is no block after the beginning.
+
+    Args:
+        t, r: times (n,), s, ascending, and residual (n,).
+        baseline: length of the beginning that says what is normal (s).
+        tolerance: change of the mean that is no news, in the unit of r.
+        sigma_least: deviation that the sensors' rounding alone amounts to, > 0, likewise.
+    """
+    first = t < t[0] + baseline
+    normal = r[first]
+    T_c = correlation_time(t[first], normal)
+    block = max(SHORTEST_BLOCK, 2.0 * T_c)
+    r_0, sigma = float(np.mean(normal)), max(float(np.std(normal)) * np.sqrt(2.0 * T_c / block), sigma_least)
+    ends, mean = _block_means(t[~first], r[~first], block)
+    if not len(ends):
+        return None
+    K, H = tolerance + 0.5 * sigma, DECISION * sigma
+    up, low = _sum(mean - r_0 - K), _sum(r_0 - mean - K)
+    over = np.flatnonzero((up > H) | (low > H))
+    alarm = since = size = np.nan
+    if len(over):
+        n = int(over[0])
+        own = up if up[n] > H else low
+        begun = int(np.max(np.flatnonzero(own[: n + 1] == 0.0), initial=-1)) + 1
+        alarm, since = float(ends[n]), float(ends[begun] - block)
+        size = float(np.mean(mean[begun : n + 1])) - r_0
+    return Drift(r_0, sigma, block, tolerance, ends, mean, up, low, alarm, since, size)
+
+
+def correlation_time(t: NDArray[np.float64], r: NDArray[np.float64]) -> float:
+    """Lag (s) at which the autocorrelation of r (n,) falls below 1/e; 0 for a residual that stands still.
+
+    A beginning that is all one swing gives at most its own length.
+    """
+    centred = r - np.mean(r)
+    if len(r) < 3 or not np.any(centred):
+        return 0.0
+    # padded to twice its length, so that its end does not meet its beginning
+    power = np.abs(np.fft.rfft(centred, 2 * len(r))) ** 2
+    autocorrelation = np.fft.irfft(power, 2 * len(r))[: len(r)] / np.sum(centred**2)
+    below = np.flatnonzero(autocorrelation < np.exp(-1.0))
+    return float(np.median(np.diff(t))) * float(below[0] if len(below) else len(r))
+
+
+def _sum(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """sum_n = max(0, sum_(n-1) + steps_n)."""
+    total = np.cumsum(steps)
+    # as far above its deepest point so far as it is
+    return total - np.minimum(0.0, np.minimum.accumulate(total))
+
+
+def _block_means(
+    t: NDArray[np.float64], r: NDArray[np.float64], block: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """End (s) and mean of each whole block that has at least half the samples of the fullest one."""
+    if not len(t):
+        return np.empty(0), np.empty(0)
+    index = np.floor((t - t[0]) / block).astype(np.int64)
+    # the last one is whole only by chance
+    whole = index < index[-1]
+    # only blocks with samples: a log may have hours without one
+    blocks, member, count = np.unique(index[whole], return_inverse=True, return_counts=True)
+    full = count >= 0.5 * np.max(count, initial=0)
+    sums = np.bincount(member, weights=r[whole], minlength=len(blocks))
+    return t[0] + (blocks[full] + 1) * block, sums[full] / count[full]
+
+
+LONGEST_LAG = 0.5
+"""s. Beyond that two courses of a repeated motion match by mistake."""
+FINEST_LAG = 5e-3
+"""s. What a force that changes within tenths of a second, with noise on it, can tell at best."""
+MOST_LAGGED = 2_000_000
+"""Sample periods over which a lag is looked for: some hours."""
+STALE = 1.5
+"""Sample periods after which an estimate is no longer the newest: one was lost."""
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Differences `value - measured` at times.
+
+    Attributes:
+        t: of the measurements that have a value beside them (n,), s.
+        value, measured: (n,), both in the unit of the quantity.
+    """
+
+    t: NDArray[np.float64]
+    value: NDArray[np.float64]
+    measured: NDArray[np.float64]
+
+    @property
+    def r(self) -> NDArray[np.float64]:
+        """Value less measured, (n,)."""
+        return self.value - self.measured
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """A residual in numbers, in the quantity's own unit.
+
+    Attributes:
+        bias, std, rms: mean, standard deviation about it, root mean square.
+        largest, at: the residual of greatest size, with its sign, and when (s).
+        correlation: Pearson's, of value and measurement; NaN where one of them stands still.
+        lag: how much later the value is than the measurement (s), the peak of their cross-correlation; NaN likewise.
+    """
+
+    bias: float
+    std: float
+    rms: float
+    largest: float
+    at: float
+    correlation: float
+    lag: float
+
+
+def residual(
+    t: NDArray[np.float64],
+    values: NDArray[np.float64],
+    gaps: NDArray[np.float64],
+    t_measured: NDArray[np.float64],
+    measured: NDArray[np.float64],
+) -> Residual:
+    """`values` beside the measurements: at each, the newest value of that moment, unless it is stale or from a gap.
+
+    Args:
+        t: times of the values (n,), s, ascending.
+        values: (n,).
+        gaps: intervals (k, 2), s, in which values are missing.
+        t_measured, measured: times and values of the measurement (m,).
+    """
+    newest = np.searchsorted(t, t_measured, side="right") - 1
+    age = t_measured - t[np.maximum(newest, 0)]
+    use = (newest >= 0) & (age < STALE * np.median(np.diff(t))) & ~in_gap(t_measured, gaps)
+    return Residual(t_measured[use], values[newest[use]], measured[use])
+
+
+def statistics(residual: Residual) -> Statistics:
+    """Of a residual with at least two entries."""
+    r = residual.r
+    worst = int(np.argmax(np.abs(r)))
+    moves = min(np.ptp(residual.value), np.ptp(residual.measured)) > 0.0
+    return Statistics(
+        bias=float(np.mean(r)),
+        std=float(np.std(r)),
+        rms=float(np.sqrt(np.mean(r**2))),
+        largest=float(r[worst]),
+        at=float(residual.t[worst]),
+        correlation=float(np.corrcoef(residual.value, residual.measured)[0, 1]) if moves else np.nan,
+        lag=_lag(residual) if moves else np.nan,
+    )
+
+
+def _lag(residual: Residual) -> float:
+    """The shift (s) under which value and measurement spread least about each other; NaN: not known, because most of
+    what would be looked at is missing."""
+    period = max(float(np.median(np.diff(residual.t))), FINEST_LAG)
+    if np.ptp(residual.t) > MOST_LAGGED * period:
+        return np.nan
+    grid = np.arange(residual.t[0], residual.t[-1] + 0.5 * period, period)
+    value = np.interp(grid, residual.t, residual.value)
+    measured = np.interp(grid, residual.t, residual.measured)
+    most = min(int(LONGEST_LAG / period), len(grid) // 4)
+    # the same stretch of the measurement for every shift, so that none has an easier one
+    core = measured[most : len(measured) - most]
+    spread = [np.std(value[most + k : most + k + len(core)] - core) for k in range(-most, most + 1)]
+    return period * (int(np.argmin(spread)) - most)
+
+
+class Rounding(NamedTuple):
+    """What the sensors' rounding alone makes of a residual, in its own unit: smaller differences cannot be seen.
+
+    Each encoder is off by up to half a count and, over poses, evenly distributed in that range: a deviation of
+    1/sqrt(12) count. At rest it does not average out.
+
+    Attributes:
+        bound: with every sensor half a step off, all in the same sense.
+        deviation: with every sensor off at random.
+    """
+
+    bound: float
+    deviation: float
+
+
+def force_rounding(belief: Belief, J: NDArray[np.float64], resolution: float) -> Rounding:
+    """Of estimated less measured pressing force (N), at the worst pose of a log.
+
+    F_z = -e_z J^T tau_l with tau_l = k_s N eta (theta_m - N theta_l), Eq. 19 to 21.
+
+    Args:
+        belief: the estimator's.
+        J: Jacobians (n, 9), rad/m, row by row.
+        resolution: of the measurement (N).
+    """
+    of_z = np.abs(J[:, 2::3]) * load_torque(belief.k_s, belief.N, belief.eta, 1.0)
+    motor, joint = _counts(belief)
+    bound = np.max(np.sum(of_z, axis=1)) * (motor + belief.N * joint) / 2.0 + resolution / 2.0
+    variance = np.max(np.sum(of_z**2, axis=1)) * (motor**2 + (belief.N * joint) ** 2) + resolution**2
+    return Rounding(float(bound), float(np.sqrt(variance / 12.0)))
+
+
+def angle_rounding(belief: Belief) -> Rounding:
+    """Of a joint angle of the plant model less that of the log (rad): a free link follows its motor, theta_m / N."""
+    motor, joint = _counts(belief)
+    return Rounding((motor / belief.N + joint) / 2.0, float(np.hypot(motor / belief.N, joint) / np.sqrt(12.0)))
+
+
+def _counts(belief: Belief) -> tuple[float, float]:
+    """A count of the motor and of the joint encoders, rad."""
+    return 2.0 * np.pi / belief.motor_counts, 2.0 * np.pi / belief.joint_counts
 
 
 def normal_time(text: str) -> tuple[float, float]:
@@ -99,7 +375,7 @@ def robot_log(log: Log, belief: Belief) -> RobotLog:
     Raises:
         LogRefused: no encoders, other units, motor and joint encoders at different times, or times before 0.
     """
-    count_m, count_l = (_counts(log, name, belief) for name in COUNTS)
+    count_m, count_l = (_counts_in(log, name, belief) for name in COUNTS)
     if not np.array_equal(count_m.t, count_l.t):
         raise LogRefused(
             f"{log.path}: motor and joint encoders have different times; expected one sample of both at each"
@@ -120,7 +396,7 @@ def robot_log(log: Log, belief: Belief) -> RobotLog:
     )
 
 
-def _counts(log: Log, name: str, belief: Belief) -> LogSeries:
+def _counts_in(log: Log, name: str, belief: Belief) -> LogSeries:
     """Counts (n, 3) of the motor or the joint encoders."""
     angle = f"estimator.{COUNTS[name]}"
     faults = [int(m[1]) for key in log.series if (m := re.fullmatch(rf"fault/(\d+)\.{name}\[0\]", key))]

@@ -4,10 +4,9 @@ import shlex
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.command import Argument, Asked, ColumnMaps, Option, Settings, study
+from twin.studies.command import Argument, Asked, ColumnMaps, Option, Say, Settings, Steps, silent, study
 from twin.studies.first_look import find_experiments, find_logs, print_latest
 from twin.studies.result import Result
-from twin.studies.steps import Say, Steps, silent
 
 HOME = Path("results") / "replay"
 PICTURE, FACTS = "replay.png", "replay.json"

@@ -32,9 +32,8 @@ from twin.robot.experiment.recorded import (
     recorded_values,
 )
 from twin.robot.run.run import SUMMARY, named_files
-from twin.studies.answer import Answer
-from twin.studies.lines import counted, cut, wrapped
-from twin.studies.steps import Say, Steps
+from twin.studies.command import Answer, Say, Steps
+from twin.studies.result import counted, cut, wrapped
 
 WRITTEN = re.compile(
     r"run\.(mcap|mcap\.partial|csv|parquet|mat)|summary\.json|report\.html"

@@ -6,9 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.kernel.errors import InputRefused
-from twin.studies.answer import Answer
-from twin.studies.command import Argument, AsJson, Option, confirmed, study
-from twin.studies.steps import Say
+from twin.studies.command import Answer, Argument, AsJson, Option, Say, confirmed, study
 
 
 @study()

@@ -41,7 +41,7 @@ class RunFinding:
         metrics: by the names of `METRICS`, and "measure.metric" of the experiment's measures; empty unless the run came
             to its end. None, or missing for a measure: there is no such number.
         seconds, stepping: wall time of everything, and of the master alone (s); nan if the process died.
-        paper: what a sweep with `claims` keeps besides, see `twin.studies.sweep.fig4.findings`; empty unless the run
+        paper: what a sweep with `claims` keeps besides, see `twin.studies.sweep.worker.findings`; empty unless the run
             is done.
     """
 

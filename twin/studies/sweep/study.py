@@ -10,15 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.job import LONG, JobLimits, cores
-from twin.studies.answer import Answer
-from twin.studies.command import Argument, AsJson, Interrupted, LimitStep, Option, confirmed, study
-from twin.studies.steps import Say
+from twin.studies.command import Answer, Argument, AsJson, Interrupted, LimitStep, Option, Say, confirmed, study
 
 if TYPE_CHECKING:
-    from twin.studies.sweep.definition import SweepFile
-    from twin.studies.sweep.folder import SweepRows
-    from twin.studies.sweep.plan import SweepPlan
-    from twin.studies.sweep.pool import Engine
+    from twin.studies.sweep.plan import SweepFile, SweepPlan
+    from twin.studies.sweep.rows import SweepRows
+    from twin.studies.sweep.sweep import Engine
 
 MANY = 100_000
 """Runs from which on a sweep starts only after a question."""
@@ -80,9 +77,8 @@ def sweep_run(
         TwinError: see `run_sweep`.
     """
     from twin.robot.experiment.drive_files import sweep_file
-    from twin.studies.sweep.definition import read_definition
-    from twin.studies.sweep.folder import HOME
-    from twin.studies.sweep.plan import planned
+    from twin.studies.sweep.plan import planned, read_definition
+    from twin.studies.sweep.rows import HOME
 
     sweep = sweep_file(sweep)
     definition, _ = read_definition(sweep)
@@ -118,9 +114,8 @@ def short_sweep(
         InputRefused, Interrupted, TwinError: as `sweep_run`.
     """
     from twin.robot.experiment.drive_files import experiment_file
-    from twin.studies.sweep.definition import short_definition
-    from twin.studies.sweep.folder import HOME
-    from twin.studies.sweep.plan import plan_of
+    from twin.studies.sweep.plan import plan_of, short_definition
+    from twin.studies.sweep.rows import HOME
 
     experiment = experiment_file(experiment)
     definition = short_definition(experiment, ranges, drive)
@@ -177,7 +172,7 @@ def _checked(plan: "SweepPlan", by: str | None, sure: bool) -> "SweepPlan":
 
 def _engine(name: EngineName, scheduler: str | None, processes: int) -> "Engine":
     if name == EngineName.LOCAL:
-        from twin.studies.sweep.pool import Pool
+        from twin.studies.sweep.sweep import Pool
 
         return Pool(processes)
     from twin.studies.sweep.dask.engine import Dask
@@ -222,8 +217,7 @@ def carried_out(
         Interrupted: Ctrl-C, after there were rows.
         TwinError: see `run_sweep`.
     """
-    from twin.studies.sweep.folder import stored_sweep, write_parquet
-    from twin.studies.sweep.rows import ROWS
+    from twin.studies.sweep.rows import ROWS, stored_sweep, write_parquet
     from twin.studies.sweep.show.parts import headline_text
     from twin.studies.sweep.statistics.ranking import usual_metric
     from twin.studies.sweep.sweep import run_sweep, state_text

@@ -36,8 +36,7 @@ from twin.kernel.recording.writer import Writer
 from twin.kernel.ssp.flat import flattened
 from twin.kernel.ssp.ssd import Package, read_package
 from twin.kernel.writing import made_folder, write_bytes
-from twin.studies.lines import counted
-from twin.studies.result import Result, note
+from twin.studies.result import Result, counted, note, some
 from twin.studies.systems.plan import SystemPart, SystemPlan, distinct, element, field, fmu_sources, planned
 
 _T = TypeVar("_T")
@@ -221,14 +220,14 @@ def system_result(came: Mapping[str, Any]) -> Result:
     when = "the end of the last step" if came["scheme"] == "jacobi" else "the last step, leading back in the order"
     unfed = [f"{name} = {value:g}" if isinstance(value, float) else f"{name} = {value}"
             for name, value in came["not_fed"].items()]  # fmt: skip
-    ignored, more = f"values that get to no variable: {_some(came['ignored'])}", len(came["events"]) - MOST_EVENTS
-    late = f"{counted(len(came['late']), 'connection')} with values of {when}: {_some(came['late'])}"
+    ignored, more = f"values that get to no variable: {some(came['ignored'], MOST)}", len(came["events"]) - MOST_EVENTS
+    late = f"{counted(len(came['late']), 'connection')} with values of {when}: {some(came['late'], MOST)}"
     parts = [
         note("system", f"SSP {came['ssp']}, {counted(came['connections'], 'connection')}", True),
         note("coupling", f"{SCHEMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"),
         *(note(path, _component(one), True) for path, one in came["components"].items()),
         *([note("late", late, True)] if came["late"] else []),
-        *([note("not fed", _some(unfed), True)] if unfed else []),
+        *([note("not fed", some(unfed, MOST), True)] if unfed else []),
         *([note("ignored", ignored, True)] if came["ignored"] else []),
         *([] if came["settled"] else [note("start", UNSETTLED)]),
         *(note("event", f"{e['t_s']:.3f} s  {e['source']}: {e['text']}") for e in came["events"][:MOST_EVENTS]),
@@ -240,10 +239,6 @@ def system_result(came: Mapping[str, Any]) -> Result:
 
 def _component(one: Mapping[str, Any]) -> str:
     return f"{one['fmu']}  FMI {one['fmi']}  sha256 {one['sha256'][:12]}  {one['microseconds_per_step']:.2f} us"
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(names[:MOST]) + (f" and {len(names) - MOST} more" if len(names) > MOST else "")
 
 
 def streams(plan: SystemPlan, system: System) -> list[RowStream]:

@@ -22,11 +22,9 @@ import numpy as np
 
 from twin.kernel.errors import InputRefused
 from twin.robot.experiment.experiment import Experiment
-from twin.studies.analyse.drive_response import Linearised
-from twin.studies.analyse.linear.drive_model import Matrix
-from twin.studies.analyse.linear.loops import ESTIMATED, LOOPS, TRUE
+from twin.studies.analyse.linear.loops import ESTIMATED, LOOPS, TRUE, Matrix
 from twin.studies.analyse.linear.margins import LOWEST, Complex, response
-from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness, operating_points, undisturbed
+from twin.studies.analyse.operating_point import Linearised, OperatingPoint, on_stiffness, operating_points, undisturbed
 from twin.studies.metrics.response import overshoot, settling_time
 
 

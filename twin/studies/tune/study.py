@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.command import BodyName, ExperimentName, Option, Settings, study
+from twin.studies.command import BodyName, ExperimentName, Option, Say, Settings, study
 from twin.studies.first_look import load_experiments
 from twin.studies.result import Result
-from twin.studies.steps import Say
 
 HOME = Path("results") / "tuning"
 NO_SCHEDULE = "controller.force.schedule=[]"

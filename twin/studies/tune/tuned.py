@@ -29,9 +29,9 @@ from twin.robot.experiment.schema import WayPoints
 from twin.robot.monitor.component import trip_reason
 from twin.robot.run.outcome import RunOutcome, Tally
 from twin.robot.run.trace import Trace
-from twin.studies.analyse.drive_response import Linearised
-from twin.studies.analyse.linear.drive_model import Matrix
-from twin.studies.steps import Say, silent
+from twin.studies.analyse.linear.loops import Matrix
+from twin.studies.analyse.operating_point import Linearised
+from twin.studies.command import Say, silent
 from twin.studies.tune.prediction import (
     HALF_POWER,
     HORIZON,

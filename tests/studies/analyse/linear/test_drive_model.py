@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.kernel.errors import InputRefused
-from twin.studies.analyse.linear.drive_model import DriveModel, fitted_drive
+from twin.studies.analyse.linear.loops import DriveModel, fitted_drive
 
 TICK = 1e-3
 FREQUENCIES = np.concatenate([[0.0], np.geomspace(1.0, 200.0, 32)])

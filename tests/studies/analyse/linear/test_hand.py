@@ -9,7 +9,6 @@ from tests.laws.runs import PARAMETERS
 from tests.robot.plant.states import moving
 from twin.robot.controller.pid import Gains
 from twin.robot.plant.component import OUTPUTS, Plant, resting
-from twin.studies.analyse.linear.drive_model import DriveModel
 from twin.studies.analyse.linear.hand import (
     DRIFT,
     NEUTRAL,
@@ -32,6 +31,7 @@ from twin.studies.analyse.linear.loops import (
     LOOPS,
     MEASURED,
     TRUE,
+    DriveModel,
     Estimation,
     LinearLaw,
     LoopSettings,

@@ -14,10 +14,10 @@ from twin.robot.mechanism.geometry import NO_ANCHOR, Geometry
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.plant.component import STILL, integrate, resting
 from twin.robot.plant.contact import apex_frame
-from twin.studies.analyse.linear.drive_model import DriveModel
 from twin.studies.analyse.linear.hand import linear_plant
 from twin.studies.analyse.linear.loops import (
     STATES,
+    DriveModel,
     LinearLaw,
     LoopSettings,
     LoopStepping,

@@ -7,7 +7,6 @@ from scipy.optimize import minimize
 
 from tests.conftest import examples
 from tests.laws.runs import shipped
-from twin.studies.analyse.drive_response import Linearised, LinearPoint
 from twin.studies.analyse.linear.loops import COMMANDS, LOOPS, REFERENCES, closed_loops, closed_poles, spectral_radius
 from twin.studies.analyse.linear.margins import (
     DiskMargin,
@@ -23,7 +22,7 @@ from twin.studies.analyse.linear.margins import (
     smallest_disk,
     worst_sensitivity,
 )
-from twin.studies.analyse.operating_point import operating_points
+from twin.studies.analyse.operating_point import Linearised, LinearPoint, operating_points
 
 PERIOD = 2e-3
 CLOSED = dict.fromkeys(LOOPS, 1.0)

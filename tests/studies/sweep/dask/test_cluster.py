@@ -15,7 +15,7 @@ from tests.studies.sweep.definitions import job, stiffnesses
 from twin.studies.sweep.dask import engine as engine_module
 from twin.studies.sweep.dask.cluster import connected, difference, ended_within, within
 from twin.studies.sweep.dask.engine import _Batches
-from twin.studies.sweep.pool import remembered
+from twin.studies.sweep.sweep import remembered
 
 FOREVER = 600.0
 """s; longer than any test may take."""

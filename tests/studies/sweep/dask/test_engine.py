@@ -17,10 +17,9 @@ from twin.studies.sweep.dask import engine as engine_module
 from twin.studies.sweep.dask import worker as worker_module
 from twin.studies.sweep.dask.engine import ClusterLost, Dask
 from twin.studies.sweep.dask.worker import FILES
-from twin.studies.sweep.folder import stored_sweep
 from twin.studies.sweep.plan import SweepPlan, planned
-from twin.studies.sweep.pool import Engine, Pool
-from twin.studies.sweep.sweep import RECORDINGS, State, run_sweep
+from twin.studies.sweep.rows import stored_sweep
+from twin.studies.sweep.sweep import RECORDINGS, Engine, Pool, State, run_sweep
 
 pytestmark = pytest.mark.slow
 

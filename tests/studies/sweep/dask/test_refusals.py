@@ -21,8 +21,8 @@ from twin.studies.sweep.dask import cluster as cluster_module
 from twin.studies.sweep.dask import worker as worker_module
 from twin.studies.sweep.dask.cluster import versions
 from twin.studies.sweep.dask.engine import Dask
-from twin.studies.sweep.folder import stored_sweep
 from twin.studies.sweep.plan import SweepPlan
+from twin.studies.sweep.rows import stored_sweep
 from twin.studies.sweep.sweep import run_sweep
 
 pytestmark = pytest.mark.slow

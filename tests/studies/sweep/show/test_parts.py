@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.studies.sweep.statistics.rows import kept, row
-from twin.studies.lines import WIDTH
+from twin.studies.result import WIDTH
 from twin.studies.sweep.plan import saltelli_cube
 from twin.studies.sweep.rows import Row
 from twin.studies.sweep.show.parts import Asked, headline, interval, number, parts, short, sweep_text

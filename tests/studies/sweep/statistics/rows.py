@@ -2,8 +2,7 @@
 
 from typing import Any
 
-from twin.studies.sweep.folder import SweepRows
-from twin.studies.sweep.rows import Row, columns_of
+from twin.studies.sweep.rows import Row, SweepRows, columns_of
 
 
 def row(run: int, parameters: dict[str, Any], drive: str | None = None, status: str = "done", **metrics: Any) -> Row:

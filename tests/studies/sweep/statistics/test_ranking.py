@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from tests.studies.sweep.statistics.rows import kept, row
 from twin.kernel.errors import InputRefused
-from twin.studies.sweep.fig4 import packed
 from twin.studies.sweep.rows import Columns, Row, columns_of
 from twin.studies.sweep.show.parts import Asked, parts
 from twin.studies.sweep.statistics.ranking import (
@@ -31,6 +30,7 @@ from twin.studies.sweep.statistics.ranking import (
     value,
     worst_over,
 )
+from twin.studies.sweep.worker import packed
 
 
 def judged(run: int, value: float | None, verdict: str) -> dict:

@@ -22,10 +22,11 @@ from numpy.typing import NDArray
 from twin.kernel.cosim.port import Port
 from twin.robot.plant.component import INPUTS, OUTPUTS, PlantEquations
 from twin.robot.plant.dynamics import PlantParameters
-from twin.studies.analyse.linear.drive_model import DriveModel, Matrix
 from twin.studies.analyse.linear.loops import (
+    DriveModel,
     LinearLaw,
     LoopStepping,
+    Matrix,
     closed_loops,
     connected,
     open_loops,

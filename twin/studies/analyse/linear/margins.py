@@ -30,8 +30,7 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.studies.analyse.linear.drive_model import Matrix
-from twin.studies.analyse.linear.loops import LOOPS, Loops, closed_loops, spectral_radius
+from twin.studies.analyse.linear.loops import LOOPS, Loops, Matrix, closed_loops, spectral_radius
 
 Complex = NDArray[np.complex128]
 

@@ -22,7 +22,7 @@ from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.places import PACKAGE, sources
 from twin.kernel.process.process import others_safe
 from twin.studies.left_behind import dask_folder
-from twin.studies.sweep.pool import HEAR, raise_if_pressed
+from twin.studies.sweep.sweep import HEAR, raise_if_pressed
 
 if TYPE_CHECKING:
     from distributed import Client, LocalCluster

@@ -15,8 +15,8 @@ from twin.studies.sweep.dask.cluster import ANSWER, END, TRANSFER, ClusterLost, 
 from twin.studies.sweep.dask.worker import Bundle
 from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task
-from twin.studies.sweep.pool import Job, Result, raise_if_pressed
 from twin.studies.sweep.rows import DiskFailed
+from twin.studies.sweep.sweep import Job, Result, raise_if_pressed
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -20,7 +20,7 @@ from twin.robot.experiment.drive_files import FILE, FOLDERS, MAPPING, completed,
 from twin.robot.experiment.source import RETAINED, read_source, source_text
 from twin.studies.sweep.dask.cluster import difference, refusal, versions
 from twin.studies.sweep.plan import Task
-from twin.studies.sweep.pool import Job, WorkerProcess
+from twin.studies.sweep.sweep import Job, WorkerProcess
 
 
 class Bundle:

@@ -7,11 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from twin.kernel.errors import InputRefused, nearest, plain
-from twin.studies.lines import counted
-from twin.studies.result import Block, Column, Note, Table, laid_out
-from twin.studies.sweep.folder import SweepRows
+from twin.studies.result import Block, Column, Note, Table, counted, laid_out
 from twin.studies.sweep.rows import Column as Values
-from twin.studies.sweep.rows import Columns, Positions
+from twin.studies.sweep.rows import Columns, Positions, SweepRows
 from twin.studies.sweep.statistics.ranking import (
     BINS,
     QUANTILES,

@@ -26,9 +26,8 @@ from twin.studies.figure import (
     VERMILION,
     picture,
 )
-from twin.studies.lines import counted
-from twin.studies.sweep.folder import SweepRows
-from twin.studies.sweep.rows import Columns, Numbers, Positions
+from twin.studies.result import counted
+from twin.studies.sweep.rows import Columns, Numbers, Positions, SweepRows
 from twin.studies.sweep.show.parts import Asked, axes_of, short
 from twin.studies.sweep.statistics.ranking import (
     Bands,

@@ -1,6 +1,6 @@
 import pytest
 
-from twin.report.run_text import MOST_EVENTS, run_facts, run_text
+from twin.cli.terminal import MOST_EVENTS, run_facts, run_text
 
 OUTCOME = {"peak": 4.961, "peak_time": 13.54, "end": 4.884, "end_x": -0.001, "end_y": -1.07, "force_error": 0.451,
            "lateral_error": 0.00218, "z_error": 0.00102}  # fmt: skip
