@@ -5,14 +5,13 @@ def main() -> None:
     """Entry point; ends the process with the exit code of what happened."""
     import sys
 
-    from twin.kernel.process.job import interruption, keep_interrupts, let_terminate
+    from twin.kernel.process.job import interruption, keep_interrupts, terminable
 
     keep_interrupts()
-    let_terminate()
     try:
         from twin.cli.ahead import job_expected
 
-        with job_expected():
+        with terminable(), job_expected():
             from twin.cli.line import main
 
             main()

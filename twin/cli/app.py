@@ -260,6 +260,7 @@ class TwinCommands(Commands):
 
     ORDER = (
         "run",
+        "branch",
         "compare",
         "check",
         "faults",

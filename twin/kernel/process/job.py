@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -102,15 +102,22 @@ _terminated: list[int] = []
 """Signals of the kind SIGTERM that this process got."""
 
 
-def let_terminate() -> None:
-    """From now on SIGTERM ends this process as Ctrl-C does, with another exit code; only a main thread can say so."""
+@contextlib.contextmanager
+def terminable() -> Iterator[None]:
+    """Within the block SIGTERM ends this process as Ctrl-C does, with another exit code; for a main thread."""
 
     def end(number: int, frame: object) -> None:
         _terminated.append(number)
         raise KeyboardInterrupt
 
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, end)
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def interruption() -> tuple[int, str]:
