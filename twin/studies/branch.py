@@ -101,7 +101,7 @@ def branch(
     Exit code: 0 done, 2 input refused (a key that cannot change in mid-run, a
     drive without a state), 3 a component failed.
 
-    Example: twin branch results/pressing --at 6.2 --set plant.k_s_Nm_per_rad=0.8
+    Example: twin branch results/fig4_force_position --at 6.2 --set plant.k_s_Nm_per_rad=0.8
 
     Raises:
         InputRefused: the run, the time or a change cannot be used.
