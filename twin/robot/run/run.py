@@ -268,7 +268,7 @@ def _recorded(
     streams = streams_of(system, experiment.controller_ticks if experiment.recording.rate == "controller" else 1)
     scene, tuning, tally = Scene(experiment, system), Tuning(experiment, assembly), Tally(system)
     topics, described = [stream.topic for stream in streams], provenance(experiment, assembly)
-    about, saved = identity(described), state.saved if state else None
+    about, saved = identity(described, system.components), state.saved if state else None
     if state and saved:
         if not state.branch:
             refuse_other_run(saved, about, str(state.recording))

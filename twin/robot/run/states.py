@@ -10,7 +10,7 @@ import json
 import math
 import signal
 import threading
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,11 +19,14 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.compiled.machine import chosen_form
-from twin.kernel.compiled.store import source_digest
+from twin.kernel.cosim import master
+from twin.kernel.cosim.component import Component, NativeComponent
 from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import MEDIA_TYPE, SavedState, stateless
+from twin.kernel.cosim.subsystem import Subsystem
 from twin.kernel.errors import InputRefused
+from twin.kernel.fmi import cosim_step
 from twin.kernel.recording.folder import STAMP
 from twin.kernel.recording.reader import CONTINUES, attachments
 from twin.kernel.recording.recorder import Recorder
@@ -31,6 +34,8 @@ from twin.robot.experiment.experiment import Experiment
 
 FREE = ("recording", "title")
 """Keys of an experiment that no state depends on."""
+OF_EVERY_RUN = (master.advance.native, cosim_step.step, cosim_step.plain_step, cosim_step.event_step)
+"""What steps a system, and FMUs in it."""
 REASONS = {
     "experiment": "of another experiment",
     "fmu": "of another FMU",
@@ -41,20 +46,35 @@ REASONS = {
 """What a state is, where the part of its identity is not that of the run."""
 
 
-def identity(provenance: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
-    """Of whom a state is: what `provenance` says of a run, as far as its bits depend on it."""
+def identity(provenance: Mapping[str, Mapping[str, str]], components: Iterable[Component]) -> dict[str, Any]:
+    """Of whom a state is: what a run's bits depend on.
+
+    Args:
+        provenance: of the run.
+        components: of its system.
+    """
     values = {key: value for key, value in json.loads(provenance["experiment"]["values"]).items() if key not in FREE}
     # the name of a file that has filled the table in
     values.get("contact", {}).pop("body", None)
     parts = {name: json.loads(text)["sha256"] for kind in ("fmu", "python") for name, text in _of(provenance, kind)}
     experiment = hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
-    return {"experiment": experiment, "fmu": parts} | identity_here(provenance["versions"])
+    # the name of a compiled function has a digest of all the source that it reaches
+    names = sorted({*_code(components), *(native.name for native in OF_EVERY_RUN)})
+    code = hashlib.sha256(" ".join(names).encode()).hexdigest()
+    return {"experiment": experiment, "fmu": parts, "code": code} | identity_here(provenance["versions"])
+
+
+def _code(components: Iterable[Component]) -> Iterator[str]:
+    for component in components:
+        if isinstance(component, Subsystem):
+            yield from _code(component.system.components)
+        elif isinstance(component, NativeComponent):
+            yield component.step.name
 
 
 def identity_here(packages: Mapping[str, str]) -> dict[str, Any]:
-    """The part of an identity that no experiment decides: code, versions of `packages`, processor."""
+    """The part of an identity that no experiment decides: versions of `packages`, and the processor."""
     return {
-        "code": source_digest("twin.robot.assembly.assemble", "twin.kernel.cosim.master"),
         "versions": {name: number for name, number in packages.items() if name != "twin"},
         "processor": chosen_form().name,
     }
