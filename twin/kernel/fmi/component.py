@@ -41,7 +41,7 @@ from twin.kernel.fmi.solvers import (
     slack,
     weigh,
 )
-from twin.kernel.fmi.state import FmuStates, RememberedMessages
+from twin.kernel.fmi.state import FmuStates, RememberedMessages, is_distrusted
 from twin.kernel.fmi.stepping import FmuPort, Instance, Placed, Stepping, placed
 from twin.kernel.fmi.variable import Setting, Setup, Variable
 
@@ -516,6 +516,8 @@ class FmuComponent(Component):
         interface, version = self.instance.description.interface, self.instance.description.version
         if not interface.canGetAndSetFMUstate:
             return "has no FMU state" + (" (FMI 1.0 knows none)" if version == 1 else " (canGetAndSetFMUState)")
+        if is_distrusted(self.instance.description.sha256):
+            return "goes on differently from a state that it saved, as twin drive check found"
         if portable and not interface.canSerializeFMUstate:
             return "cannot write its FMU state down (canSerializeFMUState)"
         if isinstance(self._stepping, ExchangeStepping) and self._stepping.solver.method == "cvode":

@@ -2,7 +2,30 @@
 
 from typing import Any
 
+from twin.kernel.cache_folder import cache_folder
 from twin.kernel.fmi.stepping import Instance, Stepping
+
+DISTRUSTED = "without_state"
+"""Folder of the cache: a file for each FMU, by its SHA-256, whose state was found not to bring back what it was."""
+
+
+def distrust(sha256: str, reason: str) -> None:
+    """From now on the FMU with this SHA-256 counts as one without a state, for every process of this user; "": no more.
+
+    Args:
+        sha256: of its file.
+        reason: what was found.
+    """
+    file = cache_folder(DISTRUSTED) / sha256
+    if reason:
+        file.write_text(reason)
+    else:
+        file.unlink(missing_ok=True)
+
+
+def is_distrusted(sha256: str) -> bool:
+    """Whether that was found."""
+    return (cache_folder(DISTRUSTED) / sha256).exists()
 
 
 class FmuStates:

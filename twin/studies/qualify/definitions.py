@@ -116,8 +116,9 @@ CHECKS = {
     "repeats": "two fresh instances give the same theta_m and omega_m, bit for bit",
     "reset": "after reset an instance repeats its first run, bit for bit",
     "state": "after its state was saved, changed and restored, an instance goes on from there, bit for bit",
+    "written": "its state, written down and read by another process, is gone on from there, bit for bit",
 }
-"""Name -> what holds. All disqualify a drive but `reset` and `state`: nothing that runs an experiment needs those."""
+"""Name -> what holds. All disqualify a drive but `reset`, `state` and `written`: not every run needs those."""
 MEASURES = {
     "speed": Definition(
         "speed in use", "rad/s",

@@ -10,6 +10,7 @@ import numpy as np
 from twin.kernel.errors import ComponentFailed, TwinError
 from twin.kernel.fmi.component import instances_left, opened
 from twin.kernel.fmi.description import FmuDescription
+from twin.kernel.fmi.state import distrust
 from twin.kernel.fmi.stepping import Instance
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setting, Setup, Variable
@@ -46,15 +47,17 @@ from twin.studies.qualify.motion import (
 )
 
 JOB = "twin.studies.qualify.qualification:examined"
-TICKS = 50
-"""Long enough for every sampled loop inside to have come round."""
-SETUP = Setup(stop=2 * TICKS * TICK, step=TICK)
+TICKS, LONGER = 50, 500
+"""Long enough for every sampled loop inside to have come round; and how long a state is looked at."""
+SETUP = Setup(stop=(TICKS + LONGER) * TICK, step=TICK)
 SHARE_OF_LIMIT = 0.1
 """Of the velocity loop's limit, as the command of a drive that takes no speed."""
 
 
 def lifecycle_findings(plan: DrivePlan, apart: bool) -> list[Finding]:
-    """Checks `reset` and `state` of every FMU by itself, its inputs held.
+    """Checks `reset`, `state` and `written` of every FMU by itself, its inputs held.
+
+    An FMU whose state does not bring the same future back counts as one without a state from now on.
 
     Args:
         plan: the drive.
@@ -63,7 +66,8 @@ def lifecycle_findings(plan: DrivePlan, apart: bool) -> list[Finding]:
     Raises:
         InputRefused: an FMU cannot be loaded or initialised.
     """
-    return [_apart(plan, name) if apart else _bookkeeping_check(name, plan) for name in TRIED]
+    names = (*TRIED, WRITTEN)
+    return [_apart(plan, name) if apart else _bookkeeping_check(name, plan) for name in names]
 
 
 def examined(reporter: Reporter, table: Drive, name: str) -> dict[str, str]:
@@ -79,19 +83,27 @@ def _apart(plan: DrivePlan, name: str) -> Check:
 
 
 def _bookkeeping_check(name: str, plan: DrivePlan) -> Check:
-    problems = []
+    problems, found = [], dict[str, str]()
     for part, description in plan.parts.items():
         inputs, outputs = _excitation(plan, part), _watched(plan, part, description)
         folder = unpacked(description.path, description.sha256)
         instance = opened(part or "drive", description, folder, plan.settings[part], inputs, SETUP)
         try:
-            problem = TRIED[name](instance, inputs, outputs)
+            if name == WRITTEN:
+                problem = _written(plan, part, instance, inputs, outputs)
+            else:
+                problem = TRIED[name](instance, inputs, outputs)
+            if name != "reset" and problem in ("", OTHER_FUTURE):
+                found[description.sha256] = found.get(description.sha256, "") or problem
         except TwinError as refusal:
             problem = str(refusal)
         finally:
             instance.close()
         if problem:
             problems.append(f"{part}: {problem}" if part else problem)
+    for sha256, problem in found.items():
+        if problem or name == "state":
+            distrust(sha256, problem)
     return judged(name, not problems, "; ".join(problems) or "bit for bit", otherwise="note")
 
 
@@ -108,19 +120,61 @@ def _state(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -
         return "not offered"
     _exercised(instance, inputs, outputs)
     state = instance.saved_state()
-    onward = _exercised(instance, inputs, outputs, TICKS)
+    onward = _exercised(instance, inputs, outputs, TICKS, LONGER)
     instance.restore(state)
-    again = _exercised(instance, inputs, outputs, TICKS)
-    return "" if np.array_equal(onward, again) else "it goes on differently from a restored state"
+    again = _exercised(instance, inputs, outputs, TICKS, LONGER)
+    return "" if np.array_equal(onward, again) else OTHER_FUTURE
 
 
+OTHER_FUTURE = "it goes on differently from a restored state; twin treats it as without a state"
+WRITTEN = "written"
 TRIED: dict[str, Callable[[Instance, list[Setting], list[Variable]], str]] = {"reset": _reset, "state": _state}
 
 
-def _exercised(instance: Instance, inputs: list[Setting], outputs: list[Variable], first: int = 0) -> np.ndarray:
-    """Outputs (ticks, values) over `TICKS` steps from tick `first` on."""
+def _written(plan: DrivePlan, part: str, instance: Instance, inputs: list[Setting], outputs: list[Variable]) -> str:
+    """What is wrong with its state in another process; empty if nothing is."""
+    if not instance.description.interface.canSerializeFMUstate:
+        return "not offered"
+    if instance.description.kind == "model_exchange":
+        return "not tried: its solver holds a part of the state"
+    _exercised(instance, inputs, outputs)
+    state = instance.taken_state()
+    content = instance.serialized(state)
+    instance.forget(state.value)
+    schedule = [array.tobytes() for array in instance.schedule]
+    onward = _exercised(instance, inputs, outputs, TICKS, LONGER)
+    again = guarded(ELSEWHERE, {"table": plan.table, "part": part, "content": content, "schedule": schedule})
+    return "" if np.array_equal(onward, again) else OTHER_FUTURE
+
+
+ELSEWHERE = "twin.studies.qualify.qualification:gone_on"
+
+
+def gone_on(reporter: Reporter, table: Drive, part: str, content: bytes, schedule: list[bytes]) -> list[list[float]]:
+    """Rows of an FMU that goes on from a state that another process has written down; a job of the guard."""
+    plan = planned(table)
+    description = plan.parts[part]
+    inputs, outputs = _excitation(plan, part), _watched(plan, part, description)
+    folder = unpacked(description.path, description.sha256)
+    instance = opened(part or "drive", description, folder, plan.settings[part], inputs, SETUP)
+    try:
+        state = instance.deserialized(content)
+        instance.set_state(state)
+        instance.forget(state.value)
+        for array, saved in zip(instance.schedule, schedule, strict=True):
+            array[...] = np.frombuffer(saved, dtype=array.dtype)
+        rows: list[list[float]] = _exercised(instance, inputs, outputs, TICKS, LONGER).tolist()
+        return rows
+    finally:
+        instance.close()
+
+
+def _exercised(
+    instance: Instance, inputs: list[Setting], outputs: list[Variable], first: int = 0, count: int = TICKS
+) -> np.ndarray:
+    """Outputs (ticks, values) over `count` steps from tick `first` on."""
     rows = []
-    for k in range(first, first + TICKS):
+    for k in range(first, first + count):
         instance.write(inputs)
         instance.advance(k * TICK, TICK)
         rows.append(instance.read(outputs))
