@@ -17,10 +17,10 @@ import twin
 from tests.command_line import twin as command
 from twin.kernel.cosim.state import MEDIA_TYPE, SavedState
 from twin.kernel.errors import InputRefused
+from twin.kernel.process.states import StoredState, split_time, stored_state
 from twin.kernel.recording.reader import attachments, read
 from twin.robot.live.runs import continued
 from twin.robot.run.run import SUMMARY, execute
-from twin.robot.run.states import StoredState, split_time, stored_state
 
 SHORT = ("duration_s=1.5", "recording.state_every_s=0.5")
 TIMED = ("stepping", "writing", "microseconds", "real_time_factor", "simulated", "recording")
@@ -111,7 +111,7 @@ def test_what_is_left_of_a_run_is_worked_out_of_its_recording(tmp_path: Path, mo
     ("part", "sentence"),
     [
         ("experiment", "of another experiment"),
-        ("fmu", "of another FMU: drive_1 other, here"),
+        ("files", "of another FMU: drive_1 other, here"),
         ("code", "of another version of twin's code"),
         ("versions", "of other versions of packages: numpy 0.1, here"),
         ("processor", "of another kind of processor"),
@@ -122,7 +122,7 @@ def test_a_state_of_another_run_is_refused_with_what_differs(tmp_path: Path, par
     found = stored_state(recording, 0.5)
     assert found is not None
     saved = found.saved
-    other = {"fmu": {"drive_1": "other"}, "versions": {"numpy": "0.1"}}.get(part, "other")
+    other = {"files": {"drive_1": "other"}, "versions": {"numpy": "0.1"}}.get(part, "other")
     of = saved.about["of"] | {part: saved.about["of"][part] | other if isinstance(other, dict) else other}
     forged = SavedState(saved.tick, saved.pieces, saved.inside, saved.about | {"of": of})
     with pytest.raises(InputRefused, match=sentence):

@@ -10,6 +10,7 @@ from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.kernel.process.guard import JobEnded
 from twin.kernel.process.job import JobLimits, recorded_until_then
 from twin.kernel.process.reporter import Reporter
+from twin.kernel.process.states import StoredState, identity_here, refuse_other_run, split_time, stored_state
 from twin.kernel.recording.folder import claim_run_folder, create_run_folder, recording_in
 from twin.kernel.recording.reader import origin
 from twin.kernel.recording.recorder import versions
@@ -17,7 +18,6 @@ from twin.robot.assembly.build import need_processes, planned_drives
 from twin.robot.assembly.load import load_experiment, recorded_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.run import Run, execute
-from twin.robot.run.states import StoredState, identity_here, refuse_other_run, split_time, stored_state
 from twin.robot.run.viewer import Viewer
 from twin.robot.run.watch import refuse_endless
 

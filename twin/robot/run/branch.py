@@ -12,6 +12,7 @@ from twin.kernel.cosim.observers import Observer, simulate
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SavedState, stateless
 from twin.kernel.errors import InputRefused
+from twin.kernel.process.states import StoredState, stored_state
 from twin.kernel.recording.reader import origin
 from twin.kernel.recording.recorder import EventLog
 from twin.robot.assembly.assemble import assemble
@@ -19,7 +20,6 @@ from twin.robot.assembly.load import recorded_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.faults import FaultComponent
 from twin.robot.run.outcome import HeldForce, Tally
-from twin.robot.run.states import StoredState, stored_state
 from twin.robot.run.watch import Tuning, Watch
 
 FIXED = {

@@ -14,6 +14,15 @@ from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SavedState
 from twin.kernel.errors import ComponentFailed, InputRefused, Unreachable
 from twin.kernel.fmi.variable import FILE, to_json
+from twin.kernel.process.states import (
+    Interrupts,
+    RunStates,
+    StoredState,
+    asked_ticks,
+    continues,
+    identity,
+    refuse_other_run,
+)
 from twin.kernel.recording.folder import RECORDING
 from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, versions
 from twin.kernel.recording.writer import Writer
@@ -29,7 +38,6 @@ from twin.robot.plant.component import PlantEquations, resting
 from twin.robot.plant.dynamics import STATES, PlantParameters
 from twin.robot.run.branch import branch_off, branched_experiment, state_at
 from twin.robot.run.outcome import HeldForce, HeldForces, RunOutcome, Tally
-from twin.robot.run.states import Interrupts, RunStates, StoredState, continues, identity, refuse_other_run
 from twin.robot.run.trace import streams_of
 from twin.robot.run.viewer import Pace, Punctuality, Shown, Viewer
 from twin.robot.run.watch import Tuning, Watch
@@ -76,6 +84,20 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
         **({"phases": {str(kind.value): kind.phrase for kind in PhaseKind}} if experiment.tasks else {}),
         "versions": versions(),
     }
+
+
+NO_STATE_DEPENDS_ON = ("recording", "title")
+"""Keys of an experiment."""
+
+
+def _identified(provenance: dict[str, dict[str, str]]) -> tuple[dict[str, str], dict[str, str], dict[str, Any]]:
+    """Versions of packages, SHA-256 of files by the names of parts, and the values of the experiment, of a run."""
+    values = json.loads(provenance["experiment"]["values"])
+    values = {key: value for key, value in values.items() if key not in NO_STATE_DEPENDS_ON}
+    # the name of a file that has filled the table in
+    values.get("contact", {}).pop("body", None)
+    parts = provenance.get("fmu", {}) | provenance.get("python", {})
+    return provenance["versions"], {name: json.loads(text)["sha256"] for name, text in parts.items()}, values
 
 
 def driven(assembly: Assembly) -> list[tuple[str, DrivePlan]]:
@@ -268,7 +290,7 @@ def _recorded(
     streams = streams_of(system, experiment.controller_ticks if experiment.recording.rate == "controller" else 1)
     scene, tuning, tally = Scene(experiment, system), Tuning(experiment, assembly), Tally(system)
     topics, described = [stream.topic for stream in streams], provenance(experiment, assembly)
-    about, saved = identity(described, system.components), state.saved if state else None
+    about, saved = identity(system, *_identified(described)), state.saved if state else None
     if state and saved:
         if not state.branch:
             refuse_other_run(saved, about, str(state.recording))
@@ -278,7 +300,8 @@ def _recorded(
         recorder = Recorder(writer, streams, scene.drawings, lambda: tuning.first)
         held, watch, interrupts = HeldForce(system, experiment.tasks), Watch(assembly, experiment), Interrupts()
         lasting = {"tuning": tuning, "watch": watch, "tally": tally, "held": held, "recorder": recorder}
-        states = RunStates(experiment, about, lasting)
+        asked = asked_ticks(experiment.recording.states, experiment.recording.state_every, system.tick, last_tick)
+        states = RunStates(asked, last_tick, system.tick, about, lasting)
         observers = [states, *lasting.values(), ProgressObserver(progress, last_tick + 1), interrupts]
         observers += [pace] if pace else []
         observers += [Shown(viewer, streams, scene, tuning)] if viewer else []

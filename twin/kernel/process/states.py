@@ -25,20 +25,18 @@ from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import MEDIA_TYPE, SavedState, stateless
 from twin.kernel.cosim.subsystem import Subsystem
+from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi import cosim_step
 from twin.kernel.recording.folder import STAMP
 from twin.kernel.recording.reader import CONTINUES, attachments
 from twin.kernel.recording.recorder import Recorder
-from twin.robot.experiment.experiment import Experiment
 
-FREE = ("recording", "title")
-"""Keys of an experiment that no state depends on."""
 OF_EVERY_RUN = (master.advance.native, cosim_step.step, cosim_step.plain_step, cosim_step.event_step)
 """What steps a system, and FMUs in it."""
 REASONS = {
     "experiment": "of another experiment",
-    "fmu": "of another FMU",
+    "files": "of another FMU",
     "code": "of another version of twin's code",
     "versions": "of other versions of packages",
     "processor": "of another kind of processor",
@@ -46,22 +44,20 @@ REASONS = {
 """What a state is, where the part of its identity is not that of the run."""
 
 
-def identity(provenance: Mapping[str, Mapping[str, str]], components: Iterable[Component]) -> dict[str, Any]:
-    """Of whom a state is: what a run's bits depend on.
+def identity(system: System, packages: Mapping[str, str], files: Mapping[str, str], made_of: Any) -> dict[str, Any]:
+    """Of whom a state is: what the bits of a run depend on.
 
     Args:
-        provenance: of the run.
-        components: of its system.
+        system: that is run.
+        packages: and their versions.
+        files: SHA-256 of FMUs and others by name.
+        made_of: what the system was made of; what JSON can say.
     """
-    values = {key: value for key, value in json.loads(provenance["experiment"]["values"]).items() if key not in FREE}
-    # the name of a file that has filled the table in
-    values.get("contact", {}).pop("body", None)
-    parts = {name: json.loads(text)["sha256"] for kind in ("fmu", "python") for name, text in _of(provenance, kind)}
-    experiment = hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()
+    digest = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()
     # the name of a compiled function has a digest of all the source that it reaches
-    names = sorted({*_code(components), *(native.name for native in OF_EVERY_RUN)})
+    names = sorted({*_code(system.components), *(native.name for native in OF_EVERY_RUN)})
     code = hashlib.sha256(" ".join(names).encode()).hexdigest()
-    return {"experiment": experiment, "fmu": parts, "code": code} | identity_here(provenance["versions"])
+    return {"experiment": digest, "files": dict(files), "code": code} | identity_here(packages)
 
 
 def _code(components: Iterable[Component]) -> Iterator[str]:
@@ -78,10 +74,6 @@ def identity_here(packages: Mapping[str, str]) -> dict[str, Any]:
         "versions": {name: number for name, number in packages.items() if name != "twin"},
         "processor": chosen_form().name,
     }
-
-
-def _of(provenance: Mapping[str, Mapping[str, str]], kind: str) -> Collection[tuple[str, str]]:
-    return provenance.get(kind, {}).items()
 
 
 def refuse_other_run(saved: SavedState, own: Mapping[str, Any], where: str) -> None:
@@ -116,7 +108,9 @@ class RunStates(Observer):
     """Saves states of a run to its recording.
 
     Args:
-        experiment: which asks for some.
+        ticks: at which it is asked for.
+        last_tick: of the run.
+        tick: duration of a tick (s).
         about: `identity` of the run.
         lasting: the observers that go on, by name; the recorder is one of them.
 
@@ -124,10 +118,17 @@ class RunStates(Observer):
         lacking: why there are no states, as a sentence; "" if there are.
     """
 
-    def __init__(self, experiment: Experiment, about: Mapping[str, Any], lasting: Mapping[str, Observer]):
-        self._last_tick, self._tick = experiment.duration_ticks, experiment.cosim.tick
-        self._asked = asked_ticks(experiment)
-        self.halts = sorted({*self._asked, self._last_tick})
+    def __init__(
+        self,
+        ticks: Collection[int],
+        last_tick: int,
+        tick: float,
+        about: Mapping[str, Any],
+        lasting: Mapping[str, Observer],
+    ):
+        self._last_tick, self._tick = last_tick, tick
+        self._asked = set(ticks)
+        self.halts = sorted({*self._asked, last_tick})
         self._about, self._lasting = about, lasting
         self._end: bytes = b""
         self.lacking = ""
@@ -175,13 +176,19 @@ class RunStates(Observer):
         recorder.attach(tick, content, MEDIA_TYPE)
 
 
-def asked_ticks(experiment: Experiment) -> set[int]:
-    """Ticks within the run at which its file asks for a state."""
-    tick, last, recording = experiment.cosim.tick, experiment.duration_ticks, experiment.recording
-    ticks = {round(t / tick) for t in recording.states}
-    if recording.state_every is not None:
-        every = max(1, round(recording.state_every / tick))
-        ticks |= set(range(every, last, every))
+def asked_ticks(times: Iterable[float], every: float | None, tick: float, last: int) -> set[int]:
+    """Ticks within a run at which a state is asked for.
+
+    Args:
+        times: (s).
+        every: time from one to the next (s); None: none.
+        tick: duration of a tick (s).
+        last: tick of the run.
+    """
+    ticks = {round(t / tick) for t in times}
+    if every is not None:
+        step = max(1, round(every / tick))
+        ticks |= set(range(step, last, step))
     return {one for one in ticks if 0 < one < last}
 
 
