@@ -179,6 +179,29 @@ def test_a_run_that_is_killed_goes_on_from_its_last_state(tmp_path: Path):
     assert same_from(made(tmp_path / "whole", "massage", ()), tmp_path / "second" / "run.mcap") > 0.0
 
 
+@pytest.mark.endurance
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_whenever_a_run_is_killed_its_last_state_is_usable(tmp_path: Path):
+    whole = read(made(tmp_path / "whole", "massage", ()))
+    ends = {key: whole[key][-1] for key in ("plant.F_ee_B", "plant.p_B", "controller.omega_ref")}
+    rng = np.random.default_rng(34)
+    for number in range(50):
+        first, second = tmp_path / f"{number}", tmp_path / f"{number} goes on"
+        process = started(first, "recording.state_every_s=0.1")
+        time.sleep(rng.uniform(0.0, 1.0))
+        process.send_signal(signal.SIGKILL)
+        process.communicate(timeout=60.0)
+        state = stored_state(first / "run.mcap.partial", None)
+        assert state is not None and state.time > 0.0
+        # states are written as they come: no more than two are lost with what was not on the disk
+        assert read(first, salvage=True).time("plant")[-1] < state.time + 0.2
+        done = command("run", "--from", first, "--out", second, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        rest = read(second)
+        for key, end in ends.items():
+            np.testing.assert_array_equal(rest[key][-1], end)
+
+
 @pytest.mark.slow
 def test_a_run_with_isolated_drives_goes_on_without_and_the_other_way_round(tmp_path: Path):
     settings = ["--set", "duration_s=1.5", "--set", "recording.states_s=[0.5]"]

@@ -1,6 +1,9 @@
 """A built plant in the hands of a master that makes mistakes, goes back, and has several."""
 
 import ctypes
+import subprocess
+import sys
+from ast import literal_eval
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -149,6 +152,29 @@ def test_a_state_comes_back_also_as_bytes_and_in_another_instance(built: Callabl
     assert moved(other, 300, 600) == there
     slave.close()
     other.close()
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_a_state_is_gone_on_from_in_another_process(built: Callable[..., Path], tmp_path: Path, root: Path, fmi: str):
+    file = built("plant", fmi)
+    slave = Slave(file).ready()
+    moved(slave, 0, 300)
+    state = slave.fmu.getFMUState() if slave.new else slave.fmu.getFMUstate()
+    content = slave.fmu.serializeFMUState(state) if slave.new else slave.fmu.serializeFMUstate(state)
+    (tmp_path / "state").write_bytes(content)
+    there = moved(slave, 300, 600)
+    slave.close()
+    script = "import sys; from tests.studies.build.test_slave import gone_on; print(gone_on(*sys.argv[1:]))"
+    line = [sys.executable, "-c", script, str(file), str(tmp_path / "state")]
+    assert literal_eval(subprocess.check_output(line, cwd=root, text=True, timeout=120)) == there
+
+
+def gone_on(file: str, state: str) -> list[float]:
+    """The same from a state that another process has written down, by FMPy alone."""
+    slave = Slave(Path(file)).ready()
+    state_there = slave.fmu.deserializeFMUState(Path(state).read_bytes())
+    slave.fmu.setFMUState(state_there)
+    return [float(value) for value in moved(slave, 300, 600)]
 
 
 def test_a_state_of_another_build_is_refused(built: Callable[..., Path]) -> None:

@@ -160,3 +160,17 @@ def test_a_recording_of_a_system_has_no_report_page(ran: Ran, tmp_path: Path):
     run, _ = ran(structure(system([A]), 0.002))
     with pytest.raises(InputRefused, match="records a system of FMUs"):
         write_report([run.path])
+
+
+def test_a_system_goes_on_from_a_state_of_its_run(ran: Ran, tmp_path: Path):
+    ssd = structure(system([A, B], [WIRE]), 0.01)
+    whole, _ = ran(ssd, stop=0.5, state_every=0.1)
+    part, _ = ran(ssd, stop=0.5, start_from=f"{tmp_path / 'run_1'}@0.25")
+    assert part.note == "" and part.metadata["continues"] == {"run": "run_1", "time_s": "0.2"}
+    for key in whole.fields():
+        np.testing.assert_array_equal(whole[key][-len(part[key]) :], part[key])
+    assert part.time("a")[0] == pytest.approx(0.2)
+    with pytest.raises(InputRefused, match=r"the state at 0\.2 s is of another experiment"):
+        ran(ssd, stop=0.5, scheme="jacobi", start_from=f"{tmp_path / 'run_1'}@0.25")
+    with pytest.raises(InputRefused, match=r"has no state at 0\.05 s or before"):
+        ran(ssd, stop=0.5, start_from=f"{tmp_path / 'run_1'}@0.05")

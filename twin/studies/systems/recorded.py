@@ -29,7 +29,18 @@ from twin.kernel.fmi.stepping import FmuPort, Instance
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setup, Variable, stop_time, to_json
 from twin.kernel.process.reporter import Reporter
-from twin.kernel.recording.folder import RECORDING, claim_run_folder, create_run_folder
+from twin.kernel.process.states import (
+    Interrupts,
+    RunStates,
+    StoredState,
+    asked_ticks,
+    continues,
+    identity,
+    refuse_other_run,
+    split_time,
+    stored_state,
+)
+from twin.kernel.recording.folder import RECORDING, claim_run_folder, create_run_folder, recording_in
 from twin.kernel.recording.messages import Field, Topic, message_names
 from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, RowStream, versions
 from twin.kernel.recording.writer import Writer
@@ -299,6 +310,8 @@ def recorded_system(
     scheme: Scheme = "gauss_seidel",
     out: Path | None = None,
     compiled: bool = False,
+    state_every: float | None = None,
+    start_from: str | None = None,
 ) -> Result:
     """Run the system of an SSP archive and record it.
 
@@ -311,21 +324,23 @@ def recorded_system(
         scheme: "gauss_seidel" in the order of the components in the file, or "jacobi".
         out: the run's own folder; None: results/NAME/TIME.
         compiled: whether FMUs without a binary for this machine are built from their sources.
+        state_every: time from one saved state to the next (s); None: only the last one is saved.
+        start_from: a run of this system, and perhaps the time (s) of its state behind an @, to go on from.
 
     Raises:
-        InputRefused: the system cannot be run; nothing has been written.
+        InputRefused: the system cannot be run, or there is no such state; nothing has been written.
         ComponentFailed: a component failed; what was recorded stays.
         NotWritten: the disk is full; likewise.
     """
     reporter.loading()
-    package = read_package(system)
+    package, state = read_package(system), _state(start_from)
     with opened(package, tick, stop, scheme, compiled) as (plan, made):
         folder = _folder(package.file, out)
         # absolute: an FMU may change the working directory
         path = folder.absolute() / RECORDING
         duration = plan.timing.ticks * plan.timing.tick
         reporter.note(experiment=package.file.stem, folder=str(path.parent), duration=duration)
-        done, events, writing = _recorded(plan, made, path, reporter)
+        done, events, writing = _recorded(plan, made, path, reporter, state_every, state)
         came = facts(plan, made, done, events, writing, folder / RECORDING)
     return system_result(came)
 
@@ -389,16 +404,54 @@ def _folder(file: Path, out: Path | None) -> Path:
     return claim_run_folder(out) if out else create_run_folder(HOME, file.stem, datetime.now())
 
 
+def _state(start_from: str | None) -> StoredState | None:
+    if start_from is None:
+        return None
+    path, time = split_time(start_from)
+    recording = recording_in(Path(path))
+    found = stored_state(recording, time)
+    if found is None:
+        when = "" if time is None else f" at {time:g} s or before"
+        raise InputRefused(f"--from {start_from}: {recording} has no state{when}; run the system again without --from")
+    return found
+
+
 def _recorded(
-    plan: SystemPlan, made: PreparedSystem, path: Path, reporter: Reporter
+    plan: SystemPlan,
+    made: PreparedSystem,
+    path: Path,
+    reporter: Reporter,
+    state_every: float | None,
+    state: StoredState | None,
 ) -> tuple[Simulated, list[TickEvent], float]:
-    rows = streams(plan, made.system)
-    with Writer(path, [stream.topic for stream in rows], plan.timing.tick, _provenance(plan)) as writer:
-        recorder = Recorder(writer, rows)
-        observers = [Messages(made.system), recorder, ProgressObserver(reporter.progress, plan.timing.ticks + 1)]
-        done = simulate(made, plan.timing.ticks, observers, BLOCK_TICKS, timed=True)
-        if done.failure:
-            raise ComponentFailed(recorder.abandon(done.failure))
+    rows, last, tick, described = streams(plan, made.system), plan.timing.ticks, plan.timing.tick, _provenance(plan)
+    files = {part.path: part.description.sha256 for part in plan.parts}
+    # what the archive is called, or when it was packed, changes no bit
+    made_of = {key: text for key, text in described["system"].items() if key not in ("file", "sha256")}
+    about = identity(made.system, described["versions"], files, [made_of, described["components"], last])
+    saved = state.saved if state else None
+    if state and saved:
+        refuse_other_run(saved, about, str(state.recording))
+        described |= continues(state)
+    with Writer(path, [stream.topic for stream in rows], tick, described) as writer:
+        recorder, interrupts = Recorder(writer, rows), Interrupts()
+        lasting = {"recorder": recorder}
+        states = RunStates(asked_ticks((), state_every, tick, last), last, tick, about, lasting)
+        observers = [
+            states,
+            Messages(made.system),
+            recorder,
+            ProgressObserver(reporter.progress, last + 1),
+            interrupts,
+        ]
+        with interrupts.listening():
+            done = simulate(made, last, observers, BLOCK_TICKS, True, saved, lasting)
+            if done.failure:
+                raise ComponentFailed(recorder.abandon(done.failure))
+            if interrupts.enough and not done.simulation.finished:
+                states.interrupted()
+                interrupts.end()
+            states.finish()
         recorder.finish()
     return done, recorder.events, recorder.writing
 

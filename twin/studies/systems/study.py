@@ -21,7 +21,7 @@ class CouplingScheme(StrEnum):
 
 
 def _check_times(asked: Asked) -> None:
-    for option in ("tick_ms", "stop_s"):
+    for option in ("tick_ms", "stop_s", "state_every_s"):
         value = asked[option]
         if value is not None and not 0.0 < value < math.inf:
             raise InputRefused(f"--{option.replace('_', '-')} {value:g}: expected a number > 0")
@@ -37,13 +37,18 @@ def cosim(
     ] = CouplingScheme.GAUSS_SEIDEL,
     tick_ms: Annotated[float | None, Option("Communication step; default: the system's own.", "MS")] = None,
     stop_s: Annotated[float | None, Option("Stop time; default: that of the system's default experiment.", "S")] = None,
+    state_every_s: Annotated[float | None, Option("Save the state as often as this, for --from.", "S")] = None,
+    start_from: Annotated[
+        str | None,
+        Option("Go on from a state of a run with the same options.", "RUN[@SECONDS]", "--from"),
+    ] = None,
     out: Annotated[Path | None, Option("Folder of the run; default: results/cosim/SYSTEM/TIME.", "DIR")] = None,
     compiled: Compile = False,
 ) -> Result:
     """Run a system of co-simulation FMUs (SSP), and record the outputs of each.
 
     Exit code: 0 done, 2 input refused, 3 a component failed while running
-    (error, crash, hang), 130 interrupted.
+    (error, crash, hang), 130 interrupted, 143 terminated.
 
     Example: twin cosim system.ssp --scheme jacobi --tick-ms 1
 
@@ -53,4 +58,4 @@ def cosim(
     from twin.studies.systems.recorded import recorded_system
 
     tick = None if tick_ms is None else tick_ms / 1000.0
-    return recorded_system(reporter, system, tick, stop_s, scheme.value, out, compiled)
+    return recorded_system(reporter, system, tick, stop_s, scheme.value, out, compiled, state_every_s, start_from)
