@@ -58,7 +58,7 @@ def test_another_run_is_exit_code_1_and_the_first_point_outside_is_named(
     assert done.returncode == 1
     lines = done.stdout.splitlines()
     assert lines[0].startswith("1 of 1 signal leaves the tube around A (first: controller.F_z, at 5.6")
-    assert lines[6].startswith("       out at 5.6")
+    assert lines[7].startswith("       out at 5.6")
     assert max(map(len, lines[4:])) <= 80
 
 

@@ -21,7 +21,7 @@ def test_a_run_says_its_outcome_first_and_where_it_is_last():
     assert lines[:2] == ["press  20 s at 400 x real time", "  2 of 2000 deadlines missed"]
     assert lines[2] == "  force      at most 4.96 N, at 13.54 s, 4.88 N in the last second"
     assert lines[3] == "             0.00 N along x, -1.07 N along y in the last second"
-    assert lines[5] == "  position   error 2.18 mm lateral and 1.02 mm in z, rms, from the reference"
+    assert lines[5] == "  position   2.18 mm lateral and 1.02 mm in z from the reference, rms"
     assert lines[6] == "   5.606 s  force control triggered at F_z = 0.603 N"
     assert lines[-1] == "  recording  results/press/2026/run.mcap"
     assert max(map(len, lines)) <= 80

@@ -75,7 +75,7 @@ def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> I
     if outcome["lateral_error"] is None:
         return
     lateral, z = 1e3 * outcome["lateral_error"], 1e3 * outcome["z_error"]
-    yield _row("position", f"error {lateral:.2f} mm lateral and {z:.2f} mm in z, rms, from the reference")
+    yield _row("position", f"{lateral:.2f} mm lateral and {z:.2f} mm in z from the reference, rms")
 
 
 def _held(one: Mapping[str, Any], several: bool) -> str:

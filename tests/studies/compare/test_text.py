@@ -81,7 +81,7 @@ def test_the_signal_that_leaves_the_tube_first_is_among_the_rows(tmp_path: Path)
     lines = comparison_result(
         compared(log_of(T, a, str(tmp_path / "a")), log_of(T, b, str(tmp_path / "b")))
     ).text.splitlines()
-    assert "s.x05 first, at" in lines[0]
+    assert "(first: s.x05, at" in lines[0]
     rows = [line.split()[1] for line in lines if line.startswith("OUT")]
     assert len(rows) == MOST_OUTSIDE and rows[-1] == "s.x05"
     assert "     and 3 more outside" in lines
