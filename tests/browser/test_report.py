@@ -22,7 +22,7 @@ SECTIONS = [
     "Drives and FMUs",
     "Parameters",
     "Timing",
-    "How to make this again",
+    "Repeat this run",
 ]
 BLUE, VERMILION, GREEN, ORANGE = (0, 114, 178), (213, 94, 0), (0, 158, 115), (230, 159, 0)
 INK = (22, 24, 29)

@@ -57,8 +57,8 @@ def test_another_run_is_exit_code_1_and_the_first_point_outside_is_named(
     done = twin("compare", force_position.path, position.path, "--signal", "controller.F_z", cwd=tmp_path)
     assert done.returncode == 1
     lines = done.stdout.splitlines()
-    assert lines[0].startswith("1 of 1 leave the tube: controller.F_z first, at 5.6")
-    assert lines[6].startswith("       out at 5.6")
+    assert lines[0].startswith("1 of 1 signal leaves the tube around A (first: controller.F_z, at 5.6")
+    assert lines[7].startswith("       out at 5.6")
     assert max(map(len, lines[4:])) <= 80
 
 

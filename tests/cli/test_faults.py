@@ -54,7 +54,7 @@ def test_a_fault_that_goes_beyond_the_bound_and_was_not_said_to_is_exit_code_1(r
     done = twin("faults", root / PRESSING, *tight, cwd=tmp_path)
     assert done.returncode == 1, done.stderr
     assert done.stdout.startswith("pressing  FAILED")
-    assert "! beyond the bound, and not said to go there:" in done.stdout
+    assert "! above the bound, and not expected there:" in done.stdout
 
 
 @pytest.mark.parametrize(

@@ -19,9 +19,9 @@ RUN = {
 def test_a_run_says_its_outcome_first_and_where_it_is_last():
     lines = run_text(RUN).splitlines()
     assert lines[:2] == ["press  20 s at 400 x real time", "  2 of 2000 deadlines missed"]
-    assert lines[2] == "  force      4.96 N at 13.54 s at most, 4.88 N in the last second"
+    assert lines[2] == "  force      at most 4.96 N, at 13.54 s, 4.88 N in the last second"
     assert lines[3] == "             0.00 N along x, -1.07 N along y in the last second"
-    assert lines[5] == "  position   2.18 mm lateral and 1.02 mm in z rms off the reference"
+    assert lines[5] == "  position   2.18 mm lateral and 1.02 mm in z from the reference, rms"
     assert lines[6] == "   5.606 s  force control triggered at F_z = 0.603 N"
     assert lines[-1] == "  recording  results/press/2026/run.mcap"
     assert max(map(len, lines)) <= 80
@@ -40,7 +40,7 @@ def test_tasks_say_what_was_held_instead_of_what_is_left_when_they_are_over():
     }
     text = run_text(RUN | {"held": (press,)})
     assert (
-        "  force      4.96 N at 13.54 s at most\n             held 8.00 N: 7.90 to 8.10 N from 4.4 to 9.4 s\n" in text
+        "  force      at most 4.96 N, at 13.54 s\n             held 8.00 N: 7.90 to 8.10 N from 4.4 to 9.4 s\n" in text
     )
     assert "last second" not in text
     tap = press | {"task": 2, "kind": "tap", "taps": 10}
@@ -57,7 +57,7 @@ def test_a_substitute_is_named():
 def test_a_part_of_another_make_is_named_and_twins_own_has_not_run():
     assert "  monitor    watch.fmu (sha256 0123456789ab); twin's own did not run\n" in run_text(RUN)
     text = run_text(RUN | {"outcome": OUTCOME | {"lateral_error": None, "z_error": None}})
-    assert "off the reference" not in text.partition("  position")[2]
+    assert "the reference" not in text.partition("  position")[2]
 
 
 def test_drives_that_are_the_same_are_told_once():

@@ -37,7 +37,7 @@ def shown(*arguments: str) -> str:
 
 def test_the_answer_comes_first_and_the_files_last(folder: Path):
     lines = shown(str(folder), "--html").splitlines()
-    assert lines[0] == "made_up  12 runs: least force_error_N 1 (run 4); 1 failed"
+    assert lines[0] == "made_up  12 runs: smallest force_error_N 1 (run 4: k = 0, c = 1); 1 failed"
     assert lines[-1].split() == ["page", str(folder / "sweep.html")]
     assert {path.name for path in folder.iterdir()} >= {"map.png", "metrics.png", "sweep.html"}
 

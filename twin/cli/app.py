@@ -285,7 +285,12 @@ class TwinCommands(Commands):
         "log",
     )
     GROUPS: Mapping[str, Group] = {
-        "sweep": Group("Run one experiment many times: twin sweep SWEEP, or twin sweep run SWEEP.", default="run"),
+        "sweep": Group(
+            "Run one experiment many times: twin sweep SWEEP, or twin sweep run SWEEP.\n\n"
+            "Options: twin sweep run --help.\n\n"
+            "Example: twin sweep experiments/sweeps/stiffness_and_gain.toml --dry-run",
+            default="run",
+        ),
         "drive": Group("Look at drive FMUs, qualify, compare and bring them in."),
         "component": Group("Look at and check third-party parts of the robot."),
         "log": Group("Bring in the log of a robot: which column is which signal."),

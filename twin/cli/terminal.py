@@ -61,7 +61,7 @@ def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
 
 def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     if outcome["peak"] > 0.0:
-        peak = f"{outcome['peak']:.2f} N at {outcome['peak_time']:.2f} s at most"
+        peak = f"at most {outcome['peak']:.2f} N, at {outcome['peak_time']:.2f} s"
         # at the end of its tasks a robot presses nothing
         yield _row("force", peak if held else f"{peak}, {outcome['end']:.2f} N in the last second")
         for one in held:
@@ -69,13 +69,13 @@ def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> I
         if "end_x" in outcome and not held:
             yield _row("", f"{_force(outcome['end_x'])} along x, {_force(outcome['end_y'])} along y in the last second")
         if outcome["force_error"] is not None:
-            yield _row("", f"{outcome['force_error']:.2f} N rms off the reference after the first touch, force loop on")
+            yield _row("", f"force error {outcome['force_error']:.2f} N rms after the first touch, force loop on")
     else:
         yield _row("force", "none: it never touched")
     if outcome["lateral_error"] is None:
         return
     lateral, z = 1e3 * outcome["lateral_error"], 1e3 * outcome["z_error"]
-    yield _row("position", f"{lateral:.2f} mm lateral and {z:.2f} mm in z rms off the reference")
+    yield _row("position", f"{lateral:.2f} mm lateral and {z:.2f} mm in z from the reference, rms")
 
 
 def _held(one: Mapping[str, Any], several: bool) -> str:

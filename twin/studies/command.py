@@ -152,7 +152,7 @@ BodyName = Annotated[
 Settings = Annotated[
     Sequence[str],
     Option(
-        "Override a value of the experiment, such as controller.force_N=4, or task.1.force_N=5 for its first task.",
+        "Override a value of the experiment, such as controller.force.reference_N=4, or task.1.force_N=5 (first task).",
         "KEY=VALUE",
         "--set",
         complete="setting",

@@ -280,7 +280,7 @@ def test_the_verdict_comes_before_everything_else(page: str):
 def test_three_numbers_of_what_truly_happened_stand_beside_the_verdict(page: str, force_position: Recording):
     first = page[: page.index("Replay</h2>")]
     boxes = re.findall(r'<div class="box"><strong>([^<]*)</strong><span>([^<]*)</span></div>', first)
-    assert [name for _, name in boxes] == ["force error", "largest pressing force", "settling"]
+    assert [name for _, name in boxes] == ["force error", "largest pressing force", "settled from"]
     assert boxes[1][0] == f"{-force_position['plant.F_ee_B'][:, 2].min():.4g} N"
 
 
@@ -288,7 +288,7 @@ def test_of_several_runs_the_same_three_numbers_stand_side_by_side(force_positio
     runs = [ReportRun("fp", force_position), ReportRun("p", position)]
     names = re.findall(r"</strong><span>([^<]*)</span>", verdict_section(runs, verdict(runs)))
     # without a force loop there is no force error
-    assert names == 2 * ["largest pressing force", "settling", "settled force error"]
+    assert names == 2 * ["largest pressing force", "settled from", "settled force error"]
 
 
 def test_of_several_runs_each_has_its_numbers_and_of_many_none(force_position: Recording):

@@ -75,6 +75,8 @@ def test_all_mistakes_are_told_at_once(fig4: Path):
 @pytest.mark.parametrize(
     ("override", "said"),
     [
+        ("controller.force_N=4", "[controller] unknown key 'force_N'; did you mean 'force.reference_N'"),
+        ("controller.force_m=4", "[controller] unknown key 'force_m'; did you mean 'force'?"),
         ("controller.model.k_s=1", "did you mean 'k_s_Nm_per_rad'?"),
         ("contact.height_m=-0.1", "unknown key 'height_m'; did you mean 'height_mm'?"),
         ("contact.height_mm='high'", 'height_mm = "high": expected a number'),

@@ -201,6 +201,12 @@ def test_a_table_that_the_array_does_not_have_is_refused_with_those_it_has(tmp_p
         override(source, [f"{key}=5"])
 
 
+def test_of_an_array_of_one_table_no_range_is_named(tmp_path: Path):
+    source = read_source(write(tmp_path, "e.toml", '[[task]]\nkind = "press"\n'))
+    with pytest.raises(InputRefused, match=r"task\.2: there is only task\.1$"):
+        override(source, ["task.2.force_N=5"])
+
+
 def test_single_numbers_of_three_are_set_by_their_number(root: Path):
     drawn = load_experiment(
         root / "experiments/fig4_force_position.toml",

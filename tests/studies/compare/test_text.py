@@ -33,7 +33,8 @@ def comparison(tmp_path: Path) -> Comparison:
 def test_the_answer_comes_first_and_everything_fits_80_columns(comparison: Comparison):
     lines = comparison_result(comparison).text.splitlines()
     first = comparison.outside[0]
-    assert lines[0] == f"{len(comparison.outside)} of 15 leave the tube: {first.signal} first, at 0 s; 94.8 % of A"
+    answer = f"{len(comparison.outside)} of 15 signals leave the tube around A (first: {first.signal}, at 0 s), "
+    assert " ".join([lines[0], lines[1].strip()]) == f"{answer}compared over 94.8 % of A"
     # names of files are not broken
     assert max(len(line) for line in lines if "rather_long" not in line) <= 80
     assert f"     and {len(comparison.outside) - MOST_OUTSIDE} more outside" in lines
@@ -80,7 +81,7 @@ def test_the_signal_that_leaves_the_tube_first_is_among_the_rows(tmp_path: Path)
     lines = comparison_result(
         compared(log_of(T, a, str(tmp_path / "a")), log_of(T, b, str(tmp_path / "b")))
     ).text.splitlines()
-    assert "s.x05 first, at" in lines[0]
+    assert "(first: s.x05, at" in lines[0]
     rows = [line.split()[1] for line in lines if line.startswith("OUT")]
     assert len(rows) == MOST_OUTSIDE and rows[-1] == "s.x05"
     assert "     and 3 more outside" in lines

@@ -19,7 +19,7 @@ from twin.studies.qualify.comparison import (
     trials,
     verdict,
 )
-from twin.studies.qualify.text import compare_blocks
+from twin.studies.qualify.text import compare_blocks, tabled_value
 from twin.studies.result import laid_out
 
 FIG4 = ROOT / "experiments/fig4_force_position.toml"
@@ -62,12 +62,19 @@ def test_the_table_fits_80_columns_with_one_line_per_drive(fig4: tuple[DriveTria
 
 
 def test_the_verdict_names_every_measure_that_both_have_and_not_what_the_model_costs(fig4: tuple[DriveTrial, ...]):
-    (said, other) = verdict([DriveTrials("fig4", fig4)])
+    (said, other) = verdict([DriveTrials("fig4", fig4)], tabled_value)
     assert said.startswith("pmsm_foc beside velocity_servo: ") and other.startswith(
         "brushed_dc beside velocity_servo: "
     )
-    assert all(name in said for name in ("settles", "overshoot", "rms F_z", "rms z", "work"))
+    assert all(name in said for name in ("settles", "overshoot", "hold error", "rms z", "work"))
     assert not any(name in said for name in ("peak I", "energy", "cost"))
+
+
+def test_the_verdict_has_both_values_of_what_differs_in_one_experiment(fig4: tuple[DriveTrial, ...]):
+    one = DriveTrials("fig4", fig4)
+    own, its = (tabled_value("overshoot", values(trial)["overshoot"] or 0.0) for trial in fig4[:2])
+    assert f"overshoot ({its} against {own})" in verdict([one], tabled_value)[0]
+    assert " against " not in verdict([one, one], tabled_value)[0]
 
 
 def test_facts_name_every_measure_of_every_drive(fig4: tuple[DriveTrial, ...]):
@@ -86,7 +93,7 @@ def test_a_drive_that_fails_keeps_its_place_and_the_others_run(tmp_path: Path):
     assert "NaN" in failed.failure and all(measure.value is None for measure in failed.measures)
     assert servo.failure == ""
     assert "FAILED" in laid_out(compare_blocks(done))
-    assert verdict([done]) == [f"{folder} failed in fig4_force_position, and is not judged there"]
+    assert verdict([done], tabled_value) == [f"{folder} failed in fig4_force_position, and is not judged there"]
 
 
 def test_nothing_runs_if_one_drive_is_refused():
@@ -153,7 +160,7 @@ def test_only_the_last_change_of_the_reference_counts():
 def test_drives_are_compared_in_a_task_by_the_force_that_it_holds():
     (servo,) = trials([ROOT / "experiments/pressing.toml"], ["velocity_servo"])[0].trials
     measured = {measure.name: measure for measure in servo.measures}
-    assert measured["settling_time"].remark == "a task has no step"
+    assert measured["settling_time"].remark == "not defined for tasks"
     # docs/tasks.md: 8 N are held to 0.01 N, with no more above it than the estimate rounds by
     assert measured["rms_force_error"].value == pytest.approx(0.009, abs=0.002)
     assert 0.0 < (measured["overshoot"].value or 0.0) < 1.0

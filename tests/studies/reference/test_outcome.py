@@ -59,7 +59,7 @@ def test_an_fmu_that_does_what_its_results_say_agrees(servo: Path, tmp_path: Pat
     assert (one.experiment, one.word) == ("a_ref.csv", "agrees") and done.holds
     assert one.deviations["omega_m"] < 1e-6
     text = references_text([done])
-    assert "a tolerance of ours" in " ".join(text.split()) and max(map(len, text.splitlines())) <= 80
+    assert "twin's default; the files have no tol" in " ".join(text.split()) and max(map(len, text.splitlines())) <= 80
 
 
 @pytest.mark.parametrize(

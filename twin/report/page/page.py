@@ -219,6 +219,8 @@ MARKS = {
 
 MOST_BOXED = 4
 """Runs whose key numbers stand beside the verdict."""
+BOXED = {"settling": "settled from"}
+"""What stands below a key number, where the name by which runs are compared reads as if it were a duration."""
 FEW = 5
 """Claims that are shown at once even if all of them hold."""
 LOOKS = {True: ("✓ ", "good"), False: ("✗ ", "bad"), None: ("", "plain")}
@@ -245,7 +247,7 @@ def sections(
         ("drives", "Drives and FMUs", _of_each(runs, drives)),
         ("parameters", "Parameters", _of_each(runs, _folded_parameters)),
         ("timing", "Timing", timing(runs)),
-        ("provenance", "How to make this again", _of_each(runs, provenance)),
+        ("provenance", "Repeat this run", _of_each(runs, provenance)),
     ]
     return [Section(key, title, section(key, title, html)) for key, title, html in found if html is not None]
 
@@ -274,7 +276,12 @@ def _boxes(runs: Sequence[ReportRun]) -> Markup:
     groups = []
     for run, found in zip(runs, key_measures(runs), strict=True):
         boxes = [
-            element("div", element("strong", number(m.true, m.unit)), element("span", m.short or m.text), class_="box")
+            element(
+                "div",
+                element("strong", number(m.true, m.unit)),
+                element("span", BOXED.get(m.short) or m.short or m.text),
+                class_="box",
+            )
             for m in found
         ]
         label = [element("span", run.label, class_="whose")] if len(runs) > 1 else []

@@ -260,7 +260,9 @@ def _archive(path: Path, folder: Path) -> Path:
         shelf = located("fmus", folder)
         beside = meant(path).removeprefix("; ")
         hint = nearest(path.stem, drives_in(shelf), beside or "expected an .fmu file or a folder of fmus/")
-        raise InputRefused(f"{path}: no such drive; {hint}")
+        # a name without folders became a path here; its user looks for the name
+        shown = path.name if path.parent == Path.cwd() else path
+        raise InputRefused(f"{shown}: no such drive; {hint}")
     return path
 
 

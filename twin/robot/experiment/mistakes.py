@@ -163,7 +163,9 @@ def _sentence(detail: Any, model: type[BaseModel], table: str) -> str:
     where, key = f"[{'.'.join(tables)}]", path[0] if path else ""
     kind, got = detail["type"], detail["input"]
     if kind == "extra_forbidden":
-        return f"{where} {unknown(key, keys(owner))}"
+        inside = _inside(key, owner)
+        found = f"unknown key '{key}'; did you mean {inside}?" if inside else unknown(key, keys(owner))
+        return f"{where} {found}"
     if kind == "missing":
         if place and isinstance(got, Mapping):
             # an array of tables within a table
@@ -184,6 +186,15 @@ def _sentence(detail: Any, model: type[BaseModel], table: str) -> str:
         # a mistake between keys has no key of its own
         return f"{shown}: {detail['ctx']['error']}" if key else f"{where} {detail['ctx']['error']}"
     return f"{shown}: expected {_EXPECTED.get(kind) or detail['msg'][0].lower() + detail['msg'][1:]}"
+
+
+def _inside(key: str, owner: type[BaseModel]) -> str:
+    """`'force.reference_N'` for the key force_N: keys of the table `force` of `owner` that end alike; "" if none do."""
+    table, _, unit = key.rpartition("_")
+    model = next((model_in(f.annotation) for name, f in owner.model_fields.items() if table == (f.alias or name)), None)
+    # kp_mm_per_N is no force
+    known = [] if model is None else [one for one in keys(model) if one.endswith(f"_{unit}") and "_per_" not in one]
+    return " or ".join(f"'{table}.{one}'" for one in known)
 
 
 def model_in(annotation: Any) -> type[BaseModel] | None:

@@ -199,7 +199,8 @@ class Source:
         """Lay the tables `items` over those of an array, by their number from 1."""
         for number, item in items.items():
             if not (number.isdigit() and 1 <= int(number) <= len(into) and isinstance(item, dict)):
-                raise InputRefused(f"{origin}: {dotted}.{number}: there are tables {dotted}.1 to {dotted}.{len(into)}")
+                there = f"is only {dotted}.1" if len(into) == 1 else f"are tables {dotted}.1 to {dotted}.{len(into)}"
+                raise InputRefused(f"{origin}: {dotted}.{number}: there {there}")
             self.put(item, origin, f"{dotted}.{number}.", into[int(number) - 1])
 
 

@@ -409,7 +409,7 @@ def details(budget: Budget) -> tuple[str, str]:
     return (
         f"pressing {budget.force:.2f} N, {budget.start:.2f} to {budget.end:.2f} s: {off} on average, "
         f"{total.std:.3f} N of scatter; most of it is {worst.label}",
-        f"parameters that are known no better than assumed here may add {budget.parameters:.3f} N",
+        f"assumed parameter errors may add {budget.parameters:.3f} N",
     )
 
 

@@ -380,7 +380,8 @@ def comparison_result(comparison: Comparison, partial: bool = False, differences
         *differences_lines(differences),
     ]
     facts = comparison.facts() | {"experiments": differences}
-    return Result(_answer(comparison, partial), parts, facts, exit_code=0 if covered and not comparison.outside else 1)
+    answer = Note(_answer(comparison, partial), later=2, whole=True)
+    return Result(answer, parts, facts, exit_code=0 if covered and not comparison.outside else 1)
 
 
 def shown(unit: str) -> tuple[str, float]:
@@ -401,8 +402,8 @@ def _answer(comparison: Comparison, partial: bool) -> str:
         return f"B stays within the tolerance tube of A: {counted(count, 'signal')}, {of_a} of A's time"
     first = comparison.outside[0]
     when = first.first_exit.t if first.first_exit else math.nan
-    left = f"{len(comparison.outside)} of {count}"
-    return f"{left} leave the tube: {first.signal} first, at {when:.6g} s; {of_a} of A"
+    left = f"{len(comparison.outside)} of {counted(count, 'signal')} {'leaves' if count == 1 else 'leave'}"
+    return f"{left} the tube around A (first: {first.signal}, at {when:.6g} s), compared over {of_a} of A"
 
 
 def _shift(comparison: Comparison) -> str:

@@ -57,9 +57,9 @@ def fault_matrix_result(experiment: str, rows: Sequence[FaultRow], picture: Path
     )
     claimed, allowed = [r for r in rows if r.detection_expected], [r for r in rows if r.expected_beyond]
     counts = (
-        f"Said before: the monitor sees {len(claimed)} cases; it saw {sum(r.detected for r in claimed)} of them. "
-        f"Said before: the force may go beyond in {len(allowed)}; it did in {sum(not r.safe for r in allowed)} of them "
-        f"and in {sum(r.loose for r in rows)} others."
+        f"Expected: {len(claimed)} cases detected, up to {len(allowed)} above {first.bound:g} N. "
+        f"Found: {sum(r.detected for r in claimed)} of these detected, {sum(not r.safe for r in allowed)} of these "
+        f"above, {sum(r.loose for r in rows)} others above."
     )
     ended = sum(r.unwatched.end == "run ended" and r.watched.end != "run ended" for r in rows)
     early = (
@@ -104,12 +104,12 @@ def _exceptions(rows: Sequence[FaultRow]) -> Iterator[Block]:
     kinds = list(dict.fromkeys(row.kind for row in rows))
     last = [row for row in rows if CATALOGUE[row.kind].detection == "if large" and row.largest and not row.detected]
     blocks: dict[str, Sequence[FaultRow | str]] = {
-        "! said to be seen, and not seen:": [row for row in rows if row.missed],
-        "! beyond the bound, and not said to go there:": [row for row in rows if row.loose],
-        "! beyond the bound, as was said:": [row for row in rows if not row.safe and not row.loose],
-        "cannot be seen:": [kind for kind in kinds if CATALOGUE[kind].detection == "no"],
-        "seen in time, and not said to be:": [row for row in rows if not row.as_stated and not row.fails],
-        "unseen at their largest magnitude, as was said:": [row for row in last if not row.missed],
+        "! expected to be detected, and not detected:": [row for row in rows if row.missed],
+        "! above the bound, and not expected there:": [row for row in rows if row.loose],
+        "! above the bound, as expected:": [row for row in rows if not row.safe and not row.loose],
+        "not detectable:": [kind for kind in kinds if CATALOGUE[kind].detection == "no"],
+        "detected in time, and not expected to be:": [row for row in rows if not row.as_stated and not row.fails],
+        "not detected at the largest magnitude, as expected:": [row for row in last if not row.missed],
     }
     for title, found in blocks.items():
         yield from ["", title] if found else []
@@ -120,7 +120,7 @@ def _exceptions(rows: Sequence[FaultRow]) -> Iterator[Block]:
 
 def _named(row: FaultRow) -> str:
     fault = " ".join(filter(None, (row.kind, magnitude_text(row.kind, row.magnitude))))
-    seen = f"{row.watched.reason} after {1e3 * (row.watched.delay or 0.0):.0f} ms" if row.detected else "not seen"
+    seen = f"{row.watched.reason} after {1e3 * (row.watched.delay or 0.0):.0f} ms" if row.detected else "not detected"
     return f"{fault} at {row.onset:.2f} s: {row.watched.peak:.1f} N, {seen}"
 
 

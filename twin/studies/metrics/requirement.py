@@ -178,7 +178,9 @@ class _Measure(NamedTuple):
 
 def _common(one: _Measure, other: _Measure) -> str:
     if one.unit != other.unit:
-        raise ValueError(f"{one.unit} beside {other.unit}; expected the same unit, and of every number its own")
+        raise ValueError(
+            f"units differ: {one.unit} and {other.unit}; give both sides the same unit, and every number its unit"
+        )
     return one.unit
 
 
@@ -255,9 +257,17 @@ class Standing:
     same: tuple[str, ...] = ()
     torn: tuple[str, ...] = ()
 
-    def sentence(self, one: str, other: str) -> str:
-        """`B beside A: better in ..., worse in ..., the same in ...`"""
-        lists = (("better in", self.better), ("worse in", self.worse), ("the same in", self.same))
+    def sentence(self, one: str, other: str, values: Mapping[str, str] | None = None) -> str:
+        """`B beside A: better in ..., worse in ..., the same in ...`
+
+        Args:
+            values: what stands in brackets behind a measure that is better or worse, by its name.
+        """
+        better, worse = (
+            [f"{name} ({values[name]})" if values and name in values else name for name in names]
+            for names in (self.better, self.worse)
+        )
+        lists = (("better in", better), ("worse in", worse), ("the same in", self.same))
         parts = [
             f"{how} {', '.join(names)}" for how, names in (*lists, ("now better, now worse in", self.torn)) if names
         ]

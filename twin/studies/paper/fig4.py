@@ -87,7 +87,7 @@ CLAIMS = (
         source="ours: 'almost', an eighth of the 4 mm below the scale's surface",
     ),
     Claim(
-        "z_trend", "whole curve, position only: z trends as asked", "4 A",
+        "z_trend", "whole curve, position only: z follows the trend", "4 A",
         "the pre-defined (blue curve) and position-control (yellow curve) trajectories have similar changing trends",
         lambda runs: measure.z_trend(runs.position), 0.95, source="ours: 'similar', a correlation",
     ),

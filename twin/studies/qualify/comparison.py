@@ -5,7 +5,7 @@ What truly happened in an experiment, whatever the robot's controller believes o
 Several drives in the same experiment, laid over each other.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,7 +43,7 @@ COMPARED = {
         "force beyond its largest reference, while the force loop is on",
     ),
     "rms_force_error": Definition(
-        "rms F_z", "N",
+        "hold error", "N",
         "root mean square of the true pressing force minus its reference, second half of the run, from the first touch "
         "on; in tasks while they hold, circle or push",
     ),
@@ -52,11 +52,11 @@ COMPARED = {
         "root mean square of the true z minus its pre-defined reference, in tasks minus what the force loop makes of "
         "it, second half of the run",
     ),
-    "peak_current": Definition("peak I", "A", "largest current of any of the three drives, where they tell it"),
+    "peak_current": Definition("peak I", "A", "largest current of any of the three drives, if they have that output"),
     "shaft_work": Definition(
         "work", "J", "work the three shafts do on the springs, what they get back not counted: tau_load omega_m > 0",
     ),
-    "energy": Definition("energy", "J", "electrical energy the three drives draw, where they tell their power"),
+    "energy": Definition("energy", "J", "electrical energy the three drives draw, if they have an output for power"),
     "cost": Definition("cost", "s", "wall time in the step functions of the three drives, per tick"),
 }  # fmt: skip
 
@@ -116,7 +116,7 @@ class TrueRun:
         on = self.run.held("controller.triggered")
         if self._tasks:
             beyond = 100.0 * overshoot(self.F_z[on], float(self.F_z_ref[on].max())) if np.any(on) else None
-            ramp = Measure("settling_time", None, "a task has no step")
+            ramp = Measure("settling_time", None, "not defined for tasks")
             return ramp, Measure("overshoot", beyond, "" if np.any(on) else "the force loop is never on")
         triggered = first_time(self.t, on)
         if np.isfinite(triggered):
@@ -150,7 +150,7 @@ class TrueRun:
 
 
 def _format_measure(name: str, value: float | None) -> Measure:
-    return Measure(name, value, "" if value is not None else "the drive does not tell")
+    return Measure(name, value, "" if value is not None else "not an output of this drive")
 
 
 @dataclass(frozen=True)
@@ -223,18 +223,37 @@ def trials(
     return tuple(done)
 
 
-def verdict(compared: Sequence[DriveTrials]) -> list[str]:
-    """A sentence for each drive but the first, over all experiments, and one for each that failed."""
+def verdict(compared: Sequence[DriveTrials], shown: Callable[[str, float], str]) -> list[str]:
+    """A sentence for each drive but the first, over all experiments, and one for each that failed.
+
+    Args:
+        shown: a measure, by its key, and its value in the unit people read.
+    """
     first = compared[0].trials[0].name
     by_drive: dict[str, list[Standing]] = {}
     for one in compared:
         for name, its in one.standings().items():
             by_drive.setdefault(name, []).append(its)
-    verdicts = [overall(standings).sentence(name, first) for name, standings in by_drive.items()]
+    # over several experiments a measure has several values: tables have them
+    values = _both_values(compared[0], shown) if len(compared) == 1 else {}
+    verdicts = [overall(standings).sentence(name, first, values.get(name)) for name, standings in by_drive.items()]
     failed = {
         f"{t.name} failed in {one.name}, and is not judged there" for one in compared for t in one.trials if t.failure
     }
     return verdicts + sorted(failed)
+
+
+def _both_values(compared: DriveTrials, shown: Callable[[str, float], str]) -> dict[str, dict[str, str]]:
+    """`0.0074 N against 0.0091 N`, by drive but the first and by the measure's name in the table."""
+    first, *others = compared.trials
+    return {
+        trial.name: {
+            COMPARED[its.name].text: f"{shown(its.name, its.value)} against {shown(own.name, own.value)}"
+            for its, own in zip(trial.measures, first.measures, strict=True)
+            if its.value is not None and own.value is not None
+        }
+        for trial in others
+    }
 
 
 def comparison_facts(compared: DriveTrials) -> dict[str, Any]:

@@ -113,7 +113,7 @@ def _scored(part: OtherPart, has_tasks: bool) -> Iterator[Check]:
     if missing:
         measured = f"twin report cannot score {', '.join(lost)}; " if lost else ""
         names = ", ".join(name.removeprefix(f"{part.role}.") for name in missing)
-        detail = f"no output {names}: {measured}twin compare --paper {figure} not what rests on them"
+        detail = f"no output {names}: {measured}twin compare --paper {figure} cannot score claims that need them"
         yield Check("scored", "note", detail)
 
 

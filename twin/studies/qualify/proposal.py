@@ -68,7 +68,7 @@ def _command_lines(command: Command, sure: bool) -> list[str]:
     doubt = "" if sure else "   # or one of: " + ", ".join(f'"{other}"' for other in COMMANDS if other != command)
     return [
         f'command = "{command}"{doubt}',
-        "sign = 1                  # -1 if it turns the other way: twin drive check tells",
+        "sign = 1                  # -1 if it turns the other way: twin drive check shows it",
         "gear_ratio = 1.0          # turns of its shaft per turn of the robot's motor shaft",
     ]
 

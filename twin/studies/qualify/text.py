@@ -100,6 +100,12 @@ def shown_value(name: str, value: float) -> str:
     return f"{_digits(value, factor)} {unit}"
 
 
+def tabled_value(name: str, value: float) -> str:
+    """The same with the digits of the table."""
+    factor, unit = _unit_shown(name)
+    return f"{_cell(value, factor)} {unit}"
+
+
 def _quantity(value: float | None, unit: str) -> tuple[str, str]:
     factor, shown = SHOWN_IN.get(unit, (1.0, unit))
     if value is not None and unit == "s" and abs(value) < 1e-3:

@@ -146,7 +146,9 @@ def carried(file: Path) -> Carried:
         elif role == "parameter" and entry.endswith(".ssv") and not parameters:
             parameters = entry
         else:
-            unread.append((source, f"{role} of type {type_}; read are results (CSV) and one set of parameters (SSV)"))
+            unread.append(
+                (source, f"{role} of type {type_}; only results (CSV) and one set of parameters (SSV) are read")
+            )
     trials = [
         Trial(PurePosixPath(entry).name, entry, fed if (fed := _inputs_of(entry)) in names else "", parameters, True)
         for entry in results
@@ -260,7 +262,7 @@ OF_SIZE = 1e-4
 LEAST = 1e-9
 TOLERANCE = (
     f"{100 * OF_RANGE:g} % of a signal's range in the results, at some moment within one step of that of the result: "
-    "a tolerance of ours, the files state none"
+    "twin's default; the files have no tolerance"
 )
 """One step, because inputs are held over it and a jump is seen at its end."""
 EXACT = 2.0**53

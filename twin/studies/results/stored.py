@@ -313,8 +313,8 @@ def verdict(run: StoredRun) -> str:
     outcome = run.summary.get("outcome")
     if isinstance(outcome, dict):
         peak, error = outcome.get("peak"), outcome.get("force_error")
-        words += [f"{peak:.2f} N at most" if peak > 0.0 else "never touched"] if isinstance(peak, float) else []
-        words += [f"{error:.2f} N rms off"] if isinstance(error, float) else []
+        words += [f"at most {peak:.2f} N" if peak > 0.0 else "never touched"] if isinstance(peak, float) else []
+        words += [f"force error {error:.2f} N rms"] if isinstance(error, float) else []
     return ", ".join(words) or "finished"
 
 

@@ -461,7 +461,9 @@ def stored_sweep(folder: Path) -> SweepRows:
     """
     facts = _read(folder)
     if not facts:
-        raise InputRefused(f"{folder}: not the folder of a sweep, {FACTS} is missing; begin with twin sweep SWEEP.toml")
+        raise InputRefused(
+            f"{folder}: not the folder of a sweep, {FACTS} is missing; expected a folder that twin sweep wrote"
+        )
     path = folder / ROWS
     columns = read_columns(path)[0].by_run()
     lists = {name: tuple(facts[name]) for name in ("drives", "labels", "metrics")}

@@ -27,7 +27,7 @@ def rows_of_drives() -> list:
 def test_the_answer_comes_first_and_failures_are_counted_and_named():
     rows = [row(1, {"a.k": 1.0}, **metrics(0.5)), row(2, {"a.k": 2.0}, **metrics(0.4)), row(3, {"a.k": 3.0})]
     text = sweep_text(kept(rows), ASKED)
-    assert text.startswith("made_up  3 runs: least force_error_N 0.4 (run 2); 1 failed")
+    assert text.startswith("made_up  3 runs: smallest force_error_N 0.4 (run 2: k = 2); 1 failed")
     assert text.rstrip().endswith("run 3 failed: drive_1: it crashed")
 
 

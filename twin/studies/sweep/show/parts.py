@@ -244,6 +244,8 @@ def _range(found: Interval) -> str:
 MOST_OF_FRONT = 8
 MOST_REASONS = 5
 MOST_WORST = 40
+MOST_VARIED = 3
+"""Values of the best run that stand in the first sentence; of more, the table of the best runs is the place."""
 SHADES = " .:-=+*#"
 """Of a histogram's bins in text, from none to the fullest."""
 SKETCH = "least to most"
@@ -281,7 +283,7 @@ def parts(sweep: SweepRows, asked: Asked) -> list[ReportPart]:
 
 
 def headline(sweep: SweepRows, by: str) -> str:
-    """`NAME  20 runs: least force_error_N 0.31 (run 12); 2 failed`."""
+    """`NAME  20 runs: smallest force_error_N 0.31 (run 12: k_s_Nm_per_rad = 1.5); 2 failed`."""
     columns = sweep.columns
     begun = "" if len(columns) == sweep.runs else f"{len(columns)} of "
     text = f"{sweep.name}  {begun}{counted(sweep.runs, 'run')}"
@@ -289,7 +291,8 @@ def headline(sweep: SweepRows, by: str) -> str:
     if found := likelihoods(columns):
         text += f": {least_sure(found)}"
     elif len(ranked):
-        text += f": least {by} {value(columns, by)[ranked[0]]:.3g} (run {columns.run(ranked[0])})"
+        best_run = f"run {columns.run(ranked[0])}{_varied(sweep, ranked[0])}"
+        text += f": smallest {by} {value(columns, by)[ranked[0]]:.3g} ({best_run})"
     elif len(columns):
         text += ": none with " + by + (" keeps the limits" if sweep.limits else "")
     statuses = columns.words("status").counts
@@ -297,6 +300,15 @@ def headline(sweep: SweepRows, by: str) -> str:
     if sweep.limits:
         counts.append(f"{columns.words('within_limits').counts.get(True, 0)} within limits")
     return text + "".join(f"; {one}" for one in counts)
+
+
+def _varied(sweep: SweepRows, row: int) -> str:
+    """`: k_s_Nm_per_rad = 1.5, kp = 2`: what varies, as the run in that row has it; "" where that is too much."""
+    names = short(sweep.labels)
+    found = [f"{names[label]} = {shown(sweep.columns.of.get(f'parameters/{label}'), row)}" for label in sweep.labels]
+    if len(sweep.drives) > 1:
+        found.append(f"drive {sweep.columns.words('drive')[row] or '-'}")
+    return f": {', '.join(found)}" if 0 < len(found) <= MOST_VARIED else ""
 
 
 def _best(sweep: SweepRows, asked: Asked) -> ReportPart | None:
