@@ -83,6 +83,16 @@ CASES = [
 """Each experiment, each drive, each kind of fault, each scheme at least once."""
 
 
+PAIRED = ["velocity_servo", "brushed_dc", "torque_motor_fmi3", "mx106", "python_servo"]
+"""A drive of each kind: FMI 2.0, several FMUs in one, FMI 3.0, model exchange inside, Python."""
+PAIRS = [
+    *(Case(name, drive) for name in EXPERIMENTS for drive in PAIRED),
+    *(Case("pressing", drive, (fault(kind),)) for kind in KINDS for drive in PAIRED),
+    *(Case("pressing", None, (f"contact.body={body}", fault(kind))) for body in BODIES for kind in KINDS[::4]),
+]
+"""Each of these drives with each experiment and with each kind of fault, and every fourth kind on each body."""
+
+
 def ticks_of(experiment: Experiment) -> tuple[int, int]:
     """At which tick the state is taken, and how many are gone on."""
     at = min(AT, experiment.duration_ticks // 2 | 1)
@@ -133,6 +143,19 @@ def test_going_on_from_a_state_is_never_having_stopped(case: Case):
         np.testing.assert_array_equal(ahead(simulation, ticks), expected)
     # Fig. 4 with three FMUs is asked for in 20 kB
     assert len(content) < 20_000
+
+
+@pytest.mark.parametrize("part", range(8))
+def test_pairs_of_experiments_drives_faults_and_bodies_go_on_from_a_state(part: int):
+    for case in PAIRS[part::8]:
+        experiment = case.load()
+        at, ticks = ticks_of(experiment)
+        with assemble(experiment) as assembly:
+            simulation = Simulation(assembly.system, experiment.duration_ticks, at + ticks)
+            came_to(simulation, at)
+            content = simulation.state().saved().to_bytes()
+            expected = ahead(simulation, ticks)
+        np.testing.assert_array_equal(going_on(case, content), expected, err_msg=str(case))
 
 
 def test_a_state_goes_on_in_another_process(tmp_path: Path):
