@@ -10,10 +10,11 @@ import json
 import math
 import signal
 import threading
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ import numpy as np
 from twin.kernel.compiled.machine import chosen_form
 from twin.kernel.cosim import master
 from twin.kernel.cosim.component import Component, NativeComponent
-from twin.kernel.cosim.observers import Observer, TickEvent
+from twin.kernel.cosim.observers import Assembled, Observer, Simulated, TickEvent, simulate
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import MEDIA_TYPE, SavedState, stateless
 from twin.kernel.cosim.subsystem import Subsystem
@@ -226,6 +227,41 @@ class Interrupts(Observer):
     def end(self, frame: Any = None) -> None:
         """Raise what the signal would have raised."""
         self._before[self._asked](self._asked, frame)
+
+
+def simulate_saving(
+    assembly: Assembled,
+    last_tick: int,
+    observers: Sequence[Observer],
+    slice_ticks: int,
+    states: RunStates,
+    saved: SavedState | None = None,
+    lasting: Mapping[str, Observer] = MappingProxyType({}),
+    adopt: Callable[[Simulation, SavedState], None] | None = None,
+    timed: bool = True,
+) -> Simulated:
+    """`simulate` a system that is recorded: `states` are saved, the last one also where an interrupt ends it.
+
+    Args:
+        assembly, last_tick, observers, slice_ticks, lasting, adopt, timed: see `simulate`.
+        states: what saves them; the last of a run is written by this.
+        saved: the state to go on from; None: from tick 0.
+
+    Raises:
+        InputRefused: the state is of another system.
+        KeyboardInterrupt: Ctrl-C or SIGTERM, once the state is saved.
+    """
+    interrupts = Interrupts()
+    with interrupts.listening():
+        # states first: what others change at the beginning of a tick is not in its state
+        watching = [states, *observers, interrupts]
+        done = simulate(assembly, last_tick, watching, slice_ticks, timed, saved, lasting, adopt)
+        if interrupts.enough and not done.simulation.finished:
+            states.interrupted()
+            interrupts.end()
+        if not done.failure:
+            states.finish()
+    return done
 
 
 @dataclass(frozen=True)

@@ -134,20 +134,12 @@ def origin(path: Path) -> dict[str, dict[str, str]]:
         RecordingRefused: it cannot be read, or is no MCAP file.
     """
     found: dict[str, dict[str, str]] = {}
-    with disk_refusals(path, "cannot be read", RecordingRefused), path.open("rb") as file:
-        if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-            raise RecordingRefused(f"{path}: not an MCAP file, expected a recording of twin")
-        for opcode, length in _records(file):
-            if opcode == Opcode.DATA_END:
-                break
-            if opcode == Opcode.METADATA and length <= LIMIT:
-                try:
-                    record = Metadata.read(ReadDataStream(BytesIO(file.read(length))))
-                except (McapError, ValueError, struct.error, OverflowError):
-                    raise RecordingRefused(
-                        f"{path}: not a recording that twin wrote: its metadata is damaged"
-                    ) from None
-                found.setdefault(record.name, {}).update(record.metadata)
+    for body in _bodies(path, Opcode.METADATA):
+        try:
+            record = Metadata.read(ReadDataStream(BytesIO(body)))
+        except (McapError, ValueError, struct.error, OverflowError):
+            raise RecordingRefused(f"{path}: not a recording that twin wrote: its metadata is damaged") from None
+        found.setdefault(record.name, {}).update(record.metadata)
     return found
 
 
@@ -159,20 +151,25 @@ def attachments(path: Path, media_type: str) -> Iterator[tuple[float, bytes]]:
     Raises:
         RecordingRefused: it cannot be read, or is no MCAP file.
     """
+    for body in _bodies(path, Opcode.ATTACHMENT):
+        try:
+            record = Attachment.read(ReadDataStream(BytesIO(body)))
+        except (McapError, ValueError, struct.error, OverflowError):
+            continue
+        if record.media_type == media_type and encoded(record)[RECORD_PREFIX:] == body:
+            yield record.log_time / NANOSECONDS, record.data
+
+
+def _bodies(path: Path, opcode: Opcode) -> Iterator[bytes]:
+    """Of each whole record of that kind outside chunks; raises as `origin`."""
     with disk_refusals(path, "cannot be read", RecordingRefused), path.open("rb") as file:
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             raise RecordingRefused(f"{path}: not an MCAP file, expected a recording of twin")
-        for opcode, length in _records(file):
-            if opcode == Opcode.DATA_END:
+        for kind, length in _records(file):
+            if kind == Opcode.DATA_END:
                 break
-            if opcode == Opcode.ATTACHMENT and length <= LIMIT:
-                body = file.read(length)
-                try:
-                    record = Attachment.read(ReadDataStream(BytesIO(body)))
-                except (McapError, ValueError, struct.error, OverflowError):
-                    continue
-                if record.media_type == media_type and encoded(record)[RECORD_PREFIX:] == body:
-                    yield record.log_time / NANOSECONDS, record.data
+            if kind == opcode and length <= LIMIT:
+                yield file.read(length)
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[int, int]]:

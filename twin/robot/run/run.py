@@ -9,19 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from twin.kernel.cosim.observers import ProgressObserver, simulate
+from twin.kernel.cosim.observers import ProgressObserver
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SavedState
 from twin.kernel.errors import ComponentFailed, InputRefused, Unreachable
 from twin.kernel.fmi.variable import FILE, to_json
 from twin.kernel.process.states import (
-    Interrupts,
     RunStates,
     StoredState,
     asked_ticks,
     continues,
     identity,
     refuse_other_run,
+    simulate_saving,
 )
 from twin.kernel.recording.folder import RECORDING
 from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, versions
@@ -298,26 +298,22 @@ def _recorded(
         described |= continues(state)
     with Writer(path, topics, system.tick, described, scene.forms) as writer:
         recorder = Recorder(writer, streams, scene.drawings, lambda: tuning.first)
-        held, watch, interrupts = HeldForce(system, experiment.tasks), Watch(assembly, experiment), Interrupts()
+        held, watch = HeldForce(system, experiment.tasks), Watch(assembly, experiment)
         lasting = {"tuning": tuning, "watch": watch, "tally": tally, "held": held, "recorder": recorder}
         asked = asked_ticks(experiment.recording.states, experiment.recording.state_every, system.tick, last_tick)
         states = RunStates(asked, last_tick, system.tick, about, lasting)
-        observers = [states, *lasting.values(), ProgressObserver(progress, last_tick + 1), interrupts]
+        observers = [*lasting.values(), ProgressObserver(progress, last_tick + 1)]
         observers += [pace] if pace else []
         observers += [Shown(viewer, streams, scene, tuning)] if viewer else []
         slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
-        with interrupts.listening():
-            # what was changed by hand before a branch is not the branch's
-            going_on = {name: one for name, one in lasting.items() if not (state and state.branch and one is tuning)}
-            adopt = branch_off if state and state.branch else None
-            done = simulate(assembly, last_tick, observers, slice_ticks, timed, saved, going_on, adopt)
-            tuning.close()
-            if done.failure:
-                raise _with_remedy(experiment, done.simulation, assembly, recorder.abandon(done.failure))
-            if interrupts.enough and not done.simulation.finished:
-                states.interrupted()
-                interrupts.end()
-            states.finish()
+        branches = state is not None and state.branch
+        # what was changed by hand before a branch is not the branch's
+        going_on = {name: one for name, one in lasting.items() if not branches or one is not tuning}
+        adopt = branch_off if branches else None
+        done = simulate_saving(assembly, last_tick, observers, slice_ticks, states, saved, going_on, adopt, timed)
+        tuning.close()
+        if done.failure:
+            raise _with_remedy(experiment, done.simulation, assembly, recorder.abandon(done.failure))
         recording = recorder.finish()
     return Run(
         recording=recording,

@@ -19,7 +19,7 @@ import numpy as np
 
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.interpolation import Scheme
-from twin.kernel.cosim.observers import Messages, ProgressObserver, Simulated, TickEvent, simulate
+from twin.kernel.cosim.observers import Messages, ProgressObserver, Simulated, TickEvent
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.fmi.component import FmuComponent
@@ -30,13 +30,13 @@ from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setup, Variable, stop_time, to_json
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.process.states import (
-    Interrupts,
     RunStates,
     StoredState,
     asked_ticks,
     continues,
     identity,
     refuse_other_run,
+    simulate_saving,
     split_time,
     stored_state,
 )
@@ -434,24 +434,13 @@ def _recorded(
         refuse_other_run(saved, about, str(state.recording))
         described |= continues(state)
     with Writer(path, [stream.topic for stream in rows], tick, described) as writer:
-        recorder, interrupts = Recorder(writer, rows), Interrupts()
+        recorder = Recorder(writer, rows)
         lasting = {"recorder": recorder}
         states = RunStates(asked_ticks((), state_every, tick, last), last, tick, about, lasting)
-        observers = [
-            states,
-            Messages(made.system),
-            recorder,
-            ProgressObserver(reporter.progress, last + 1),
-            interrupts,
-        ]
-        with interrupts.listening():
-            done = simulate(made, last, observers, BLOCK_TICKS, True, saved, lasting)
-            if done.failure:
-                raise ComponentFailed(recorder.abandon(done.failure))
-            if interrupts.enough and not done.simulation.finished:
-                states.interrupted()
-                interrupts.end()
-            states.finish()
+        observers = [Messages(made.system), recorder, ProgressObserver(reporter.progress, last + 1)]
+        done = simulate_saving(made, last, observers, BLOCK_TICKS, states, saved, lasting)
+        if done.failure:
+            raise ComponentFailed(recorder.abandon(done.failure))
         recorder.finish()
     return done, recorder.events, recorder.writing
 
