@@ -19,9 +19,9 @@ from mcap.records import Chunk, MessageIndex
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap_protobuf.decoder import DecoderFactory
 
-from twin.kernel.errors import RecordingFailed
+from twin.kernel.errors import RecordingDamaged, RecordingFailed
 from twin.kernel.recording.messages import Field, Topic
-from twin.kernel.recording.reader import read
+from twin.kernel.recording.reader import attachments, read
 from twin.kernel.recording.writer import LARGEST_CHUNK, ROOM, BlockShape, Output, Pending, Woven, Writer, woven
 
 from . import samples
@@ -484,3 +484,41 @@ def test_topics_need_names_of_their_own(tmp_path: Path) -> None:
     for names in (["a", "a"], ["events"], ["tf"]):
         with pytest.raises(ValueError, match="expected different names"):
             Writer(tmp_path / "run.mcap", [Topic(name, DRIVE, 1) for name in names], TICK, {}, [samples.TF])
+
+
+KIND, FIRST = "application/x-something", next(topic for topic in TOPICS if topic.period == 1)
+
+
+@pytest.fixture
+def attached(tmp_path: Path) -> Path:
+    """A recording with an attachment in the middle, one at the end and one of another kind."""
+    with Writer(tmp_path / "attached.mcap", TOPICS, TICK, METADATA) as writer:
+        writer.write(FIRST.name, 0, samples.rows_of(FIRST)[:50])
+        writer.write_attachment("first", 50, KIND, b"in the middle")
+        writer.write(FIRST.name, 50, samples.rows_of(FIRST)[50:])
+        writer.write_attachment("other", 60, "text/plain", b"of another kind")
+        writer.write_attachment("last", TICKS, KIND, b"at the end")
+    return tmp_path / "attached.mcap"
+
+
+def test_an_attachment_stands_where_it_was_written_and_other_readers_find_it(attached: Path):
+    with attached.open("rb") as file:
+        found = list(make_reader(file).iter_attachments())
+    assert [(one.name, one.media_type, one.data) for one in found] == [
+        ("first", KIND, b"in the middle"), ("other", "text/plain", b"of another kind"), ("last", KIND, b"at the end"),
+    ]  # fmt: skip
+    assert [content for _, content in attachments(attached, KIND)] == [b"in the middle", b"at the end"]
+    assert [time for time, _ in attachments(attached, KIND)] == pytest.approx([50 * TICK, TICKS * TICK])
+    # what was written before an attachment is in the file before it
+    whole = attached.read_bytes()
+    cut = attached.with_name("cut.mcap.partial")
+    cut.write_bytes(whole[: whole.index(b"in the middle") + 17])
+    assert len(read(cut).time(FIRST.name)) == 50 and len(list(attachments(cut, KIND))) == 1
+
+
+def test_an_attachment_that_was_changed_is_passed_over_and_damages_the_recording(attached: Path):
+    content = attached.read_bytes()
+    attached.write_bytes(content.replace(b"in the middle", b"in the muddle"))
+    assert [content for _, content in attachments(attached, KIND)] == [b"at the end"]
+    with pytest.raises(RecordingDamaged, match="a record that does not parse"):
+        read(attached)
