@@ -257,14 +257,16 @@ def test_repeated_steps_bring_events_and_clocks_back_too(shaft: Maker):
 def test_its_reset_and_its_state_are_examined_with_its_events(shaft: Maker, kind: str, more: dict[str, float]):
     """Going back in time brings back what is planned, too."""
     plan = planned(Drive.model_validate({"fmu": str(shaft(ALL)), "parameters": {"kind": KINDS[kind], **more}}))
-    assert [(f.name, f.verdict) for f in lifecycle_findings(plan, apart=False)] == [("reset", "ok"), ("state", "ok")]  # type: ignore[union-attr]
+    # they write no state down
+    expected = [("reset", "ok"), ("state", "ok"), ("written", "note")]
+    assert [(f.name, f.verdict) for f in lifecycle_findings(plan, apart=False)] == expected  # type: ignore[union-attr]
 
 
 def test_a_clocked_drive_qualifies_on_the_bench(shaft: Maker):
     rhythm = IN_CLOCK.format('intervalVariability="constant" intervalDecimal="0.002"')
     table = {"fmu": str(shaft(ALL, clocks=rhythm, omega_ref=CLOCKED)), "parameters": {"kind": KINDS["samples"]}}
     found = lifecycle_findings(planned(Drive.model_validate(table)), apart=False)
-    assert {f.name: f.verdict for f in found} == {"reset": "ok", "state": "ok"}  # type: ignore[union-attr]
+    assert {f.name: f.verdict for f in found} == {"reset": "ok", "state": "ok", "written": "note"}  # type: ignore[union-attr]
 
 
 def test_info_says_how_it_is_stepped(shaft: Maker):
