@@ -74,7 +74,7 @@ def test_check_as_json_has_every_check_and_measure_with_its_unit(root: Path, tmp
     assert droop["unit"] == "rad/s per N m" and abs(droop["value"] - 0.6) < 1e-6
     assert all(check["meaning"] for check in facts["checks"].values())
     (came,) = facts["references"]
-    assert [one["word"] for one in came["experiments"]] == ["agrees"] and "of ours" in came["tolerance"]
+    assert [one["word"] for one in came["experiments"]] == ["agrees"] and "twin's default" in came["tolerance"]
     assert (tmp_path / facts["picture"]).is_file()
 
 
