@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from twin.kernel.compiled.function import c, carray, copy, intrinsic, ir, njit, pointer_to, types
-from twin.kernel.compiled.native import Kind, Native
+from twin.kernel.compiled.native import Kind, Native, entry
 from twin.kernel.cosim.port import Port, by_port, port_record, record, state_fields, width
 from twin.kernel.errors import InputRefused
 
@@ -111,6 +111,17 @@ def put_back_pieces(table, count):
     pieces = carray(pieces_at(table), count)
     for i in range(count):
         copy(pieces[i].array, pieces[i].copy, pieces[i].size)
+
+
+@entry("nothing", "int", "int", "int", "int")
+def copy_pieces(table, count, buffer, back):
+    """Copy pieces of memory to their places in `buffer`, or `back` from there; `PIECE.copy` is the place."""
+    pieces = carray(pieces_at(table), count)
+    for i in range(count):
+        if back:
+            copy(pieces[i].array, buffer + pieces[i].copy, pieces[i].size)
+        else:
+            copy(buffer + pieces[i].copy, pieces[i].array, pieces[i].size)
 
 
 @step_function(_PIECES)

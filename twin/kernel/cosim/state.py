@@ -18,9 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import zstandard
 
-from twin.kernel.compiled.function import carray, copy
-from twin.kernel.compiled.native import entry
-from twin.kernel.cosim.component import Component, Holder, piece_table, pieces_at, runs_of
+from twin.kernel.cosim.component import Component, Holder, copy_pieces, piece_table, runs_of
 from twin.kernel.cosim.port import width
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import json_of
@@ -32,17 +30,6 @@ SIDES = ("outputs", "inputs")
 """Pieces that lie in the master's memory."""
 LARGEST = 64 * 2**20
 """Bytes of a state, unpacked: those of the shipped experiments have some kilobytes."""
-
-
-@entry("nothing", "int", "int", "int", "int")
-def _copy(table, count, buffer, back):
-    """Copy pieces of memory to their places in `buffer`, or `back` from there; `PIECE.copy` is the place."""
-    pieces = carray(pieces_at(table), count)
-    for i in range(count):
-        if back:
-            copy(pieces[i].array, buffer + pieces[i].copy, pieces[i].size)
-        else:
-            copy(buffer + pieces[i].copy, pieces[i].array, pieces[i].size)
 
 
 class SavedPiece(NamedTuple):
@@ -207,7 +194,7 @@ class StatePlaces:
             ComponentFailed: an FMU refuses.
         """
         memory = np.empty(self._size, dtype=np.uint8)
-        _copy(self._table.ctypes.data, len(self._table), memory.ctypes.data, 0)
+        copy_pieces(self._table.ctypes.data, len(self._table), memory.ctypes.data, 0)
         return SystemState(self, tick, memory, [holder.take() for *_, holder in self._holders])
 
     def put_back(self, state: SystemState) -> None:
@@ -218,7 +205,7 @@ class StatePlaces:
         """
         for (*_, holder), token in zip(self._holders, state.tokens, strict=True):
             holder.give_back(token)
-        _copy(self._table.ctypes.data, len(self._table), state.memory.ctypes.data, 1)
+        copy_pieces(self._table.ctypes.data, len(self._table), state.memory.ctypes.data, 1)
 
     def free(self, tokens: Sequence[Any]) -> None:
         """Let holders forget `tokens`."""

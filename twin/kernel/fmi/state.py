@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from twin.kernel.cache_folder import cache_folder
+from twin.kernel.cache_folder import cache_base, cache_folder
 from twin.kernel.fmi.stepping import Instance, Stepping
 
 DISTRUSTED = "without_state"
@@ -24,8 +24,8 @@ def distrust(sha256: str, reason: str) -> None:
 
 
 def is_distrusted(sha256: str) -> bool:
-    """Whether that was found."""
-    return (cache_folder(DISTRUSTED) / sha256).exists()
+    """Whether that was found; nothing is made for the question."""
+    return (cache_base() / DISTRUSTED / sha256).exists()
 
 
 class FmuStates:

@@ -8,7 +8,8 @@ import os
 import subprocess
 
 from twin.kernel.compiled.native import Native
-from twin.kernel.cosim import master, state
+from twin.kernel.cosim import component as cosim_component
+from twin.kernel.cosim import master
 from twin.kernel.fmi import cosim_step
 from twin.kernel.process.process import environment, module_command
 from twin.kernel.recording import messages as filling
@@ -32,7 +33,7 @@ def usual() -> tuple[Native, ...]:
         component._deflect.native, component._begin.native, component.step_over(False, False), encoder.step,
         controller.estimator_step, controller.step_over(False, False), encoder.scale_step, cosim_step.plain_step,
         master.advance.native, filling._fill.native, deviation._add_up.native, frames._put_poses.native,
-        arrows._put_arrows.native, weave._scatter.native, state._copy.native,
+        arrows._put_arrows.native, weave._scatter.native, cosim_component.copy_pieces.native,
     )  # fmt: skip
 
 
