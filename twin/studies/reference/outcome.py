@@ -593,10 +593,8 @@ def references_text(found: Sequence[References]) -> str:
         for name, why in one.carried.unread:
             lines += wrapped(f"{name}: {why}", "  --    not read   ", whole=True)
         for outcome in one.outcomes:
-            verdict = "FAIL" if outcome.word in BAD else "ok"
-            lines += wrapped(
-                f"{outcome.experiment}: {outcome.detail}", f"  {verdict:4}  {outcome.word:10} ", whole=True
-            )
+            start = f"  {'FAIL' if outcome.word in BAD else 'ok':4}  {outcome.word:10} "
+            lines += wrapped(f"{outcome.experiment}: {outcome.detail}", start, whole=True)
     if any(outcome.deviations for one in found for outcome in one.outcomes):
         lines += labelled("note", f"tolerance: {TOLERANCE}")
     return "\n".join(lines)
