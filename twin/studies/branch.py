@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -205,9 +206,8 @@ def _draw(outcomes: Sequence[BranchOutcome], recording: Path, at: float, path: P
         axes = figure.subplots()
         before = (t >= at - BEFORE) & (t <= at)
         axes.plot(t[before], F_z[before], color=INK, lw=1.6)
-        for number, (one, color) in enumerate(
-            zip(outcomes, (INK, BLUE, VERMILION, GREEN, ORANGE, PINK, SKY) * 9, strict=False)
-        ):
+        colors = cycle((INK, BLUE, VERMILION, GREEN, ORANGE, PINK, SKY))
+        for number, (one, color) in enumerate(zip(outcomes, colors, strict=False)):
             axes.plot(one.t, one.F_z, color=color, lw=1.2 if number else 1.6, label=f"{number}  {one.branch.name}"[:70])
         axes.axvline(at, color=INK, lw=0.8, ls=":")
         axes.set_xlabel("t (s)")
