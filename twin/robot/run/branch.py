@@ -19,8 +19,7 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import recorded_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.faults import FaultComponent
-from twin.robot.run.outcome import HeldForce, Tally
-from twin.robot.run.watch import Tuning, Watch
+from twin.robot.run.watch import run_observers
 
 FIXED = {
     "cosim": "steps and scheme hold for the whole run",
@@ -85,14 +84,8 @@ def state_at(experiment: Experiment, recording: Path, tick: int) -> tuple[Stored
     with assemble(experiment) as assembly:
         if missing := stateless(assembly.system.components):
             raise InputRefused(f"{recording}: this run cannot be branched: {'; '.join(missing)}")
-        before, system = nearest.saved if nearest else None, assembly.system
-        lasting: dict[str, Observer] = {
-            "tuning": Tuning(experiment, assembly),
-            "watch": Watch(assembly, experiment),
-            "tally": Tally(system),
-            "held": HeldForce(system, experiment.tasks),
-            "recorder": EventLog(),
-        }
+        before = nearest.saved if nearest else None
+        lasting: dict[str, Observer] = run_observers(experiment, assembly)._asdict() | {"recorder": EventLog()}
         observers = [*lasting.values(), _Until(tick)]
         done = simulate(assembly, experiment.duration_ticks, observers, state=before, lasting=lasting)
         done.completed()

@@ -37,10 +37,10 @@ from twin.robot.monitor.component import trip_reason
 from twin.robot.plant.component import PlantEquations, resting
 from twin.robot.plant.dynamics import STATES, PlantParameters
 from twin.robot.run.branch import branch_off, branched_experiment, state_at
-from twin.robot.run.outcome import HeldForce, HeldForces, RunOutcome, Tally
+from twin.robot.run.outcome import HeldForces, RunOutcome
 from twin.robot.run.trace import streams_of
 from twin.robot.run.viewer import Pace, Punctuality, Shown, Viewer
-from twin.robot.run.watch import Tuning, Watch
+from twin.robot.run.watch import run_observers
 from twin.robot.scene import Scene
 
 
@@ -288,7 +288,8 @@ def _recorded(
     system, last_tick = assembly.system, experiment.duration_ticks
     # at the rate "controller" nothing is recorded more often than the controller acts
     streams = streams_of(system, experiment.controller_ticks if experiment.recording.rate == "controller" else 1)
-    scene, tuning, tally = Scene(experiment, system), Tuning(experiment, assembly), Tally(system)
+    scene, own = Scene(experiment, system), run_observers(experiment, assembly)
+    tuning = own.tuning
     topics, described = [stream.topic for stream in streams], provenance(experiment, assembly)
     about, saved = identity(system, *_identified(described)), state.saved if state else None
     if state and saved:
@@ -298,8 +299,7 @@ def _recorded(
         described |= continues(state)
     with Writer(path, topics, system.tick, described, scene.forms) as writer:
         recorder = Recorder(writer, streams, scene.drawings, lambda: tuning.first)
-        held, watch = HeldForce(system, experiment.tasks), Watch(assembly, experiment)
-        lasting = {"tuning": tuning, "watch": watch, "tally": tally, "held": held, "recorder": recorder}
+        lasting = own._asdict() | {"recorder": recorder}
         asked = asked_ticks(experiment.recording.states, experiment.recording.state_every, system.tick, last_tick)
         states = RunStates(asked, last_tick, system.tick, about, lasting)
         observers = [*lasting.values(), ProgressObserver(progress, last_tick + 1)]
@@ -324,12 +324,12 @@ def _recorded(
         trip=trip_reason(done.simulation),
         drives=tuple(_describe_drive(plan) for _, plan in driven(assembly)),
         substituted=assembly.substituted,
-        outcome=tally.outcome,
+        outcome=own.tally.outcome,
         microseconds={name: 1e6 * cost for name, cost in done.costs.items()},
         changed=bool(tuning.first),
         punctuality=pace.punctuality() if pace else None,
         parts={role: part.sentence for role, part in assembly.others.items()},
-        held=held.held,
+        held=own.held.held,
     )
 
 

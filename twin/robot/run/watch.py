@@ -5,7 +5,7 @@ What a run takes in time and on the disk, before it begins.
 
 import threading
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from twin.robot.experiment.mistakes import unknown
 from twin.robot.experiment.schema import changed_value
 from twin.robot.monitor.checks import trip_sentence
 from twin.robot.monitor.component import other_trip, own_monitor
+from twin.robot.run.outcome import HeldForce, Tally
 
 
 class Tuning(Observer):
@@ -268,3 +269,27 @@ class Watch(Observer):
             for tick, verb in ((fault.onset, "begins"), (fault.end, "ends")):
                 if first <= tick < first + count:
                     yield TickEvent(tick, "WARNING", f"{name} {verb}", f"fault_{number}")
+
+
+class RunObservers(NamedTuple):
+    """The observers of every run that have a state; with its recorder they are what a saved state holds, by name.
+
+    Attributes:
+        tuning: changes by hand.
+        watch: the monitor's and the tasks' events.
+        tally: the outcome.
+        held: the pressing force of each task.
+    """
+
+    tuning: Tuning
+    watch: Watch
+    tally: Tally
+    held: HeldForce
+
+
+def run_observers(experiment: Experiment, assembly: Assembly) -> RunObservers:
+    """New observers of a run of `experiment`, which `assembly` was made of."""
+    system = assembly.system
+    return RunObservers(
+        Tuning(experiment, assembly), Watch(assembly, experiment), Tally(system), HeldForce(system, experiment.tasks)
+    )
