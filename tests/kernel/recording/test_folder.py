@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from twin.kernel.errors import InputRefused, RecordingRefused
-from twin.kernel.recording.folder import LATEST, claim_run_folder, create_run_folder, recording_in
+from twin.kernel.recording.folder import LATEST, claim_run_folder, create_run_folder, discard_run_folder, recording_in
 
 NOON = datetime(2026, 1, 2, 12, 0, 0)
 
@@ -17,6 +17,22 @@ def test_runs_of_the_same_second_get_folders_of_their_own(tmp_path: Path):
         "2026-01-02_120000_3",
     ]
     assert (tmp_path / "fig4" / LATEST).resolve() == folders[-1].resolve()
+
+
+def test_a_discarded_run_was_never_the_latest(tmp_path: Path):
+    folders = [create_run_folder(tmp_path, "fig4", NOON) for _ in range(11)]
+    for last, before in zip(folders[:0:-1], folders[-2::-1], strict=True):
+        discard_run_folder(last)
+        assert not last.exists() and (tmp_path / "fig4" / LATEST).resolve() == before.resolve()
+    discard_run_folder(folders[0])
+    assert not list((tmp_path / "fig4").iterdir())
+
+
+def test_a_run_with_a_recording_is_not_discarded(tmp_path: Path):
+    folder = create_run_folder(tmp_path, "fig4", NOON)
+    (folder / "run.mcap.partial").touch()
+    discard_run_folder(folder)
+    assert (tmp_path / "fig4" / LATEST / "run.mcap.partial").exists()
 
 
 def test_a_folder_with_something_in_it_is_never_a_new_runs(tmp_path: Path):

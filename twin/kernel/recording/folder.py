@@ -33,12 +33,27 @@ def create_run_folder(results: Path, experiment: str, now: datetime) -> Path:
         with refusals, contextlib.suppress(FileExistsError):
             folder.mkdir()
             break
-    latest = home / LATEST
+    _point(home / LATEST, folder.name)
+    return folder
+
+
+def discard_run_folder(folder: Path) -> None:
+    """Remove a `folder` of `create_run_folder` in which nothing was written; `latest` is the run before it again."""
+    try:
+        folder.rmdir()
+    except OSError:
+        return
+    before = [one.name for one in folder.parent.iterdir() if one.is_dir() and STAMP.fullmatch(one.name)]
+    # a tenth run within a second sorts before the second one, and is later
+    _point(folder.parent / LATEST, max(before, key=lambda name: (name[:17], len(name), name), default=None))
+
+
+def _point(latest: Path, run: str | None) -> None:
     # Windows grants links to administrators only; `recording_in` then takes the newest folder
     with contextlib.suppress(OSError):
         latest.unlink(missing_ok=True)
-        latest.symlink_to(folder.name, target_is_directory=True)
-    return folder
+        if run is not None:
+            latest.symlink_to(run, target_is_directory=True)
 
 
 def claim_run_folder(folder: Path) -> Path:

@@ -374,7 +374,7 @@ class PageVerdict:
 
     Attributes:
         headline: one sentence.
-        good: whether all is well; None if there was nothing to judge.
+        good: whether all is well; None if nothing was judged, or claims are among it that are known not to hold.
         remarks: what one has to know besides, worst first.
         groups: claims that were judged, empty if the runs are none that the paper says anything about.
         fig4, fig5: what the paper's picture is drawn from, if it applies.
@@ -421,7 +421,12 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
         *why_not,
     ]
     remarks += _texts_by_run(runs, _faults)
-    good = None if not findings and not alarms else not failed(findings) and not alarms
+    holds, of = tally(findings)
+    good: bool | None = None
+    if failed(findings) or alarms:
+        good = False
+    elif of and holds == of:
+        good = True
     return PageVerdict(_headline(runs, findings, alarms), good, tuple(filter(None, remarks)), tuple(groups), pair, fig5)
 
 

@@ -11,7 +11,7 @@ from twin.kernel.process.guard import JobEnded
 from twin.kernel.process.job import JobLimits, recorded_until_then
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.process.states import StoredState, identity_here, refuse_other_run, split_time, stored_state
-from twin.kernel.recording.folder import claim_run_folder, create_run_folder, recording_in
+from twin.kernel.recording.folder import claim_run_folder, create_run_folder, discard_run_folder, recording_in
 from twin.kernel.recording.reader import origin
 from twin.kernel.recording.recorder import versions
 from twin.robot.assembly.build import need_processes, planned_drives
@@ -72,11 +72,18 @@ def recorded_runs(
         # absolute: an FMU may change the working directory
         folder = folder.absolute()
         reporter.note(experiment=experiment.name, folder=str(folder), duration=duration)
-        # here, because a limit is given; without one this is left to `assemble`
-        if isolate_drives or need_processes(planned_drives(experiment)):
-            run = _with_isolated_drives(reporter, experiment, folder, limit_step, factor, viewer, state)
-        else:
-            run = execute(experiment, folder, reporter.progress, timed=True, factor=factor, viewer=viewer, state=state)
+        try:
+            # here, because a limit is given; without one this is left to `assemble`
+            if isolate_drives or need_processes(planned_drives(experiment)):
+                run = _with_isolated_drives(reporter, experiment, folder, limit_step, factor, viewer, state)
+            else:
+                run = execute(
+                    experiment, folder, reporter.progress, timed=True, factor=factor, viewer=viewer, state=state
+                )
+        except InputRefused:
+            if not out:
+                discard_run_folder(folder)
+            raise
         facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
         facts["remarks"] = [
             *remarks,
