@@ -31,6 +31,12 @@ def test_a_run_lands_in_its_own_folder_and_latest_points_to_it(root: Path, tmp_p
     assert read(home / "latest" / "run.mcap").complete
 
 
+def test_a_run_that_is_refused_leaves_nothing_behind(root: Path, tmp_path: Path):
+    done = twin("run", root / "experiments/pressing.toml", "--set", "contact.height_mm=500", cwd=tmp_path)
+    assert done.returncode == 2 and "out of reach" in done.stderr
+    assert not list(tmp_path.glob("results/pressing/*"))
+
+
 def test_out_names_the_runs_own_folder_with_one_recording(root: Path, tmp_path: Path):
     done = twin("run", root / FIG4, "--set", "duration_s=1", "--out", "mine", "--json", cwd=tmp_path)
     facts = json.loads(done.stdout)
