@@ -203,10 +203,10 @@ class Simulation:
         Returns:
             Names of the components that only this system has: they stand as they were made.
         """
-        places = {id(component): start for component, start in zip(other.system.components, other.system.y_start, strict=False)}
+        places = {id(component): start for component, start in other._starts}
         mine, theirs = self._copies(), other._copies()
         new = []
-        for component, start in zip(self.system.components, self.system.y_start.tolist(), strict=False):
+        for component, start in self._starts:
             if id(component) not in places:
                 new.append(component.name)
                 continue
@@ -225,6 +225,11 @@ class Simulation:
         for one in (2, 0, 1) if c >= self.system.sampled else (0,):
             if one < len(copies):
                 copies[one, self.system.y_start[c] : self.system.y_start[c + 1]] = passed_on(copies[one, sources])
+
+    @property
+    def _starts(self) -> list[tuple[Component, int]]:
+        """Each component, and where its outputs begin."""
+        return list(zip(self.system.components, self.system.y_start.tolist(), strict=False))
 
     def _copies(self) -> np.ndarray:
         """All outputs, (instants of which they are kept, outputs_width), a view."""

@@ -82,7 +82,7 @@ class Trace(Observer):
         self._taken = np.array(taken, dtype=np.intp) if self._only else slice(None)
         self._memory = np.empty((simulation.last_tick // self._every + 1, len(taken)))
         self._count = 0
-        if self._past is not None:
+        if self._past is not None and simulation.next_tick > 0:
             self._count = -(-simulation.next_tick // self._every)
             for name, chosen in self._signals.items():
                 before = self._past.values[: self._count, self._past._signal(name).columns]
