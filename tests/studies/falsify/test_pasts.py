@@ -70,7 +70,12 @@ def test_a_process_keeps_a_few_pasts_and_makes_other_runs_from_the_start(
     monkeypatch.setattr(search, "MOST_PASTS", 1)
     made: list[SharedPast] = []
     make = SharedPast._make
-    monkeypatch.setattr(SharedPast, "_make", lambda self, *observers: (made.append(self), make(self, *observers)))
+
+    def counted(self: SharedPast, *observers: Any) -> None:
+        made.append(self)
+        make(self, *observers)
+
+    monkeypatch.setattr(SharedPast, "_make", counted)
     jumps = [TriedFault("surface_jump", "contact", 5.0, 500)] * 3
     findings(tmp_path, [*[TriedFault("drive_dead", "drive_1", None, 500)] * 3, *jumps], {})
     assert len(made) == len(pasts._known) == 1

@@ -44,12 +44,12 @@ def before_fault(experiment: Experiment) -> Experiment:
     """
     cosim = experiment.cosim
     passed_on = cosim.scheme == "gauss_seidel" and cosim.inputs == "hold" and cosim.iterations == 1
-    kept = []
+    idle = []
     for fault in experiment.faults:
         mechanism = CATALOGUE[fault.kind].mechanism
         if mechanism == "body" or (mechanism == "drive" and not passed_on):
-            kept.append(Fault(SEEN_BEFORE[mechanism], fault.target, onset=NEVER))
-    return replace(experiment, faults=tuple(kept))
+            idle.append(Fault(SEEN_BEFORE[mechanism], fault.target, onset=NEVER))
+    return replace(experiment, faults=tuple(idle))
 
 
 class SharedPast:
@@ -109,7 +109,7 @@ class SharedPast:
         if self.lacking or self._assembly is None:
             with assemble(experiment) as assembly:
                 return simulate(assembly, experiment.duration_ticks, observers)
-        state = self._states[bisect_right(self._states, tick, key=lambda kept: kept.tick) - 1]
+        state = self._states[bisect_right(self._states, tick, key=lambda state: state.tick) - 1]
         for component, memory in self._as_made:
             component.memory[...] = memory
         system = joined(experiment, self._parts(experiment, self._assembly))
@@ -150,12 +150,13 @@ class SharedPast:
         keeper = _Keeper(last, self._states)
         done = simulate(self._assembly, last, [keeper, *observers]).completed()
         self._simulation = done.simulation
-        self._simulation.restore(self._states[len(self._states) // 2])
-        for kept in self._states[len(self._states) // 2 :]:
-            while self._simulation.next_tick < kept.tick:
-                self._simulation.advance(kept.tick - self._simulation.next_tick)
+        middle = len(self._states) // 2
+        self._simulation.restore(self._states[middle])
+        for state in self._states[middle:]:
+            while self._simulation.next_tick < state.tick and not self._simulation.finished:
+                self._simulation.advance(state.tick - self._simulation.next_tick)
             again = self._simulation.state()
-            if not np.array_equal(again.memory, kept.memory):
+            if again.tick != state.tick or not np.array_equal(again.memory, state.memory):
                 self.lacking = "from a state that was kept, a component goes on to other numbers"
             again.close()
 

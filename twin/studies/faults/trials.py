@@ -23,7 +23,7 @@ from twin.robot.monitor.component import own_monitor
 from twin.robot.run.past import SharedPast, before_fault
 from twin.robot.run.trace import Trace
 
-KEPT = ("plant.F_ee_B", "plant.p_B")
+SIGNALS = ("plant.F_ee_B", "plant.p_B")
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def healthy_run(experiment: Experiment) -> FaultTrial:
     Raises:
         InputRefused: a part of the robot does not fit.
     """
-    run = Trace(only=KEPT)
+    run = Trace(only=SIGNALS)
     with assemble(experiment) as assembly:
         return fault_trial_of(run, simulate(assembly, experiment.duration_ticks, [run]))
 
@@ -155,7 +155,7 @@ class Trials:
         monitor = self._experiment.monitor if watched else None
         experiment = replace(self._experiment, faults=(fault,), monitor=monitor)
         past = self._past(experiment, watched)
-        run, work = Trace(only=KEPT, past=past.run), MonitorWork(past.work)
+        run, work = Trace(only=SIGNALS, past=past.run), MonitorWork(past.work)
         done = past.shared.go_on(experiment, fault.onset, self._observers(run, work, watched))
         return fault_trial_of(run, done), work.first == math.inf
 
@@ -164,7 +164,7 @@ class Trials:
         if any(past.faults != before.faults for past in self._pasts.values()):
             self._close()
         if watched not in self._pasts:
-            run, work = Trace(only=KEPT), MonitorWork()
+            run, work = Trace(only=SIGNALS), MonitorWork()
             shared = SharedPast(before, self._observers(run, work, watched), self._share)
             self._pasts[watched] = _Past(shared, run, work, before.faults)
         return self._pasts[watched]
