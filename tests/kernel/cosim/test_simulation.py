@@ -7,8 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from tests.kernel.cosim.models import Part, U, continuous, sampled
+from tests.kernel.cosim.models import Part, U, clock, continuous, echo, sampled
 from twin.kernel.cosim.component import Component, step_function
+from twin.kernel.cosim.delay import delay
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.cosim.simulation import Simulation
@@ -181,3 +182,28 @@ def test_the_last_inputs_are_kept_for_whoever_asks():
 def test_a_keyboard_interrupt_inside_a_python_component_passes_through():
     with pytest.raises(KeyboardInterrupt):
         Simulation(system(raising(False, KeyboardInterrupt())), 20).run()
+
+
+def test_a_system_with_a_component_more_takes_over_where_another_one_stands():
+    """The newcomer passes on what it is given: what all others do is what they do without it."""
+    clocked, held = sampled("clock", clock), continuous("held", lambda t, h, u: u + 1.0, (Port("u"),))
+    wired = [("clock.y", "held.u")]
+    before = Simulation(System([clocked, held], wired, 0.5), 20)
+    before.advance(7)
+    passing = sampled("passing", echo, (Port("u"),))
+    after = Simulation(System([clocked, passing, held], [("clock.y", "passing.u"), ("passing.y", "held.u")], 0.5), 20)
+    assert after.take_over(before) == ["passing"]
+    after.join(passing, lambda given: given)
+    assert after.next_tick == before.next_tick == 7
+    assert after.outputs(passing) == after.outputs(clocked) == before.outputs(clocked)
+    rows, others = after.advance(5).copy(), before.advance(5)
+    np.testing.assert_array_equal(rows[:, [0, 2]], others)
+
+
+def test_what_another_component_of_its_name_remembers_is_handed_over():
+    wait = [delay("wait", (Port("y"),), 3, np.zeros(1)) for _ in range(2)]
+    ticking = sampled("clock", clock)
+    one, other = (Simulation(System([ticking, each], [("clock.y", "wait.y")], 0.5), 20) for each in wait)
+    one.advance(7)
+    assert other.take_over(one) == []
+    np.testing.assert_array_equal(other.advance(5).copy(), one.advance(5))

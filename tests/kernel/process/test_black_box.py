@@ -66,6 +66,19 @@ def test_who_reads_the_black_box_sees_the_last_step_and_its_inputs():
     box.close()
 
 
+def test_memory_of_a_simulation_is_there_after_a_smaller_one_has_begun():
+    """A file that has become shorter would end the process here."""
+    box = BlackBox()
+    memories = []
+    for size in (2000, 1):
+        wide = delay("wide", (Port("x", size),), 1, np.zeros(size))
+        system = System([wide], [("wide.x", "wide.x")], 1e-3)
+        memories.append(PipeReporter(io.StringIO(), box.fd).stepping(system, 10))
+    memories[0].u[:] = 1.0
+    assert box.inputs(1999, 1) == (1.0,)
+    box.close()
+
+
 def test_an_account_knows_the_component_that_the_mark_points_to():
     box, pipe, account = BlackBox(), io.StringIO(), Account()
     system = System([delay("only", (Port("x", 1, "N"),), 1, np.zeros(1))], [("only.x", "only.x")], 1e-3)

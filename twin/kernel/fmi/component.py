@@ -461,6 +461,7 @@ class FmuComponent(Component):
             self.instance.close()
             raise
         self._state: np.ndarray | None = None
+        self._rewind: Rewind | None = None
         self._inside = FmuStates(self.instance, self._stepping)
         self._remembered = ObjectStates(description.path.name, RememberedMessages(self.instance, self._stepping))
         super().__init__(
@@ -503,8 +504,11 @@ class FmuComponent(Component):
     def rewind(self) -> Rewind | None:
         if not self.instance.description.interface.canGetAndSetFMUstate:
             return None
-        save, restore, self._state = self._stepping.repeatable()
-        return Rewind(save, restore, self._state.ctypes.data, self._state)
+        if self._rewind is None:
+            save, restore, self._state = self._stepping.repeatable()
+            self._rewind = Rewind(save, restore, self._state.ctypes.data, self._state)
+        # of several systems that it is part of one steps at a time
+        return self._rewind
 
     def pieces(self) -> dict[str, np.ndarray]:
         return self._stepping.pieces()

@@ -212,6 +212,7 @@ class Assembly:
         substituted: what took the place of the experiment's own components, by their names.
         home: of drives that live elsewhere; it goes last.
         others: the experiment's third-party parts, by their names.
+        made: the components by row; faults are none of them.
     """
 
     system: System
@@ -219,6 +220,7 @@ class Assembly:
     substituted: dict[str, str] = field(default_factory=dict)
     home: ExitStack = field(default_factory=ExitStack)
     others: Mapping[str, OtherPart] = field(default_factory=dict)
+    made: Mapping[str, list[Component]] = field(default_factory=dict)
 
     def __enter__(self) -> "Assembly":
         return self
@@ -277,14 +279,24 @@ def assemble(
                 component = taken[name] if name in taken and name not in given else make()
                 to_close.callback(component.close)
                 made[row].append(component)
-        components = [component for row in made.values() for component in row]
-        components, feeds = broken(experiment, components, connected(made))
-        cosim = experiment.cosim
-        joined = wires(feeds | _at_end(feeds, components), components)
-        system = System(components, joined, cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)
-        system.changes = scheduled(experiment, system)
+        system = joined(experiment, made)
         to_close.pop_all()
-    return Assembly(system, plans, {name: _kind(taken[name]) for name in taken}, home, others)
+    return Assembly(system, plans, {name: _kind(taken[name]) for name in taken}, home, others, made)
+
+
+def joined(experiment: Experiment, made: Mapping[str, list[Component]]) -> System:
+    """The system of the components `made`, by row, with the faults and the changes of `experiment` in it.
+
+    Raises:
+        InputRefused: components or a fault do not fit.
+    """
+    components = [component for row in made.values() for component in row]
+    components, feeds = broken(experiment, components, connected(made))
+    cosim = experiment.cosim
+    pairs = wires(feeds | _at_end(feeds, components), components)
+    system = System(components, pairs, cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)
+    system.changes = scheduled(experiment, system)
+    return system
 
 
 def broken(experiment: Experiment, components: Sequence[Component], feeds: Feeds) -> tuple[list[Component], Feeds]:
