@@ -183,6 +183,14 @@ def test_the_duration_ends_the_fault():
     assert short.watched.peak < forever.watched.peak - 1.0
 
 
+@pytest.mark.parametrize(("kind", "delay"), [("drive_failure", 0.0), ("encoder_dropout_nan", None)])
+def test_a_fault_that_ends_the_run_in_its_very_first_step_has_touched_nobody(kind: str, delay: float | None):
+    experiment = shipped("pressing")
+    planned = cases(experiment, (kind,), (0.0,), None)[-1:]
+    (row,) = matrix_rows(experiment, healthy_trial(experiment), planned)
+    assert (row.watched.peak, row.watched.delay, row.watched.end) == (0.0, delay, "run ended")
+
+
 def test_text_fits_80_columns_says_the_verdict_first_and_names_every_kind():
     lines = fault_matrix_result("pressing", pressing(), Path("x.png")).text.splitlines()
     assert lines[0].startswith("pressing  PASSED: 155 of 160 cases stay below 18 N")
