@@ -460,7 +460,7 @@ class FmuComponent(Component):
         except TwinError:
             self.instance.close()
             raise
-        self._state: np.ndarray | None = None
+        self._rewind: Rewind | None = None
         self._inside = FmuStates(self.instance, self._stepping)
         self._remembered = ObjectStates(description.path.name, RememberedMessages(self.instance, self._stepping))
         super().__init__(
@@ -503,8 +503,10 @@ class FmuComponent(Component):
     def rewind(self) -> Rewind | None:
         if not self.instance.description.interface.canGetAndSetFMUstate:
             return None
-        save, restore, self._state = self._stepping.repeatable()
-        return Rewind(save, restore, self._state.ctypes.data, self._state)
+        if self._rewind is None:
+            save, restore, memory = self._stepping.repeatable()
+            self._rewind = Rewind(save, restore, memory.ctypes.data, memory)
+        return self._rewind
 
     def pieces(self) -> dict[str, np.ndarray]:
         return self._stepping.pieces()
@@ -539,11 +541,11 @@ class FmuComponent(Component):
     def close(self) -> None:
         if isinstance(self._stepping, ExchangeStepping):
             self._stepping.integrator.close()
-        state, self._state = self._state, None
+        rewind, self._rewind = self._rewind, None
         self._inside.close()
         try:
-            if state is not None and state[0]["state"]:
-                self.instance.forget(int(state[0]["state"]))
+            if rewind is not None and rewind.keep[0]["state"]:
+                self.instance.forget(int(rewind.keep[0]["state"]))
         finally:
             if self.sampled:
                 self.instance.close()

@@ -18,6 +18,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -212,6 +213,7 @@ class Assembly:
         substituted: what took the place of the experiment's own components, by their names.
         home: of drives that live elsewhere; it goes last.
         others: the experiment's third-party parts, by their names.
+        feeds: what feeds each input.
     """
 
     system: System
@@ -219,6 +221,7 @@ class Assembly:
     substituted: dict[str, str] = field(default_factory=dict)
     home: ExitStack = field(default_factory=ExitStack)
     others: Mapping[str, OtherPart] = field(default_factory=dict)
+    feeds: Feeds = field(default_factory=dict)
 
     def __enter__(self) -> "Assembly":
         return self
@@ -233,7 +236,10 @@ class Assembly:
 
 
 def assemble(
-    experiment: Experiment, substitutes: Mapping[str, Any] | None = None, maker: DriveMaker = HERE
+    experiment: Experiment,
+    substitutes: Mapping[str, Any] | None = None,
+    maker: DriveMaker = HERE,
+    alive: Mapping[str, Component] = MappingProxyType({}),
 ) -> Assembly:
     """Build every component of `experiment` and wire them.
 
@@ -243,6 +249,7 @@ def assemble(
         substitutes: what takes the place of the components with their names: a component of the same ports, or, of a
             part in `CONTRACTS`, a Python class or an instance of one.
         maker: of the drives. What cannot live in one process gets processes of its own in any case.
+        alive: components of the experiment that are there already, by their names: they are not made.
 
     Raises:
         InputRefused: a drive FMU or a third-party part does not fit; all are checked before any is loaded. Or a
@@ -274,17 +281,17 @@ def assemble(
         made: dict[str, list[Component]] = {row: [] for row in parts}
         for row, makers in parts.items():
             for name, make in makers.items():
-                component = taken[name] if name in taken and name not in given else make()
+                ready = alive.get(name, taken.get(name) if name not in given else None)
+                component = make() if ready is None else ready
                 to_close.callback(component.close)
                 made[row].append(component)
         components = [component for row in made.values() for component in row]
         components, feeds = broken(experiment, components, connected(made))
         cosim = experiment.cosim
-        joined = wires(feeds | _at_end(feeds, components), components)
-        system = System(components, joined, cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)
+        system = System(components, joined(feeds, components), cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)
         system.changes = scheduled(experiment, system)
         to_close.pop_all()
-    return Assembly(system, plans, {name: _kind(taken[name]) for name in taken}, home, others)
+    return Assembly(system, plans, {name: _kind(taken[name]) for name in taken}, home, others, feeds)
 
 
 def broken(experiment: Experiment, components: Sequence[Component], feeds: Feeds) -> tuple[list[Component], Feeds]:
@@ -299,11 +306,12 @@ def broken(experiment: Experiment, components: Sequence[Component], feeds: Feeds
     )
 
 
-def _at_end(feeds: Feeds, components: Sequence[Component]) -> Feeds:
-    """What feeds those inputs that are asked for at both ends of a step, at its end."""
+def joined(feeds: Feeds, components: Sequence[Component]) -> list[tuple[str, str]]:
+    """`feeds` as the wires of a system of `components`; inputs asked for at both ends of a step have one source."""
     asked = {(component.name, port.name) for component in components for port in component.inputs}
     both = {End(t.component, t.port + AT_END, t.element): source for t, source in feeds.items()}
-    return {target: source for target, source in both.items() if (target.component, target.port) in asked}
+    at_end = {target: source for target, source in both.items() if (target.component, target.port) in asked}
+    return wires(feeds | at_end, components)
 
 
 def _parts(build: Build) -> dict[str, Makers]:
