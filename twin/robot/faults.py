@@ -78,18 +78,16 @@ class FaultComponent(NativeComponent):
 
     numbers: Mapping[str, tuple[str, float]] = {}
 
-    def join(self, tick: int, given: np.ndarray) -> np.ndarray:
-        """Come into a run at the beginning of `tick`, as if it had been there from the start without acting.
-
-        Returns:
-            Its outputs as they are valid now, where its inputs are what it is `given`.
-        """
+    def join(self, tick: int) -> None:
+        """Come into a run at the beginning of `tick`, as if it had been there from the start without acting."""
         clock = self.memory["window"]
         clock["next"] = -(-tick // clock["period"]) * clock["period"]
-        return self.passed_on(given)
 
     def passed_on(self, given: np.ndarray) -> np.ndarray:
-        """The outputs of a fault that does not act: what it is `given`, and that it does not act."""
+        """The outputs of a fault that does not act: what it is `given`, and that it does not act.
+
+        What its next step needs of them it remembers.
+        """
         return np.append(given, 0.0)
 
 

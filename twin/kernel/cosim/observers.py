@@ -172,6 +172,7 @@ def simulate(
     state: SavedState | None = None,
     lasting: Mapping[str, Observer] = MappingProxyType({}),
     adopt: Callable[[Simulation, SavedState], None] | None = None,
+    start: Callable[[Simulation], None] | None = None,
 ) -> Simulated:
     """Step a system from tick 0 until `last_tick`, a component fails, or one of the `observers` has seen enough.
 
@@ -184,6 +185,7 @@ def simulate(
         state: to go on from in place of tick 0.
         lasting: those of `observers` that go on from what the state says about "observers", by name.
         adopt: restores the state where it is of a system that is not the same; None: it is the same.
+        start: brings the simulation to another tick than 0 where there is no such `state`.
 
     Raises:
         InputRefused: the state is of another system.
@@ -191,6 +193,9 @@ def simulate(
     simulation = Simulation(assembly.system, last_tick, slice_ticks, timed)
     if state is not None:
         (adopt or Simulation.restore)(simulation, state)
+    if start is not None:
+        start(simulation)
+    began_at = simulation.next_tick
     for observer in observers:
         observer.begin(simulation)
     found = state.about.get("observers", {}) if state is not None else {}
@@ -210,4 +215,4 @@ def simulate(
         events: list[TickEvent] = []
         for observer in observers:
             observer.take(first, rows, events)
-    return Simulated(simulation, stepping, state.tick if state else 0)
+    return Simulated(simulation, stepping, began_at)

@@ -172,10 +172,7 @@ class Simulation:
             component.refuse_index()
         for change, value in zip(self.system.changes, self._unchanged, strict=True):
             change.memory[...] = value
-        for change in self.system.changes:
-            if change.tick < taken.tick:
-                change.memory[...] = change.value
-        self.next_tick = taken.tick
+        self._go_to(taken.tick)
         self.failure, self.culprit = None, ""
         if taken is not state:
             taken.close()
@@ -195,11 +192,55 @@ class Simulation:
         new = self._places.adopt(saved)
         for component in self.system.components:
             component.refuse_index()
-        for change in self.system.changes:
-            if change.tick < saved.tick:
-                change.memory[...] = change.value
-        self.next_tick = saved.tick
+        self._go_to(saved.tick)
         return new
+
+    def take_over(self, other: "Simulation") -> list[str]:
+        """Go to where `other` stands: of a system of the same components, but for some that only one of both has.
+
+        What components hold is theirs, so nothing is copied but outputs.
+
+        Returns:
+            Names of the components that only this system has: they stand as they were made.
+        """
+        places = {id(component): start for component, start in other._starts}
+        mine, theirs = self._copies(), other._copies()
+        new = []
+        for component, start in self._starts:
+            if id(component) not in places:
+                new.append(component.name)
+                continue
+            size, there = width(component.outputs), places[id(component)]
+            mine[:, start : start + size] = theirs[:, there : there + size]
+        self._go_to(other.next_tick)
+        return new
+
+    def join(self, component: Component, passed_on: Callable[[np.ndarray], np.ndarray]) -> None:
+        """Let the outputs of `component` be what `passed_on` makes of the outputs that feed it; and so at all instants
+        of which the system keeps outputs, the newest last."""
+        c = self.system.components.index(component)
+        sources = self.system.sources[self.system.u_start[c] : self.system.u_start[c + 1]] % self.system.outputs_width
+        copies = self._copies()
+        # before, valid, newest; of a sampled component there is what is valid
+        for one in (2, 0, 1) if c >= self.system.sampled else (0,):
+            if one < len(copies):
+                copies[one, self.system.y_start[c] : self.system.y_start[c + 1]] = passed_on(copies[one, sources])
+
+    @property
+    def _starts(self) -> list[tuple[Component, int]]:
+        """Each component, and where its outputs begin."""
+        return list(zip(self.system.components, self.system.y_start.tolist(), strict=False))
+
+    def _copies(self) -> np.ndarray:
+        """All outputs, (instants of which they are kept, outputs_width), a view."""
+        return self._y.reshape(-1, self.system.outputs_width)
+
+    def _go_to(self, tick: int) -> None:
+        """Be at the beginning of `tick`, with the changes until then made."""
+        for change in self.system.changes:
+            if change.tick < tick:
+                change.memory[...] = change.value
+        self.next_tick = tick
 
     def _refuse_not_finite(self, state: SystemState) -> None:
         """Raises InputRefused if an output is no number that could never have been recorded so."""
@@ -233,12 +274,6 @@ class Simulation:
         """The inputs that `component` was last stepped with."""
         c = self.system.components.index(component)
         return self._u[self.system.u_start[c] : self.system.u_start[c + 1]]
-
-    def given(self, component: Component) -> np.ndarray:
-        """What is valid of the outputs that feed `component`."""
-        c = self.system.components.index(component)
-        sources = self.system.sources[self.system.u_start[c] : self.system.u_start[c + 1]]
-        return self._y[sources % self.system.outputs_width]
 
     def outputs(self, component: Component) -> np.ndarray:
         """What is valid of the outputs of `component`."""

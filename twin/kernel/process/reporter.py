@@ -118,7 +118,8 @@ class PipeReporter:
 
     def stepping(self, system: System, last_tick: int) -> SimulationMemory:
         """From now on `system` is stepped, in the memory returned. Fits `twin.kernel.cosim.simulation.let_watch`."""
-        size = INPUTS_AT + 8 * max(1, system.inputs_width)
+        # never shorter: simulations before this one, which somebody may go back to, still look into it
+        size = max(os.fstat(self.box).st_size, INPUTS_AT + 8 * max(1, system.inputs_width))
         os.ftruncate(self.box, size)
         # numpy keeps the mapping alive as long as an array looks into it
         mapped = mmap.mmap(self.box, size)

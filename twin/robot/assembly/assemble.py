@@ -213,7 +213,7 @@ class Assembly:
         substituted: what took the place of the experiment's own components, by their names.
         home: of drives that live elsewhere; it goes last.
         others: the experiment's third-party parts, by their names.
-        feeds: what feeds each input.
+        made: the components by row; faults are none of them.
     """
 
     system: System
@@ -221,7 +221,7 @@ class Assembly:
     substituted: dict[str, str] = field(default_factory=dict)
     home: ExitStack = field(default_factory=ExitStack)
     others: Mapping[str, OtherPart] = field(default_factory=dict)
-    feeds: Feeds = field(default_factory=dict)
+    made: Mapping[str, list[Component]] = field(default_factory=dict)
 
     def __enter__(self) -> "Assembly":
         return self
@@ -285,13 +285,32 @@ def assemble(
                 component = make() if ready is None else ready
                 to_close.callback(component.close)
                 made[row].append(component)
-        components = [component for row in made.values() for component in row]
-        components, feeds = broken(experiment, components, connected(made))
-        cosim = experiment.cosim
-        system = System(components, joined(feeds, components), cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)
-        system.changes = scheduled(experiment, system)
+        system = joined(experiment, made)
         to_close.pop_all()
-    return Assembly(system, plans, {name: _kind(taken[name]) for name in taken}, home, others, feeds)
+    return Assembly(system, plans, {name: _kind(taken[name]) for name in taken}, home, others, made)
+
+
+def joined(experiment: Experiment, made: Mapping[str, list[Component]], beside: Sequence[Component] = ()) -> System:
+    """The system of the components `made`, by row, with the faults and the changes of `experiment` in it.
+
+    Args:
+        beside: drives that are stepped on the same wires as the robot's, and seen by nobody.
+
+    Raises:
+        InputRefused: components or a fault do not fit.
+    """
+    components = [c for name, row in made.items() for c in (*row, *(beside if name == "drive" else ()))]
+    components, feeds = broken(experiment, components, connected(made))
+    for port, sources in next(row for row in ROBOT if row.name == "drive").inputs.items():
+        if targets := ends(beside, "input", port):
+            there = [source for source in sources if made[source[0]]]
+            own = [feeds[end] for end in ends(made["drive"], "input", port)]
+            feeds.update(zip(targets, own or _values(there[0], made, targets), strict=True))
+    cosim = experiment.cosim
+    pairs = wires(feeds | _at_end(feeds, components), components)
+    system = System(components, pairs, cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)
+    system.changes = scheduled(experiment, system)
+    return system
 
 
 def broken(experiment: Experiment, components: Sequence[Component], feeds: Feeds) -> tuple[list[Component], Feeds]:
@@ -306,12 +325,11 @@ def broken(experiment: Experiment, components: Sequence[Component], feeds: Feeds
     )
 
 
-def joined(feeds: Feeds, components: Sequence[Component]) -> list[tuple[str, str]]:
-    """`feeds` as the wires of a system of `components`; inputs asked for at both ends of a step have one source."""
+def _at_end(feeds: Feeds, components: Sequence[Component]) -> Feeds:
+    """What feeds those inputs that are asked for at both ends of a step, at its end."""
     asked = {(component.name, port.name) for component in components for port in component.inputs}
     both = {End(t.component, t.port + AT_END, t.element): source for t, source in feeds.items()}
-    at_end = {target: source for target, source in both.items() if (target.component, target.port) in asked}
-    return wires(feeds | at_end, components)
+    return {target: source for target, source in both.items() if (target.component, target.port) in asked}
 
 
 def _parts(build: Build) -> dict[str, Makers]:

@@ -4,7 +4,7 @@ Every component goes on from the state of the one with its name. A fault that wa
 there from the start without acting: its clock is at the present tick, and what it passes on is what it is given.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from twin.kernel.cosim.simulation import Simulation
@@ -74,12 +74,20 @@ def branch_off(simulation: Simulation, saved: SavedState) -> None:
     Raises:
         InputRefused: a component that was not there needs a past.
     """
-    new = simulation.adopt(saved)
+    bring_in(simulation, simulation.adopt(saved))
+
+
+def bring_in(simulation: Simulation, new: Collection[str]) -> None:
+    """Let the components with the names `new` come into `simulation`, where all others are in mid-run.
+
+    Raises:
+        InputRefused: one of them needs a past.
+    """
     for component in simulation.system.components:
         if component.name not in new:
             continue
         if isinstance(component, FaultComponent):
-            given = simulation.given(component)
-            simulation.outputs(component)[:] = component.join(simulation.next_tick, given)
+            component.join(simulation.next_tick)
+            simulation.join(component, component.passed_on)
         elif component.pieces() or component.holders():
             raise InputRefused(f"{component.name}: was not there before, and cannot begin in mid-run")

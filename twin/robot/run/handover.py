@@ -20,19 +20,16 @@ from twin.kernel.cosim.observers import Observer, simulate
 from twin.kernel.cosim.port import by_port
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SavedState, stateless
-from twin.kernel.cosim.system import End, System, ends
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.states import StoredState, stored_state
 from twin.kernel.recording.recorder import EventLog
-from twin.robot.assembly.assemble import HERE, THREE_AXES, Assembly, assemble, joined
+from twin.robot.assembly.assemble import HERE, Assembly, assemble, joined
 from twin.robot.assembly.build import JOINTS, Build, DriveMaker, at_rest, joint_drives, planned_drives
-from twin.robot.assembly.drives import ENABLE
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.watch import run_observers
 
 ALONG = "new_"
 """What the name of a drive begins with as long as it runs along."""
-DRIVES = (THREE_AXES, *(f"drive_{joint}" for joint in range(1, JOINTS + 1)))
 ANGLE_KEPT = 1e-9
 """How far (rad) a shaft may jump: rounding of angles of some 1000 rad, and nothing more."""
 
@@ -117,8 +114,8 @@ class BranchPoint:
         shift = np.zeros(JOINTS)
         for _ in range(2):
             assembly = stack.enter_context(assemble(self._experiment))
-            old = [component for component in assembly.system.components if component.name in DRIVES]
-            assembly, new = _run_along(stack, self._experiment, assembly, branched, old, shift)
+            old = assembly.made["drive"]
+            assembly, new = _run_along(stack, self._experiment, assembly, branched, shift)
             alive = [c for c in assembly.system.components if c in new or (c.lacks_state() and c not in old)]
             for component in (*alive, *old):
                 component.alive = True
@@ -181,14 +178,9 @@ def _drives(experiment: Experiment) -> list[Any]:
 
 
 def _run_along(
-    stack: ExitStack,
-    experiment: Experiment,
-    assembly: Assembly,
-    branched: Experiment,
-    old: list[Component],
-    shift: np.ndarray,
+    stack: ExitStack, experiment: Experiment, assembly: Assembly, branched: Experiment, shift: np.ndarray
 ) -> tuple[Assembly, list[Component]]:
-    """`assembly` with the drives of `branched` on the wires of its `old` ones, and these new drives.
+    """`assembly` with the drives of `branched` beside its own, and these new drives.
 
     Args:
         stack: frees the new drives.
@@ -209,19 +201,7 @@ def _run_along(
         new.append(make())
         stack.callback(new[-1].close)
         new[-1].name = ALONG + new[-1].name
-    system, feeds = assembly.system, dict(assembly.feeds)
-    for port in ("omega_ref", "tau_load"):
-        sources = [feeds[end] for end in ends(old, "input", port)]
-        feeds.update(zip(ends(new, "input", port), sources, strict=True))
-    power = [End(name, "power") for name in ("bus", "monitor") if system.has(f"{name}.power")]
-    feeds.update((end, power[0]) for end in ends(new, "input", ENABLE) if power)
-    # in front of the plant, as those whose place they take
-    place = system.components.index(old[0])
-    components = [*system.components[:place], *new, *system.components[place:]]
-    cosim = experiment.cosim
-    larger = System(components, joined(feeds, components), system.tick, cosim.scheme, cosim.inputs, cosim.iterations)
-    larger.changes = system.changes
-    return replace(assembly, system=larger), new
+    return replace(assembly, system=joined(experiment, assembly.made, new)), new
 
 
 def _values(simulation: Simulation, drives: list[Component], port: str) -> np.ndarray:

@@ -55,15 +55,16 @@ class Trace(Observer):
     Args:
         every: rows are kept of every `every`-th tick, tick 0 first.
         only: the signals that are kept, `topic.field` each; none: all of them.
+        past: of the same signals, what was before a simulation that does not begin at tick 0; None: it does.
 
     Attributes:
         metadata: a recording's; there is none.
         tick: of the simulation (s).
     """
 
-    def __init__(self, every: int = 1, only: Collection[str] = ()):
+    def __init__(self, every: int = 1, only: Collection[str] = (), past: "Trace | None" = None):
         self.metadata: dict[str, dict[str, str]] = {}
-        self._every, self._only = every, only
+        self._every, self._only, self._past = every, only, past
         self._signals: dict[str, _StoredSignal] = {}
 
     def begin(self, simulation: Simulation) -> None:
@@ -81,6 +82,11 @@ class Trace(Observer):
         self._taken = np.array(taken, dtype=np.intp) if self._only else slice(None)
         self._memory = np.empty((simulation.last_tick // self._every + 1, len(taken)))
         self._count = 0
+        if self._past is not None and simulation.next_tick > 0:
+            self._count = -(-simulation.next_tick // self._every)
+            for name, chosen in self._signals.items():
+                before = self._past.values[: self._count, self._past._signal(name).columns]
+                self._memory[: self._count, chosen.columns] = before
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         chosen = rows[-first % self._every :: self._every, self._taken]

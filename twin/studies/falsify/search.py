@@ -32,7 +32,8 @@ from twin.robot.run.trace import Trace, fields_of
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.command import Say
 from twin.studies.falsify.space import Ended, Place, Requirement, Space, TriedFault
-from twin.studies.faults.matrix import default_onsets, fault_trial_of
+from twin.studies.faults.matrix import default_onsets
+from twin.studies.faults.trials import fault_trial_of
 from twin.studies.metrics.requirement import checked_requirement
 from twin.studies.sweep.measures import RunFinding
 from twin.studies.sweep.plan import Task

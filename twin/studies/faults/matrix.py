@@ -2,12 +2,9 @@
 
 When a fault begins: in free motion and in contact, as a healthy run of the experiment has them.
 
-One run in memory: what truly happened to the person, and what the monitor did about it.
-
 One row of the matrix: a fault, what it did with the monitor and without, and what that is worth.
 """
 
-import dataclasses
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
@@ -15,15 +12,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.observers import Simulated, simulate
 from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
-from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.roles import refuse_other_parts
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE, NEVER, Fault, checked_faults, expected
-from twin.robot.monitor.checks import Trip, trip_sentence
-from twin.robot.monitor.component import own_monitor
-from twin.robot.run.trace import Trace
+from twin.robot.monitor.checks import trip_sentence
+from twin.studies.faults.trials import FaultTrial, Trials, healthy_run
 
 GLITCH_SHARE = 0.02
 """Of the samples, for kinds that hit a share of them besides having a magnitude: ten a second at 2 ms."""
@@ -94,54 +88,6 @@ def _fault(experiment: Experiment, kind: str, magnitude: float | None, onset: fl
     if mistakes:
         raise InputRefused("\n".join(mistakes))
     return faults[0]
-
-
-@dataclass(frozen=True)
-class FaultTrial:
-    """A run that is over.
-
-    Attributes:
-        force: true contact force |plant.F_ee_B| (N), (ticks,); fewer ticks than planned if a component failed.
-        z: true height plant.p_B[2] (m), (ticks,).
-        trip: of the monitor; None if it did not trip, or there is none.
-        power_off_tick: when the monitor took the power; None if it did not.
-        failure: the sentence that ended the run; "" if it went to its end.
-        culprit: the component that failed; "" if none did.
-    """
-
-    force: NDArray[np.float64]
-    z: NDArray[np.float64]
-    trip: Trip | None
-    power_off_tick: int | None
-    failure: str
-    culprit: str
-
-
-def trial(experiment: Experiment, fault: Fault | None, watched: bool) -> FaultTrial:
-    """Run `experiment` with `fault` as its only one (None: with none), with its monitor or without.
-
-    Raises:
-        InputRefused: a drive FMU or the fault does not fit.
-    """
-    faults = () if fault is None else (fault,)
-    monitor = experiment.monitor if watched else None
-    run = Trace(only=("plant.F_ee_B", "plant.p_B"))
-    with assemble(dataclasses.replace(experiment, faults=faults, monitor=monitor)) as assembly:
-        done = simulate(assembly, experiment.duration_ticks, [run])
-    return fault_trial_of(run, done)
-
-
-def fault_trial_of(run: Trace, done: Simulated) -> FaultTrial:
-    """What became of a run that has kept force and position."""
-    monitor = own_monitor(done.simulation.system)
-    return FaultTrial(
-        force=np.linalg.norm(run["plant.F_ee_B"], axis=1),
-        z=run["plant.p_B"][:, 2],
-        trip=monitor.trip if monitor else None,
-        power_off_tick=monitor.power_off_tick if monitor else None,
-        failure=str(done.failure or ""),
-        culprit=done.simulation.culprit,
-    )
 
 
 TOUCH = 0.5
@@ -346,7 +292,7 @@ def healthy_trial(experiment: Experiment) -> FaultTrial:
         raise InputRefused(
             f"{experiment.name}: has [[fault]] tables; the matrix inserts one fault at a time, remove them"
         )
-    healthy = trial(experiment, None, watched=True)
+    healthy = healthy_run(experiment)
     if healthy.trip is not None:
         raise SafetyTrip(f"{experiment.name}: without any fault: {trip_sentence(healthy.trip)}")
     if healthy.failure:
@@ -363,31 +309,35 @@ def onsets_of(experiment: Experiment, healthy: FaultTrial, wanted: Sequence[floa
     return tuple(wanted) or tuple(tick * experiment.cosim.tick for tick in default_onsets(healthy))
 
 
-def matrix_rows(experiment: Experiment, healthy: FaultTrial, cases: Sequence[Case]) -> Iterator[FaultRow]:
+def matrix_rows(
+    experiment: Experiment, healthy: FaultTrial, cases: Sequence[Case], share: bool = True
+) -> Iterator[FaultRow]:
     """One row per case, as they come.
+
+    Args:
+        share: see `Trials`.
 
     Raises:
         InputRefused: a fault does not fit this robot.
     """
     assert experiment.monitor is not None
     tick, limit = experiment.cosim.tick, experiment.monitor.force_limit
-    for case in cases:
-        fault = case.fault
-        watched, unwatched = (
-            outcome(trial(experiment, fault, watched), fault.onset, tick, limit) for watched in (True, False)
-        )
-        yield FaultRow(
-            kind=fault.kind,
-            target=fault.target,
-            magnitude=case.magnitude,
-            onset=fault.onset * tick,
-            in_contact=bool(touching(healthy)[fault.onset]),
-            limit=limit,
-            healthy_peak=float(healthy.force[fault.onset :].max()),
-            watched=watched,
-            unwatched=unwatched,
-            stays=fault.end == NEVER,
-        )
+    with Trials(experiment, share) as trials:
+        for case in cases:
+            fault = case.fault
+            watched, unwatched = (outcome(one, fault.onset, tick, limit) for one in trials.pair(fault))
+            yield FaultRow(
+                kind=fault.kind,
+                target=fault.target,
+                magnitude=case.magnitude,
+                onset=fault.onset * tick,
+                in_contact=bool(touching(healthy)[fault.onset]),
+                limit=limit,
+                healthy_peak=float(healthy.force[fault.onset :].max()),
+                watched=watched,
+                unwatched=unwatched,
+                stays=fault.end == NEVER,
+            )
 
 
 def outcome(run: FaultTrial, onset: int, tick: float, limit: float) -> FaultOutcome:

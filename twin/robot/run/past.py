@@ -1,0 +1,166 @@
+"""The past that several runs share: a run that is made once, and others that go on from its states.
+
+Nothing is assembled for those. Each is a system of the same components, which are put where they were in the last
+state before anything differs, and of the faults that only this run has, which come in there as in a branch. What an
+experiment says of components, and a run has changed (faults and changes do), is put back before each run.
+
+It is looked at whether states bring the same future back, once for each past. Where they do not, or a component has
+none, every run is made from the start: the same numbers, later.
+"""
+
+import math
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from twin.kernel.cosim.component import Component, NativeComponent
+from twin.kernel.cosim.observers import Observer, Simulated, simulate
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.cosim.state import SystemState, stateless
+from twin.kernel.errors import ComponentFailed
+from twin.robot.assembly.assemble import Assembly, assemble, joined
+from twin.robot.assembly.build import motions
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import CATALOGUE, NEVER
+from twin.robot.plant.contact_law import Body
+from twin.robot.run.branch import bring_in
+
+STATES = 64
+"""So many of a run are kept in memory, some kilobytes each, evenly over it: the way from one to a tick is short."""
+NOT_WANTED = "sharing is switched off"
+
+
+def before_faults(experiment: Experiment) -> Experiment:
+    """The run whose past `experiment` has: without its faults, but on a surface that may move, where one moves it."""
+    moving = [fault for fault in experiment.faults if CATALOGUE[fault.kind].mechanism == "body"]
+    return replace(experiment, faults=tuple(replace(fault, onset=NEVER, end=NEVER) for fault in moving[:1]))
+
+
+class SharedPast:
+    """A run, and others with the same past; a context manager that frees what it keeps.
+
+    Args:
+        experiment: of the run; its faults never act, see `before_faults`.
+        observers: of the run.
+        share: False: every run is made from the start, for comparison.
+
+    Attributes:
+        lacking: why runs are made from the start, as a sentence; "" if they are not.
+
+    Raises:
+        InputRefused: a part of the robot does not fit.
+    """
+
+    def __init__(self, experiment: Experiment, observers: Sequence[Observer] = (), share: bool = True):
+        self.experiment = experiment
+        self.lacking = "" if share else NOT_WANTED
+        self._assembly: Assembly | None = None
+        self._states: list[SystemState] = []
+        if share:
+            self._make(observers)
+
+    def __enter__(self) -> "SharedPast":
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free states and components; safe to call twice."""
+        for state in self._states:
+            state.close()
+        self._states = []
+        assembly, self._assembly = self._assembly, None
+        if assembly is not None:
+            assembly.close()
+
+    def go_on(self, experiment: Experiment, tick: int, observers: Sequence[Observer]) -> Simulated:
+        """Run `experiment`, which does not differ from that of the past before `tick`.
+
+        Args:
+            experiment: its faults and changes alone may be other ones; its duration too.
+            tick: the first at which anything may be other.
+            observers: see the last kept state as the beginning; of a run from the start, tick 0.
+
+        Returns:
+            The run. What its components hold is there until the next one.
+
+        Raises:
+            InputRefused: a part of the robot, or a fault, does not fit.
+        """
+        if not self.lacking and self._assembly is None:
+            self._make()
+        if self.lacking or self._assembly is None:
+            with assemble(experiment) as assembly:
+                return simulate(assembly, experiment.duration_ticks, observers)
+        state = self._states[bisect_right(self._states, tick, key=lambda kept: kept.tick) - 1]
+        for component, memory in self._as_made:
+            component.memory[...] = memory
+        system = joined(experiment, self._parts(experiment, self._assembly))
+
+        def start(simulation: Simulation) -> None:
+            self._simulation.restore(state)
+            new = simulation.take_over(self._simulation)
+            if simulation.next_tick > 0:
+                bring_in(simulation, new)
+
+        done = simulate(replace(self._assembly, system=system), experiment.duration_ticks, observers, start=start)
+        if done.failure and system.component(done.simulation.culprit).holders():
+            # what is inside an FMU that has failed is nothing to go back with
+            self.close()
+        return done
+
+    def _make(self, observers: Sequence[Observer] = ()) -> None:
+        self._assembly = assembly = assemble(self.experiment)
+        components = assembly.system.components
+        self.lacking = "; ".join(stateless(components, portable=False))
+        self._as_made = [(one, one.memory.copy()) for one in components if isinstance(one, NativeComponent)]
+        if not self.lacking:
+            try:
+                self._run(observers)
+            except ComponentFailed as problem:
+                self.lacking = str(problem)
+        if self.lacking:
+            self.close()
+
+    def _run(self, observers: Sequence[Observer]) -> None:
+        """Make the run and its states, and look whether one of them brings the same future back.
+
+        Raises:
+            ComponentFailed: an FMU refuses, or a component failed.
+        """
+        assert self._assembly is not None
+        last = self.experiment.duration_ticks
+        keeper = _Keeper(last, self._states)
+        done = simulate(self._assembly, last, [keeper, *observers]).completed()
+        self._simulation = done.simulation
+        self._simulation.restore(self._states[len(self._states) // 2])
+        for kept in self._states[len(self._states) // 2 :]:
+            while self._simulation.next_tick < kept.tick:
+                self._simulation.advance(kept.tick - self._simulation.next_tick)
+            again = self._simulation.state()
+            if not np.array_equal(again.memory, kept.memory):
+                self.lacking = "from a state that was kept, a component goes on to other numbers"
+            again.close()
+
+    def _parts(self, experiment: Experiment, assembly: Assembly) -> Mapping[str, list[Component]]:
+        """The components of `assembly` by row, with the surface of `experiment`, which has no state."""
+        own = bool(assembly.made["body"]) and "body" not in assembly.others
+        return {**assembly.made, "body": [Body(motions(experiment))]} if own else assembly.made
+
+
+class _Keeper(Observer):
+    """Keeps states on the way to tick `last`, in a list."""
+
+    def __init__(self, last: int, states: list[SystemState]):
+        self.halts = range(0, last + 1, math.ceil((last + 1) / STATES))
+        self._states = states
+
+    def begin(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+
+    def ready(self, tick: int) -> None:
+        if tick in self.halts:
+            self._states.append(self._simulation.state())
