@@ -15,6 +15,7 @@ GLITCH = (
     'fault=[{kind = "encoder_glitch", target = "joint_encoder_2", onset_s = 5.0, magnitude_deg = 1.0, share = 0.01}]'
 )
 JUMP = 'fault=[{kind = "surface_jump", target = "contact", onset_s = 7.0, magnitude_mm = 1.0}]'
+RUNAWAY = 'fault=[{kind = "drive_runaway", target = "drive_2", onset_s = 6.0, magnitude_rad_per_s = 1.0}]'
 CHANGE = 'change=[{t_s = 6.0, key = "controller.force.kp_mm_per_N", value = 3.0}]'
 
 
@@ -37,10 +38,11 @@ def found(settings: list[list[str]], drive: str | None = None) -> list[tuple[str
         (DRIFT, "fault.1.magnitude_deg_per_s", [1.0, 2.0, 4.0, 40.0]),
         (GLITCH, "fault.1.seed", [0, 1, 2, 3]),
         (JUMP, "fault.1.magnitude_mm", [1.0, 2.0, 3.0, 10.0]),
+        (RUNAWAY, "fault.1.magnitude_rad_per_s", [0.5, 1.0, 2.0, 3.0]),
         (CHANGE, "change.1.value", [0.5, 1.0, 2.0, 1000.0]),
         (CHANGE, "change.1.t_s", [0.01, 5.0, 6.0, 7.1]),
     ],
-    ids=["drift", "glitch", "jump", "change", "when"],
+    ids=["drift", "glitch", "jump", "runaway", "change", "when"],
 )
 def test_runs_that_share_a_past_are_those_from_the_start(
     monkeypatch: pytest.MonkeyPatch, table: str, key: str, values: list[float]

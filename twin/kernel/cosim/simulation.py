@@ -198,20 +198,25 @@ class Simulation:
     def take_over(self, other: "Simulation") -> list[str]:
         """Go to where `other` stands: of a system of the same components, but for some that only one of both has.
 
-        What components hold is theirs, so nothing is copied but outputs.
+        What components hold is theirs, so it is not copied; only from one that has another of its name in the other
+        system, of which the memory is all that holds something.
 
         Returns:
             Names of the components that only this system has: they stand as they were made.
         """
-        places = {id(component): start for component, start in other._starts}
+        there = {component.name: (component, start) for component, start in other._starts}
         mine, theirs = self._copies(), other._copies()
         new = []
         for component, start in self._starts:
-            if id(component) not in places:
+            if component.name not in there:
                 new.append(component.name)
                 continue
-            size, there = width(component.outputs), places[id(component)]
-            mine[:, start : start + size] = theirs[:, there : there + size]
+            found, place = there[component.name]
+            if found is not component:
+                for array, value in zip(component.pieces().values(), found.pieces().values(), strict=True):
+                    array[...] = value
+            size = width(component.outputs)
+            mine[:, start : start + size] = theirs[:, place : place + size]
         self._go_to(other.next_tick)
         return new
 

@@ -4,7 +4,7 @@ import math
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -17,17 +17,18 @@ from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
-from twin.kernel.cosim.observers import simulate
 from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.kernel.process.job import JobLimits
 from twin.kernel.writing import write_text
 from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.build import need_processes, planned_drives
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.experiment.measure import Required, requirement, signals_of
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.monitor.component import trip_reason
+from twin.robot.run.past import NOT_WANTED, SharedPast, before_fault
 from twin.robot.run.trace import Trace, fields_of
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.command import Say
@@ -40,6 +41,42 @@ from twin.studies.sweep.plan import Task
 from twin.studies.sweep.sweep import Job, WorkerProcess
 
 FORCE, PLACE = "plant.F_ee_B", "plant.p_B"
+
+
+MOST_PASTS = 8
+"""Of one process: a body each, at rest and moved."""
+
+
+class PastRuns:
+    """Pasts of the runs that this process makes; of each as soon as it is asked for a second time.
+
+    Nothing is shared of drives that need processes of their own: every past would have its own of these.
+    """
+
+    def __init__(self) -> None:
+        self._known: list[tuple[Any, SharedPast, Trace]] = []
+
+    def of(self, experiment: Experiment, only: Collection[str]) -> tuple[SharedPast, Trace]:
+        """The past that `experiment` has, and the signals `only` of it."""
+        before = before_fault(experiment)
+        noisy = experiment.plant.motor_noise > 0.0 or experiment.plant.joint_noise > 0.0
+        own = {key: value for key, value in experiment.values.items() if key not in ("fault", "measure", "seed")}
+        asked = own, before.faults, experiment.seed if noisy else 0, set(only)
+        number = next((n for n, (known, *_) in enumerate(self._known) if known == asked), None)
+        if number is None:
+            found = SharedPast(before, share=False), Trace(only=only)
+            if len(self._known) < MOST_PASTS:
+                self._known.append((asked, *found))
+            return found
+        _, shared, run = self._known[number]
+        if shared.lacking == NOT_WANTED and not need_processes(planned_drives(before)):
+            run = Trace(only=only)
+            shared = SharedPast(before, [run])
+            self._known[number] = asked, shared, run
+        return shared, run
+
+
+_pasts = PastRuns()
 
 
 def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
@@ -59,10 +96,11 @@ def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str =
         experiment = load_experiment(settings[0], (), drive)
         required = [measure for measure in experiment.measures if isinstance(measure, Required)]
         names = {name for measure in required for name, _ in signals_of(requirement(measure.formula))}
-        run = Trace(only=names | {FORCE, PLACE})
-        with assemble(experiment) as assembly:
-            refuse_unknown(experiment, assembly.system)
-            done = simulate(assembly, experiment.duration_ticks, [run])
+        past, before = _pasts.of(experiment, names | {FORCE, PLACE})
+        run = Trace(only=names | {FORCE, PLACE}, past=before)
+        onset = min((fault.onset for fault in experiment.faults), default=experiment.duration_ticks)
+        done = past.go_on(experiment, onset, [run])
+        refuse_unknown(experiment, done.simulation.system)
         signals = Signals(run, geometry_of(experiment.controller.model))
         found: dict[str, float | None] = {
             name: m.value for measure in required for name, m in metrics_of_measure(measure, signals).items()

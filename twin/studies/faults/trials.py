@@ -20,7 +20,7 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import Fault
 from twin.robot.monitor.checks import Trip
 from twin.robot.monitor.component import own_monitor
-from twin.robot.run.past import SharedPast, before_faults
+from twin.robot.run.past import SharedPast, before_fault
 from twin.robot.run.trace import Trace
 
 KEPT = ("plant.F_ee_B", "plant.p_B")
@@ -113,12 +113,12 @@ class MonitorWork(Observer):
 
 
 class _Past(NamedTuple):
-    """Of a robot without faults: its past, what was kept of it, and what its monitor did; whether its surface moves."""
+    """Of a robot before a fault: its past, what was kept of it, what its monitor did, and faults that never act."""
 
     shared: SharedPast
     run: Trace
     work: MonitorWork
-    moves: bool
+    faults: tuple[Fault, ...]
 
 
 class Trials:
@@ -160,14 +160,13 @@ class Trials:
         return fault_trial_of(run, done), work.first == math.inf
 
     def _past(self, experiment: Experiment, watched: bool) -> _Past:
-        before = before_faults(experiment)
-        moves = bool(before.faults)
-        if any(past.moves != moves for past in self._pasts.values()):
+        before = before_fault(experiment)
+        if any(past.faults != before.faults for past in self._pasts.values()):
             self._close()
         if watched not in self._pasts:
             run, work = Trace(only=KEPT), MonitorWork()
             shared = SharedPast(before, self._observers(run, work, watched), self._share)
-            self._pasts[watched] = _Past(shared, run, work, moves)
+            self._pasts[watched] = _Past(shared, run, work, before.faults)
         return self._pasts[watched]
 
     @staticmethod

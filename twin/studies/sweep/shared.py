@@ -11,7 +11,7 @@ from twin.kernel.cosim.observers import Observer, Simulated, TickEvent
 from twin.kernel.cosim.simulation import Simulation
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.outcome import Tally
-from twin.robot.run.past import SharedPast, before_faults
+from twin.robot.run.past import SharedPast, before_fault
 
 AFTER = 2
 """Runs in a row with the same past after which it is made: that takes about as long as two runs."""
@@ -26,7 +26,7 @@ class LastPast:
 
     def __init__(self, share: bool = True) -> None:
         self._share, self._runs = share, 0
-        self._before: tuple[Experiment, bool] | None = None
+        self._before: Experiment | None = None
         self._past: SharedPast | None = None
         self._known = SummedUp()
 
@@ -37,9 +37,9 @@ class LastPast:
             InputRefused: a part of the robot, or a fault, does not fit.
         """
         later = [fault.onset for fault in experiment.faults] + [change.tick for change in experiment.changes]
-        base = replace(before_faults(experiment), changes=())
-        # what it was read from says no more than the rest; of a surface that a fault moves, that it may move
-        before = replace(base, values={}, origins={}, faults=()), bool(base.faults)
+        base = replace(before_fault(experiment), changes=())
+        # what it was read from says no more than the rest
+        before = replace(base, values={}, origins={})
         if before != self._before:
             self.close()
             self._before = before
