@@ -197,7 +197,7 @@ def test_the_text_says_that_another_drive_is_an_approximation(stateless: Path, t
     said = " ".join(done.stdout.split())
     assert "drive ideal_velocity;plant.k_s_Nm_per_rad=0.8 (speed jumps by" in said
     assert "an approximation: other drives have run along with the run's commands and loads" in said
-    assert "modelica_dc.fmu (drive_1) has no FMU state (canGetAndSetFMUState): run again for each branch" in said
+    assert "run again for each branch: modelica_dc.fmu (drive_1) has no FMU state (canGetAndSetFMUState);" in said
     assert max(map(len, done.stdout.splitlines()[:-1])) <= 80
 
 

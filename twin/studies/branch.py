@@ -213,7 +213,7 @@ def _result(
         "shafts stand",
     )
     approximate = [taken_over] if any(one.jump is not None for one in outcomes) else []
-    lacking = [note("state", f"{sentence}: run again for each branch") for sentence in point.lacking]
+    lacking = [note("state", f"run again for each branch: {'; '.join(point.lacking)}")] if point.lacking else []
     facts = {"at": at, "state": point.how, "branches": [one.facts for one in outcomes]}
     files = {"picture": _seen(home / PICTURE), "next": f"twin report {run} {folders}"}
     return Result(headline, [Table(columns, rows), *named, *approximate, *lacking, after], facts, files)

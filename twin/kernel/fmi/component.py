@@ -1,7 +1,7 @@
 """An FMU of any kind as a component: initialised, brought into step mode, stepped by address.
 
-In a process that was asked to, instances are kept for the next run and reset; else each is made anew. Only for
-drives of which it is known that a run after a reset is that of a new instance, bit for bit.
+Each is made anew for each run. FMI's `reset` is used by nothing but a check of it: it begins again, and brings no state
+back.
 """
 
 import ctypes
