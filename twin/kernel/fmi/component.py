@@ -231,15 +231,10 @@ class ModelExchange(Instance):
             name = self.description.path.name
             raise ComponentFailed(f"{name}: {self._integrator.explain(status)}{self._quoted_messages()}")
 
-    def saved_state(self) -> Any:
-        return super().saved_state(), self._integrator.block.copy() if self._integrator else None
-
-    def restore(self, state: Any) -> None:
-        inside, rows = state
-        super().restore(inside)
-        if self._integrator is not None and rows is not None:
-            self._integrator.block[:] = rows
-            self._integrator.memory[0]["restart"] = 1
+    @property
+    def schedule(self) -> list[np.ndarray]:
+        # what integrates it where no component does; `advance` begins its history anew
+        return [*super().schedule, *([self._integrator.block] if self._integrator else [])]
 
     def close(self) -> None:
         self._forget_integrator()
