@@ -15,6 +15,7 @@ from twin.studies.result import Column, Result, Table, note
 if TYPE_CHECKING:
     import numpy as np
 
+    from twin.robot.run.handover import BranchPoint
     from twin.robot.run.run import Run
 
 HOME = Path("results") / "branches"
@@ -31,13 +32,14 @@ class Branch:
 
     Attributes:
         name: what is other in it.
-        settings, faults, body: see `twin.robot.run.branch.branched_experiment`.
+        settings, faults, body, drive: see `twin.robot.run.branch.branched_experiment`.
     """
 
     name: str
     settings: Sequence[str] = ()
     faults: Sequence[str] = ()
     body: str | None = None
+    drive: str | None = None
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,7 @@ class BranchOutcome:
         run: its run, from the branch on.
         t, F_z: times (s) and true pressing force (N), (n,).
         apart: when the force left that of the run (s); None: it did not.
+        jump: see `twin.robot.run.handover.Handed`.
     """
 
     branch: Branch
@@ -56,6 +59,7 @@ class BranchOutcome:
     t: "np.ndarray"
     F_z: "np.ndarray"
     apart: float | None
+    jump: float | None
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -69,6 +73,7 @@ class BranchOutcome:
             "peak_time": self.peak[1],
             "end": outcome.end,
             "trip": self.run.trip,
+            "speed_jump": self.jump,
         }
 
     @property
@@ -91,16 +96,21 @@ def branch(
         Sequence[str], Option("A branch with a fault, an inline table of TOML; may be repeated.", "TABLE", "--fault")
     ] = (),
     body: BodyName = None,
+    drives: Annotated[
+        Sequence[str],
+        Option("A branch with another drive, and more keys behind ';'; may be repeated.", "FMU", "--drive"),
+    ] = (),
     out: Annotated[Path | None, Option("Folder; default: results/branches/EXPERIMENT.", "DIR")] = None,
 ) -> Result:
     """Go on from one moment of a run in several ways, and compare them.
 
-    Each --set, each --fault and --body is a branch of its own. The branches
+    Each --set, --fault, --drive and --body is a branch of its own. The branches
     start from the state at that moment: one kept in the recording, or one made
-    by running again from the start.
+    by running again from the start, as it is for other drives and for parts
+    without a state.
 
-    Exit code: 0 done, 2 input refused (a key that cannot change in mid-run, a
-    drive without a state), 3 a component failed.
+    Exit code: 0 done, 2 input refused (a key that cannot change in mid-run), 3 a
+    component failed.
 
     Example: twin branch results/fig4_force_position --at 6.2 --set plant.k_s_Nm_per_rad=0.8
 
@@ -111,16 +121,18 @@ def branch(
     """
     from twin.kernel.recording.folder import recording_in
     from twin.kernel.writing import made_folder
-    from twin.robot.run.branch import branched_experiment, state_at
+    from twin.robot.run.branch import branched_experiment
+    from twin.robot.run.handover import BranchPoint
     from twin.robot.run.run import execute
 
     asked = [
         *(Branch(text, settings=text.split(";")) for text in settings),
         *(Branch(text, faults=[text]) for text in faults),
+        *(_with_drive(text) for text in drives),
         *([Branch(f"body {body}", body=body)] if body is not None else []),
     ]
     if at is None or not asked:
-        lacking = "--at SECONDS" if at is None else "a change: --set, --fault or --body"
+        lacking = "--at SECONDS" if at is None else "a change: --set, --fault, --drive or --body"
         raise InputRefused(f"twin branch {run}: expected {lacking}")
     recording = recording_in(run).absolute()
     base = branched_experiment(recording)
@@ -131,12 +143,12 @@ def branch(
         raise InputRefused(
             f"--at {at:g}: expected a time within the run, above 0 and below {base.duration_ticks * tick:g} s"
         )
-    experiments = [branched_experiment(recording, one.settings, one.faults, one.body) for one in asked]
+    experiments = [branched_experiment(recording, one.settings, one.faults, one.body, one.drive) for one in asked]
     if late := [fault for one in experiments for fault in one.faults[len(base.faults) :] if fault.onset < start]:
         raise InputRefused(f"--fault: onset at {late[0].onset * tick:g} s is before the branch at {start * tick:g} s")
     home = made_folder((out or HOME / base.name).absolute())
     say("coming to the branch", 0.0)
-    state, how = state_at(base, recording, start)
+    point = BranchPoint(base, recording, start)
     outcomes: list[BranchOutcome] = []
     plan = [(Branch("as it was"), base)]
     for one, experiment in zip(asked, experiments, strict=True):
@@ -145,14 +157,20 @@ def branch(
         plan.append((replace(one, name=named), experiment))
     for number, (one, experiment) in enumerate(plan):
         say(f"{one.name}, {number + 1} of {len(plan)}", number / len(plan))
-        done = execute(experiment, home / f"{number}", state=state)
-        outcomes.append(_outcome(one, done, outcomes[0] if outcomes else None))
+        with point.handed_over(experiment) as handed:
+            done = execute(experiment, home / f"{number}", state=handed.state)
+        outcomes.append(_outcome(one, done, outcomes[0] if outcomes else None, handed.jump))
     say("drawing", 1.0)
     _draw(outcomes, recording, start * tick, home / PICTURE)
-    return _result(base.name, run, outcomes, start * tick, how, home)
+    return _result(base.name, run, outcomes, start * tick, point, home)
 
 
-def _outcome(one: Branch, run: "Run", other: BranchOutcome | None) -> BranchOutcome:
+def _with_drive(text: str) -> Branch:
+    drive, *settings = text.split(";")
+    return Branch(f"drive {text}", settings, drive=drive)
+
+
+def _outcome(one: Branch, run: "Run", other: BranchOutcome | None, jump: float | None) -> BranchOutcome:
     """What became of a branch, beside the first of them, `other`."""
     import numpy as np
 
@@ -161,10 +179,12 @@ def _outcome(one: Branch, run: "Run", other: BranchOutcome | None) -> BranchOutc
     found = read(run.recording)
     t, F_z = found.time("plant"), -found["plant.F_ee_B"][:, 2]
     left = np.flatnonzero(np.abs(F_z - other.F_z[: len(F_z)]) > APART) if other else np.zeros(0, dtype=int)
-    return BranchOutcome(one, run, t, F_z, float(t[left[0]]) if len(left) else None)
+    return BranchOutcome(one, run, t, F_z, float(t[left[0]]) if len(left) else None, jump)
 
 
-def _result(name: str, run: Path, outcomes: Sequence[BranchOutcome], at: float, how: str, home: Path) -> Result:
+def _result(
+    name: str, run: Path, outcomes: Sequence[BranchOutcome], at: float, point: "BranchPoint", home: Path
+) -> Result:
     columns = [
         Column("branch", left=True),
         Column("leaves", form=".3f", unit="s", gap=3),
@@ -177,16 +197,26 @@ def _result(name: str, run: Path, outcomes: Sequence[BranchOutcome], at: float, 
         (str(number), one.apart if one.apart is not None else math.nan, *one.peak, one.run.outcome.end, one.run.trip)
         for number, one in enumerate(outcomes)
     ]
-    named = [note(str(number), one.branch.name) for number, one in enumerate(outcomes)]
+    named = [
+        note(str(number), one.branch.name + ("" if one.jump is None else f" (speed jumps by {one.jump:.2g} rad/s)"))
+        for number, one in enumerate(outcomes)
+    ]
     count = len(outcomes) - 1
-    headline = f"{name}  {count} {'branch' if count == 1 else 'branches'} at {at:g} s, {how}"
+    headline = f"{name}  {count} {'branch' if count == 1 else 'branches'} at {at:g} s, {point.how}"
     folders = " ".join(str(_seen(home / str(number))) for number in range(len(outcomes)))
     after = note(
         "leaves", f"when the true force differs from the run's by more than {APART:g} N; end: mean of the last second"
     )
-    facts = {"at": at, "state": how, "branches": [one.facts for one in outcomes]}
+    taken_over = note(
+        "drive",
+        "an approximation: other drives have run along with the run's commands and loads, and take over where the "
+        "shafts stand",
+    )
+    approximate = [taken_over] if any(one.jump is not None for one in outcomes) else []
+    lacking = [note("state", f"run again for each branch: {'; '.join(point.lacking)}")] if point.lacking else []
+    facts = {"at": at, "state": point.how, "branches": [one.facts for one in outcomes]}
     files = {"picture": _seen(home / PICTURE), "next": f"twin report {run} {folders}"}
-    return Result(headline, [Table(columns, rows), *named, after], facts, files)
+    return Result(headline, [Table(columns, rows), *named, *approximate, *lacking, after], facts, files)
 
 
 def _seen(path: Path) -> Path:

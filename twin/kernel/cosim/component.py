@@ -212,6 +212,7 @@ class Component:
         label: what an error sentence calls it (an FMU's file name, say).
         finite: whether NaN or infinity in an output is a failure that ends the run. False for what plays a broken
             sensor, and for what must live on behind one.
+        alive: whether it is handed from one system to the next as it is: states hold its outputs, and nothing inside.
         keep: whatever owns the memory behind the addresses.
     """
 
@@ -225,6 +226,7 @@ class Component:
     period: int = 1
     label: str = ""
     finite: bool = True
+    alive: bool = False
     keep: Any = field(default=None, repr=False)
 
     def initial(self, name: str) -> np.ndarray:

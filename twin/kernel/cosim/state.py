@@ -180,7 +180,7 @@ class StatePlaces:
             self._pieces += [
                 (c.name, name, copies[:, a:b]) for c, a, b in zip(components, ends, ends[1:], strict=False) if b > a
             ]
-        for component in components:
+        for component in [c for c in components if not c.alive]:
             self._pieces += [(component.name, name, array) for name, array in component.pieces().items()]
             self._holders += [(component.name, name, holder) for name, holder in component.holders().items()]
         arrays = [array for *_, array in self._pieces]
@@ -324,8 +324,8 @@ def refuse_stateless(components: Iterable[Component], portable: bool = True) -> 
 
 
 def stateless(components: Iterable[Component], portable: bool = True) -> list[str]:
-    """A sentence, without a full stop, on each of `components` whose state cannot be saved."""
-    why = [(component, component.lacks_state(portable)) for component in components]
+    """A sentence, without a full stop, on each of `components` whose state cannot be saved, and is needed."""
+    why = [(component, component.lacks_state(portable)) for component in components if not component.alive]
     return [f"{c.label} ({c.name}) {reason}" if c.label else f"{c.name} {reason}" for c, reason in why if reason]
 
 

@@ -1,7 +1,7 @@
 """An FMU of any kind as a component: initialised, brought into step mode, stepped by address.
 
-In a process that was asked to, instances are kept for the next run and reset; else each is made anew. Only for
-drives of which it is known that a run after a reset is that of a new instance, bit for bit.
+Each is made anew for each run. FMI's `reset` is used by nothing but a check of it: it begins again, and brings no state
+back.
 """
 
 import ctypes
@@ -231,15 +231,10 @@ class ModelExchange(Instance):
             name = self.description.path.name
             raise ComponentFailed(f"{name}: {self._integrator.explain(status)}{self._quoted_messages()}")
 
-    def saved_state(self) -> Any:
-        return super().saved_state(), self._integrator.block.copy() if self._integrator else None
-
-    def restore(self, state: Any) -> None:
-        inside, rows = state
-        super().restore(inside)
-        if self._integrator is not None and rows is not None:
-            self._integrator.block[:] = rows
-            self._integrator.memory[0]["restart"] = 1
+    @property
+    def schedule(self) -> list[np.ndarray]:
+        # what integrates it where no component does; `advance` begins its history anew
+        return [*super().schedule, *([self._integrator.block] if self._integrator else [])]
 
     def close(self) -> None:
         self._forget_integrator()
@@ -460,7 +455,6 @@ class FmuComponent(Component):
         except TwinError:
             self.instance.close()
             raise
-        self._state: np.ndarray | None = None
         self._rewind: Rewind | None = None
         self._inside = FmuStates(self.instance, self._stepping)
         self._remembered = ObjectStates(description.path.name, RememberedMessages(self.instance, self._stepping))
@@ -505,9 +499,8 @@ class FmuComponent(Component):
         if not self.instance.description.interface.canGetAndSetFMUstate:
             return None
         if self._rewind is None:
-            save, restore, self._state = self._stepping.repeatable()
-            self._rewind = Rewind(save, restore, self._state.ctypes.data, self._state)
-        # of several systems that it is part of one steps at a time
+            save, restore, memory = self._stepping.repeatable()
+            self._rewind = Rewind(save, restore, memory.ctypes.data, memory)
         return self._rewind
 
     def pieces(self) -> dict[str, np.ndarray]:
@@ -543,11 +536,11 @@ class FmuComponent(Component):
     def close(self) -> None:
         if isinstance(self._stepping, ExchangeStepping):
             self._stepping.integrator.close()
-        state, self._state = self._state, None
+        rewind, self._rewind = self._rewind, None
         self._inside.close()
         try:
-            if state is not None and state[0]["state"]:
-                self.instance.forget(int(state[0]["state"]))
+            if rewind is not None and rewind.keep[0]["state"]:
+                self.instance.forget(int(rewind.keep[0]["state"]))
         finally:
             if self.sampled:
                 self.instance.close()

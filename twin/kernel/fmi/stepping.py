@@ -162,26 +162,6 @@ class Instance:
         self._called("Reset", self.fmu.reset)
         self._initialise()
 
-    def saved_state(self) -> Any:
-        """Its state, to be given to `restore`.
-
-        Raises:
-            ComponentFailed: it refuses.
-        """
-        return self._called("GetFMUstate", self.fmu.getFMUState), [array.copy() for array in self.schedule]
-
-    def restore(self, state: Any) -> None:
-        """Go back to `state` and free that.
-
-        Raises:
-            ComponentFailed: it refuses.
-        """
-        its, schedule = state
-        self._called("SetFMUstate", lambda: self.fmu.setFMUState(its))
-        self._called("FreeFMUstate", lambda: self.fmu.freeFMUState(its))
-        for array, copy in zip(self.schedule, schedule, strict=True):
-            array[:] = copy
-
     def taken_state(self) -> Any:
         """Its state now, a pointer that `forget` frees.
 

@@ -12,7 +12,7 @@ import signal
 import threading
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -273,12 +273,14 @@ class StoredState:
         time: when it was taken (s).
         content: its bytes.
         branch: whether the experiment that goes on from it may be another one.
+        alive: components of that experiment which the state does not hold, by their names; they are at its tick.
     """
 
     recording: Path
     time: float
     content: bytes
     branch: bool = False
+    alive: Mapping[str, Component] = field(default_factory=dict)
 
     @property
     def saved(self) -> SavedState:

@@ -18,6 +18,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -235,7 +236,10 @@ class Assembly:
 
 
 def assemble(
-    experiment: Experiment, substitutes: Mapping[str, Any] | None = None, maker: DriveMaker = HERE
+    experiment: Experiment,
+    substitutes: Mapping[str, Any] | None = None,
+    maker: DriveMaker = HERE,
+    alive: Mapping[str, Component] = MappingProxyType({}),
 ) -> Assembly:
     """Build every component of `experiment` and wire them.
 
@@ -245,6 +249,7 @@ def assemble(
         substitutes: what takes the place of the components with their names: a component of the same ports, or, of a
             part in `CONTRACTS`, a Python class or an instance of one.
         maker: of the drives. What cannot live in one process gets processes of its own in any case.
+        alive: components of the experiment that are there already, by their names: they are not made.
 
     Raises:
         InputRefused: a drive FMU or a third-party part does not fit; all are checked before any is loaded. Or a
@@ -276,7 +281,8 @@ def assemble(
         made: dict[str, list[Component]] = {row: [] for row in parts}
         for row, makers in parts.items():
             for name, make in makers.items():
-                component = taken[name] if name in taken and name not in given else make()
+                ready = alive.get(name, taken.get(name) if name not in given else None)
+                component = make() if ready is None else ready
                 to_close.callback(component.close)
                 made[row].append(component)
         system = joined(experiment, made)
@@ -284,14 +290,22 @@ def assemble(
     return Assembly(system, plans, {name: _kind(taken[name]) for name in taken}, home, others, made)
 
 
-def joined(experiment: Experiment, made: Mapping[str, list[Component]]) -> System:
+def joined(experiment: Experiment, made: Mapping[str, list[Component]], beside: Sequence[Component] = ()) -> System:
     """The system of the components `made`, by row, with the faults and the changes of `experiment` in it.
+
+    Args:
+        beside: drives that are stepped on the same wires as the robot's, and seen by nobody.
 
     Raises:
         InputRefused: components or a fault do not fit.
     """
-    components = [component for row in made.values() for component in row]
+    components = [c for name, row in made.items() for c in (*row, *(beside if name == "drive" else ()))]
     components, feeds = broken(experiment, components, connected(made))
+    for port, sources in next(row for row in ROBOT if row.name == "drive").inputs.items():
+        if targets := ends(beside, "input", port):
+            there = [source for source in sources if made[source[0]]]
+            own = [feeds[end] for end in ends(made["drive"], "input", port)]
+            feeds.update(zip(targets, own or _values(there[0], made, targets), strict=True))
     cosim = experiment.cosim
     pairs = wires(feeds | _at_end(feeds, components), components)
     system = System(components, pairs, cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)

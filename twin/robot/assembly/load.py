@@ -184,11 +184,13 @@ def recorded_experiment(
     settings: Sequence[str] = (),
     faults: Sequence[str] = (),
     body: str | None = None,
+    drive: str | None = None,
 ) -> Experiment:
     """The experiment of a recording with the very FMUs that it was made with.
 
     A recording names its FMUs by file name and SHA-256, not by where they lay: they are looked up as those of an
-    experiment file beside it, and in fmus/. Every drive pins its recorded SHA-256, so that no other file is taken.
+    experiment file beside it, and in fmus/. Every drive pins its recorded SHA-256, so that no other file is taken,
+    unless another drive is asked for, by `drive` or a setting of [drive].
 
     Args:
         metadata: of the recording.
@@ -198,6 +200,7 @@ def recorded_experiment(
         settings: "table.key=value" texts laid over it.
         faults: inline tables of TOML, added to its own.
         body: a file of bodies/ that replaces all of [contact] but its height.
+        drive: an FMU or a drive of fmus/ that replaces the drive of every joint and its parameters.
 
     Raises:
         InputRefused: it carries no experiment, was made with substitutes or changed by hand while it ran, or an FMU is
@@ -224,10 +227,14 @@ def recorded_experiment(
         added = [toml_of(f"fault = {text}", f"--fault {text}")["fault"] for text in faults]
         values["fault"] = [*values.get("fault", ()), *added]
     source.put(values | {"drive": _with_paths(values["drive"], where, folder)}, "recorded")
+    if drive is not None:
+        source.name("drive", "fmu", shelved(drive, folder))
     if body is not None:
         source.name("contact", "body", body)
     override(source, settings)
     experiment = checked_experiment(source, name, where, folder)
+    if drive is not None or any(setting.strip().startswith("drive.") for setting in settings):
+        return experiment
     one, two, three = experiment.drives
     pinned = (_pinned(one, "drive_1", fmus), _pinned(two, "drive_2", fmus), _pinned(three, "drive_3", fmus))
     return replace(experiment, drives=pinned)

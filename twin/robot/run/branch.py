@@ -6,20 +6,14 @@ there from the start without acting: its clock is at the present tick, and what 
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Any
 
-from twin.kernel.cosim.observers import Observer, simulate
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.cosim.state import SavedState, stateless
+from twin.kernel.cosim.state import SavedState
 from twin.kernel.errors import InputRefused
-from twin.kernel.process.states import StoredState, stored_state
 from twin.kernel.recording.reader import origin
-from twin.kernel.recording.recorder import EventLog
-from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import recorded_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.faults import FaultComponent
-from twin.robot.run.watch import run_observers
 
 FIXED = {
     "cosim": "steps and scheme hold for the whole run",
@@ -28,7 +22,6 @@ FIXED = {
     "seed": "random numbers were drawn before",
     "recording": "it belongs to the whole run",
     "robot": "it fills truth and belief before the start; set plant.* or controller.model.*",
-    "drive": "what a drive holds inside fits no other drive; run the experiment again with it",
 }
 """Keys that cannot be other ones in mid-run, and why; all below them, too."""
 LENGTHS = ("a_mm", "b_mm", "l_a_mm", "l_b_mm")
@@ -51,7 +44,11 @@ def refuse_fixed(settings: Sequence[str]) -> None:
 
 
 def branched_experiment(
-    recording: Path, settings: Sequence[str] = (), faults: Sequence[str] = (), body: str | None = None
+    recording: Path,
+    settings: Sequence[str] = (),
+    faults: Sequence[str] = (),
+    body: str | None = None,
+    drive: str | None = None,
 ) -> Experiment:
     """The experiment of `recording` with changes that act from some time on.
 
@@ -60,55 +57,15 @@ def branched_experiment(
         settings: "table.key=value" texts.
         faults: inline tables of TOML, added to its own.
         body: a file of bodies/ in place of its own; its height stays.
+        drive: an FMU or a drive of fmus/ in place of its own.
 
     Raises:
         InputRefused: a setting cannot change in mid-run, or is none that an experiment may have.
     """
     refuse_fixed(settings)
-    return recorded_experiment(origin(recording), recording, changed=True, settings=settings, faults=faults, body=body)
-
-
-def state_at(experiment: Experiment, recording: Path, tick: int) -> tuple[StoredState, str]:
-    """The state at the beginning of `tick`, and where it was gone on from to come there.
-
-    Args:
-        experiment: of the recording, unchanged.
-        recording: the file, which may have states.
-        tick: within the run.
-
-    Raises:
-        InputRefused: a component has no state.
-        ComponentFailed: a component failed on the way.
-    """
-    nearest = stored_state(recording, tick * experiment.cosim.tick)
-    with assemble(experiment) as assembly:
-        if missing := stateless(assembly.system.components):
-            raise InputRefused(f"{recording}: this run cannot be branched: {'; '.join(missing)}")
-        before = nearest.saved if nearest else None
-        lasting: dict[str, Observer] = run_observers(experiment, assembly)._asdict() | {"recorder": EventLog()}
-        observers = [*lasting.values(), _Until(tick)]
-        done = simulate(assembly, experiment.duration_ticks, observers, state=before, lasting=lasting)
-        done.completed()
-        state = done.simulation.state()
-        saved = state.saved(observers={name: observer.state() for name, observer in lasting.items()})
-        state.close()
-    how = f"from the state at {nearest.time:g} s" if nearest else "run again from the start"
-    return StoredState(recording, tick * experiment.cosim.tick, saved.to_bytes(), branch=True), how
-
-
-class _Until(Observer):
-    """Ends a simulation at the beginning of a tick."""
-
-    def __init__(self, tick: int):
-        self.halts = [tick]
-        self._tick = tick
-
-    def begin(self, simulation: Simulation) -> None:
-        self._simulation = simulation
-        self.enough = simulation.next_tick >= self._tick
-
-    def take(self, first: int, rows: Any, events: Any) -> None:
-        self.enough = self._simulation.next_tick >= self._tick
+    return recorded_experiment(
+        origin(recording), recording, changed=True, settings=settings, faults=faults, body=body, drive=drive
+    )
 
 
 def branch_off(simulation: Simulation, saved: SavedState) -> None:

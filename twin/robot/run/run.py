@@ -36,7 +36,8 @@ from twin.robot.experiment.source import NAMING, RETAINED
 from twin.robot.monitor.component import trip_reason
 from twin.robot.plant.component import PlantEquations, resting
 from twin.robot.plant.dynamics import STATES, PlantParameters
-from twin.robot.run.branch import branch_off, branched_experiment, state_at
+from twin.robot.run.branch import branch_off, branched_experiment
+from twin.robot.run.handover import BranchPoint
 from twin.robot.run.outcome import HeldForces, RunOutcome
 from twin.robot.run.trace import streams_of
 from twin.robot.run.viewer import Pace, Punctuality, Shown, Viewer
@@ -233,7 +234,7 @@ class Run:
         if not 0 <= tick <= experiment.duration_ticks:
             end = experiment.duration_ticks * experiment.cosim.tick
             raise InputRefused(f"{self.recording}: no state at {at:g} s; expected a time from 0 to {end:g} s")
-        return state_at(experiment, self.recording, tick)[0].saved
+        return BranchPoint(experiment, self.recording, tick).saved.saved
 
 
 def execute(
@@ -266,7 +267,7 @@ def execute(
         NotWritten: the disk is full; likewise.
     """
     path = made_folder(Path(folder)) / RECORDING
-    with assemble(experiment, substitutes, maker) as assembly:
+    with assemble(experiment, substitutes, maker, state.alive if state else {}) as assembly:
         pace = Pace(factor, assembly.system.tick) if factor else None
         run = _recorded(experiment, assembly, path, progress, timed, pace, viewer, state)
         summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}

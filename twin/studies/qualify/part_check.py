@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.port import Port, by_port
-from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.fmi.component import FmuComponent
 from twin.robot.assembly.load import load_experiment
 from twin.robot.assembly.roles import CONTRACTS, OtherPart, other_part
@@ -139,7 +139,7 @@ def _of_fmu(bench: _Bench, inputs: Inputs, first: Played) -> Iterator[Check]:
             same = replayed_from_state(component, inputs)
             sentence = "set back, it does " + ("the same" if same else "something else")
             yield judged("state", same, sentence, otherwise="note")
-        except ComponentFailed as problem:
+        except TwinError as problem:
             yield Check("state", "note", str(problem))
 
 

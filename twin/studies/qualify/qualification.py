@@ -119,9 +119,12 @@ def _state(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -
     if not instance.description.interface.canGetAndSetFMUstate:
         return "not offered"
     _exercised(instance, inputs, outputs)
-    state = instance.saved_state()
+    state, schedule = instance.taken_state(), [array.copy() for array in instance.schedule]
     onward = _exercised(instance, inputs, outputs, TICKS, LONGER)
-    instance.restore(state)
+    instance.set_state(state)
+    instance.forget(state.value)
+    for array, saved in zip(instance.schedule, schedule, strict=True):
+        array[...] = saved
     again = _exercised(instance, inputs, outputs, TICKS, LONGER)
     return "" if np.array_equal(onward, again) else OTHER_FUTURE
 

@@ -35,6 +35,7 @@ from twin.studies.paper.claim import as_facts
 from twin.studies.paper.fig4 import fig4_score
 from twin.studies.paper.fig4_measures import WHOLE, Fig4Run, Fig4Runs
 from twin.studies.sweep.measures import RunFinding, metrics_of
+from twin.studies.sweep.shared import LastPast
 
 PERIOD = 0.04
 """Between two samples (s): 500 of the 20 s of Fig. 4, about one per pixel of a panel."""
@@ -166,8 +167,17 @@ def _status_and_reason(problem: Exception) -> tuple[str, str]:
     return "failed", f"{type(problem).__name__}: {problem}"
 
 
+_past = LastPast()
+"""Of the runs of this process."""
+
+
 def _simulated(experiment: Experiment, whole: bool) -> tuple[Simulated, dict[str, float | None], Trace | None]:
     """(how a run went, its metrics, the run itself if it is to be had `whole` or was needed for them)."""
+    # what is measured or drawn is of the whole run
+    shared = None if experiment.measures or whole else _past.run(experiment)
+    if shared is not None:
+        done, found = shared
+        return done.completed(), metrics_of(found.outcome), None
     with assemble(experiment) as assembly:
         refuse_unknown(experiment, assembly.system)
         tally, run = Tally(assembly.system), Trace() if experiment.measures or whole else None
