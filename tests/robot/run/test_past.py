@@ -10,12 +10,18 @@ import pytest
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
 from twin.kernel.cosim.port import width
 from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.cosim.state import SystemState
+from twin.kernel.cosim.system import System
 from twin.kernel.fmi.state import FmuStates
+from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
+from twin.robot.controller.task_controller import hold_at
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import Fault
+from twin.robot.experiment.schema import WayPoints
 from twin.robot.faults import DriveFault, FaultComponent, MessageFault
-from twin.robot.run.past import NOT_WANTED, STATES, SharedPast, before_fault
+from twin.robot.run import past
+from twin.robot.run.past import NOT_WANTED, STATES, SharedPast, before_fault, forked
 from twin.robot.run.trace import Trace, run_in_memory
 
 TICKS = 6500
@@ -204,3 +210,61 @@ def test_where_a_part_has_failed_all_is_made_anew(root: Path, tmp_path: Path, mo
             assert failure is not None and "too much" in str(failure)
             one = with_fault(base, unfelt)
             assert_ends_alike(gone_on(past, one, 300), run_in_memory(one))
+
+
+REST, END = 1000, 1600
+
+
+def raised(system: System) -> None:
+    hold_at(system, (0.0, 0.02, -0.099))
+
+
+def lowered(system: System) -> None:
+    hold_at(system, (0.0, 0.02, -0.101))
+
+
+def held_up(drive: str) -> Experiment:
+    at_start = WayPoints((0.0, 0.998, 1.0), ((0.0, 0.02, -0.1),) * 3)
+    return replace(load_experiment(EXPERIMENTS / "fig4_position.toml", (), drive), reference=at_start)
+
+
+def forks(experiment: Experiment, share: bool = True) -> list[Trace]:
+    keys = ["plant.p_B", "drive/1.theta_m"]
+    ways = [raised, lowered, raised]
+    return [trace for _, trace in forked(lambda: assemble(experiment), REST, END, keys, ways, share=share)]
+
+
+@pytest.mark.parametrize("drive", ["velocity_servo", pytest.param("modelica_dc", marks=pytest.mark.slow)])
+def test_runs_that_fork_have_the_bits_of_runs_from_the_start(drive: str):
+    up, down, again = forks(held_up(drive))
+    apart = forks(held_up(drive), share=False)
+    for one, other in zip((up, down, again), apart, strict=True):
+        for key in one.fields():
+            np.testing.assert_array_equal(one[key], other[key], err_msg=key)
+    np.testing.assert_array_equal(up["plant.p_B"], again["plant.p_B"])
+    np.testing.assert_array_equal(up["plant.p_B"][: REST + 1], down["plant.p_B"][: REST + 1])
+    assert up["plant.p_B"][-1, 2] - down["plant.p_B"][-1, 2] > 1e-3
+
+
+def test_where_a_state_does_not_come_back_every_run_begins_at_the_start(monkeypatch):
+    shared, simulations = forks(held_up("velocity_servo")), []
+    monkeypatch.setattr(past, "comes_back", lambda simulation, states: simulations.append(simulation))
+    for one, other in zip(shared, forks(held_up("velocity_servo")), strict=True):
+        np.testing.assert_array_equal(one["plant.p_B"], other["plant.p_B"])
+    assert len(simulations) == 1
+
+
+def test_what_is_done_to_a_fork_a_tick_late_is_seen(monkeypatch):
+    shared = forks(held_up("velocity_servo"))
+    restore = Simulation.restore
+
+    def late(self: Simulation, state: SystemState) -> None:
+        restore(self, state)
+        self.advance(1)
+
+    monkeypatch.setattr(past, "comes_back", lambda simulation, states: True)
+    monkeypatch.setattr(Simulation, "restore", late)
+    keys, ways = ["plant.p_B"], [raised]
+    ((_, trace),) = forked(lambda: assemble(held_up("velocity_servo")), REST, END, keys, ways)
+    rows = trace["plant.p_B"][REST:]
+    assert not np.array_equal(rows, shared[0]["plant.p_B"][REST:][: len(rows)])

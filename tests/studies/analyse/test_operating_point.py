@@ -12,7 +12,7 @@ from twin.robot.plant.dynamics import derivative
 from twin.studies.analyse.operating_point import (
     CLEARANCE,
     Aftermath,
-    aftermath,
+    aftermaths,
     identified,
     on_stiffness,
     operating_points,
@@ -53,8 +53,8 @@ def test_a_swing_is_told_without_the_creeping_below_it():
 def test_a_run_that_fails_or_goes_far_off_leaves_a_lasting_swing():
     experiment = fig4(())
     air = operating_points(experiment)[0][1]
-    assert aftermath(experiment, air, "position", 40.0, NUDGE) == Aftermath(0.0, np.inf)
-    still = aftermath(experiment, air, "position", 1.0, NUDGE)
+    assert aftermaths(experiment, air, "position", 40.0, [NUDGE]) == [Aftermath(0.0, np.inf)]
+    (still,) = aftermaths(experiment, air, "position", 1.0, [NUDGE])
     # nothing hums in the default drive, and a tenth of the limit lets a nudge die out at once
     assert still.hum < 0.1 * NUDGE and still.left < 0.1 * NUDGE
 

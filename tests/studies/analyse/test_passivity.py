@@ -1,17 +1,18 @@
 """Fig. 4's robot in the hand, judged once."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from tests.laws.runs import shipped
-from twin.kernel.cosim.observers import simulate
-from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.assemble import Assembly, assemble
 from twin.robot.assembly.build import plant_parameters
 from twin.robot.controller.pid import Gains
+from twin.robot.controller.task_controller import hold_at
 from twin.robot.experiment.experiment import with_model, with_plant
-from twin.robot.run.trace import Trace
+from twin.robot.run.past import forked
 from twin.studies.analyse.linear.hand import (
     DRIFT,
     NOTHING,
@@ -144,11 +145,16 @@ def simulated(stiffness: float) -> float:
         "position": c.position.model_copy(update={"kp": stiffness / DAMPING}),
         "force": c.force.model_copy(update={"kp": 1.0 / stiffness, "ki": 0.0}),
     }
-    experiment = held(replace(experiment, controller=c.model_copy(update=gains)), at_rest(MASS), NUDGE)
-    path = Trace(only=["plant.p_B"])
-    with assemble(replace(experiment, duration_ticks=round(LONG / tick))) as assembly:
+    experiment = held(replace(experiment, controller=c.model_copy(update=gains)), at_rest(MASS))
+    nudged = [p + NUDGE for p in at_rest(MASS).p_B]
+
+    def made() -> Assembly:
+        assembly = assemble(replace(experiment, duration_ticks=round(LONG / tick)))
         assembly.system.component("controller").memory["position"]["kp"][0, :2] = KP  # type: ignore[attr-defined]
-        simulate(assembly, round(LONG / tick), [path])
+        return assembly
+
+    ways = [partial(hold_at, p_B=nudged)]
+    ((_, path),) = forked(made, round(NUDGED / tick), round(LONG / tick), ["plant.p_B"], ways)
     z, width = path["plant.p_B"][:, 2], round(1.0 / tick)
     begin = round((NUDGED + 0.3 * (LONG - NUDGED)) / tick)
     return float(np.log(np.std(z[-width:]) / np.std(z[begin : begin + width])) / ((len(z) - width - begin) * tick))

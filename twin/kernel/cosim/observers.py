@@ -195,22 +195,27 @@ def simulate(
         (adopt or Simulation.restore)(simulation, state)
     if start is not None:
         start(simulation)
-    began_at = simulation.next_tick
     for observer in observers:
         observer.begin(simulation)
     found = state.about.get("observers", {}) if state is not None else {}
     for name, observer in lasting.items() if state is not None else ():
         observer.restore(found.get(name))
-    halts = sorted({tick for observer in observers for tick in observer.halts})
-    stepping = 0.0
-    while not simulation.finished and not any(observer.enough for observer in observers):
+    return stepped(simulation, observers, last_tick + 1)
+
+
+def stepped(simulation: Simulation, observers: Sequence[Observer], until: int) -> Simulated:
+    """Step `simulation`, which the `observers` know, from where it stands to the beginning of tick `until`, a failure,
+    or until one of them has seen enough."""
+    halts = sorted({until, *(tick for observer in observers for tick in observer.halts)})
+    stepping, began_at = 0.0, simulation.next_tick
+    while simulation.next_tick < until and not simulation.finished and not any(o.enough for o in observers):
         first = simulation.next_tick
         for observer in observers:
             observer.ready(first)
         while halts and halts[0] <= first:
             halts.pop(0)
         began = time.perf_counter()
-        rows = simulation.advance(halts[0] - first if halts else None)
+        rows = simulation.advance(halts[0] - first)
         stepping += time.perf_counter() - began
         events: list[TickEvent] = []
         for observer in observers:

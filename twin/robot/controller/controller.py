@@ -299,6 +299,9 @@ class Controller(NativeComponent):
         period: in ticks.
         adapting: what it does besides; None: nothing.
         tank: whether an energy tank stands behind it, and tells what it passes on.
+
+    Attributes:
+        points: the array that it reads.
     """
 
     def __init__(
@@ -321,6 +324,7 @@ class Controller(NativeComponent):
         if adapting:
             arrays |= adapting.fill(memory["adaptive"][0])
         variant = adapting is not None, tank
+        self.points = points_
         sides = ports(INPUTS, OUTPUTS, *variant)
         super().__init__("controller", *sides, True, step_over(*variant), memory, period=period, pointers=arrays)
 
@@ -343,9 +347,13 @@ class WayPointReference(NativeComponent):
     Args:
         times, points: way points, (n,) s ascending and (n, 3) m.
         period: in ticks.
+
+    Attributes:
+        points: the array that it reads.
     """
 
     def __init__(self, times: Sequence[float], points: Sequence[Sequence[float]], period: int = 1):
         arrays = np.array(times, dtype=float), np.array(points, dtype=float)
+        self.points = arrays[1]
         memory = np.array([(0, len(arrays[0]), arrays[0].ctypes.data, arrays[1].ctypes.data)], dtype=WAY_MEMORY)
         super().__init__("reference", (), (P_REF_B,), True, way_step, memory, period=period, keep=arrays)

@@ -15,10 +15,21 @@ import numpy as np
 from twin.kernel.compiled.function import carray, njit, pointer_to
 from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, memory_of, record, states
+from twin.kernel.cosim.system import System
 from twin.kernel.settings import Settings, numbers, setting
 from twin.robot.controller.adaptive import Adapting, Breath, adapt, tell, with_adaptive
 from twin.robot.controller.controller import INPUTS as ESTIMATES
-from twin.robot.controller.controller import LAW, OUTPUTS, Law, follow_passed, force_correction, motor_speeds, ports
+from twin.robot.controller.controller import (
+    LAW,
+    OUTPUTS,
+    Controller,
+    Law,
+    WayPointReference,
+    follow_passed,
+    force_correction,
+    motor_speeds,
+    ports,
+)
 from twin.robot.controller.energy_tank import EnergyTank
 from twin.robot.controller.machine import MACHINE, learn_taps, motion, walk
 from twin.robot.controller.pid import (
@@ -226,3 +237,12 @@ class Computer(Processor):
     breath: Breath | None = None
     energy_tank: EnergyTank | None = None
     model: Model
+
+
+def hold_at(system: System, p_B: Sequence[float]) -> None:
+    """From now on the last way point, and the phase that goes on, are at `p_B` (3,), m."""
+    for component in system.components:
+        if isinstance(component, (Controller, WayPointReference)):
+            component.points[-1] = p_B
+        elif isinstance(component, TaskController):
+            component.memory["machine"]["start"] = component.memory["machine"]["end"] = p_B

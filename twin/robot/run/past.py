@@ -10,15 +10,16 @@ none, every run is made from the start: the same numbers, later.
 
 import math
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from twin.kernel.cosim.component import Component, NativeComponent
-from twin.kernel.cosim.observers import Observer, Simulated, simulate
+from twin.kernel.cosim.observers import LONG_SLICE, Observer, Simulated, simulate, stepped
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SystemState, stateless
+from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed
 from twin.robot.assembly.assemble import Assembly, assemble, joined
 from twin.robot.assembly.build import motions
@@ -26,6 +27,7 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE, NEVER, Fault
 from twin.robot.plant.contact_law import Body
 from twin.robot.run.branch import bring_in
+from twin.robot.run.trace import Trace
 
 STATES = 64
 """So many of a run are kept in memory, some kilobytes each, evenly over it: the way from one to a tick is short."""
@@ -150,20 +152,107 @@ class SharedPast:
         keeper = _Keeper(last, self._states)
         done = simulate(self._assembly, last, [keeper, *observers]).completed()
         self._simulation = done.simulation
-        middle = len(self._states) // 2
-        self._simulation.restore(self._states[middle])
-        for state in self._states[middle:]:
-            while self._simulation.next_tick < state.tick and not self._simulation.finished:
-                self._simulation.advance(state.tick - self._simulation.next_tick)
-            again = self._simulation.state()
-            if again.tick != state.tick or not np.array_equal(again.memory, state.memory):
-                self.lacking = "from a state that was kept, a component goes on to other numbers"
-            again.close()
+        if not comes_back(self._simulation, self._states[len(self._states) // 2 :]):
+            self.lacking = "from a state that was kept, a component goes on to other numbers"
 
     def _parts(self, experiment: Experiment, assembly: Assembly) -> Mapping[str, list[Component]]:
         """The components of `assembly` by row, with the surface of `experiment`, which has no state."""
         own = bool(assembly.made["body"]) and "body" not in assembly.others
         return {**assembly.made, "body": [Body(motions(experiment))]} if own else assembly.made
+
+
+def comes_back(simulation: Simulation, states: Sequence[SystemState]) -> bool:
+    """Whether the first of `states`, which were taken one after the other, brings all the others back."""
+    simulation.restore(states[0])
+    for state in states:
+        while simulation.next_tick < state.tick and not simulation.finished:
+            simulation.advance(state.tick - simulation.next_tick)
+        again = simulation.state()
+        same = again.tick == state.tick and np.array_equal(again.memory, state.memory)
+        again.close()
+        if not same:
+            return False
+    return True
+
+
+def forked(
+    make: Callable[[], Assembly],
+    at: int,
+    last: int,
+    only: Collection[str],
+    ways: Sequence[Callable[[System], None]],
+    watch: Callable[[System], Sequence[Observer]] = lambda system: (),
+    slice_ticks: int = LONG_SLICE,
+    share: bool = True,
+) -> list[tuple[Simulated, Trace]]:
+    """Runs of one system, for each of `ways` one, which are the same until tick `at`: that much is run once.
+
+    Args:
+        make: assembles the system.
+        at: from which tick on they differ.
+        last: tick that gets the last row.
+        only: signals that are kept, see `Trace`.
+        ways: what is done to the system at the beginning of tick `at`. What one has written is there for the next.
+        watch: those who watch the runs of a system besides; each run begins them anew.
+        slice_ticks: see `simulate`.
+        share: False: every run is made from the start, for comparison. So it is where a component has no state.
+
+    Returns:
+        Of each way the run and what was kept of it; shorter where a component failed, or somebody had seen enough.
+
+    Raises:
+        InputRefused: a part of the robot does not fit.
+    """
+    found: list[tuple[Simulated, Trace]] = []
+    while len(found) < len(ways):
+        with make() as assembly:
+            simulation = Simulation(assembly.system, last, slice_ticks)
+            past, watching = Trace(only=only), watch(assembly.system)
+            done = _watched(simulation, [*watching, past], at)
+            if simulation.next_tick < at:
+                return [(done, past)] * len(ways)
+            state = _state_there(simulation) if share else None
+            if share and state is None:
+                # it has been stepped to find that out
+                share = False
+                continue
+            for way in ways[len(found) :]:
+                if state is not None:
+                    simulation.restore(state)
+                way(assembly.system)
+                trace = Trace(only=only, past=past)
+                found.append((_watched(simulation, [*watching, trace], last + 1), trace))
+                if state is None:
+                    break
+            if state is not None:
+                state.close()
+    return found
+
+
+def _watched(simulation: Simulation, observers: Sequence[Observer], until: int) -> Simulated:
+    for observer in observers:
+        observer.begin(simulation)
+    return stepped(simulation, observers, until)
+
+
+LOOKED_AT = 100
+"""Ticks after a state in which it is seen whether it brings the same future back."""
+
+
+def _state_there(simulation: Simulation) -> SystemState | None:
+    """The state of `simulation`; None: a component has none, or none that brings the same future back."""
+    if stateless(simulation.system.components, portable=False):
+        return None
+    try:
+        states = [simulation.state()]
+        simulation.advance(min(LOOKED_AT, simulation.last_tick - simulation.next_tick))
+        states.append(simulation.state())
+        same = comes_back(simulation, states)
+    except ComponentFailed:
+        return None
+    for state in states[same:]:
+        state.close()
+    return states[0] if same else None
 
 
 class _Keeper(Observer):

@@ -17,26 +17,27 @@ An experiment's loops at each operating point, linear and sampled as the co-simu
 """
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from twin.kernel.cosim.observers import Observer, TickEvent, simulate
+from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused, Unreachable
-from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.assemble import Assembly, assemble
 from twin.robot.assembly.build import belief, controller, plant_parameters, shafts
 from twin.robot.assembly.drives import DrivePlan, planned
 from twin.robot.controller.controller import Controller
 from twin.robot.controller.pid import Gains, force_gains
 from twin.robot.controller.program import Phase, PhaseKind, Push, Tap
-from twin.robot.controller.task_controller import TaskController
+from twin.robot.controller.task_controller import TaskController, hold_at
 from twin.robot.experiment.experiment import Experiment, exactly_measured, with_plant
 from twin.robot.experiment.schema import WayPoints, whole_ticks
 from twin.robot.mechanism.geometry import Geometry
@@ -44,7 +45,7 @@ from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.plant.component import resting
 from twin.robot.plant.contact import contact_force, stopped, surface_depth
 from twin.robot.plant.dynamics import PlantParameters, series_share, spring_stiffness
-from twin.robot.run.trace import Trace
+from twin.robot.run.past import forked
 from twin.studies.analyse.linear.hand import linear_plant
 from twin.studies.analyse.linear.loops import (
     LOOPS,
@@ -268,34 +269,62 @@ class Aftermath(NamedTuple):
         return self.left > max(LEFT * nudge, min(HUM * self.hum, LOUDEST))
 
 
-def aftermath(experiment: Experiment, point: OperatingPoint, law: str, factor: float, nudge: float) -> Aftermath:
-    """What a `nudge` (m) at `point` leaves with `factor` times the gains of `law`, "position" or "force".
+def aftermaths(
+    experiment: Experiment, point: OperatingPoint, law: str, factor: float, nudges: Sequence[float], share: bool = True
+) -> list[Aftermath]:
+    """What each of `nudges` (m) at `point` leaves with `factor` times the gains of `law`, "position" or "force".
+
+    Args:
+        share: False: each run is made from the start, for comparison.
 
     Raises:
         InputRefused: a drive FMU does not fit.
     """
-    p_B, tick = nudged_path(experiment, point, law, factor, nudge), experiment.cosim.tick
+    tick, found = experiment.cosim.tick, []
     width, before = round(WINDOW / tick), round(NUDGED / tick)
-    if len(p_B) <= round(OVER / tick):
-        return Aftermath(0.0, np.inf)
-    return Aftermath(swing(p_B[before - width : before]), swing(p_B[-width:]))
+    for p_B in nudged_paths(experiment, point, law, factor, nudges, share=share):
+        gone = len(p_B) <= round(OVER / tick)
+        found.append(
+            Aftermath(0.0, np.inf) if gone else Aftermath(swing(p_B[before - width : before]), swing(p_B[-width:]))
+        )
+    return found
 
 
-def nudged_path(
-    experiment: Experiment, point: OperatingPoint, law: str, factor: float, nudge: float, over: float = OVER
-) -> Matrix:
-    """The platform's way (n, 3) in m, tick by tick until `over` (s); shorter if it went far off or a component failed.
+def nudged_paths(
+    experiment: Experiment,
+    point: OperatingPoint,
+    law: str,
+    factor: float,
+    nudges: Sequence[float],
+    over: float = OVER,
+    share: bool = True,
+) -> list[Matrix]:
+    """The platform's ways (n, 3) in m, tick by tick until `over` (s); shorter if it went far off or a component failed.
 
-    Args: as of `aftermath`.
+    Args: as of `aftermaths`.
     """
-    nudged = replace(held(experiment, point, nudge), duration_ticks=round(over / experiment.cosim.tick))
-    substitutes = {"controller": holding_controller(nudged, point)} if experiment.tasks else {}
-    with assemble(nudged, substitutes) as assembly:
-        system = assembly.system
-        path, raising = Trace(only=["plant.p_B"]), _Raising(system, point, law, factor, nudge)
-        simulate(assembly, nudged.duration_ticks, [raising, path], max(1, round(SLICE / system.tick)))
+    still = replace(held(experiment, point), duration_ticks=round(over / experiment.cosim.tick))
+
+    def make() -> Assembly:
+        return assemble(still, {"controller": holding_controller(still, point)} if experiment.tasks else {})
+
+    runs = forked(
+        make,
+        round(NUDGED / experiment.cosim.tick),
+        still.duration_ticks,
+        ["plant.p_B"],
+        [partial(hold_at, p_B=[p + nudge for p in point.p_B]) for nudge in nudges],
+        lambda system: [_Raising(system, point, law, factor)],
+        max(1, round(SLICE / experiment.cosim.tick)),
+        share,
+    )
     # what ends in the slice in which it goes far off has been seen to its end, too
-    return path["plant.p_B"][: -1 if raising.enough else None]
+    paths = [path["plant.p_B"] for _, path in runs]
+    return [p_B[:-1] if len(p_B) and _far_off(p_B[-1], point) else p_B for p_B in paths]
+
+
+def _far_off(p_B: Matrix, point: OperatingPoint) -> bool:
+    return not np.abs(p_B - point.p_B).max() < FAR
 
 
 def swing(p_B: Matrix) -> float:
@@ -310,18 +339,16 @@ def undisturbed(experiment: Experiment, **contact: float) -> Experiment:
     return replace(experiment, contact=still, faults=(), changes=(), monitor=None, scale=None)
 
 
-def held(experiment: Experiment, point: OperatingPoint, nudge: float) -> Experiment:
-    """Held at `point` and nudged once, by way points, which tasks do not heed; nothing else moves or breaks."""
-    x, y, z = point.p_B
+def held(experiment: Experiment, point: OperatingPoint) -> Experiment:
+    """Held at `point` by way points, which tasks do not heed; nothing else moves or breaks."""
     period = experiment.controller.period
-    nudged = (x + nudge, y + nudge, z + nudge)
     c = experiment.controller
     force = {"reference": point.F_z, "trigger": None, "trigger_time": 0.0, "limit": 1.0}
     mode = "force_position" if point.force_on else "position"
     computer = c.model_copy(update={**NO_LIMIT, "mode": mode, "force": c.force.model_copy(update=force)})
     alone = replace(
         undisturbed(experiment),
-        reference=WayPoints((0.0, NUDGED - period, NUDGED), (point.p_B, point.p_B, nudged)),
+        reference=WayPoints((0.0, NUDGED - period, NUDGED), (point.p_B,) * 3),
         controller=computer,
         duration_ticks=round(OVER / experiment.cosim.tick),
     )
@@ -334,24 +361,22 @@ class _Raising(Observer):
     Gains that are lowered are low from the beginning: with the higher ones the robot may shake.
     """
 
-    def __init__(self, system: System, point: OperatingPoint, law: str, factor: float, nudge: float):
-        self._tick, self._factor, self._p_B = system.tick, factor, system.columns("plant.p_B")
-        self._point_B, self._nudged_B = point.p_B, np.add(point.p_B, nudge)
+    def __init__(self, system: System, point: OperatingPoint, law: str, factor: float):
+        self._tick, self._factor, self._p_B, self._point = system.tick, factor, system.columns("plant.p_B"), point
         memory = system.component("controller").memory  # type: ignore[attr-defined]
         self._gains = [(memory[law][name], memory[law][name].copy()) for name in GAINS]
-        # of tasks: way points are nudged by their reference
-        self._machine = memory["machine"] if "machine" in (memory.dtype.names or ()) else None
+
+    def begin(self, simulation: Simulation) -> None:
+        self.enough = False
 
     def ready(self, tick: int) -> None:
         t = tick * self._tick
-        if self._machine is not None and t >= NUDGED:
-            self._machine["start"] = self._machine["end"] = self._nudged_B
         share = min(max((t - SETTLED) / (RAISED - SETTLED), 0.0), 1.0)
         for gain, as_set in self._gains:
             gain[...] = (self._factor**share if self._factor > 1.0 else self._factor) * as_set
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        self.enough = len(rows) > 0 and not np.abs(rows[-1, self._p_B] - self._point_B).max() < FAR
+        self.enough = len(rows) > 0 and _far_off(rows[-1, self._p_B], self._point)
 
 
 def holding_controller(experiment: Experiment, point: OperatingPoint) -> Controller | TaskController:

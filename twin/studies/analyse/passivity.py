@@ -40,7 +40,7 @@ from twin.studies.analyse.operating_point import (
     Linearised,
     OperatingPoint,
     closed_in,
-    nudged_path,
+    nudged_paths,
     operating_points,
     resting_point,
 )
@@ -130,7 +130,7 @@ def _loaded(experiment: Experiment, mass: float) -> Experiment:
 def _simulated(experiment: Experiment, point: OperatingPoint, mass: float) -> float:
     """Growth (1/s) of a nudge in the co-simulation; infinite: the platform flew off."""
     law = "position"
-    path = nudged_path(_loaded(experiment, mass), _carrying(point, mass), law, 1.0, NUDGE, LONG)
+    (path,) = nudged_paths(_loaded(experiment, mass), _carrying(point, mass), law, 1.0, [NUDGE], LONG)
     tick = experiment.cosim.tick
     if len(path) <= round(LONG / tick):
         return np.inf

@@ -32,7 +32,7 @@ from twin.studies.analyse.operating_point import (
     Linearised,
     LinearPoint,
     OperatingPoint,
-    aftermath,
+    aftermaths,
     on_stiffness,
     operating_points,
 )
@@ -170,7 +170,8 @@ def lasting_nudges(experiment: Experiment, point: OperatingPoint, law: str, fact
         InputRefused: a drive FMU does not fit.
     """
     sizes = (LARGE_PRESSING if point.in_contact else LARGE, SMALL)
-    return tuple(size for size in sizes if aftermath(experiment, point, law, factor, size).lasts(size))
+    left = aftermaths(experiment, point, law, factor, sizes)
+    return tuple(size for size, one in zip(sizes, left, strict=True) if one.lasts(size))
 
 
 def _reason(drives: Sequence[DriveModel], lasting: Callable[[float], Lasting], high: float | None) -> str:

@@ -10,6 +10,7 @@ Gains in the co-simulation with the real drives: a step at a corner, and the exp
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,17 +19,18 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from twin.kernel.cosim.observers import simulate
-from twin.kernel.cosim.system import MemoryChange
+from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.writing import finite
 from twin.robot.assembly.assemble import FORCE_REFERENCE, assemble
 from twin.robot.assembly.declared import PLACES
 from twin.robot.assembly.roles import refuse_other_parts
+from twin.robot.controller.task_controller import hold_at
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.schema import WayPoints
 from twin.robot.monitor.component import trip_reason
 from twin.robot.run.outcome import RunOutcome, Tally
-from twin.robot.run.trace import Trace
+from twin.robot.run.past import forked
 from twin.studies.analyse.linear.loops import Matrix
 from twin.studies.analyse.operating_point import Linearised
 from twin.studies.command import Say, silent
@@ -225,7 +227,7 @@ def step_trial(corner: Corner, gains: LawGains) -> StepTrial | None:
         gains: with which the linear model is stable.
     """
     try:
-        moved, still = (_run(corner, gains, stepped) for stepped in (True, False))
+        still, moved = still_and_moved(corner, gains)
     except ComponentFailed:
         return None
     i = 3 if corner.point.force_on else 2
@@ -257,14 +259,14 @@ def lasting_swing(t: Matrix, y: Matrix) -> float:
     return float(np.ptp(y[last] - np.polyval(np.polyfit(t[last], y[last], 1), t[last])))
 
 
-def _run(corner: Corner, gains: LawGains, stepped: bool) -> Matrix:
-    """The true pressing force (N) or height (m) at each tick from the step on (n,)."""
+def still_and_moved(corner: Corner, gains: LawGains, share: bool = True) -> list[Matrix]:
+    """The true pressing force (N) or height (m) at each tick from the step on (n,), without the step and with it.
+
+    Args:
+        share: False: both runs are made from the start, for comparison.
+    """
     experiment, point = with_gains(at_stiffness(corner), gains), corner.point
-    x, y, z = point.p_B
     period = experiment.controller.period
-    up = z + (HEIGHT_STEP if stepped and not point.force_on else 0.0)
-    # the last call of the controller before REST still has the old reference
-    reference = WayPoints((0.0, REST - period, REST), (point.p_B, point.p_B, (x, y, up)))
     low, high = (1.0 - 0.5 * FORCE_STEP) * point.F_z, (1.0 + 0.5 * FORCE_STEP) * point.F_z
     c = experiment.controller
     force = c.force.model_copy(update={"reference": low, "trigger": None, "trigger_time": 0.0})
@@ -273,20 +275,26 @@ def _run(corner: Corner, gains: LawGains, stepped: bool) -> Matrix:
         experiment,
         tasks=(),
         approach=None,
-        reference=reference,
+        # the last call of the controller before REST still has the old reference
+        reference=WayPoints((0.0, REST - period, REST), (point.p_B,) * 3),
         controller=c.model_copy(update={"mode": mode, "force": force, "tissue": None, "breath": None}),
     )
-    rest, over = (round(time / experiment.cosim.tick) for time in (REST, HORIZON))
-    pressed, risen = "plant.F_ee_B", "plant.p_B"
-    run = Trace(only=(pressed, risen))
-    with assemble(held) as assembly:
-        system = assembly.system
-        if stepped and point.force_on:
+
+    def step(system: System) -> None:
+        if point.force_on:
             memory = PLACES[FORCE_REFERENCE].memory_of(system.component("controller"))
             assert memory is not None
-            system.changes = (*system.changes, MemoryChange(rest, memory, high))
-        simulate(assembly, rest + over, [run]).completed()
-    return -run[pressed][rest:, 2] if point.force_on else run[risen][rest:, 2]
+            memory[...] = high
+        else:
+            hold_at(system, [*point.p_B[:2], point.p_B[2] + HEIGHT_STEP])
+
+    rest, over = (round(time / experiment.cosim.tick) for time in (REST, HORIZON))
+    pressed, risen = "plant.F_ee_B", "plant.p_B"
+    runs = forked(
+        partial(assemble, held), rest, rest + over, (pressed, risen), [lambda system: None, step], share=share
+    )
+    traces = [trace for done, trace in runs if done.completed()]
+    return [-run[pressed][rest:, 2] if point.force_on else run[risen][rest:, 2] for run in traces]
 
 
 def contradiction(trial: StepTrial, prediction: Prediction, goals: Goals) -> str:
