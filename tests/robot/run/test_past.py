@@ -10,7 +10,6 @@ import pytest
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
 from twin.kernel.cosim.port import width
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.cosim.state import SystemState
 from twin.kernel.cosim.system import System
 from twin.kernel.fmi.state import FmuStates
 from twin.robot.assembly.assemble import assemble
@@ -252,19 +251,3 @@ def test_where_a_state_does_not_come_back_every_run_begins_at_the_start(monkeypa
     for one, other in zip(shared, forks(held_up("velocity_servo")), strict=True):
         np.testing.assert_array_equal(one["plant.p_B"], other["plant.p_B"])
     assert len(simulations) == 1
-
-
-def test_what_is_done_to_a_fork_a_tick_late_is_seen(monkeypatch):
-    shared = forks(held_up("velocity_servo"))
-    restore = Simulation.restore
-
-    def late(self: Simulation, state: SystemState) -> None:
-        restore(self, state)
-        self.advance(1)
-
-    monkeypatch.setattr(past, "comes_back", lambda simulation, states: True)
-    monkeypatch.setattr(Simulation, "restore", late)
-    keys, ways = ["plant.p_B"], [raised]
-    ((_, trace),) = forked(lambda: assemble(held_up("velocity_servo")), REST, END, keys, ways)
-    rows = trace["plant.p_B"][REST:]
-    assert not np.array_equal(rows, shared[0]["plant.p_B"][REST:][: len(rows)])
