@@ -245,11 +245,8 @@ def observe_contact(seen, contact_force, ticks):
 
 STEPS = 101
 
-RETRACTION = record(
-    **states(
-        **alike("3i8", "unfollowed off"), **alike("3f8", "most least"), **alike("i8", "power power_off_tick brake blind")
-    )
-)
+_FLAGS = "power power_off_tick brake blind"
+RETRACTION = record(**states(**alike("3i8", "unfollowed off"), **alike("3f8", "most least"), **alike("i8", _FLAGS)))
 """Ticks for which each joint has not followed the retraction; whether its drive's power is cut; the most and the least
 that it was commanded of late (rad/s); whether any drive has power; the tick at which one lost it, -1: none; whether
 brakes may close; ticks without a valid encoder message."""

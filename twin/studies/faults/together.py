@@ -4,6 +4,7 @@ Beside each run stands that of an ideal monitor, which takes the power of all dr
 trips: what no other reaction of the same robot, seeing no more, is asked to better by much.
 """
 
+import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
@@ -28,8 +29,6 @@ LOW = 10.0
 """Force (N) below which the time counts as bearable: that of a firm thumb, and two thirds of the force limit."""
 LEFT = 0.1
 """Time (s) at the end of a run over which the force that is left is averaged."""
-SETTLED = 0.5
-"""Rounding of forces (N) in comparisons with those of other processors."""
 
 
 class FaultSet(StrEnum):
@@ -55,6 +54,7 @@ class Felt:
         energy: most that the robot has given to the body (J).
         left: true force at the end (N).
         failure: the sentence that ended the run; "".
+        digest: of the true force's bits, by which a run is known again on the same kind of machine.
     """
 
     seen: float | None
@@ -67,6 +67,7 @@ class Felt:
     energy: float
     left: float
     failure: str
+    digest: str
 
     def facts(self) -> dict[str, Any]:
         """For JSON."""
@@ -108,6 +109,7 @@ def felt(experiment: Experiment, faults: Sequence[Fault], watched: bool = True, 
         energy=max(0.0, float(given.max())),
         left=float(force[-max(1, round(LEFT / tick)) :].mean()),
         failure=str(done.failure or ""),
+        digest=hashlib.sha256(np.ascontiguousarray(run["plant.F_ee_B"])).hexdigest()[:12],
     )
 
 
@@ -265,8 +267,9 @@ class Stage(NamedTuple):
 
 
 def together_of(kind: FaultSet, onset: float, kinds: Sequence[str]) -> list[Together]:
-    """Those of one list."""
-    return list((common_causes if kind is FaultSet.COMMON else pairs)(onset, kinds))
+    """Those of one list; of single faults none."""
+    lists = {FaultSet.COMMON: common_causes, FaultSet.PAIRS: pairs}
+    return list(lists[kind](onset, kinds)) if kind in lists else []
 
 
 def together_rows(stage: Stage, wanted: Sequence[FaultSet], kinds: Sequence[str]) -> Iterator[TogetherRow]:

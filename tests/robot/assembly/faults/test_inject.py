@@ -7,8 +7,8 @@ from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.system import End, Feeds
 from twin.kernel.errors import InputRefused
 from twin.robot import faults, shaft
-from twin.robot.assembly.inject import COUNT_LAWS, DRIVE_LAWS, inject
 from twin.robot.assembly.declared import BROKEN
+from twin.robot.assembly.inject import COUNT_LAWS, DRIVE_LAWS, inject
 from twin.robot.experiment.fault import CATALOGUE, Fault
 
 DEG = np.pi / 180.0
