@@ -121,6 +121,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
     "all joint encoders": _ENCODERS[:3],
     "all motor encoders": _ENCODERS[3:],
     "all joints": _JOINTS,
+    "power": ("drives",),
 }
 """What one cause breaks at once: one bus or driver board, one supply, one batch or one repair."""
 
@@ -284,7 +285,7 @@ _DRIVE_KINDS = {
         "rad_per_s", (2.0, 0.3, 0.05), {"ge": 0.0},
     ),
     "brown_out": Kind(
-        "command", ("drives", "power"), "the supply sags: this share of the drives' highest speed is left",
+        "command", ("drives",), "the supply sags: this share of the drives' highest speed is left",
         Seen(0.05, 0.05), f"{_DOES_NOT_FOLLOW} while it asks for more; below that nothing is wrong",
         "share", (0.5, 0.05, 0.01), SHARE,
     ),

@@ -7,7 +7,8 @@ one batch. A pair are two faults of different components that begin together; th
 from itertools import combinations
 from typing import Any, NamedTuple
 
-from twin.robot.experiment.fault import ALWAYS, CATALOGUE, EVERY, UNSEEN, Seen
+from twin.kernel.errors import InputRefused
+from twin.robot.experiment.fault import ALWAYS, CATALOGUE, EVERY, UNSEEN, Seen, expected
 
 
 class CommonCause(NamedTuple):
@@ -150,3 +151,48 @@ def table(kind: str, target: str, magnitude: float | None, onset: float) -> dict
     """The [[fault]] table of it; `onset` in s."""
     key = CATALOGUE[kind].magnitude_key
     return {"kind": kind, "target": target, "onset_s": onset} | ({key: magnitude} if key else {})
+
+
+OF, AND = "@", "+"
+"""In names of sets of faults: `drive_runaway@all_drives`, `drive_runaway+sample_loss`."""
+
+
+class SetPart(NamedTuple):
+    """One of the faults of a set, and where it may be."""
+
+    kind: str
+    targets: tuple[str, ...]
+
+
+def named_set(name: str) -> tuple[SetPart, ...]:
+    """The faults that a set's name says: one kind of the catalogue, a kind of a group, or several kinds.
+
+    Raises:
+        InputRefused: there is no such kind or group.
+    """
+    parts = []
+    for text in name.split(AND):
+        kind, of, group = text.partition(OF)
+        if kind not in CATALOGUE:
+            raise InputRefused(f"--kind {name}: {expected(kind, tuple(CATALOGUE))}")
+        targets = (group.replace("_", " "),) if of else CATALOGUE[kind].targets
+        if of and targets[0] not in CATALOGUE[kind].groups + CATALOGUE[kind].targets:
+            known = ", ".join(known.replace(" ", "_") for known in CATALOGUE[kind].groups) or "none"
+            raise InputRefused(f"--kind {name}: no group '{group}' of {kind}; there are {known}")
+        parts.append(SetPart(kind, targets))
+    return tuple(parts)
+
+
+def common_names() -> tuple[str, ...]:
+    """Sets of the common causes that are a group."""
+    grouped = [cause for cause in COMMON_CAUSES if cause.target in CATALOGUE[cause.kind].groups]
+    return tuple(f"{cause.kind}{OF}{cause.target.replace(' ', '_')}" for cause in grouped)
+
+
+def pair_names() -> tuple[str, ...]:
+    """Sets of the pairs; where a kind is meant at one place it says which."""
+    return tuple(dict.fromkeys(AND.join(_named(part) for part in pair) for pair in PAIRS))
+
+
+def _named(part: PairPart) -> str:
+    return f"{part.kind}{OF}{part.target}" if CATALOGUE[part.kind].targets == ("controller", "bus") else part.kind

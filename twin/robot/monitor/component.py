@@ -254,7 +254,7 @@ SLACK = 0.25
 """Share of `follow_limit` by which a retracting motor may be slower than the slowest drive that obeys: above the ripple
 of its low-passed speed, 0.33 rad/s."""
 DOUBTED = FROZEN_JOINT
-"""Reasons up to this one doubt an encoder: of the joint that they blame, or of all."""
+"""Reasons up to this one doubt encoders: then no speed that they tell is taken for disobedience."""
 
 
 @njit(cache=True)
@@ -305,23 +305,25 @@ def cut(retraction, i, lines, now):
 
 
 @njit(cache=True)
-def enforce(limits, seen, retraction, reason, joint, lines, now, since, unseen):
-    """Cut at once the drives that do not obey the retraction, `since` (s) the trip; all, once it is over unseen.
+def enforce(limits, seen, retraction, reason, lines, now, since, unseen):
+    """Cut at once the drives that do not obey the retraction, `since` (s) the trip.
+
+    All of them, once it is over by `follow_time` and no encoder message has said that it was done.
 
     Args:
-        reason, joint: of the trip.
+        reason: of the trip.
         lines: whether each drive has a line of power of its own.
         now: in ticks.
         unseen: whether no encoder message says what the motors do.
     """
     if limits.disobeyed == 0 or retraction.power == 0:
         return
-    turning = retraction_speed(limits, retraction, since) != 0.0
-    if not turning and unseen:
+    if unseen and since >= limits.retract / limits.retract_speed + limits.follow_time:
         cut(retraction, 0, False, now)
-    for i in range(3 if turning and not unseen else 0):
-        doubted = reason <= DOUBTED and (joint == 0 or joint == i + 1)
-        if retraction.off[i] == 0 and not doubted and disobeys(limits, seen, retraction, i, since):
+    if unseen or reason <= DOUBTED or retraction_speed(limits, retraction, since) == 0.0:
+        return
+    for i in range(3):
+        if retraction.off[i] == 0 and disobeys(limits, seen, retraction, i, since):
             cut(retraction, i, lines, now)
 
 
@@ -485,7 +487,7 @@ def step_over(lines):
             m.retraction.blind = 0 if ticks > 0 else m.retraction.blind + m.period
             unseen = m.retraction.blind * tick >= REACHED * m.limits.stale_time
             if ticks > 0 or unseen:
-                enforce(m.limits, m.seen, m.retraction, m.reason, m.trip_joint, lines, m.tick, since, unseen)
+                enforce(m.limits, m.seen, m.retraction, m.reason, lines, m.tick, since, unseen)
             release(m.limits, m.seen, m.retraction, tick, m.tick)
         for i in range(3):
             m.sent[i] = u.omega_ref[i]

@@ -81,9 +81,19 @@ def faults(
     """
     from twin.kernel.writing import growing, json_text, made_folder, write_json
     from twin.robot.assembly.load import load_experiment
-    from twin.studies.faults.matrix import cases, healthy_trial, known_kinds, matrix_rows, onsets_of, touching
+    from twin.studies.faults.matrix import (
+        Case,
+        FaultRow,
+        FaultTrial,
+        cases,
+        healthy_trial,
+        known_kinds,
+        matrix_rows,
+        onsets_of,
+        touching,
+    )
     from twin.studies.faults.text import draw_fault_matrix, fault_matrix_result, together_result
-    from twin.studies.faults.together import FaultSet, Stage, together_of, together_rows
+    from twin.studies.faults.together import FaultSet, Stage, TogetherRow, together_of, together_rows
 
     folder = made_folder(out or HOME / experiment.stem)
     name, picture = experiment.stem, folder / PICTURE
@@ -94,26 +104,27 @@ def faults(
     # a row is written as soon as there is one, so that a drive that crashes costs none of them
     with growing(home / ROWS) as append:
         chosen = known_kinds(kinds)
-        stages, planned, rows = [], (), []
-        for body in list(dict.fromkeys(bodies)) or [None]:
+        stages: list[Stage] = []
+        of_bodies: list[tuple[FaultTrial, tuple[Case, ...]]] = []
+        for body in dict.fromkeys(bodies) or (None,):
             loaded = load_experiment(experiment, settings, drive, body)
             healthy = healthy_trial(loaded)
             times = onsets_of(loaded, healthy, onsets)
             # checks the onsets, too
-            of_body = cases(loaded, chosen, times, duration)
+            of_bodies.append((healthy, cases(loaded, chosen, times, duration)))
             touches = touching(healthy)
             inside = tuple((t, bool(touches[round(t / loaded.cosim.tick)])) for t in times)
             stages.append(Stage(body or "", loaded, inside))
-            if FaultSet.SINGLE in wanted and body in (None, bodies[0] if bodies else None):
-                planned = of_body
-                first, first_healthy = loaded, healthy
-        each = sum(len(together_of(kind, 0.0, kinds)) for kind in FaultSet if kind in wanted)
+        # single faults on the first body
+        healthy, planned = of_bodies[0] if FaultSet.SINGLE in wanted else (of_bodies[0][0], ())
+        each = sum(len(together_of(kind, 0.0, kinds)) for kind in wanted)
         total = len(planned) + each * sum(len(stage.onsets) for stage in stages)
-        for row in matrix_rows(first, first_healthy, planned) if planned else ():
+        rows: list[FaultRow] = []
+        for row in matrix_rows(stages[0].experiment, healthy, planned):
             rows.append(row)
             append(json_text(row.facts()) + "\n")
             say(f"{len(rows)} of {total} cases", len(rows) / total)
-        together = []
+        together: list[TogetherRow] = []
         for stage in stages:
             for found in together_rows(stage, wanted, kinds):
                 together.append(found)

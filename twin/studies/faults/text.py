@@ -78,18 +78,17 @@ def fault_matrix_result(
 
 
 TOGETHER = (
-    Column("worst first", 27, ".27s", left=True),
-    Column("", 9, left=True),
+    Column("worst of each", 34, ".34s", left=True),
+    Column("on", 9, ".9s", left=True),
     Column("peak", 5, unit="N"),
     Column("ideal", 5, unit="N"),
     Column("w/o", 5, unit="N"),
     Column("left", 4, unit="N"),
     Column("seen", 5, unit="s"),
     Column("off", 5, unit="s"),
-    Column("<10 N", 5, unit="s"),
 )
 SHOWN = 12
-"""Rows of each list that the text shows; all are in the files."""
+"""Causes of each list that the text shows, the worst first; all rows are in the files."""
 
 
 def together_result(experiment: str, rows: Sequence[TogetherRow], wanted: Sequence[FaultSet]) -> Result:
@@ -116,7 +115,10 @@ def together_blocks(rows: Sequence[TogetherRow]) -> list[Block]:
             f"{REACHABLE * of_kind[0].limit:g} N, {REACHABLE:g} times the limit, of which {beyond} also above "
             f"{OF_IDEAL:g} times the peak with an ideal monitor, which cuts all power when this one trips."
         )
-        cells = [_together_cells(row) for row in of_kind[:SHOWN]]
+        # of equal names the worst comes first
+        worst = {row.faults.name: row for row in reversed(of_kind)}
+        shown = sorted(worst.values(), key=lambda row: -row.watched.peak)[:SHOWN]
+        cells = [_together_cells(row) for row in shown]
         blocks += ["", Note(text, later=4), Table(TOGETHER, cells, indent=0)]
     return blocks
 
@@ -125,19 +127,15 @@ def _together_cells(row: TogetherRow) -> tuple[str, ...]:
     def seconds(value: float | None) -> str:
         return "-" if value is None else f"{value:.3f}"
 
-    kind, magnitude = row.faults.cause and row.faults.cause.kind, row.faults.magnitude
-    mark = "! " if row.fails or row.beyond else "  "
-    where = f" on {row.body}" if row.body else ""
     return (
-        f"{mark}{row.faults.name}{where}",
-        magnitude_text(kind, magnitude) if kind else "",
+        f"{'! ' if row.fails or row.beyond else '  '}{row.faults.name}",
+        row.body,
         _force(row.watched.peak),
         "-" if row.ideal is None else _force(row.ideal),
         _force(row.unwatched.peak),
         f"{row.watched.left:.1f}",
         seconds(row.watched.seen),
         seconds(row.watched.power_off),
-        seconds(row.watched.below),
     )
 
 

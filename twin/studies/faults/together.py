@@ -109,7 +109,7 @@ def felt(experiment: Experiment, faults: Sequence[Fault], watched: bool = True, 
         energy=max(0.0, float(given.max())),
         left=float(force[-max(1, round(LEFT / tick)) :].mean()),
         failure=str(done.failure or ""),
-        digest=hashlib.sha256(np.ascontiguousarray(run["plant.F_ee_B"])).hexdigest()[:12],
+        digest=hashlib.sha256(run["plant.F_ee_B"].tobytes()).hexdigest()[:12],
     )
 
 

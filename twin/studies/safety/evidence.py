@@ -239,21 +239,21 @@ def without_monitor(robot: Robot, run: EvidenceRun) -> EvidenceRun:
 
 
 def line_of(
-    hazard: Hazard, robots: Callable[[str, tuple[float, float]], Robot], head_area: float, say: Callable[[], None]
+    hazard: Hazard, robots: Callable[[str, tuple[float, float]], Robot], head_area: float, say: Callable[[str], None]
 ) -> tuple[Line, Robot | None]:
     """The line of a hazard, and the robot of its worst run.
 
     Args:
         robots: by body and point.
         head_area: (m2).
-        say: called before each robot.
+        say: called before each robot, with what is done.
     """
     runs: list[EvidenceRun] = []
     distances: dict[str, float] = {}
     of_run: dict[int, tuple[Robot, Cause, tuple[float | None, ...]]] = {}
     for body in hazard.evidence.bodies:
         for point in hazard.evidence.points:
-            say()
+            say(f"{hazard.table.id}: {hazard.table.hazard}")
             try:
                 robot = robots(body, point)
             except TwinError as problem:

@@ -25,7 +25,8 @@ REVIEWER = (
 STYLE = """
 body{font:14px/1.45 system-ui,sans-serif;color:#1c1c1c;max-width:62rem;margin:1.5rem auto;padding:0 1rem}
 h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem;border-top:2px solid #1c1c1c;padding-top:.6rem}
-table{border-collapse:collapse;width:100%;margin:.6rem 0}th,td{border:1px solid #bbb;padding:.25rem .45rem;text-align:left;vertical-align:top}
+table{border-collapse:collapse;width:100%;margin:.6rem 0}
+th,td{border:1px solid #bbb;padding:.25rem .45rem;text-align:left;vertical-align:top}
 th{background:#f3f3f3}td.n{text-align:right;font-variant-numeric:tabular-nums}
 .notice{border:2px solid #c62828;padding:.6rem .8rem;font-weight:600}
 .kept{color:#1b5e20;font-weight:700}.exceeded,.failed{color:#c62828;font-weight:700}.stated{color:#a15c00;font-weight:700}
@@ -142,38 +143,35 @@ def _worst(table: SafetyTable, line: Line, worst: EvidenceRun, run: Felt) -> Ite
     )
     yield f"<h3>Worst run: {escape(worst.cause)} on {escape(worst.body)} ({how})</h3>"
     without = worst.unwatched
+    named = {
+        "seen (s)": lambda one: one.seen,
+        "reaction at the drives (s)": lambda one: one.acted,
+        "power off (s)": lambda one: one.power_off,
+        f"below {LOW:g} N for good (s)": lambda one: one.below,
+        "peak (N)": lambda one: one.peak,
+        "left at the end (N)": lambda one: one.left,
+        "impulse (N s)": lambda one: one.impulse,
+        "energy given to the body (J)": lambda one: one.energy,
+        "pressure over the head (kPa)": lambda one: _pressure(line, one),
+    }
     rows = [
-        (name, _number(value), _number(other))
-        for name, value, other in (
-            ("seen (s)", run.seen, None),
-            ("reaction at the drives (s)", run.acted, None),
-            ("power off (s)", run.power_off, None),
-            (f"below {LOW:g} N for good (s)", run.below, without and without.below),
-            ("peak (N)", run.peak, without and without.peak),
-            ("left at the end (N)", run.left, without and without.left),
-            ("impulse (N s)", run.impulse, without and without.impulse),
-            ("energy given to the body (J)", run.energy, without and without.energy),
-            ("pressure over the head (kPa)", _pressure(line, run), without and _pressure(line, without)),
-        )
+        (name, _number(value(run)), "-" if without is None else _number(value(without)))
+        for name, value in named.items()
     ]
     yield _table(("from the onset on", "with monitor", "without"), rows)
+    pressure = _pressure(line, run)
     against = [
-        (
-            escape(t.name),
-            f"{1e-3 * t.pressure:g} kPa",
-            f"{100 * 1e3 * _pressure(line, run) / t.pressure:.0f} %",
-            escape(t.source),
-        )
+        (escape(t.name), f"{1e-3 * t.pressure:g} kPa", f"{1e5 * pressure / t.pressure:.0f} %", escape(t.source))
         for t in table.thresholds
     ]
     if against:
         yield _table(("pain begins at", "mean", "this run", "source"), against)
     if line.variants:
-        rows = [
+        others = [
             (escape(v.name), _pair(line.variants.get(v.name), 0), _pair(line.variants.get(v.name), 1), escape(v.why))
             for v in table.variants
         ]
-        yield _table(("other hardware", "peak (N)", "left (N)", ""), rows)
+        yield _table(("other hardware", "peak (N)", "left (N)", ""), others)
     yield f"<p>Again: <code>{escape(worst.command(table.head.experiment))}</code></p>"
     yield f"<p>run <code>{worst.id}</code>, seed {worst.seed}, digest of the force <code>{run.digest}</code></p>"
 
@@ -197,8 +195,8 @@ def _runs(line: Line) -> Iterator[str]:
         low, high = line.coverage
         yield (
             f"<p>Seen: {seen} of {made} runs of the grid; {100 * CONFIDENCE:.0f} % interval {100 * low:.0f} to "
-            f"{100 * high:.0f} % (Clopper and Pearson), were they drawn at random, which they are not: small magnitudes "
-            "that nobody needs to see are among them.</p>"
+            f"{100 * high:.0f} % (Clopper and Pearson), were they drawn at random, which they are not: small "
+            "magnitudes that nobody needs to see are among them.</p>"
         )
     head = (
         "run",
@@ -217,17 +215,9 @@ def _runs(line: Line) -> Iterator[str]:
     for run in line.runs:
         sizes = ", ".join(f"{v:g}" for one in run.tables for k, v in one.items() if k.startswith("magnitude"))
         onset = f"{run.tables[0]['onset_s']:g}" if run.tables else ""
-        felt = run.watched
-        cells = (
-            (
-                f"{felt.peak:.1f}",
-                f"{felt.left:.1f}",
-                _number(felt.seen),
-                felt.reason or "-",
-                f"<code>{felt.digest}</code>",
-            )
-            if felt
-            else ("failed", "", "", escape(run.failure), "")
-        )
+        cells: tuple[str, ...] = ("failed", "", "", escape(run.failure), "")
+        if felt := run.watched:
+            digest = f"<code>{felt.digest}</code>"
+            cells = (f"{felt.peak:.1f}", f"{felt.left:.1f}", _number(felt.seen), felt.reason or "-", digest)
         rows.append((f"<code>{run.id}</code>", escape(run.cause), run.body, sizes, onset, str(run.seed), *cells))
     yield f"<details open><summary>{len(line.runs)} runs</summary>{_table(head, rows)}</details>"

@@ -38,7 +38,7 @@ def threshold_points(
     path: Path,
     settings: Sequence[str],
     worst: Sequence[tuple[Line, Robot]],
-    say: Callable[[], None],
+    say: Callable[[str], None],
 ) -> list[ThresholdPoint]:
     """Each threshold at each factor.
 
@@ -56,7 +56,7 @@ def threshold_points(
     for key in asked.keys:
         nominal = load_experiment(path, settings).values["monitor"].get(key) or _default(key)
         for factor in asked.factors:
-            say()
+            say(f"monitor.{key} times {factor:g}")
             value = float(f"{nominal * factor:.6g}")
             changed = f"monitor.{key}={value!r}"
             try:
