@@ -182,8 +182,8 @@ def joint_drives(build: Build) -> Makers:
 
 def have_lines(experiment: Experiment) -> bool:
     """Whether drives say what they do without power: each then has a line of its own from twin's own monitor."""
-    told = any(drive.unpowered is not None for drive in experiment.drives)
-    return told and experiment.monitor is not None and "monitor" not in experiment.stand_ins
+    stated = any(drive.unpowered is not None for drive in experiment.drives)
+    return stated and experiment.monitor is not None and "monitor" not in experiment.stand_ins
 
 
 def unpowered_shafts(build: Build) -> Makers:
@@ -194,12 +194,12 @@ def unpowered_shafts(build: Build) -> Makers:
     """
     if not have_lines(build.experiment):
         return {}
-    told = [drive.unpowered for drive in build.experiment.drives]
-    if None in told:
-        raise InputRefused("[drive.unpowered]: said of some joints only; say it in [drive], or of each joint")
+    stated = [drive.unpowered for drive in build.experiment.drives]
+    if None in stated:
+        raise InputRefused("[drive.unpowered]: stated for some joints only; state it in [drive], or of each joint")
     return {
         f"shaft_{i}": partial(UnpoweredShaft, f"shaft_{i}", shaft, float(build.theta_m[i - 1]))
-        for i, table in enumerate(told, start=1)
+        for i, table in enumerate(stated, start=1)
         if table is not None
         for shaft in [Unpowered(table.holding, table.brake, int(table.brake_line == "own"), table.J, table.b)]
     }

@@ -13,7 +13,7 @@ HOME = Path("results") / "faults"
 ROWS, MATRIX, PICTURE = "rows.jsonl", "matrix.json", "matrix.png"
 
 
-class Together(StrEnum):
+class SetOfFaults(StrEnum):
     """How many faults at once; `twin.studies.faults.together.FaultSet`, which is not imported for `--help`."""
 
     SINGLE = "single"
@@ -40,7 +40,7 @@ def faults(
     ] = (),
     duration: Annotated[float | None, Option("Duration of each fault; default: to the end of the run.", "S")] = None,
     sets: Annotated[
-        Sequence[Together],
+        Sequence[SetOfFaults],
         Option(
             "Single faults, common causes, or pairs of kinds; may be repeated. Default: all three.",
             "single|common|pairs",
@@ -66,7 +66,7 @@ def faults(
     and which exceed the force limit by more than 20 % all the same. A common
     cause breaks several parts at once, such as all drives; after it the force
     is to stay below 1.5 times the limit, or 1.2 times what an ideal monitor
-    reaches. Pairs are told.
+    reaches. Pairs are listed, not judged.
 
     Exit code: 0 as stated, 1 a fault is missed or exceeds the limit
     unexpectedly, 2 input refused, 3 a drive crashed or hung (the rows until

@@ -230,7 +230,7 @@ class TogetherRow:
 
     @property
     def fails(self) -> bool:
-        """Whether a common cause did worse than was said; a pair is only told."""
+        """Whether a common cause did worse than was said; a pair is only listed."""
         return self.faults.kind is FaultSet.COMMON and (self.missed or self.beyond)
 
     def facts(self) -> dict[str, Any]:

@@ -27,7 +27,7 @@ CONFIDENCE = 0.95
 """Of intervals of a detected share, by Clopper and Pearson (1934)."""
 
 
-class Robot(NamedTuple):
+class HazardRobot(NamedTuple):
     """An experiment on one body at one point, healthy.
 
     Attributes:
@@ -106,7 +106,7 @@ Status = Literal["kept", "exceeded", "exceeded as stated", "failed"]
 
 
 @dataclass(frozen=True)
-class Line:
+class HazardLine:
     """A hazard with its runs.
 
     Attributes:
@@ -203,20 +203,20 @@ class Line:
         }
 
 
-def robot_of(path: Path, settings: Sequence[str], body: str, point: tuple[float, float]) -> Robot:
-    """The experiment on `body`, its first task at `point` (mm).
+def robot_of(path: Path, settings: Sequence[str], body: str, point: tuple[float, float]) -> HazardRobot:
+    """The experiment on `body`, its first task at `point` (m).
 
     Raises:
         InputRefused: it cannot be made so. SafetyTrip, ComponentFailed: it trips or fails without any fault.
     """
-    moved = (f"task.1.point_mm=[{point[0]:g},{point[1]:g}]",) if point != (0.0, 0.0) else ()
+    moved = (f"task.1.point_mm=[{1e3 * point[0]:g},{1e3 * point[1]:g}]",) if point != (0.0, 0.0) else ()
     experiment = load_experiment(path, (*settings, *moved), None, body)
     healthy = healthy_trial(experiment)
-    return Robot(body, (*settings, *moved), experiment, onsets_of(experiment, healthy, ()), touching(healthy))
+    return HazardRobot(body, (*settings, *moved), experiment, onsets_of(experiment, healthy, ()), touching(healthy))
 
 
 def run_of(
-    robot: Robot, cause: Cause, sizes: Sequence[float | None], onset: float, searched: bool = False
+    robot: HazardRobot, cause: Cause, sizes: Sequence[float | None], onset: float, searched: bool = False
 ) -> EvidenceRun:
     """One run with the monitor; one that is refused or fails is a failed run, never none."""
     parts = zip(cause.faults, sizes, strict=True)
@@ -232,15 +232,18 @@ def run_of(
     return replace(one, watched=watched)
 
 
-def without_monitor(robot: Robot, run: EvidenceRun) -> EvidenceRun:
+def without_monitor(robot: HazardRobot, run: EvidenceRun) -> EvidenceRun:
     """`run` with that of the same robot without its monitor."""
     faults = faults_of(robot.experiment, run.tables)
     return replace(run, unwatched=felt(robot.experiment, faults, watched=False))
 
 
 def line_of(
-    hazard: Hazard, robots: Callable[[str, tuple[float, float]], Robot], head_area: float, say: Callable[[str], None]
-) -> tuple[Line, Robot | None]:
+    hazard: Hazard,
+    robots: Callable[[str, tuple[float, float]], HazardRobot],
+    head_area: float,
+    say: Callable[[str], None],
+) -> tuple[HazardLine, HazardRobot | None]:
     """The line of a hazard, and the robot of its worst run.
 
     Args:
@@ -250,7 +253,7 @@ def line_of(
     """
     runs: list[EvidenceRun] = []
     distances: dict[str, float] = {}
-    of_run: dict[int, tuple[Robot, Cause, tuple[float | None, ...]]] = {}
+    of_run: dict[int, tuple[HazardRobot, Cause, tuple[float | None, ...]]] = {}
     for body in hazard.evidence.bodies:
         for point in hazard.evidence.points:
             say(f"{hazard.table.id}: {hazard.table.hazard}")
@@ -265,20 +268,20 @@ def line_of(
             for cause in hazard.causes:
                 if cause.requirement:
                     distances |= _distance(robot, cause.requirement, runs)
-    line = Line(hazard, tuple(runs), 0, distances, head_area)
+    line = HazardLine(hazard, tuple(runs), 0, distances, head_area)
     worst = line.worst
     if worst is None:
         return line, None
     robot, cause, sizes = of_run[runs.index(worst)]
     found = list(_searched(hazard, robot, cause, sizes))
-    line = Line(hazard, (*runs, *found), len(found), distances, head_area)
+    line = HazardLine(hazard, (*runs, *found), len(found), distances, head_area)
     last = line.worst
     assert last is not None
     every = tuple(without_monitor(robot, run) if run is last else run for run in line.runs)
-    return Line(hazard, every, len(found), distances, head_area), robot
+    return HazardLine(hazard, every, len(found), distances, head_area), robot
 
 
-def _cases(hazard: Hazard, robot: Robot) -> Iterator[tuple[Cause, tuple[float | None, ...], float]]:
+def _cases(hazard: Hazard, robot: HazardRobot) -> Iterator[tuple[Cause, tuple[float | None, ...], float]]:
     for cause in hazard.causes:
         if cause.faults:
             signs = {kind: directions(kind) for kind, _ in cause.faults}
@@ -287,7 +290,7 @@ def _cases(hazard: Hazard, robot: Robot) -> Iterator[tuple[Cause, tuple[float | 
                     yield cause, sizes, onset
 
 
-def _distance(robot: Robot, formula: str, runs: list[EvidenceRun]) -> dict[str, float]:
+def _distance(robot: HazardRobot, formula: str, runs: list[EvidenceRun]) -> dict[str, float]:
     try:
         with assemble(robot.experiment) as assembly:
             fields = fields_of(assembly.system)
@@ -299,7 +302,7 @@ def _distance(robot: Robot, formula: str, runs: list[EvidenceRun]) -> dict[str, 
         return {}
 
 
-def _searched(hazard: Hazard, robot: Robot, cause: Cause, sizes: Sequence[float | None]) -> Iterator[EvidenceRun]:
+def _searched(hazard: Hazard, robot: HazardRobot, cause: Cause, sizes: Sequence[float | None]) -> Iterator[EvidenceRun]:
     """Runs about the worst: other times over the whole run, magnitudes down to the catalogue's smallest.
 
     Points of a Halton sequence, scrambled by the seed of the evidence: the same seed gives the same runs.
@@ -322,7 +325,9 @@ def _scaled(kind: str, size: float | None, less: float) -> float | None:
     return float(f"{largest * ratio**less:.4g}")
 
 
-def hardware(line: Line, table_: SafetyTable, path: Path, robot: Robot | None) -> dict[str, tuple[float, float] | None]:
+def hardware(
+    line: HazardLine, table_: SafetyTable, path: Path, robot: HazardRobot | None
+) -> dict[str, tuple[float, float] | None]:
     """(peak, left) in N of the worst run of `line` with each variant of the hardware."""
     worst = line.worst
     if worst is None or robot is None:

@@ -47,7 +47,7 @@ class Threshold(Settings):
     """[[threshold]]: at which pressure people begin to feel pain."""
 
     name: str = setting(min_length=1, help="for people")
-    pressure: float = setting("kPa", gt=0, help="mean of those who were asked")
+    pressure: float = setting("kPa", gt=0, help="mean over people, in kPa")
     source: str = setting(min_length=1, help="where it is published, or 'assumed: ...'")
 
 
@@ -246,8 +246,8 @@ def _cause(name: str, one: Any, mistakes: list[str]) -> Cause | None:
             target = str(part.get("target", known.targets[0])) if isinstance(part, Mapping) else known.targets[0]
             refuse_target(0, kind, target)
         except InputRefused as problem:
-            said = str(problem).replace("[[fault]] 0 ", "")
-            mistakes.append(f"{name} cause: no kind of fault says it: {said}")
+            problem_text = str(problem).replace("[[fault]] 0 ", "")
+            mistakes.append(f"{name} cause: no kind of fault states it: {problem_text}")
             return None
         faults.append((kind, target))
     return Cause(tuple(faults))

@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 
 from twin.studies.faults.together import LOW, Felt
-from twin.studies.safety.evidence import CONFIDENCE, EvidenceRun, Line
+from twin.studies.safety.evidence import CONFIDENCE, EvidenceRun, HazardLine
 from twin.studies.safety.hazards import SafetyTable
 
 NOTICE = (
@@ -36,7 +36,7 @@ code{font-size:.8rem;overflow-wrap:anywhere}img{max-width:100%}details{margin:.5
 CLASSES = {"kept": "kept", "exceeded": "exceeded", "exceeded as stated": "stated", "failed": "failed"}
 
 
-def page(table: SafetyTable, lines: Sequence[Line], pictures: Sequence[tuple[str, Path]], made_with: str) -> str:
+def page(table: SafetyTable, lines: Sequence[HazardLine], pictures: Sequence[tuple[str, Path]], made_with: str) -> str:
     """The whole page as HTML.
 
     Args:
@@ -71,7 +71,8 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Cells are HTML already; numbers stand right."""
     top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
     body = "".join("<tr>" + "".join(_cell(cell) for cell in row) + "</tr>" for row in rows)
-    return f"<table><tr>{top}</tr>{body}</table>"
+    row = f"<tr>{top}</tr>" if any(head) else ""
+    return f"<table>{row}{body}</table>"
 
 
 def _cell(text: str) -> str:
@@ -84,16 +85,16 @@ def _picture(title: str, path: Path) -> str:
     return f'<h2>{escape(title)}</h2><img alt="{escape(title)}" src="data:image/png;base64,{data}">'
 
 
-def _status(line: Line) -> str:
+def _status(line: HazardLine) -> str:
     return f'<span class="{CLASSES[line.status]}">{line.status}</span>'
 
 
-def _overview(lines: Sequence[Line]) -> str:
+def _overview(lines: Sequence[HazardLine]) -> str:
     head = ("", "hazard", "limit", "worst", "without monitor", "seen", "status")
     return _table(head, [list(_summary(line)) for line in lines])
 
 
-def _summary(line: Line) -> Iterator[str]:
+def _summary(line: HazardLine) -> Iterator[str]:
     worst, (seen, made) = line.worst, line.detected
     yield f'<a href="#{escape(line.hazard.table.id)}">{escape(line.hazard.table.id)}</a>'
     yield escape(line.hazard.table.hazard)
@@ -104,7 +105,7 @@ def _summary(line: Line) -> Iterator[str]:
     yield _status(line)
 
 
-def value_text(line: Line, run: Felt | None) -> str:
+def value_text(line: HazardLine, run: Felt | None) -> str:
     """What the limit limits, of one run, with its unit."""
     if run is None:
         return "-"
@@ -112,7 +113,7 @@ def value_text(line: Line, run: Felt | None) -> str:
     return "to the end" if math.isinf(value) else f"{value:.3g} {unit}"
 
 
-def _line(table: SafetyTable, line: Line) -> Iterator[str]:
+def _line(table: SafetyTable, line: HazardLine) -> Iterator[str]:
     words, worst = line.hazard.table, line.worst
     yield f'<h2 id="{escape(words.id)}">{escape(words.id)}: {escape(words.hazard)} - {_status(line)}</h2>'
     facts = [
@@ -126,8 +127,8 @@ def _line(table: SafetyTable, line: Line) -> Iterator[str]:
     ]
     yield _table(("", ""), [(f"<b>{name}</b>", escape(text)) for name, text in facts])
     for name, left in line.distances.items():
-        said = "kept" if left >= 0.0 else "violated"
-        yield f"<p><code>{escape(name)}</code>: {said}, distance {left:.3g} (SI)</p>"
+        outcome = "kept" if left >= 0.0 else "violated"
+        yield f"<p><code>{escape(name)}</code>: {outcome}, distance {left:.3g} (SI)</p>"
     for run in line.failed:
         yield f'<p class="failed">failed: {escape(run.cause)} on {escape(run.body)}: {escape(run.failure)}</p>'
     if worst and worst.watched:
@@ -135,7 +136,7 @@ def _line(table: SafetyTable, line: Line) -> Iterator[str]:
     yield from _runs(line)
 
 
-def _worst(table: SafetyTable, line: Line, worst: EvidenceRun, run: Felt) -> Iterator[str]:
+def _worst(table: SafetyTable, line: HazardLine, worst: EvidenceRun, run: Felt) -> Iterator[str]:
     how = (
         f"found by the search, {line.searched} runs"
         if worst.searched
@@ -159,9 +160,11 @@ def _worst(table: SafetyTable, line: Line, worst: EvidenceRun, run: Felt) -> Ite
         for name, value in named.items()
     ]
     yield _table(("from the onset on", "with monitor", "without"), rows)
+    if without is not None and without.failure:
+        yield f"<p>Without the monitor the run ends early: {escape(without.failure)}</p>"
     pressure = _pressure(line, run)
     against = [
-        (escape(t.name), f"{1e-3 * t.pressure:g} kPa", f"{1e5 * pressure / t.pressure:.0f} %", escape(t.source))
+        (escape(t.name), f"{t.pressure:g} kPa", f"{100 * pressure / t.pressure:.0f} %", escape(t.source))
         for t in table.thresholds
     ]
     if against:
@@ -180,7 +183,7 @@ def _pair(found: tuple[float, float] | None, index: int) -> str:
     return "failed" if found is None else f"{found[index]:.1f}"
 
 
-def _pressure(line: Line, run: Felt) -> float:
+def _pressure(line: HazardLine, run: Felt) -> float:
     """Mean pressure of the peak over the head (kPa)."""
     return 1e-3 * run.peak / line.head_area
 
@@ -189,14 +192,14 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3g}"
 
 
-def _runs(line: Line) -> Iterator[str]:
+def _runs(line: HazardLine) -> Iterator[str]:
     seen, made = line.detected
     if line.coverage:
         low, high = line.coverage
         yield (
             f"<p>Seen: {seen} of {made} runs of the grid; {100 * CONFIDENCE:.0f} % interval {100 * low:.0f} to "
             f"{100 * high:.0f} % (Clopper and Pearson), were they drawn at random, which they are not: small "
-            "magnitudes that nobody needs to see are among them.</p>"
+            "magnitudes that need no detection are among them.</p>"
         )
     head = (
         "run",

@@ -9,7 +9,7 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.faults.together import faults_of, felt
 from twin.studies.figure import PAPER_BLUE, VERMILION, picture
-from twin.studies.safety.evidence import Line, Robot
+from twin.studies.safety.evidence import HazardLine, HazardRobot
 from twin.studies.safety.hazards import Sensitivity
 
 
@@ -22,7 +22,7 @@ class ThresholdPoint(NamedTuple):
         value: in the unit of the key.
         false_trips: healthy robots that trip.
         fleet: healthy robots.
-        peak: largest force (N) of the worst runs of all lines that limit force.
+        peak: largest force (N) of the worst runs of all lines that are kept at the experiment's own thresholds.
     """
 
     key: str
@@ -37,7 +37,7 @@ def threshold_points(
     asked: Sensitivity,
     path: Path,
     settings: Sequence[str],
-    worst: Sequence[tuple[Line, Robot]],
+    worst: Sequence[tuple[HazardLine, HazardRobot]],
     say: Callable[[str], None],
 ) -> list[ThresholdPoint]:
     """Each threshold at each factor.
@@ -68,7 +68,7 @@ def threshold_points(
             except TwinError:
                 continue
             trips = sum(_trips(robot) for robot in fleet)
-            peaks = [_peak(line, robot, path, changed) for line, robot in worst if line.hazard.limit_key == "limit_N"]
+            peaks = [_peak(line, robot, path, changed) for line, robot in worst if line.status == "kept"]
             found.append(ThresholdPoint(key, factor, value, trips, len(fleet), max(peaks, default=0.0)))
     return found
 
@@ -91,7 +91,7 @@ def _trips(experiment: Experiment) -> bool:
     return bool(run.reason or run.failure)
 
 
-def _peak(line: Line, robot: Robot, path: Path, changed: str) -> float:
+def _peak(line: HazardLine, robot: HazardRobot, path: Path, changed: str) -> float:
     assert line.worst is not None
     experiment = load_experiment(path, (*robot.settings, changed), None, robot.body)
     return felt(experiment, faults_of(experiment, line.worst.tables)).peak

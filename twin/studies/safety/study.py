@@ -9,7 +9,7 @@ from twin.studies.command import Argument, DriveName, Option, Say, Settings, Ste
 from twin.studies.result import Block, Note, Result
 
 if TYPE_CHECKING:
-    from twin.studies.safety.evidence import Line
+    from twin.studies.safety.evidence import HazardLine
     from twin.studies.safety.hazards import SafetyTable
     from twin.studies.safety.sensitivity import ThresholdPoint
 
@@ -57,7 +57,7 @@ def safety(
     parts: list[Block] = []
     files: dict[str, object] = {}
     facts: dict[str, Any] = {"lines": [], "sensitivity": []}
-    all_lines: list[Line] = []
+    all_lines: list[HazardLine] = []
     for table in tables:
         folder = out or HOME / table.path.stem
         lines, points = written_page(table, texts, folder, quick, say)
@@ -70,8 +70,8 @@ def safety(
         write_json(folder.absolute() / DATA, {"lines": [line.facts() for line in lines], **_without_lines(facts)})
     facts["worse"] = list(worse(before, facts["lines"])) if before is not None else []
     if before is not None:
-        said = facts["worse"] or ["no line got worse"]
-        parts += ["", f"against {against}:", *(Note(sentence, "  ", later=4) for sentence in said)]
+        sentences = facts["worse"] or ["no line got worse"]
+        parts += ["", f"against {against}:", *(Note(sentence, "  ", later=4) for sentence in sentences)]
     return verdict(all_lines, facts, [*parts, ""], files)
 
 
@@ -81,7 +81,7 @@ def _without_lines(facts: dict[str, Any]) -> dict[str, Any]:
 
 def written_page(
     table: "SafetyTable", settings: Sequence[str], folder: Path, quick: bool, say: Say
-) -> tuple[list["Line"], list["ThresholdPoint"]]:
+) -> tuple[list["HazardLine"], list["ThresholdPoint"]]:
     """Make the runs of a table and write its page into `folder`.
 
     Args:
@@ -99,16 +99,16 @@ def written_page(
     from twin.kernel.writing import made_folder, write_text
     from twin.robot.experiment.drive_files import experiment_file
     from twin.studies.safety.argument import draw_argument
-    from twin.studies.safety.evidence import Robot, hardware, line_of, robot_of
+    from twin.studies.safety.evidence import HazardRobot, hardware, line_of, robot_of
     from twin.studies.safety.page import page
     from twin.studies.safety.sensitivity import draw_sensitivity, threshold_points
 
     # absolute: an FMU may change the working directory
     home = made_folder(folder).absolute()
     path = experiment_file(Path(table.head.experiment))
-    known: dict[tuple[str, tuple[float, float]], Robot] = {}
+    known: dict[tuple[str, tuple[float, float]], HazardRobot] = {}
 
-    def robots(body: str, point: tuple[float, float]) -> Robot:
+    def robots(body: str, point: tuple[float, float]) -> HazardRobot:
         if (body, point) not in known:
             known[body, point] = robot_of(path, settings, body, point)
         return known[body, point]
@@ -116,8 +116,8 @@ def written_page(
     asked = None if quick else table.sensitivity
     places = sum(len(h.evidence.bodies) * len(h.evidence.points) for h in table.hazards)
     steps = Steps(say, places + (len(asked.keys) * len(asked.factors) if asked else 0))
-    lines: list[Line] = []
-    worst: list[tuple[Line, Robot]] = []
+    lines: list[HazardLine] = []
+    worst: list[tuple[HazardLine, HazardRobot]] = []
     for hazard in table.hazards:
         line, robot = line_of(hazard, robots, pi * table.head.head_radius**2, steps.next)
         if not quick:

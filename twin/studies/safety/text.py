@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from twin.studies.result import Block, Column, Note, Result, Table
-from twin.studies.safety.evidence import Line
+from twin.studies.safety.evidence import HazardLine
 from twin.studies.safety.page import value_text
 
 COLUMNS = (
@@ -17,7 +17,7 @@ COLUMNS = (
 )
 
 
-def lines_table(lines: Sequence[Line]) -> Table:
+def lines_table(lines: Sequence[HazardLine]) -> Table:
     """One row for each: its worst run with the monitor and without, how many were seen, and whether it is kept."""
     rows = []
     for line in lines:
@@ -28,7 +28,7 @@ def lines_table(lines: Sequence[Line]) -> Table:
 
 
 def verdict(
-    lines: Sequence[Line], facts: Mapping[str, Any], parts: Sequence[Block], files: Mapping[str, object]
+    lines: Sequence[HazardLine], facts: Mapping[str, Any], parts: Sequence[Block], files: Mapping[str, object]
 ) -> Result:
     """The whole answer.
 
