@@ -201,9 +201,10 @@ _MESSAGE_KINDS = {
         "ms", (2.0, 10.0, 50.0), POSITIVE,
     ),
     "command_held": Kind(
-        "message", ("controller", "bus"), "commands are lost at random; who takes them keeps the last one", UNSEEN,
-        "from the controller it is a command like any other; on the bus the motors keep the speed that they had, and "
-        "are seen once the command has gone on by more than a motor may be off it",
+        "message", ("controller", "bus"), "commands are lost at random; who takes them keeps the last one",
+        Seen(1.0, None),
+        "from the controller it is a command like any other, until it has led to a limit of force; on the bus the "
+        "motors keep the speed that they had, and are off their command as soon as that is another one",
         "share", (0.2, 0.8, 1.0), SHARE,
     ),
     "command_lost": Kind(
