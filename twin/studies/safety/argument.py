@@ -21,7 +21,8 @@ def draw_argument(table: SafetyTable, lines: Sequence[HazardLine], path: Path) -
     """Write the picture to `path`: the goal of the whole table, one below it for each line, the runs behind each."""
     from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Rectangle
 
-    across = STEP * len(lines)
+    # the context beside the goal takes the room of six
+    across = STEP * max(6, len(lines))
     with picture(path, across + 0.4, 7.4, look=BARE) as figure:
         axes = figure.subplots()
         axes.set(xlim=(0, across), ylim=(0, 7.2), aspect="equal")
@@ -36,7 +37,7 @@ def draw_argument(table: SafetyTable, lines: Sequence[HazardLine], path: Path) -
         _say(axes, middle, 5.3, "S0: each hazard by all its causes, run in simulation", 34)
         _arrow(axes, middle, 6.1, middle, 5.6)
         for number, line in enumerate(lines):
-            x = STEP * (number + 0.5)
+            x = middle + STEP * (number + 0.5 - 0.5 * len(lines))
             good = line.status == "kept"
             color = GREEN if good else RED
             _arrow(axes, middle, 5.0, x, 4.3)
