@@ -60,6 +60,8 @@ def safety(
     all_lines: list[HazardLine] = []
     for table in tables:
         folder = out or HOME / table.path.stem
+        if out and len(tables) > 1:
+            folder = out / table.path.stem
         lines, points = written_page(table, texts, folder, quick, say)
         all_lines += lines
         facts["lines"] += [line.facts() for line in lines]
