@@ -29,6 +29,7 @@ TABLES: dict[str, type[Settings]] = {
     **{_ARRAYS.get(path, f"[{path}]"): model for path, model in _DECLARED.items() if path not in ELSEWHERE},
     "[drive]": schema.Drive,
     "[drive.velocity_loop]": schema.VelocityLoop,
+    "[drive.unpowered]": schema.UnpoweredDrive,
     "[drive.parts.NAME]": schema.DrivePart,
     "a third-party part": stand_in.StandIn,
     **{f'[[task]] kind = "{kind}"': table for kind, table in TASKS.items()},

@@ -1,7 +1,7 @@
-"""Faults as components: in wires, behind drives, before parameters. They know no other part and no experiment.
+"""Faults as components: in wires and before parameters. They know no other part and no experiment.
 
 All count their ticks themselves. A command is limited on its last way into the drive; a constant lies in the memory of
-another component; a drive that does not do what it should has a shaft of its own between it and all that see the shaft.
+another component; shafts that a drive does not turn are in `twin.robot.shaft`.
 
 An encoder that miscounts has one element of a port of counts replaced on its way to every reader. A message is whatever
 its sender puts out in one period. One that is overtaken by a later one is dropped, so what a reader gets never goes
@@ -13,7 +13,6 @@ constants of Vigna's public-domain splitmix64.c.
 from collections.abc import Mapping
 from dataclasses import replace
 from enum import IntEnum
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -68,6 +67,9 @@ def command_step(m, t, h, u, y):
     return 0
 
 
+POWER = Port("power", 1, "1", "whether the drives may have power", "bool")
+
+
 class FaultComponent(NativeComponent):
     """Something that breaks, between the wires of a healthy system.
 
@@ -105,6 +107,58 @@ class CommandFault(FaultComponent):
         port = Port("omega_ref", size, "rad/s", "commanded motor speed, as far as the drive can follow")
         memory = memory_of(COMMAND_MEMORY, window=window(span, 1), size=size, limit=limit)
         super().__init__(name, (port,), (port, ACTIVE), True, command_step, memory)
+
+
+POWER_MEMORY = record(window=WINDOW, lines="i8")
+
+
+@step_function(POWER_MEMORY)
+def power_step(m, t, h, u, y):
+    given, left = carray(u, m.lines), carray(y, m.lines + 1)
+    active = within(m.window, tick_now(m.window))
+    for j in range(m.lines):
+        left[j] = 0.0 if active else given[j]
+    left[m.lines] = active
+    return 0
+
+
+class PowerFault(FaultComponent):
+    """Sampled component, every tick: lines of power in, the same out, all without power while active.
+
+    Args:
+        name: of the component.
+        span: when it is active.
+        port: the line or lines.
+    """
+
+    def __init__(self, name: str, span: Span, port: Port):
+        memory = memory_of(POWER_MEMORY, window=window(span, 1), lines=port.size)
+        super().__init__(name, (port,), (port, ACTIVE), True, power_step, memory)
+
+
+GATE_MEMORY = record(size="i8")
+
+
+@step_function(GATE_MEMORY)
+def gate_step(m, t, h, u, y):
+    asked, given = carray(u, m.size + 1), carray(y, m.size)
+    power = asked[m.size]
+    for j in range(m.size):
+        given[j] = asked[j] if power != 0.0 else 0.0
+    return 0
+
+
+class PowerGate(NativeComponent):
+    """Sampled component, every tick, on the drives' side of a bus that fails: without power they stand still.
+
+    Args:
+        name: of the component.
+        size: number of drives behind it.
+    """
+
+    def __init__(self, name: str, size: int):
+        port = Port("omega_ref", size, "rad/s", "commanded motor speed, of a drive that has power")
+        super().__init__(name, (port, POWER), (port,), True, gate_step, memory_of(GATE_MEMORY, size=size))
 
 
 VALUE = Port("value", 1, "SI", "the parameter as it holds now")
@@ -163,150 +217,6 @@ class ParameterFault(FaultComponent):
 
     def passed_on(self, given: np.ndarray) -> np.ndarray:
         return np.array([self.memory["nominal"][0], 0.0])
-
-
-class DriveLaw(IntEnum):
-    """How the shaft moves while the fault is active; by the names in an experiment's file, in capitals."""
-
-    DRIVE_RUNAWAY = 0
-    DRIVE_FREEWHEEL = 1
-    DRIVE_DEAD = 2
-    JOINT_JAM = 3
-    DRIVE_FAILURE = 4
-
-
-# plain integers: what compiled code compares with
-_RUNAWAY, _FREEWHEEL, _DEAD, _JAM, _FAILURE = (int(law) for law in DriveLaw)
-
-INERTIA = 1e-4
-"""Of rotor, coupling and spring hub (kg m2), as the velocity_servo, pmsm_foc and python_servo drives of fmus/ have."""
-FRICTION = 1e-4
-"""Of the bearings of a shaft without current (N m s/rad), as python_servo has."""
-
-DRIVE_SHAFT = Port("theta_m", 1, "rad", "angle of the drive's own shaft")
-TAU_LOAD = Port("tau_load", 1, "N m", "torque the spring asks of the shaft")
-POWER = Port("power", 1, "1", "whether the drives may have power", "bool")
-SHAFT_OUTPUTS = (
-    Port("theta_m", 1, "rad", "motor angle as it really is"),
-    Port("omega_m", 1, "rad/s", "motor speed as it really is"),
-    ACTIVE,
-)
-
-
-def shaft_inputs(monitored: bool) -> tuple[Port, ...]:
-    """The ports of a shaft, with or without an input that takes its power away."""
-    return (DRIVE_SHAFT, TAU_LOAD, POWER) if monitored else (DRIVE_SHAFT, TAU_LOAD)
-
-
-FAILED = 2
-
-SHAFT_MEMORY = record(window=WINDOW, law="i8", omega="f8", **states(**alike("f8", "stop drive offset theta_m omega_m")))
-"""`omega`: speed of a runaway (rad/s). `stop`: angle beyond which a jam lets nothing turn. `drive`: where the drive's
-own shaft was. `offset`: how far the real shaft is from it. `theta_m`, `omega_m`: the real shaft."""
-
-
-@njit(cache=True)
-def free_shaft(theta_m, omega_m, tau_load, h):
-    """(theta_m, omega_m) after `h` seconds of a shaft that nothing drives.
-
-    J d omega_m/dt = -b omega_m - tau_load, with friction implicit and the angle moved by the new speed (symplectic
-    Euler): `tau_load` is the spring's torque at the old angle, and so stepped an oscillator of k_s on J is stable for
-    h < 2 sqrt(J/k_s), 20 ms here; the exact solution with the torque held would gain energy in every turn (Hairer,
-    Lubich, Wanner, Geometric Numerical Integration, section I.1.2).
-    """
-    omega_m = (omega_m - h * tau_load / INERTIA) / (1.0 + h * FRICTION / INERTIA)
-    return theta_m + h * omega_m, omega_m
-
-
-@njit(cache=True)
-def move(m, drive, tau_load, power, h):
-    """Turn the shaft of `m` over a step in which the fault is active; `drive` is where the drive's own has gone."""
-    before = m.theta_m
-    if m.law == _FREEWHEEL:
-        m.theta_m, m.omega_m = free_shaft(m.theta_m, m.omega_m, tau_load, h)
-        return
-    if m.law == _RUNAWAY and power != 0.0:
-        m.theta_m += h * m.omega
-    if m.law == _JAM:
-        m.theta_m = min(m.theta_m + drive - m.drive, m.stop)
-    m.omega_m = (m.theta_m - before) / h
-
-
-@cache
-def shaft_step_over(monitored):
-    """The step of a shaft, with or without an input that takes its power away."""
-
-    @step_function(SHAFT_MEMORY, shaft_inputs(monitored), SHAFT_OUTPUTS)
-    def step(m, t, h, u, y):
-        drive = u.theta_m
-        power = 1.0
-        if monitored:
-            power = u.power
-        k = tick_now(m.window)
-        active = within(m.window, k)
-        if active and m.law == _FAILURE:
-            return FAILED
-        if active:
-            if k == m.window.onset:
-                m.stop = m.theta_m
-            move(m, drive, u.tau_load, power, h)
-            m.offset = m.theta_m - drive
-        else:
-            m.omega_m = (drive + m.offset - m.theta_m) / h
-            m.theta_m = drive + m.offset
-        m.drive = drive
-        y.theta_m, y.omega_m, y.active = m.theta_m, m.omega_m, active
-        return 0
-
-    return step
-
-
-class DriveFault(FaultComponent):
-    """Continuous component right behind a drive: the drive's shaft in, the shaft that the joint really has out.
-
-    The step that begins at tick k is faulty for onset <= k < end. Afterwards the drive's motion is followed again from
-    where the shaft then is: nothing jumps, an offset stays. The drive itself knows of nothing.
-
-    Args:
-        name: of the component.
-        span: when it is active.
-        law: how the shaft moves.
-        omega: speed of a runaway (rad/s).
-        theta_m: angle of the drive's shaft before tick 0 (rad).
-        monitored: whether there is an input `power`; without it the power is always on.
-        period: of the drive, in ticks.
-        label, target: what people know the fault and its drive by.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        span: Span,
-        law: DriveLaw,
-        omega: float,
-        theta_m: float,
-        monitored: bool,
-        period: int,
-        label: str,
-        target: str,
-    ):
-        memory = memory_of(
-            SHAFT_MEMORY, window=window(span, period), law=law, omega=omega, drive=theta_m, theta_m=theta_m
-        )
-        initial = np.array([theta_m, 0.0, 0.0])
-        super().__init__(
-            name, shaft_inputs(monitored), SHAFT_OUTPUTS, False, shaft_step_over(monitored), memory, initial, period
-        )
-        self.label, self.target = label, target
-
-    def passed_on(self, given: np.ndarray) -> np.ndarray:
-        # the shaft is where the drive's own is; how fast it turns shows in the next step
-        theta_m = float(given[0])
-        self.memory["drive"] = self.memory["theta_m"] = theta_m
-        return np.array([theta_m, 0.0, 0.0])
-
-    def explain(self, status: int) -> str:
-        return f"made {self.target} fail (drive_failure)"
 
 
 _GAMMA, _MIX_1, _MIX_2 = (np.uint64(n) for n in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
@@ -488,13 +398,14 @@ NEVER = 1 << 62
 
 MESSAGE_MEMORY = record(
     window=WINDOW,
-    **alike("i8", "size sender_period least most"),
+    **alike("i8", "size sender_period least most blank"),
     share="f8",
     sent=state("i8"),
     capacity="i8",
-    **states(**alike("i8", "messages arrivals present"), random="u8"),
+    **states(**alike("i8", "messages arrivals present lost"), random="u8"),
 )
-"""A message is `least` to `most` ticks under way, a `share` of them for ever. `sent`: messages since the onset; the
+"""A message is `least` to `most` ticks under way, a `share` of them for ever; `blank`: zeros are read until the next
+one, and `lost` says that it is so. `sent`: messages since the onset; the
 n-th of them lies at n modulo `capacity` in the rings `messages` and `arrivals` (ticks), which are long enough for all
 that are under way. `present`: what the reader has."""
 _ticks_at = pointer_to(np.int64)
@@ -525,6 +436,7 @@ def post(m, message, messages, arrivals, k):
     slot = m.sent % m.capacity
     copy(messages[slot], message)
     arrivals[slot] = arrival(m, k)
+    m.lost = m.blank and arrivals[slot] == NEVER
 
 
 @njit(cache=True)
@@ -545,13 +457,13 @@ def message_step(m, t, h, u, y):
     active = within(m.window, k)
     if k == 0 or not active:
         copy(present, message)
-        m.sent = 0
+        m.sent, m.lost = 0, 0
     if active:
         if k % m.sender_period == 0:
             post(m, message, messages, arrivals, k)
         receive(m, present, messages, arrivals, k)
     for j in range(m.size):
-        read[j] = present[j]
+        read[j] = 0.0 if m.lost else present[j]
     read[m.size] = active
     return 0
 
@@ -569,6 +481,7 @@ class MessageFault(FaultComponent):
         least, most: how long a message is under way, in ticks.
         share: of the messages that are lost.
         random: state in which its generator begins, see `first_state`.
+        blank: whether zeros are read instead of a lost message.
     """
 
     def __init__(
@@ -581,12 +494,18 @@ class MessageFault(FaultComponent):
         most: int,
         share: float,
         random: int,
+        blank: bool = False,
     ):
         size, capacity = width(ports), most // sender_period + 2
         messages, arrivals, present = np.zeros((capacity, size)), np.zeros(capacity, dtype=np.int64), np.zeros(size)
         pointers = {"messages": messages, "arrivals": arrivals, "present": present}
         memory = memory_of(
-            MESSAGE_MEMORY, window=window(span, 1), size=size, sender_period=sender_period, capacity=capacity
+            MESSAGE_MEMORY,
+            window=window(span, 1),
+            size=size,
+            sender_period=sender_period,
+            capacity=capacity,
+            blank=blank,
         )
         memory["least"], memory["most"], memory["share"], memory["random"] = least, most, share, random
         # a count that came through a fault before may be NaN

@@ -21,7 +21,7 @@ TOLD = "reference"
 EVERYTHING = (
     "controller.delay_ticks=1", "controller.bus_delay_ticks=1", "monitor.enabled=true", "cosim.inputs='linear'",
     "contact.shift={by_mm=[0,0,1],start_s=1,rise_s=1}", "plant.encoder_latency_ms=1",
-    "controller.energy_tank.size_J=1",
+    "controller.energy_tank.size_J=1", "drive.unpowered.holding_Nm=0.02",
 )  # fmt: skip
 
 

@@ -248,10 +248,11 @@ def test_what_is_needed_of_a_part_is_what_others_take_of_it():
     taken = {source for row in ROBOT for sources in row.inputs.values() for source in sources}
     for role, contract in CONTRACTS.items():
         of_it = {port for owner, port in taken if owner == role}
-        # tasks alone need tau_l, and a tank alone valid; a scale and a trip are what such parts are for
-        assert of_it - {"tau_l", "valid"} | {"scale": {"F_z"}, "monitor": {"tripped"}}.get(role, set()) == set(
-            contract.required
-        )
+        # tasks alone need tau_l, and a tank alone valid; lines of single drives are of twin's own monitor
+        spare = {"tau_l", "valid", "drive_power", "brake"}
+        # a scale and a trip are what such parts are for
+        needed = of_it - spare | {"scale": {"F_z"}, "monitor": {"tripped"}}.get(role, set())
+        assert needed == set(contract.required)
 
 
 def test_no_port_of_the_robots_computer_is_true():

@@ -124,7 +124,8 @@ def test_a_ramp_belongs_to_parameters_only():
             BIAS.replace("joint_encoder_2", "drive_4").replace("-0.5", '"much"'),
             [
                 "[[fault]] 1 target = \"drive_4\" of encoder_bias: expected 'joint_encoder_1', 'joint_encoder_2', "
-                "'joint_encoder_3', 'motor_encoder_1', 'motor_encoder_2', 'motor_encoder_3'",
+                "'joint_encoder_3', 'motor_encoder_1', 'motor_encoder_2', 'motor_encoder_3', 'all encoders', "
+                "'all joint encoders', 'all motor encoders'",
                 '[[fault]] 1 magnitude_deg = "much": expected a number',
             ],
         ),

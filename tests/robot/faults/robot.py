@@ -11,7 +11,7 @@ from twin.kernel.cosim.component import Component, NativeComponent, step_functio
 from twin.kernel.cosim.port import Port, width
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import End, Feeds, Scheme, Side, System, ends, wires
-from twin.robot.assembly.assemble import inject
+from twin.robot.assembly.inject import inject
 from twin.robot.experiment.fault import Fault
 
 TICK = 1e-3

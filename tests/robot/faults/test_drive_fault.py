@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from tests.robot.faults.robot import K_S, START, TICK, Robot, Run, run
 from twin.robot.experiment.fault import NEVER, Fault
-from twin.robot.faults import FRICTION, INERTIA, free_shaft
+from twin.robot.shaft import FRICTION, INERTIA, free_shaft
 
 ONSET, END, LAST = 40, 80, 120
 BOTH = pytest.mark.parametrize("three_axes", [False, True])

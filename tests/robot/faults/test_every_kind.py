@@ -12,6 +12,8 @@ LAST = 120
 # in 40 ms a drift moves less than a count: here it is 100 times as fast
 SI = {"ms": 1e-3, "deg": np.pi / 180.0, "deg_per_s": 100.0 * np.pi / 180.0}
 
+COMMANDS = ("controller_overrun", "command_held", "command_lost")
+"""Messages that carry commands."""
 PARAMETER_ENDS = [f"plant.{name}" for name in ("k_s_share", "backlash_added", "b_j_added", "slip", "K")] + [
     "estimator.k_s",
     "estimator.eta",
@@ -33,7 +35,7 @@ def signal(done: Run, kind: str) -> np.ndarray:
     mechanism = CATALOGUE[kind].mechanism
     if mechanism == "parameter":
         return np.hstack([done[end] for end in PARAMETER_ENDS])
-    if kind == "controller_overrun" or mechanism in ("command", "drive"):
+    if kind in COMMANDS or mechanism in ("command", "drive"):
         return np.diff(done["plant.seen"], axis=0) / TICK
     return done["estimator.read"]
 
@@ -41,7 +43,7 @@ def signal(done: Run, kind: str) -> np.ndarray:
 def allowed(kind: str) -> np.ndarray:
     """Ticks at which the signal may differ from the clean one."""
     ticks = np.arange(LAST + 1)
-    if CATALOGUE[kind].mechanism in ("counts", "message") and kind != "controller_overrun":
+    if CATALOGUE[kind].mechanism in ("counts", "message") and kind not in COMMANDS:
         # the reader looks every PERIOD ticks and keeps what it saw
         seen = ticks - ticks % PERIOD
         return (seen >= ONSET) & (seen < END)

@@ -9,8 +9,8 @@ from tests.robot.faults.robot import COUNTS, SPEED_LIMIT, TICK, joined, plant, r
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System, wires
-from twin.robot.assembly.assemble import inject
 from twin.robot.assembly.declared import BROKEN
+from twin.robot.assembly.inject import inject
 from twin.robot.experiment.fault import CATALOGUE, NEVER, Fault
 from twin.robot.plant.component import Plant, resting
 

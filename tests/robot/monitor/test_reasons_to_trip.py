@@ -27,17 +27,22 @@ FAULT = 100
 MOTOR_COUNT = 2.0 * np.pi / BELIEF.motor_counts
 
 
-def trip_row(u, reason: Reason, limits: Limits = LIMITS, joint: int | None = None) -> int:
-    """Row of the trip, after checks that it is the only thing that ever happened."""
+def trip_row(u, reason: Reason, limits: Limits = LIMITS, joint: int | None = None, cut: bool = False) -> int:
+    """Row of the trip, after checks that it is the only thing that ever happened.
+
+    Args:
+        cut: whether a motor is so far off its commands that the power is cut at once.
+    """
     seen = watched(u, limits)
     trip = latched(seen.trip)
     assert trip.reason is reason
     assert joint is None or trip.joint == joint
     row = int(np.argmax(seen.outputs["tripped"]))
     assert trip.tick == row
-    # the drives get the retraction in the very evaluation that trips, the controller's commands until then
+    # the drives get the retraction, or no power, in the very evaluation that trips, the commands until then
     np.testing.assert_array_equal(seen.outputs["omega_ref"][:row], u[:row, OMEGA_REF])
-    np.testing.assert_array_equal(seen.outputs["omega_ref"][row], -LIMITS.retract_speed)
+    np.testing.assert_array_equal(seen.outputs["omega_ref"][row], 0.0 if cut else -LIMITS.retract_speed)
+    assert seen.outputs["power"][row] == (not cut)
     np.testing.assert_array_equal(seen.outputs["reason"], np.where(np.arange(len(u)) < row, 0, reason))
     assert np.all(seen.outputs["utilisation"][:row] < 1.0)
     assert seen.outputs["utilisation"][row] >= 1.0 - 1e-9
@@ -265,7 +270,9 @@ def test_a_command_at_its_limit_trips_after_the_saturation_time():
     limits = LIMITS._replace(frozen_time=9.0, follow_time=9.0)
     u = standing(FAULT + 300)
     u[FAULT:, 8] = -LIMITS.command_limit
-    assert trip_row(u, Reason.SATURATION, limits, joint=2) == FAULT + round(LIMITS.saturation_time / DT) - 1
+    # the motor stands still all the time
+    row = trip_row(u, Reason.SATURATION, limits, joint=2, cut=True)
+    assert row == FAULT + round(LIMITS.saturation_time / DT) - 1
     u[FAULT:, 8] = -0.99 * LIMITS.command_limit
     assert watched(u, limits).trip is None
 
@@ -279,7 +286,7 @@ def test_a_motor_that_does_not_follow_trips_after_the_follow_time(command, speed
     u = told(theta_m, theta_l)
     u[:, OMEGA_REF] = 0.0
     u[FAULT:, 7] = command
-    late = trip_row(u, Reason.FOLLOW, joint=1) - FAULT - round(LIMITS.follow_time / DT)
+    late = trip_row(u, Reason.FOLLOW, joint=1, cut=command == 0.0) - FAULT - round(LIMITS.follow_time / DT)
     # the low-pass shows the bound's share of the difference after at most 0.92 of its 8 ms: four rows
     assert 0 <= late <= 5
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.laws.runs import PARAMETERS, Sampled
 from tests.robot.monitor.motions import BELIEF, DT, GEOMETRY, LIMITS, latched, standing, watched
-from twin.robot.monitor.checks import Reason
+from twin.robot.monitor.checks import Limits, Reason
 from twin.robot.monitor.component import RETRACTION, Retreat, SafetyMonitor, retraction_speed, retreat
 from twin.robot.plant.component import Plant, resting
 from twin.robot.plant.encoder import Encoder, Shaft
@@ -19,6 +19,10 @@ TICK = 1e-3
 T_M = 0.02
 """Time constant of the drives (s), that of the shipped one."""
 
+WAITING = LIMITS._replace(disobeyed=0)
+"""The reaction that waits for `follow_time`."""
+NEVER = 1e9
+"""Lag (s) of a drive that stands still."""
 FAULT = 50
 PRESSES = [(x, y, -0.105) for x in (-0.02, 0.0, 0.02) for y in (-0.02, 0.0, 0.02)]
 """Where the robot presses on the scale of Fig. 4 with 5 N, over the range that the paper sweeps and as far sideways."""
@@ -32,12 +36,22 @@ class Pressing:
     Args:
         counts: changes the encoder message (7,) in place from tick `FAULT` on.
         motors: changes the motor speeds (3,), rad/s, in place from tick `FAULT` on.
+        limits: of the monitor.
+        lag: of the drives (s).
     """
 
-    def __init__(self, p_B, counts: Disturbance | None = None, motors: Disturbance | None = None, ticks: int = 700):
+    def __init__(
+        self,
+        p_B,
+        counts: Disturbance | None = None,
+        motors: Disturbance | None = None,
+        ticks: int = 700,
+        limits: Limits = LIMITS,
+        lag: float = T_M,
+    ):
         x, theta_m = resting(PARAMETERS, p_B)
         plant, encoder = Sampled(Plant(PARAMETERS, x, theta_m)), Sampled(Encoder(Shaft(4096), Shaft(16384)))
-        self.monitor = SafetyMonitor(BELIEF, LIMITS, sample_interval=2)
+        self.monitor = SafetyMonitor(BELIEF, limits, sample_interval=2)
         watching = Sampled(self.monitor)
         state = plant.component.initial_outputs
         omega, message, rows, truth = np.zeros(3), np.zeros(7), [], []
@@ -50,7 +64,7 @@ class Pressing:
             rows.append(watching(np.append(sent, np.zeros(3)), k * TICK, TICK))
             truth.append(state.copy())
             powered = rows[-1][5] == 1.0
-            omega = omega + (1.0 - math.exp(-TICK / T_M)) * (rows[-1][:3] - omega) if powered else np.zeros(3)
+            omega = omega + (1.0 - math.exp(-TICK / lag)) * (rows[-1][:3] - omega) if powered else np.zeros(3)
             if motors is not None and k >= FAULT:
                 motors(omega, k)
             theta_m = theta_m + TICK * omega
@@ -109,8 +123,11 @@ def test_without_a_single_encoder_the_retraction_ends_the_contact(p_B):
 @pytest.mark.parametrize("fault", [lost, stopped, dead_motor_encoder, dead_joint_encoder])
 def test_encoders_that_fail_do_not_stop_the_retraction(fault):
     run = Pressing(PRESSES[0], counts=fault)
-    assert run.monitor.trip is not None
-    assert run.monitor.power_off_tick is None
+    trip, off = latched(run.monitor.trip), run.monitor.power_off_tick
+    # a retraction that nobody sees ends without power, once it should have been done
+    done = LIMITS.retract / LIMITS.retract_speed + LIMITS.follow_time
+    assert (off is None) == (fault not in (lost, stopped))
+    assert off is None or 0.0 <= TICK * (off - trip.tick) - done < 0.002
     # 17.7 mm from this corner, less the 2.3 mm of the springs
     assert run.raised > 0.015
 
@@ -137,9 +154,9 @@ def test_the_robot_holds_where_the_retraction_ends():
     assert np.abs(run.truth[-1, 3:6]).max() < 5e-3
 
 
-@pytest.mark.parametrize("motors", [runaway, jam])
-def test_motors_that_do_not_retract_lose_their_power(motors):
-    run = Pressing(PRESSES[4], counts=lost_for_one_sample if motors is jam else None, motors=motors)
+@pytest.mark.parametrize(("motors", "limits"), [(runaway, WAITING), (jam, LIMITS)])
+def test_motors_that_do_not_retract_lose_their_power(motors, limits):
+    run = Pressing(PRESSES[4], counts=lost_for_one_sample if motors is jam else None, motors=motors, limits=limits)
     trip, off = latched(run.monitor.trip), run.monitor.power_off_tick
     assert off is not None
     # follow_time, and what the low-passes of 8 ms and the drive's 20 ms take to show the difference
@@ -154,11 +171,37 @@ def lost_for_one_sample(message, k):
         message[0] = np.nan
 
 
-def test_a_runaway_is_a_motor_that_does_not_follow():
+def test_a_runaway_is_a_motor_that_does_not_follow_and_loses_its_power_at_once():
     run = Pressing(PRESSES[4], motors=runaway)
-    # 4 rad/s of one motor press with 10.3 N when the follow time is over
-    assert latched(run.monitor.trip).reason is Reason.FOLLOW
-    assert run.F_z.max() < 10.5
+    trip = latched(run.monitor.trip)
+    # 4 rad/s of one motor press with 10.3 N when the follow time is over; here it runs on without power
+    assert trip.reason is Reason.FOLLOW
+    assert run.monitor.power_off_tick == trip.tick
+    assert run.F_z[: trip.tick].max() < 10.5
+
+
+@pytest.mark.parametrize("lag", [0.002, 0.02, 0.04, 0.1])
+def test_a_drive_of_a_lag_up_to_the_stated_one_keeps_its_power(lag):
+    assert lag <= LIMITS.obey_lag
+    # it presses with 5 N, and that trips
+    run = Pressing(PRESSES[4], limits=LIMITS._replace(force_limit=4.0), lag=lag)
+    assert latched(run.monitor.trip).reason is Reason.FORCE
+    assert run.monitor.power_off_tick is None
+    assert run.F_z[-1] == 0.0
+
+
+def test_a_drive_that_stands_still_is_known_long_before_the_follow_time():
+    run = Pressing(PRESSES[4], limits=LIMITS._replace(force_limit=4.0), lag=NEVER)
+    trip, off = latched(run.monitor.trip), run.monitor.power_off_tick
+    assert trip.reason is Reason.FORCE and off is not None
+    # after obey_delay the slowest drive that obeys is at -0.375 rad/s, its slack, 21 ms later
+    assert 0.02 < TICK * (off - trip.tick) < 0.05
+
+
+def test_with_the_old_reaction_that_takes_the_follow_time():
+    run = Pressing(PRESSES[4], limits=WAITING._replace(force_limit=4.0), lag=NEVER)
+    trip, off = latched(run.monitor.trip), run.monitor.power_off_tick
+    assert off is not None and TICK * (off - trip.tick) >= LIMITS.follow_time
 
 
 @given(

@@ -18,10 +18,11 @@ from twin.robot.controller.task_controller import hold_at
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import Fault
 from twin.robot.experiment.schema import WayPoints
-from twin.robot.faults import DriveFault, FaultComponent, MessageFault
+from twin.robot.faults import FaultComponent, MessageFault
 from twin.robot.run import past
 from twin.robot.run.past import NOT_WANTED, STATES, SharedPast, before_fault, forked
 from twin.robot.run.trace import Trace, run_in_memory
+from twin.robot.shaft import DriveFault
 
 TICKS = 6500
 ONSET = 54 * math.ceil((TICKS + 1) / STATES)

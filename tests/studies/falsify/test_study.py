@@ -102,7 +102,7 @@ def test_a_run_that_a_failed_component_ends_is_not_kept(tmp_path: Path):
         ({"requirements": []}, "nothing is required of it; say --requirement"),
         ({"requirements": ["always (plant.F_e <= 1 N)"]}, "no such signal as plant.F_e; did you mean .*'plant.F_ee_B'"),
         ({"requirements": ["always (|plant.F_ee_B| <= 1 mm)"]}, "units differ: N and m"),
-        ({"runs": 5}, "--runs 5: there are 32 kinds of fault"),
+        ({"runs": 5}, "--runs 5: there are 35 kinds of fault"),
         ({"kinds": ["drive_dad"]}, "did you mean 'drive_dead'"),
         ({"duration": 0.0}, "--duration 0: a fault lasts longer"),
         ({"settings": ['fault=[{kind="drive_dead", onset_s=1.0}]']}, r"has \[\[fault\]\] tables"),
@@ -116,3 +116,27 @@ def test_what_cannot_be_searched_is_refused_before_a_run(tmp_path: Path, options
 def test_what_the_healthy_robot_does_not_keep_is_refused(tmp_path: Path):
     with pytest.raises(InputRefused, match=r"violated without any fault, by 1\.\d+ N; require what holds"):
         asked(tmp_path, requirements=["always (|plant.F_ee_B| <= 7 N)"], kinds=["breathing"], processes=1)
+
+
+ELEVEN = "always (|plant.F_ee_B| <= 11 N)"
+"""What a belief of the force that is wrong alone keeps, with 10.5 N, and breathing alone, with 8.7 N."""
+
+
+@pytest.mark.parametrize(
+    ("kinds", "violating"), [(("belief_eta", "breathing"), 0), (("belief_eta+breathing",), 1), (("breathing",), 0)]
+)
+def test_a_pair_that_no_single_fault_shows_is_found(tmp_path: Path, kinds: tuple[str, ...], violating: int):
+    answer = asked(tmp_path, requirements=[ELEVEN], kinds=kinds, runs=8)
+    assert answer.exit_code == violating
+    if violating:
+        text = (tmp_path / f"{kinds[0]}.toml").read_text()
+        assert text.count("[[fault]]") == 2
+        # both begin together
+        assert len({line for line in text.splitlines() if line.startswith("onset_s")}) == 1
+
+
+def test_a_common_cause_is_searched_by_its_name(tmp_path: Path):
+    kind = "drive_runaway@all_drives"
+    answer = asked(tmp_path, kinds=[kind], settings=["monitor.disobeyed=wait"], runs=4)
+    assert answer.exit_code == 1 and max(map(len, answer.text.splitlines())) <= 80
+    assert 'target = "all drives"' in (tmp_path / f"{kind}.toml").read_text()

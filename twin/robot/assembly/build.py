@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.delay import delay
+from twin.kernel.cosim.port import Port
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.settings import Triple
@@ -45,12 +46,13 @@ from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.mechanism.statics import G_ACCELERATION, Masses, leg_inertia, moving_mass
 from twin.robot.monitor.checks import Limits, Monitor
-from twin.robot.monitor.component import POWER, MonitorBelief, SafetyMonitor
+from twin.robot.monitor.component import LINES, POWER, MonitorBelief, SafetyMonitor
 from twin.robot.plant.component import Plant, resting
 from twin.robot.plant.contact_law import Body, Contact, Motion, MotionKind
 from twin.robot.plant.dynamics import PlantParameters, Robot, TrueRobot
 from twin.robot.plant.encoder import INPUTS as ANGLES
 from twin.robot.plant.encoder import Encoder, Scale, Shaft
+from twin.robot.shaft import Unpowered, UnpoweredShaft
 
 SUDDEN = 0.02
 """Time (s) in which a surface jumps or drops away as a fault."""
@@ -175,6 +177,31 @@ def joint_drives(build: Build) -> Makers:
         name: partial(build.maker.drive, name, plan, tick, theta_m[i], tau_load[i])
         for i, plan in enumerate(build.plans)
         for name in [f"drive_{i + 1}"]
+    }
+
+
+def have_lines(experiment: Experiment) -> bool:
+    """Whether drives say what they do without power: each then has a line of its own from twin's own monitor."""
+    stated = any(drive.unpowered is not None for drive in experiment.drives)
+    return stated and experiment.monitor is not None and "monitor" not in experiment.stand_ins
+
+
+def unpowered_shafts(build: Build) -> Makers:
+    """`shaft_1` to `shaft_3`, if the drives say what they do without power and a monitor may take it.
+
+    Raises:
+        InputRefused: some drives do not say it.
+    """
+    if not have_lines(build.experiment):
+        return {}
+    stated = [drive.unpowered for drive in build.experiment.drives]
+    if None in stated:
+        raise InputRefused("[drive.unpowered]: stated for some joints only; state it in [drive], or of each joint")
+    return {
+        f"shaft_{i}": partial(UnpoweredShaft, f"shaft_{i}", shaft, float(build.theta_m[i - 1]))
+        for i, table in enumerate(stated, start=1)
+        if table is not None
+        for shaft in [Unpowered(table.holding, table.brake, int(table.brake_line == "own"), table.J, table.b)]
     }
 
 
@@ -401,7 +428,12 @@ def monitors(build: Build) -> Makers:
         return {}
     limits = monitor_limits(experiment.monitor, experiment.controller.speed_limit)
     periods = experiment.controller_ticks, experiment.monitor_ticks
-    return {"monitor": lambda: SafetyMonitor(monitor_belief(experiment.robot), limits, *periods)}
+    lines = have_lines(experiment)
+    return {"monitor": lambda: SafetyMonitor(monitor_belief(experiment.robot), limits, *periods, lines)}
+
+
+POWERED = ("power", "drive_power")
+"""Lines that are on until the first message has come."""
 
 
 def buses(build: Build) -> Makers:
@@ -412,6 +444,7 @@ def buses(build: Build) -> Makers:
     ticks = build.experiment.controller.bus_delay_ticks
     if not ticks:
         return {}
-    ports = (OMEGA_REF,) if build.experiment.monitor is None else (OMEGA_REF, POWER)
-    initial = np.concatenate([np.zeros(OMEGA_REF.size), np.ones(len(ports) - 1)])
+    ports: tuple[Port, ...] = (OMEGA_REF,) if build.experiment.monitor is None else (OMEGA_REF, POWER)
+    ports += LINES if have_lines(build.experiment) else ()
+    initial = np.concatenate([np.full(port.size, 1.0 if port.name in POWERED else 0.0) for port in ports])
     return {"bus": lambda: delay("bus", ports, ticks, initial)}

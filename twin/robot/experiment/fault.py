@@ -6,7 +6,7 @@ Each kind has a magnitude of its own, with its unit in the key.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 from pydantic import create_model
@@ -98,6 +98,15 @@ class Kind:
         """The TOML key of the magnitude."""
         return f"magnitude_{self.unit}" if self.unit else None
 
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """Keys of `GROUPS` that it can break at once."""
+        return tuple(group for group, members in GROUPS.items() if set(members) <= set(self.targets))
+
+    def members(self, target: str) -> tuple[str, ...]:
+        """The targets that `target`, one of them or a group, is."""
+        return GROUPS[target] if target in self.groups else (target,)
+
 
 MANY = 10
 """So many names are not listed in a sentence."""
@@ -105,6 +114,16 @@ MANY = 10
 _JOINTS = tuple(f"joint_{i}" for i in (1, 2, 3))
 _DRIVES = tuple(f"drive_{i}" for i in (1, 2, 3))
 _ENCODERS = tuple(f"{place}_encoder_{i}" for place in ("joint", "motor") for i in (1, 2, 3))
+
+GROUPS: dict[str, tuple[str, ...]] = {
+    "all drives": _DRIVES,
+    "all encoders": _ENCODERS,
+    "all joint encoders": _ENCODERS[:3],
+    "all motor encoders": _ENCODERS[3:],
+    "all joints": _JOINTS,
+    "power": ("drives",),
+}
+"""What one cause breaks at once: one bus or driver board, one supply, one batch or one repair."""
 
 _SAME_ENCODER = "force and pose are estimated from the same encoder"
 _BELIEVED_SPRING = "force is the deflection times the believed k_s; a wrong spring looks like a right one"
@@ -181,6 +200,18 @@ _MESSAGE_KINDS = {
         "a late command is a command like any other: it carries no counter; only what it does to the motion is seen",
         "ms", (2.0, 10.0, 50.0), POSITIVE,
     ),
+    "command_held": Kind(
+        "message", ("controller", "bus"), "commands are lost at random; who takes them keeps the last one",
+        Seen(1.0, None),
+        "from the controller it is a command like any other, until it has led to a limit of force; on the bus the "
+        "motors keep the speed that they had, and are off their command as soon as that is another one",
+        "share", (0.2, 0.8, 1.0), SHARE,
+    ),
+    "command_lost": Kind(
+        "message", ("controller", "bus"), "commands are lost at random; who takes them reads zero speed", UNSEEN,
+        "the robot stands still, or moves more slowly than asked",
+        "share", (0.2, 0.8, 1.0), SHARE,
+    ),
 }  # fmt: skip
 
 _PARAMETER_KINDS = {
@@ -255,9 +286,13 @@ _DRIVE_KINDS = {
         "rad_per_s", (2.0, 0.3, 0.05), {"ge": 0.0},
     ),
     "brown_out": Kind(
-        "command", ("drives",), "the supply sags: this share of the drives' highest speed is left", Seen(0.05, 0.05),
-        f"{_DOES_NOT_FOLLOW} while it asks for more; below that nothing is wrong",
+        "command", ("drives",), "the supply sags: this share of the drives' highest speed is left",
+        Seen(0.05, 0.05), f"{_DOES_NOT_FOLLOW} while it asks for more; below that nothing is wrong",
         "share", (0.5, 0.05, 0.01), SHARE,
+    ),
+    "power_off": Kind(
+        "command", ("power",), "the supply of all drives is gone: what they do without power, see [drive.unpowered]",
+        ALWAYS, f"{_DOES_NOT_FOLLOW}; at rest there is nothing to see",
     ),
 }  # fmt: skip
 
@@ -294,12 +329,12 @@ def kind_named(number: int, name: str) -> Kind:
 
 
 def refuse_target(number: int, kind: str, target: str) -> None:
-    """Let pass only a target that a `kind` of the catalogue has.
+    """Let pass only a target that a `kind` of the catalogue has, or a group of them.
 
     Raises:
         InputRefused: `target` is none of them.
     """
-    targets = CATALOGUE[kind].targets
+    targets = CATALOGUE[kind].targets + CATALOGUE[kind].groups
     if target not in targets:
         raise InputRefused(f'[[fault]] {number} target = "{target}" of {kind}: {expected(target, targets)}')
 
@@ -328,6 +363,8 @@ class Fault:
         share: of an encoder's samples that a glitch hits, 0..1.
         ramp: ticks over which a parameter fault grows from nothing to its magnitude; 0: at once.
         seed: of the random kinds; the same seed gives the same faults.
+        table: number of its [[fault]] table, counted from 1; 0: of none. Those of a group have the same one, and draw
+            the same numbers.
     """
 
     kind: str
@@ -338,6 +375,7 @@ class Fault:
     share: float = 0.0
     ramp: int = 0
     seed: int = 0
+    table: int = field(default=0, compare=False)
 
 
 class FaultTable(Settings):
@@ -372,16 +410,21 @@ def checked_faults(tables: Any, tick: float, mistakes: list[str]) -> tuple[Fault
         mistakes: gets a sentence for each mistake, with the number of its fault, counted from 1.
 
     Returns:
-        Those that are right.
+        Those that are right, one for each member of a group.
     """
-    faults = []
+    faults: list[Fault] = []
     for number, table in numbered(tables, "fault", mistakes):
         found: list[str] = []
         fault = _checked(number, table, tick, found)
         mistakes += found
         if fault is not None and not found:
-            faults.append(fault)
+            faults += members_of(fault)
     return tuple(faults)
+
+
+def members_of(fault: Fault) -> list[Fault]:
+    """A fault of each member of its target; `fault` itself if that is no group."""
+    return [replace(fault, target=target) for target in CATALOGUE[fault.kind].members(fault.target)]
 
 
 def _checked(number: int, table: Any, tick: float, mistakes: list[str]) -> Fault | None:
@@ -426,4 +469,5 @@ def _in_ticks(number: int, known: Kind, values: Mapping[str, Any], tick: float, 
         share=values.get("share", 0.0),
         ramp=ticks["ramp_s"],
         seed=values["seed"],
+        table=number,
     )

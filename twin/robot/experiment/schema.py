@@ -245,6 +245,21 @@ class Rotor(Settings):
     b: float = setting("N m s/rad", default=0.0, ge=0, help="viscous friction")
 
 
+class UnpoweredDrive(Settings):
+    """[drive.unpowered]: the motor shaft once a safety monitor has cut the power; each drive then has its own line.
+
+    Without this table a drive without power does what its FMU does: it stops, or, with a role `enable`, it coasts.
+    """
+
+    holding: float = setting("N m", ge=0, examples=[0.02], help="torque up to which gears and bearings hold the shaft")
+    brake: float = setting("N m", default=0.0, ge=0, examples=[0.5], help="torque of a brake, on top")
+    brake_line: Literal["power", "own"] = setting(
+        default="power", help="the brake closes with the power, or once no force is left that it would hold"
+    )
+    J: float = setting("kg m2", default=1e-4, gt=0, help="inertia of the shaft")
+    b: float = setting("N m s/rad", default=1e-4, ge=0, help="viscous friction")
+
+
 def _of_one_kind(value: Any) -> Any:
     """`value`, if it can be that of a parameter: else pydantic would say of each kind why it is not that one."""
     many = isinstance(value, (list, tuple))
@@ -307,6 +322,7 @@ class Drive(Settings):
     velocity_loop: VelocityLoop | None = None
     position_command: PositionCommand | None = None
     rotor: Rotor | None = None
+    unpowered: UnpoweredDrive | None = None
     parts: dict[str, DrivePart] = Field(default_factory=dict, description="FMUs of a drive that is made of several")
     wires: dict[str, str] = Field(default_factory=dict, description="between parts: part.input = part.output")
 

@@ -10,7 +10,7 @@ What the monitor tolerates, and how it retracts.
 
 import math
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -156,6 +156,15 @@ class Monitor(Settings):
     filter: float = setting("Hz", default=20.0, gt=0, help="low-pass of speeds and rates")
     retract: float = setting("deg", default=30.0, gt=0, help="how far a trip turns the motors back")
     retract_speed: float = setting("rad/s", default=2.0, gt=0, help="how fast")
+    disobeyed: Literal["wait", "cut"] = setting(
+        default="cut",
+        help="power of drives that do not obey the retraction: cut at once, or after follow_time_ms",
+    )
+    obey_delay: float = setting("ms", default=10.0, ge=0, help="after a trip no drive has to turn back for so long")
+    obey_lag: float = setting("ms", default=100.0, gt=0, help="time constant of the slowest drive that obeys")
+    release_time: float = setting(
+        "ms", default=1000.0, ge=0, help="without power, how long a brake with a line of its own may stay open"
+    )
 
 
 class Limits(Values, parts=(taken(Monitor),)):

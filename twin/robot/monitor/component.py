@@ -1,6 +1,6 @@
 """The safety monitor as a co-simulation component between controller and drives, and its safe action.
 
-That is to raise the platform away from the person, then hold it; cut the power if the motors do not obey.
+That is to raise the platform away from the person, then hold it; cut the power of motors that do not obey.
 
 All motors turn at the same speed -retract_speed for a set time. Positive theta lowers the platform (Eq. 5), so this
 raises it: the height changes by the sum of the third row of J^-1 times the joints' speed, and that sum is positive
@@ -13,6 +13,7 @@ differences cannot be seen.
 """
 
 import math
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -35,11 +36,13 @@ from twin.robot.mechanism.statics import (
     load_torque,
 )
 from twin.robot.monitor.checks import (
+    FROZEN_JOINT,
     INVALID_SAMPLE,
     LARGEST_COUNT,
     LARGEST_SAMPLE,
     LIMITS,
     NO_POSE,
+    REACHED,
     REASONS,
     STALE,
     TIMERS,
@@ -242,25 +245,97 @@ def observe_contact(seen, contact_force, ticks):
 
 STEPS = 101
 
-RETRACTION = record(**states(unfollowed="3i8", power="i8", power_off_tick="i8"))
-"""Ticks for which each joint has not followed the retraction; power; the tick at which it went off, -1: never."""
+_FLAGS = "power power_off_tick brake blind"
+RETRACTION = record(**states(**alike("3i8", "unfollowed off"), **alike("3f8", "most least"), **alike("i8", _FLAGS)))
+"""Ticks for which each joint has not followed the retraction; whether its drive's power is cut; the most and the least
+that it was commanded of late (rad/s); whether any drive has power; the tick at which one lost it, -1: none; whether
+brakes may close; ticks without a valid encoder message."""
+SLACK = 0.25
+"""Share of `follow_limit` by which a retracting motor may be slower than the slowest drive that obeys: above the ripple
+of its low-passed speed, 0.33 rad/s."""
+DOUBTED = FROZEN_JOINT
+"""Reasons up to this one doubt encoders: then no speed that they tell is taken for disobedience."""
 
 
 @njit(cache=True)
 def retraction_speed(limits, retraction, since):
-    """Speed (rad/s) of every motor, `since` (s) the trip."""
+    """Speed (rad/s) of every motor that has power, `since` (s) the trip."""
     turning = retraction.power == 1 and since < (limits.retract - 1e-9) / limits.retract_speed
     return -limits.retract_speed if turning else 0.0
 
 
 @njit(cache=True)
-def supervise(limits, seen, retraction, ticks, tick, now):
+def remember(limits, retraction, sent, dt):
+    """Keep the most and the least of what is `sent` to the drives (3,), rad/s, forgotten with `obey_lag`.
+
+    A first-order drive of a lag up to `obey_lag` stays between them: at the bound, where omega_m = most, it has
+    d omega_m/dt = (omega_ref - omega_m)/T <= (omega_ref - most)/obey_lag = d most/dt.
+    """
+    share = 1.0 - math.exp(-dt / limits.obey_lag)
+    for i in range(3):
+        retraction.most[i] = max(sent[i], retraction.most[i] + share * (sent[i] - retraction.most[i]))
+        retraction.least[i] = min(sent[i], retraction.least[i] + share * (sent[i] - retraction.least[i]))
+
+
+@njit(cache=True)
+def disobeys(limits, seen, retraction, i, since):
+    """Whether drive `i`, `since` (s) the trip, does what no drive does that obeys.
+
+    It turns faster than anything that it was commanded of late, either way, by `follow_limit`; or it is later in
+    turning back than the slowest drive that obeys, by its joint, too: one of the two encoders may be the failure.
+    """
+    speed, least = seen.omega_m[i], min(retraction.least[i], -limits.retract_speed)
+    if speed >= retraction.most[i] + limits.follow_limit or speed <= least - limits.follow_limit:
+        return True
+    left = math.exp(-max(0.0, since - limits.obey_delay) / limits.obey_lag)
+    slowest = (retraction.most[i] + limits.retract_speed) * left - limits.retract_speed
+    return min(speed, seen.omega_l[i]) >= slowest + SLACK * limits.follow_limit
+
+
+@njit(cache=True)
+def cut(retraction, i, lines, now):
+    """Take the power of drive `i`; of all, where they have no lines of their own."""
+    for j in range(3):
+        if j == i or not lines:
+            retraction.off[j] = 1
+    if retraction.power_off_tick < 0:
+        retraction.power_off_tick = now
+    if retraction.off[0] and retraction.off[1] and retraction.off[2]:
+        retraction.power = 0
+
+
+@njit(cache=True)
+def enforce(limits, seen, retraction, reason, lines, now, since, unseen):
+    """Cut at once the drives that do not obey the retraction, `since` (s) the trip.
+
+    All of them, once it is over by `follow_time` and no encoder message has said that it was done.
+
+    Args:
+        reason: of the trip.
+        lines: whether each drive has a line of power of its own.
+        now: in ticks.
+        unseen: whether no encoder message says what the motors do.
+    """
+    if limits.disobeyed == 0 or retraction.power == 0:
+        return
+    if unseen and since >= limits.retract / limits.retract_speed + limits.follow_time:
+        cut(retraction, 0, False, now)
+    if unseen or reason <= DOUBTED or retraction_speed(limits, retraction, since) == 0.0:
+        return
+    for i in range(3):
+        if retraction.off[i] == 0 and disobeys(limits, seen, retraction, i, since):
+            cut(retraction, i, lines, now)
+
+
+@njit(cache=True)
+def supervise(limits, seen, retraction, lines, ticks, tick, now):
     """Take the power if a joint does not do what the retraction commands for `follow_time`.
 
     Only a joint whose motor and joint encoder both deny it is at fault: a motor that turns moves its joint, so one of
     the two encoders may be the failure.
 
     Args:
+        lines: whether each drive has a line of power of its own.
         ticks: since the last valid encoder message, without which no limit is judged.
         tick: in s.
         now: in ticks.
@@ -270,9 +345,17 @@ def supervise(limits, seen, retraction, ticks, tick, now):
         error_l = abs(seen.omega_cmd[i] - seen.omega_l[i])
         astray = min(error_m, error_l) >= limits.follow_limit
         retraction.unfollowed[i] = retraction.unfollowed[i] + ticks if astray else 0
-        if retraction.unfollowed[i] * tick >= limits.follow_time * (1.0 - 1e-9) and retraction.power == 1:
-            retraction.power = 0
-            retraction.power_off_tick = now
+        if retraction.unfollowed[i] * tick >= limits.follow_time * (1.0 - 1e-9) and retraction.off[i] == 0:
+            cut(retraction, i, lines, now)
+
+
+@njit(cache=True)
+def release(limits, seen, retraction, tick, now):
+    """Let brakes close once no force is left for them to hold, or they have been open for `release_time`."""
+    if retraction.power_off_tick >= 0 and retraction.brake == 0:
+        waited = tick * (now - retraction.power_off_tick)
+        if seen.force < 0.5 * limits.contact_force or waited >= limits.release_time:
+            retraction.brake = 1
 
 
 class Retreat(NamedTuple):
@@ -323,6 +406,11 @@ OUTPUTS = (
     Port("contact_time", 1, "s", "duration of the present contact"),
     Port("utilisation", 1, "1", "largest share of any limit in use; 1 trips"),
 )
+LINES = (
+    Port("drive_power", 3, "1", "whether each drive may have power", "bool"),
+    Port("brake", 1, "1", "whether brakes with a line of their own may close", "bool"),
+)
+"""Outputs besides, where drives say what they do without power."""
 MEMORY = record(
     belief=BELIEF,
     limits=LIMITS,
@@ -375,26 +463,51 @@ def receive(m, u, tick):
     return ticks
 
 
-@step_function(MEMORY, INPUTS, OUTPUTS)
-def step(m, t, h, u, y):
-    tick = h / m.period
-    ticks = receive(m, u, tick)
-    value_command(m.limits, m.timers, u.omega_ref, m.values, m.joints, m.period, tick)
-    reason, utilisation = first_reached(m.values, m.limit, m.rest)
-    if m.reason == 0 and reason != 0:
-        m.reason, m.trip_tick, m.trip_value, m.trip_joint = reason, m.tick, m.values[reason], m.joints[reason]
-    elif m.reason != 0 and ticks > 0:
-        supervise(m.limits, m.seen, m.retraction, ticks, tick, m.tick)
-    for i in range(3):
-        m.sent[i] = u.omega_ref[i]
+def outputs(lines: bool) -> tuple[Port, ...]:
+    """The ports of a monitor, with or without lines of their own for the drives."""
+    return (*OUTPUTS, *LINES) if lines else OUTPUTS
+
+
+@cache
+def step_over(lines):
+    """The step of a monitor, with or without lines of their own for the drives."""
+
+    @step_function(MEMORY, INPUTS, outputs(lines))
+    def step(m, t, h, u, y):
+        tick = h / m.period
+        ticks = receive(m, u, tick)
+        value_command(m.limits, m.timers, u.omega_ref, m.values, m.joints, m.period, tick)
+        reason, utilisation = first_reached(m.values, m.limit, m.rest)
+        if m.reason == 0 and reason != 0:
+            m.reason, m.trip_tick, m.trip_value, m.trip_joint = reason, m.tick, m.values[reason], m.joints[reason]
+        elif m.reason != 0 and ticks > 0:
+            supervise(m.limits, m.seen, m.retraction, lines, ticks, tick, m.tick)
+        since = (m.tick - m.trip_tick) * tick
         if m.reason != 0:
-            m.sent[i] = retraction_speed(m.limits, m.retraction, (m.tick - m.trip_tick) * tick)
-        y.omega_ref[i] = m.sent[i]
-    y.tripped, y.reason, y.power = m.reason != 0, m.reason, m.retraction.power
-    y.F_z, y.speed, y.depth = -m.seen.F_ee_B[2], m.seen.speed, m.seen.depth
-    y.contact_time, y.utilisation = m.seen.contact_ticks * tick, utilisation
-    m.tick += m.period
-    return 0
+            m.retraction.blind = 0 if ticks > 0 else m.retraction.blind + m.period
+            unseen = m.retraction.blind * tick >= REACHED * m.limits.stale_time
+            if ticks > 0 or unseen:
+                enforce(m.limits, m.seen, m.retraction, m.reason, lines, m.tick, since, unseen)
+            release(m.limits, m.seen, m.retraction, tick, m.tick)
+        for i in range(3):
+            m.sent[i] = u.omega_ref[i]
+            if m.reason != 0:
+                turning = retraction_speed(m.limits, m.retraction, since)
+                m.sent[i] = 0.0 if m.retraction.off[i] else turning
+            y.omega_ref[i] = m.sent[i]
+        if m.reason == 0:
+            remember(m.limits, m.retraction, m.sent, h)
+        y.tripped, y.reason, y.power = m.reason != 0, m.reason, m.retraction.power
+        y.F_z, y.speed, y.depth = -m.seen.F_ee_B[2], m.seen.speed, m.seen.depth
+        y.contact_time, y.utilisation = m.seen.contact_ticks * tick, utilisation
+        if lines:
+            for i in range(3):
+                y.drive_power[i] = 1.0 - m.retraction.off[i]
+            y.brake = m.retraction.brake
+        m.tick += m.period
+        return 0
+
+    return step
 
 
 class SafetyMonitor(NativeComponent):
@@ -407,15 +520,20 @@ class SafetyMonitor(NativeComponent):
         limits: what it tolerates.
         sample_interval: ticks between two encoder messages.
         period: in ticks.
+        lines: whether each drive has a line of power of its own, and brakes have one.
     """
 
-    def __init__(self, belief: MonitorBelief, limits: Limits, sample_interval: int = 1, period: int = 1):
+    def __init__(
+        self, belief: MonitorBelief, limits: Limits, sample_interval: int = 1, period: int = 1, lines: bool = False
+    ):
         memory = memory_of(MEMORY, belief=tuple(belief), limits=tuple(limits), sample_interval=sample_interval)
         memory["limit"][0], memory["rest"][0] = thresholds(limits)
         memory["period"], memory["retraction"]["power"], memory["retraction"]["power_off_tick"] = period, 1, -1
-        initial = np.zeros(width(OUTPUTS))
-        by_port(OUTPUTS, initial)["power"][0] = 1.0
-        super().__init__("monitor", INPUTS, OUTPUTS, True, step, memory, initial, period)
+        ports = outputs(lines)
+        initial = np.zeros(width(ports))
+        for line in ("power", "drive_power")[: 1 + lines]:
+            by_port(ports, initial)[line][:] = 1.0
+        super().__init__("monitor", INPUTS, ports, True, step_over(lines), memory, initial, period)
 
     @property
     def trip(self) -> Trip | None:
@@ -430,7 +548,7 @@ class SafetyMonitor(NativeComponent):
 
     @property
     def power_off_tick(self) -> int | None:
-        """The tick at which the drives lost their power because they did not retract; None while they have it."""
+        """The tick at which a drive lost its power because it did not retract; None while all have it."""
         tick = int(self.memory[0]["retraction"]["power_off_tick"])
         return None if tick < 0 else tick
 

@@ -90,7 +90,11 @@ def drive_commands(part: RobotPart) -> dict[str, str]:
     """The output, `monitor.omega_ref`, that feeds each input port of the drives; those of other parts are left out."""
     (drives,) = (row for row in ROBOT if row.name == DRIVE)
     fed = {
-        port: [f"{source}.{name}" for source, name in sources if part.component(source)]
+        port: [
+            f"{source}.{name}"
+            for source, name in sources
+            if (owner := part.component(source)) and any(output.name == name for output in owner.outputs)
+        ]
         for port, sources in drives.inputs.items()
     }
     return {port: found[0] for port, found in fed.items() if found}

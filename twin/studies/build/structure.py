@@ -44,7 +44,16 @@ from twin.kernel.ssp.structure import (
 )
 from twin.kernel.units import Dimension, known_unit
 from twin.robot.assembly.assemble import COMMAND, HERE, POWER
-from twin.robot.assembly.build import Build, at_rest, joint_drives, motions, need_processes, planned_drives, turns_all
+from twin.robot.assembly.build import (
+    Build,
+    at_rest,
+    have_lines,
+    joint_drives,
+    motions,
+    need_processes,
+    planned_drives,
+    turns_all,
+)
 from twin.robot.assembly.declared import BROKEN, PLACES
 from twin.robot.assembly.drives import DrivePlan, rates
 from twin.robot.experiment.experiment import Experiment
@@ -63,6 +72,11 @@ def refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> N
     """
     if name.startswith("drive"):
         raise InputRefused(f"{name}: a drive is an FMU already; expected another part of {experiment.name}")
+    if have_lines(experiment) and not set(wanted) <= {"body", "encoder", "estimator", "controller", "plant", "scale"}:
+        raise InputRefused(
+            f"{experiment.name}: [drive.unpowered] gives drives lines of power of their own, which cannot be built; "
+            "remove it"
+        )
     for role in wanted:
         # the body's values come in from outside then
         if role in experiment.stand_ins and name != "plant":

@@ -27,6 +27,7 @@ from twin.kernel.ssp.structure import (
     UnitDefinition,
 )
 from twin.kernel.writing import json_text, made_folder, refuse_unwritable, write_bytes
+from twin.robot.assembly.build import have_lines
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.run import named_files
@@ -227,6 +228,8 @@ def _refuse_bound(experiment: Experiment) -> None:
         raise InputRefused(
             f"{experiment.name}: its {role} is {part.label}; it is third-party; only twin's own parts can be exported"
         )
+    if have_lines(experiment):
+        raise InputRefused(f"{experiment.name}: [drive.unpowered] cannot be expressed in an SSP; remove it")
     for found, table in ((experiment.faults, "fault"), (experiment.changes, "change")):
         if found:
             raise InputRefused(

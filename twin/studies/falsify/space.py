@@ -4,7 +4,7 @@ What the search found, as text of at most 80 columns and as facts.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -12,8 +12,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import tomlkit
 
-from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.fault import CATALOGUE, Kind
 from twin.robot.experiment.source import laid_over
+from twin.robot.experiment.together import AND, OF, common_names, named_set, pair_names
 from twin.studies.faults.matrix import GLITCH_SHARE
 from twin.studies.faults.text import magnitude_text
 from twin.studies.result import Block, Cell, Column, Note, Result, Table, counted, wrapped
@@ -44,9 +45,10 @@ class TriedFault:
     """One fault in one run.
 
     Attributes:
-        kind: of the catalogue; "": nothing is wrong.
-        target: one of the kind's.
-        magnitude: in the catalogue's unit; None where the kind has none.
+        kind: of the catalogue, or the name of a set of faults; "": nothing is wrong.
+        target: one of the kind's; of a set that of each, joined by "+".
+        magnitude: in the catalogue's unit; None where the kind has none. Of a set of several kinds the share, from the
+            smallest to the largest, of each.
         onset: tick.
         body: what is pressed on; None: the experiment's own.
         seed: of the fault, and added to that of the encoders' noise.
@@ -88,19 +90,24 @@ class Space:
 
     def draws(self, kind: str) -> bool:
         """Whether another seed makes another run of a fault of `kind`."""
-        return self.noisy or kind in RANDOM
+        return self.noisy or any(part.kind in RANDOM for part in named_set(kind))
+
+    def targets(self, kind: str) -> list[str]:
+        """Where `kind` may be; of a set every combination."""
+        return [AND.join(targets) for targets in product(*(part.targets for part in named_set(kind)))]
 
     def places(self, kind: str) -> list[Place]:
         """Every place of `kind`, that of the catalogue and of the experiment first."""
         ways = (1, -1) if _has_two_ways(kind) else (1,)
-        return [Place(*place) for place in product(CATALOGUE[kind].targets, ways, self.bodies)]
+        return [Place(*place) for place in product(self.targets(kind), ways, self.bodies)]
 
     def place(self, wrong: TriedFault) -> Place:
         """That of `wrong`."""
-        magnitudes = CATALOGUE[wrong.kind].magnitudes
-        if magnitudes is None or wrong.magnitude is None:
+        known = alone(wrong.kind)
+        if known is None or known.magnitudes is None or wrong.magnitude is None:
             return Place(wrong.target, 1, wrong.body)
-        middle = 1.0 if CATALOGUE[wrong.kind].unit == "factor" else 0.0
+        magnitudes = known.magnitudes
+        middle = 1.0 if known.unit == "factor" else 0.0
         other = (wrong.magnitude - middle) * (magnitudes[-1] - middle) < 0.0
         return Place(wrong.target, -1 if other else 1, wrong.body)
 
@@ -110,7 +117,9 @@ class Space:
         Args:
             share: -1 .. 1; negative: the other sign, or, of a factor, its inverse.
         """
-        known = CATALOGUE[kind]
+        known = alone(kind)
+        if known is None:
+            return float(f"{abs(share):.4g}")
         if known.magnitudes is None:
             return None
         smallest, largest = known.magnitudes[0], known.magnitudes[-1]
@@ -125,13 +134,16 @@ class Space:
 
     def share(self, wrong: TriedFault) -> float:
         """The share that `magnitude` makes that of `wrong` of, 0 where the kind has none."""
-        magnitudes = CATALOGUE[wrong.kind].magnitudes
+        known = alone(wrong.kind)
+        if known is None:
+            return wrong.magnitude or 0.0
+        magnitudes = known.magnitudes
         if magnitudes is None or wrong.magnitude is None:
             return 0.0
         way = self.place(wrong).way
         size = wrong.magnitude
         if way < 0:
-            size = 1.0 / size if CATALOGUE[wrong.kind].unit == "factor" else -size
+            size = 1.0 / size if known.unit == "factor" else -size
         return way * float(np.log(size / magnitudes[0]) / np.log(magnitudes[-1] / magnitudes[0]))
 
     def file(self, wrong: TriedFault, experiment: Path, comments: Sequence[str] = ()) -> str:
@@ -144,20 +156,31 @@ class Space:
             self.base,
             ({"contact": {"body": wrong.body}} if wrong.body is not None else {})
             | ({"seed": self.seed + wrong.seed} if wrong.seed else {})
-            | ({"fault": [self._table(wrong)]} if wrong.kind else {}),
+            | ({"fault": self._tables(wrong)} if wrong.kind else {}),
         )
         tables["measure"] = [
             {"name": name, "kind": "requirement", "formula": formula} for name, formula in self.requirements
         ]
         return "".join(f"# {comment}\n" for comment in comments) + tomlkit.dumps(tables)
 
-    def _table(self, wrong: TriedFault) -> dict[str, Any]:
-        known = CATALOGUE[wrong.kind]
-        table: dict[str, Any] = {"kind": wrong.kind, "target": wrong.target, "onset_s": self.onset(wrong)}
+    def _tables(self, wrong: TriedFault) -> list[dict[str, Any]]:
+        parts, targets = named_set(wrong.kind), wrong.target.split(AND)
+        together = len(parts) > 1
+        return [
+            self._table(
+                wrong, part.kind, target, self.magnitude(part.kind, wrong.magnitude or 0.0) if together else None
+            )
+            for part, target in zip(parts, targets, strict=True)
+        ]
+
+    def _table(self, wrong: TriedFault, kind: str, target: str, magnitude: float | None) -> dict[str, Any]:
+        """Of one of its faults; `magnitude`: None: that of the whole."""
+        known = CATALOGUE[kind]
+        table: dict[str, Any] = {"kind": kind, "target": target, "onset_s": self.onset(wrong)}
         if self.duration is not None:
             table["duration_s"] = self.duration
         if known.magnitude_key is not None:
-            table[known.magnitude_key] = wrong.magnitude
+            table[known.magnitude_key] = wrong.magnitude if magnitude is None else magnitude
         if known.has_share:
             table["share"] = GLITCH_SHARE
         return table | ({"seed": wrong.seed} if wrong.seed else {})
@@ -167,9 +190,42 @@ class Space:
         return float(f"{wrong.onset * self.tick:.12g}")
 
 
+def alone(kind: str) -> Kind | None:
+    """The kind of the catalogue that a set is of; None: it is of several."""
+    parts = named_set(kind)
+    return CATALOGUE[parts[0].kind] if len(parts) == 1 else None
+
+
+def size_text(kind: str, magnitude: float | None) -> str:
+    """A magnitude, or of a set of several kinds the share of each, as people write it."""
+    parts = named_set(kind)
+    if len(parts) > 1:
+        return f"{100 * (magnitude or 0.0):.0f} % each"
+    return magnitude_text(parts[0].kind, magnitude)
+
+
+def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
+    """What is searched: `kinds`, which may be sets; or, where none is named, all of the lists that `sets` names.
+
+    Raises:
+        InputRefused: there is no such kind or group.
+    """
+    for kind in kinds:
+        named_set(kind)
+    if kinds:
+        return (
+            *(kind for kind in CATALOGUE if kind in kinds),
+            *(k for k in dict.fromkeys(kinds) if k not in CATALOGUE),
+        )
+    lists = {"single": tuple(CATALOGUE), "common": common_names(), "pairs": pair_names()}
+    return tuple(name for each, names in lists.items() if each in sets for name in names)
+
+
 def _has_two_ways(kind: str) -> bool:
     """Whether a magnitude of `kind` may have the other sign, or be the inverse of a factor."""
-    known = CATALOGUE[kind]
+    known = alone(kind)
+    if known is None:
+        return False
     return known.unit == "factor" or (known.magnitudes is not None and not {"gt", "ge"} & known.bounds.keys())
 
 
@@ -314,11 +370,11 @@ class Found:
 
     def facts(self, space: Space) -> dict[str, Any]:
         """For JSON."""
-        wrong = self.wrong
+        wrong, known = self.wrong, alone(self.wrong.kind)
         return {
             "kind": wrong.kind,
             "target": wrong.target,
-            CATALOGUE[wrong.kind].magnitude_key or "magnitude": wrong.magnitude,
+            (known.magnitude_key if known else "share") or "magnitude": wrong.magnitude,
             "onset_s": space.onset(wrong),
             "body": wrong.body,
             "seed": wrong.seed,
@@ -366,7 +422,7 @@ def falsify_result(
     parts: list[Block] = [
         *(f"  {r.name}  {r.formula}" for r in requirements),
         "",
-        Table(COLUMNS, [_row(one, requirements, holes, space) for one in nearest], indent=0),
+        _table(nearest, requirements, holes, space),
         *(["", *unknown] if unknown else []),
         *(["", *files] if files else []),
     ]
@@ -382,12 +438,24 @@ def falsify_result(
     return Result(headline, parts, facts, exit_code=1 if violating else 0)
 
 
+def _table(found: Sequence[Found], requirements: Sequence[Requirement], holes: Holes, space: Space) -> Table:
+    """One row each; names of sets are longer than those of kinds, and say where they are."""
+    rows = [_row(one, requirements, holes, space) for one in found]
+    sets = any(OF in one.wrong.kind or AND in one.wrong.kind for one in found)
+    name, distance, magnitude, onset, target, *rest = COLUMNS
+    if sets:
+        return Table(
+            (replace(name, width=0), distance, magnitude, onset, *rest), [r[:4] + r[5:] for r in rows], indent=0
+        )
+    return Table((name, distance, magnitude, onset, target, *rest), rows, indent=0)
+
+
 def _row(one: Found, requirements: Sequence[Requirement], holes: Holes, space: Space) -> list[Cell]:
     wrong = one.wrong
     return [
         ("! " if one.share < 0.0 else "? " if wrong.kind in holes.ended else "  ") + wrong.kind,
         _distance(one, min(requirements, key=lambda r: one.distances[r.name])),
-        magnitude_text(wrong.kind, wrong.magnitude),
+        size_text(wrong.kind, wrong.magnitude),
         f"{space.onset(wrong):.3f} s",
         wrong.target,
         one.run,

@@ -1,15 +1,24 @@
 """`twin faults`: the matrix of faults of an experiment."""
 
 from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.command import Argument, Asked, BodyName, DriveName, Option, Say, Settings, study
+from twin.studies.command import Argument, Asked, DriveName, Option, Say, Settings, study
 from twin.studies.first_look import load_experiments
 from twin.studies.result import Result
 
 HOME = Path("results") / "faults"
 ROWS, MATRIX, PICTURE = "rows.jsonl", "matrix.json", "matrix.png"
+
+
+class SetOfFaults(StrEnum):
+    """How many faults at once; `twin.studies.faults.together.FaultSet`, which is not imported for `--help`."""
+
+    SINGLE = "single"
+    COMMON = "common"
+    PAIRS = "pairs"
 
 
 def _rows_until_then(asked: Asked) -> str:
@@ -30,15 +39,34 @@ def faults(
         Option("Time of the fault; may be repeated. Default: once in free air, once in contact.", "S", "--onset"),
     ] = (),
     duration: Annotated[float | None, Option("Duration of each fault; default: to the end of the run.", "S")] = None,
+    sets: Annotated[
+        Sequence[SetOfFaults],
+        Option(
+            "Single faults, common causes, or pairs of kinds; may be repeated. Default: all three.",
+            "single|common|pairs",
+            "--set-of",
+        ),
+    ] = (),
     drive: DriveName = None,
-    body: BodyName = None,
+    bodies: Annotated[
+        Sequence[str],
+        Option(
+            "Body to press on, such as back; may be repeated: common causes and pairs are tried on each.",
+            "BODY",
+            "--body",
+            complete="body",
+        ),
+    ] = (),
     settings: Settings = (),
     out: Annotated[Path | None, Option("Folder; default: results/faults/EXPERIMENT.", "DIR")] = None,
 ) -> Result:
-    """Inject each kind of fault once, with the safety monitor and without.
+    """Inject each kind of fault, common causes and pairs, with the monitor and without.
 
     The catalogue of faults states beforehand which ones the monitor detects,
-    and which exceed the force limit by more than 20 % all the same.
+    and which exceed the force limit by more than 20 % all the same. A common
+    cause breaks several parts at once, such as all drives; after it the force
+    is to stay below 1.5 times the limit, or 1.2 times what an ideal monitor
+    reaches. Pairs are listed, not judged.
 
     Exit code: 0 as stated, 1 a fault is missed or exceeds the limit
     unexpectedly, 2 input refused, 3 a drive crashed or hung (the rows until
@@ -53,27 +81,60 @@ def faults(
     """
     from twin.kernel.writing import growing, json_text, made_folder, write_json
     from twin.robot.assembly.load import load_experiment
-    from twin.studies.faults.matrix import cases, healthy_trial, known_kinds, matrix_rows, onsets_of
-    from twin.studies.faults.text import draw_fault_matrix, fault_matrix_result
+    from twin.studies.faults.matrix import (
+        Case,
+        FaultRow,
+        FaultTrial,
+        cases,
+        healthy_trial,
+        known_kinds,
+        matrix_rows,
+        onsets_of,
+        touching,
+    )
+    from twin.studies.faults.text import draw_fault_matrix, fault_matrix_result, together_result
+    from twin.studies.faults.together import FaultSet, Stage, TogetherRow, together_of, together_rows
 
     folder = made_folder(out or HOME / experiment.stem)
     name, picture = experiment.stem, folder / PICTURE
     # absolute: an FMU may change the working directory
     home = folder.absolute()
+    wanted = [FaultSet(one) for one in sets] or list(FaultSet)
     say("without any fault", 0.0)
     # a row is written as soon as there is one, so that a drive that crashes costs none of them
     with growing(home / ROWS) as append:
         chosen = known_kinds(kinds)
-        loaded = load_experiment(experiment, settings, drive, body)
-        healthy = healthy_trial(loaded)
-        planned = cases(loaded, chosen, onsets_of(loaded, healthy, onsets), duration)
-        rows = []
-        for row in matrix_rows(loaded, healthy, planned):
+        stages: list[Stage] = []
+        of_bodies: list[tuple[FaultTrial, tuple[Case, ...]]] = []
+        for body in dict.fromkeys(bodies) or (None,):
+            loaded = load_experiment(experiment, settings, drive, body)
+            healthy = healthy_trial(loaded)
+            times = onsets_of(loaded, healthy, onsets)
+            # checks the onsets, too
+            of_bodies.append((healthy, cases(loaded, chosen, times, duration)))
+            touches = touching(healthy)
+            inside = tuple((t, bool(touches[round(t / loaded.cosim.tick)])) for t in times)
+            stages.append(Stage(body or "", loaded, inside))
+        # single faults on the first body
+        healthy, planned = of_bodies[0] if FaultSet.SINGLE in wanted else (of_bodies[0][0], ())
+        each = sum(len(together_of(kind, 0.0, kinds)) for kind in wanted)
+        total = len(planned) + each * sum(len(stage.onsets) for stage in stages)
+        rows: list[FaultRow] = []
+        for row in matrix_rows(stages[0].experiment, healthy, planned):
             rows.append(row)
             append(json_text(row.facts()) + "\n")
-            say(f"{len(rows)} of {len(planned)} cases", len(rows) / len(planned))
-    say("drawing the matrix", 1.0)
-    result = fault_matrix_result(name, rows, picture)
-    draw_fault_matrix(name, rows, home / PICTURE)
+            say(f"{len(rows)} of {total} cases", len(rows) / total)
+        together: list[TogetherRow] = []
+        for stage in stages:
+            for found in together_rows(stage, wanted, kinds):
+                together.append(found)
+                append(json_text(found.facts()) + "\n")
+                say(f"{len(rows) + len(together)} of {total} cases", (len(rows) + len(together)) / total)
+    if not rows:
+        result = together_result(name, together, wanted)
+    else:
+        say("drawing the matrix", 1.0)
+        result = fault_matrix_result(name, rows, picture, together)
+        draw_fault_matrix(name, rows, home / PICTURE)
     write_json(home / MATRIX, result.facts)
     return result

@@ -9,8 +9,9 @@ import numpy as np
 
 from twin.robot.experiment.fault import CATALOGUE
 from twin.studies.faults.matrix import ALLOWANCE, FaultRow
+from twin.studies.faults.together import OF_IDEAL, REACHABLE, FaultSet, TogetherRow
 from twin.studies.figure import BARE, INK, LESS_IS_BETTER, LIGHT_IS_GOOD, VERMILION, Axes, picture
-from twin.studies.result import Block, Column, Note, Result, Table
+from twin.studies.result import Block, Column, Note, Result, Table, counted
 
 if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
@@ -39,17 +40,20 @@ COLUMNS = (
 )
 
 
-def fault_matrix_result(experiment: str, rows: Sequence[FaultRow], picture: Path) -> Result:
+def fault_matrix_result(
+    experiment: str, rows: Sequence[FaultRow], picture: Path, together: Sequence[TogetherRow] = ()
+) -> Result:
     """The verdict, then the worst case of each kind, then what the verdict does not cover.
 
     Args:
         experiment: its name.
         rows: of one matrix, kind by kind, at least one.
         picture: where it is.
+        together: common causes and pairs.
     """
     first = rows[0]
     safe, safe_unwatched = sum(r.safe for r in rows), sum(r.safe_unwatched for r in rows)
-    failing = any(r.fails for r in rows)
+    failing = any(r.fails for r in rows) or any(r.fails for r in together)
     verdict = (
         f"{experiment}  {'FAILED' if failing else 'PASSED'}: {safe} of {len(rows)} cases stay below {first.bound:g} N, "
         f"the limit of {first.limit:g} N plus {100 * (ALLOWANCE - 1):.0f} %; without the monitor {safe_unwatched}. "
@@ -66,9 +70,73 @@ def fault_matrix_result(experiment: str, rows: Sequence[FaultRow], picture: Path
         f"Without the monitor {ended} more runs end early because a component fails; their peak is the one until then."
     )
     worst = Table(COLUMNS, [(row.kind, *_cells(row, of_kind)) for row, of_kind in _worst(rows)], indent=0)
-    parts = [Note(counts, later=4), *([Note(early, later=4)] if ended else []), "", worst, *_exceptions(rows), ""]
+    parts = [Note(counts, later=4), *([Note(early, later=4)] if ended else []), "", worst, *_exceptions(rows)]
+    parts += [*together_blocks(together), ""]
     facts = {"experiment": experiment, "rows": [row.facts() for row in rows]}
+    facts["together"] = [row.facts() for row in together]
     return Result(Note(verdict, later=4), parts, facts, {"picture": picture}, label=0, exit_code=int(failing))
+
+
+TOGETHER = (
+    Column("worst of each", 34, ".34s", left=True),
+    Column("on", 9, ".9s", left=True),
+    Column("peak", 5, unit="N"),
+    Column("ideal", 5, unit="N"),
+    Column("w/o", 5, unit="N"),
+    Column("left", 4, unit="N"),
+    Column("seen", 5, unit="s"),
+    Column("off", 5, unit="s"),
+)
+SHOWN = 12
+"""Causes of each list that the text shows, the worst first; all rows are in the files."""
+
+
+def together_result(experiment: str, rows: Sequence[TogetherRow], wanted: Sequence[FaultSet]) -> Result:
+    """The verdict on common causes and pairs alone."""
+    failing = sum(row.fails for row in rows)
+    names = " and ".join({FaultSet.COMMON: "common causes", FaultSet.PAIRS: "pairs"}.get(one, one) for one in wanted)
+    verdict = f"{experiment}  {'FAILED' if failing else 'PASSED'}: {counted(len(rows), 'case')} of {names}."
+    facts = {"experiment": experiment, "rows": [], "together": [row.facts() for row in rows]}
+    return Result(Note(verdict, later=4), together_blocks(rows), facts, exit_code=int(failing > 0))
+
+
+def together_blocks(rows: Sequence[TogetherRow]) -> list[Block]:
+    """Of each list the worst rows, and how many fail."""
+    blocks: list[Block] = []
+    for kind, title in ((FaultSet.COMMON, "common causes"), (FaultSet.PAIRS, "pairs")):
+        of_kind = sorted((row for row in rows if row.faults.kind is kind), key=lambda row: -row.watched.peak)
+        if not of_kind:
+            continue
+        beyond, missed = sum(row.beyond for row in of_kind), sum(row.missed for row in of_kind)
+        seen = sum(row.detected for row in of_kind)
+        high = sum(row.watched.peak > REACHABLE * row.limit for row in of_kind)
+        text = (
+            f"{len(of_kind)} {title}: {seen} seen, {missed} missed that were said to be seen; {high} above "
+            f"{REACHABLE * of_kind[0].limit:g} N, {REACHABLE:g} times the limit, of which {beyond} also above "
+            f"{OF_IDEAL:g} times the peak with an ideal monitor, which cuts all power when this one trips."
+        )
+        # of equal names the worst comes first
+        worst = {row.faults.name: row for row in reversed(of_kind)}
+        shown = sorted(worst.values(), key=lambda row: -row.watched.peak)[:SHOWN]
+        cells = [_together_cells(row) for row in shown]
+        blocks += ["", Note(text, later=4), Table(TOGETHER, cells, indent=0)]
+    return blocks
+
+
+def _together_cells(row: TogetherRow) -> tuple[str, ...]:
+    def seconds(value: float | None) -> str:
+        return "-" if value is None else f"{value:.3f}"
+
+    return (
+        f"{'! ' if row.fails or row.beyond else '  '}{row.faults.name}",
+        row.body,
+        _force(row.watched.peak),
+        "-" if row.ideal is None else _force(row.ideal),
+        _force(row.unwatched.peak),
+        f"{row.watched.left:.1f}",
+        seconds(row.watched.seen),
+        seconds(row.watched.power_off),
+    )
 
 
 def magnitude_text(kind: str, magnitude: float | None) -> str:

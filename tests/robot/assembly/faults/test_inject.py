@@ -6,9 +6,9 @@ from tests.robot.faults.robot import COUNTS, SPEED_LIMIT, TICK, Robot, plant, ru
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.system import End, Feeds
 from twin.kernel.errors import InputRefused
-from twin.robot import faults
-from twin.robot.assembly.assemble import COUNT_LAWS, DRIVE_LAWS, inject
+from twin.robot import faults, shaft
 from twin.robot.assembly.declared import BROKEN
+from twin.robot.assembly.inject import COUNT_LAWS, DRIVE_LAWS, inject
 from twin.robot.experiment.fault import CATALOGUE, Fault
 
 DEG = np.pi / 180.0
@@ -150,7 +150,7 @@ def test_each_mechanism_does_its_kinds_and_no_others(mechanism, kinds):
     assert set(kinds) == {name for name, known in CATALOGUE.items() if known.mechanism == mechanism}
 
 
-@pytest.mark.parametrize(("laws", "known"), [(COUNT_LAWS, faults.CountLaw), (DRIVE_LAWS, faults.DriveLaw)])
+@pytest.mark.parametrize(("laws", "known"), [(COUNT_LAWS, faults.CountLaw), (DRIVE_LAWS, shaft.DriveLaw)])
 def test_each_law_belongs_to_one_kind(laws, known):
     assert sorted(laws.values()) == sorted(known)
 

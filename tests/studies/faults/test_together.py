@@ -1,0 +1,182 @@
+"""Faults with one cause, and what the monitor does about them; each with the monitor off as its sabotage."""
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.laws.runs import EXPERIMENTS
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.together import table
+from twin.studies.faults.matrix import healthy_trial, onsets_of, touching
+from twin.studies.faults.together import (
+    FaultSet,
+    Stage,
+    Together,
+    TogetherRow,
+    common_causes,
+    faults_of,
+    felt,
+    ideal_peak,
+    pairs,
+    together_row,
+)
+
+
+@cache
+def stage(body: str, *settings: str) -> Stage:
+    experiment = load_experiment(EXPERIMENTS / "pressing.toml", settings, None, body)
+    healthy = healthy_trial(experiment)
+    times = onsets_of(experiment, healthy, ())
+    touches = touching(healthy)
+    return Stage(body, experiment, tuple((t, bool(touches[round(t / experiment.cosim.tick)])) for t in times))
+
+
+def is_largest(one: Together) -> bool:
+    """Whether it is of its kind's largest magnitude, either way, or of a kind without any."""
+    assert one.cause is not None
+    magnitudes = CATALOGUE[one.cause.kind].magnitudes
+    return magnitudes is None or abs(one.magnitude or 0.0) == abs(magnitudes[-1])
+
+
+@cache
+def rows(body: str) -> list[TogetherRow]:
+    """Of each common cause the largest magnitudes, of both signs, in contact."""
+    there = stage(body)
+    onset, in_contact = there.onsets[1]
+    wanted = [one for one in common_causes(onset) if is_largest(one)]
+    return [together_row(there, one, onset, in_contact) for one in wanted]
+
+
+def run_away(experiment: Experiment, onset: float) -> tuple:
+    return faults_of(experiment, [table("drive_runaway", "all drives", 8.0, onset)])
+
+
+@pytest.mark.parametrize(("body", "before", "after"), [("back", 88.8, 12.2), ("shoulder", 93.6, 12.5)])
+def test_three_runaway_drives_press_with_a_seventh_of_what_they_did(body: str, before: float, after: float):
+    now, then = stage(body), stage(body, "monitor.disobeyed=wait")
+    faults = run_away(now.experiment, now.onsets[1][0])
+    new, old = felt(now.experiment, faults), felt(then.experiment, faults)
+    # another processor may round
+    assert (old.peak, new.peak) == pytest.approx((before, after), rel=0.02)
+    assert old.power_off is not None and old.power_off > 0.15
+    assert new.power_off == new.seen == old.seen
+    assert new.peak == ideal_peak(now.experiment, faults, new.seen or 0.0)
+
+
+@pytest.mark.parametrize("body", ["scale", "back"])
+def test_no_common_cause_does_worse_than_an_ideal_monitor_allows(body: str):
+    assert [row for row in rows(body) if row.beyond] == []
+
+
+@pytest.mark.parametrize("body", ["scale", "back"])
+def test_what_is_expected_to_be_seen_of_common_causes_is(body: str):
+    assert [row.faults.name for row in rows(body) if row.missed] == []
+
+
+def test_with_the_monitor_off_every_common_cause_that_it_sees_fails():
+    seen = [row for row in rows("back") if row.detection_expected]
+    assert len(seen) > 8
+    assert all(replace(row, watched=row.unwatched).fails for row in seen)
+
+
+def test_with_the_monitor_off_or_late_the_force_of_a_common_cause_goes_beyond_its_bound():
+    (row,) = (
+        row for row in rows("back") if row.faults.name == "drive_runaway, all drives" and row.faults.magnitude == 8.0
+    )
+    late = stage("back", "monitor.disobeyed=wait")
+    slow = felt(late.experiment, run_away(late.experiment, row.onset))
+    assert not row.beyond
+    assert replace(row, watched=slow).beyond and replace(row, watched=row.unwatched).beyond
+
+
+def test_a_bus_that_holds_its_last_command_is_stopped_by_the_power():
+    there = stage("back")
+    onset = there.onsets[0][0]
+    faults = faults_of(there.experiment, [table("command_held", "bus", 1.0, onset)])
+    with_monitor, without = (felt(there.experiment, faults, watched) for watched in (True, False))
+    assert with_monitor.reason == "FOLLOW" and with_monitor.peak < 5.0
+    assert without.peak > 30.0
+
+
+def test_a_retraction_that_no_message_shows_ends_without_power():
+    """The bus holds the last command, and the encoders' messages are lost: only the power stops the drives."""
+    there = stage("back")
+    onset = there.onsets[0][0]
+    tables = [table("sample_loss", "encoder", 1.0, onset), table("command_held", "bus", 1.0, onset)]
+    run = felt(there.experiment, faults_of(there.experiment, tables))
+    monitor = there.experiment.monitor
+    assert monitor is not None and run.seen is not None and run.power_off is not None
+    blind = monitor.retract / monitor.retract_speed + monitor.follow_time
+    assert run.power_off - run.seen == pytest.approx(blind, abs=0.003)
+    assert run.peak < 10.0
+
+
+def holding(torque: float, *settings: str) -> Any:
+    there = stage("back", f"drive.unpowered.holding_Nm={torque}", *settings)
+    return felt(there.experiment, run_away(there.experiment, there.onsets[1][0]))
+
+
+def test_springs_unwind_as_far_as_gears_without_power_yield():
+    free, geared, locked = holding(0.0), holding(0.05), holding(10.0)
+    # the platform's weight: 2.2 N
+    assert free.left == pytest.approx(2.2, abs=0.3)
+    assert geared.left < 4.0 < 9.0 < locked.left
+    assert free.below is not None and locked.left == pytest.approx(holding(20.0).left)
+
+
+def test_a_brake_with_the_power_keeps_the_force_and_one_with_a_line_of_its_own_lets_it_go():
+    kept = holding(0.0, "drive.unpowered.brake_Nm=0.5")
+    released = holding(0.0, "drive.unpowered.brake_Nm=0.5", "drive.unpowered.brake_line=own")
+    assert kept.left > 9.0 > 4.0 > released.left
+
+
+def test_a_healthy_run_has_the_bits_it_has_without_lines_of_power():
+    """Nothing is cut, so nothing of the new reaction acts."""
+    plain = felt(stage("back").experiment, ())
+    assert plain == felt(stage("back", "drive.unpowered.holding_Nm=0.02").experiment, ())
+    assert plain == felt(stage("back", "monitor.disobeyed=wait").experiment, ())
+
+
+def test_one_drive_that_does_not_obey_is_cut_alone_where_each_has_a_line():
+    one = stage("back", "drive.unpowered.holding_Nm=10")
+    onset = one.onsets[1][0]
+    alone = felt(one.experiment, faults_of(one.experiment, [table("drive_runaway", "drive_1", 8.0, onset)]))
+    all_of_them = felt(
+        stage("back").experiment, faults_of(one.experiment, [table("drive_runaway", "drive_1", 8.0, onset)])
+    )
+    assert alone.power_off == all_of_them.power_off
+    # the two others lift the platform
+    assert alone.left < 0.5 * all_of_them.left
+
+
+def test_members_of_a_group_lose_the_same_samples():
+    there = stage("back")
+    kind = {"kind": "encoder_dropout_hold", "onset_s": 1.0, "magnitude_share": 0.2, "seed": 3}
+    group = faults_of(there.experiment, [kind | {"target": "all joint encoders"}])
+    assert [fault.target for fault in group] == [f"joint_encoder_{i}" for i in (1, 2, 3)]
+    assert {fault.table for fault in group} == {1}
+
+
+def test_what_is_felt_is_what_the_force_says():
+    there = stage("back")
+    quiet = felt(there.experiment, (), since=0)
+    assert (quiet.seen, quiet.power_off, quiet.below, quiet.reason) == (None, None, 0.0, "")
+    assert 7.5 < quiet.peak < 9.0 and 0.0 <= quiet.energy < 0.2
+    # a mean force over the run
+    assert 20.0 < quiet.impulse < 13.0 * quiet.peak
+    assert np.isfinite(quiet.left)
+
+
+def test_pairs_begin_together_and_are_listed_not_judged():
+    there = stage("scale")
+    onset, in_contact = there.onsets[1]
+    one = next(pair for pair in pairs(onset, ("drive_runaway", "sample_loss")))
+    row = together_row(there, one, onset, in_contact)
+    assert row.faults.kind is FaultSet.PAIRS and not row.detection_expected
+    assert not replace(row, watched=replace(row.watched, peak=1e3)).fails
+    assert {fault["onset_s"] for fault in row.facts()["fault"]} == {onset}

@@ -1,0 +1,167 @@
+"""Lines of a hazard table by their runs, the page, and what got worse."""
+
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import pytest
+from scipy.stats import beta
+
+from tests.studies.safety.test_hazards import EVIDENCE, HEAD, LINE
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.trace import run_in_memory
+from twin.studies.command import silent
+from twin.studies.safety.changes import old_lines, worse
+from twin.studies.safety.evidence import CONFIDENCE, HazardLine, robot_of
+from twin.studies.safety.hazards import read_hazards
+from twin.studies.safety.study import safety, written_page
+
+EXPERIMENT = "experiments/pressing.toml"
+MORE = """
+[[threshold]]
+name = "arm"
+pressure_kPa = 130.0
+source = "assumed: for this test"
+[[variant]]
+name = "clutch"
+set = ["drive.unpowered.holding_Nm=0"]
+why = "shafts free without power"
+[sensitivity]
+keys = ["force_limit_N"]
+factors = [0.6, 1.0]
+bodies = ["scale"]
+"""
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    file = tmp_path_factory.mktemp("table") / "table.toml"
+    small = EVIDENCE.replace("search = 0", "search = 2")
+    file.write_text(HEAD + LINE + small + MORE)
+    return file
+
+
+@pytest.fixture(scope="module")
+def lines(table: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[list[HazardLine], Path]:
+    folder = tmp_path_factory.mktemp("page")
+    return written_page(read_hazards(table), (), folder, False, silent)[0], folder
+
+
+def test_a_line_is_kept_by_the_worst_of_its_runs_with_the_monitor(lines):
+    (line,), _ = lines
+    assert line.status == "kept" and line.worst is not None and line.worst.watched is not None
+    assert line.value == max(run.watched.peak for run in line.runs if run.watched)
+    assert line.worst.unwatched is not None and line.worst.unwatched.peak > line.worst.watched.peak
+    assert line.searched == 2 and sum(run.searched for run in line.runs) == 2
+    assert line.variants["clutch"] is not None and line.variants["clutch"][1] < line.worst.watched.left
+
+
+def test_coverage_is_that_of_an_independent_count(lines):
+    """Each run again by its tables alone, counted by what the recording of the monitor says."""
+    (line,), _ = lines
+    grid = [run for run in line.runs if not run.searched]
+    seen = 0
+    for run in grid:
+        tables = ", ".join(
+            "{" + ", ".join(f"{key} = {json.dumps(value)}" for key, value in one.items()) + "}" for one in run.tables
+        )
+        experiment = load_experiment(Path(EXPERIMENT), (*run.settings, f"fault=[{tables}]"), None, run.body)
+        seen += bool(run_in_memory(experiment, only=["monitor.tripped"])["monitor.tripped"].any())
+    assert line.detected == (seen, len(grid))
+    # Clopper and Pearson by the quantiles of the beta distribution
+    less = 0.5 * (1.0 - CONFIDENCE)
+    low = 0.0 if seen == 0 else beta.ppf(less, seen, len(grid) - seen + 1)
+    high = 1.0 if seen == len(grid) else beta.ppf(1.0 - less, seen + 1, len(grid) - seen)
+    assert line.coverage == pytest.approx((low, high))
+
+
+def test_a_run_that_failed_makes_its_line_fail(lines):
+    (line,), _ = lines
+    broken = replace(line.runs[0], watched=None, failure="the drive crashed")
+    assert replace(line, runs=(broken, *line.runs[1:])).status == "failed"
+    # also one that is known to go beyond its limit
+    stated = replace(line.hazard, table=line.hazard.table.model_copy(update={"beyond": "no sensor"}))
+    assert replace(line, hazard=stated, runs=(broken,)).status == "failed"
+    assert replace(line, runs=()).status == "failed"
+
+
+def test_a_limit_that_is_exceeded_is_said_unless_the_table_states_it(lines):
+    (line,), _ = lines
+    low = replace(line.hazard, limit=1.0)
+    assert replace(line, hazard=low).status == "exceeded"
+    stated = replace(low, table=low.table.model_copy(update={"beyond": "no sensor"}))
+    assert replace(line, hazard=stated).status == "exceeded as stated"
+
+
+def test_the_page_is_one_file_that_says_first_what_it_is_not(lines):
+    (line,), folder = lines
+    page = (folder / "safety.html").read_text()
+    assert page.index("complies with no standard by itself") < page.index("H1")
+    assert "What a reviewer still has to do" in page
+    assert "<script" not in page and "http" not in page.replace("http-equiv", "")
+    for run in line.runs:
+        assert run.id in page and run.watched is not None and run.watched.digest in page
+    assert page.count("data:image/png;base64,") == 2
+
+
+def test_the_command_of_the_worst_run_makes_it_again(lines):
+    (line,), _ = lines
+    worst = line.worst
+    assert worst is not None and "twin run pressing --body scale" in worst.command("pressing")
+    assert worst.id == replace(worst, watched=None).id != replace(worst, seed=1).id
+
+
+def test_a_point_moves_the_first_task_in_millimetres():
+    robot = robot_of(Path(EXPERIMENT), (), "scale", (0.0, 0.02))
+    assert robot.experiment.tasks[0].point == pytest.approx((0.0, 0.02))
+
+
+def facts(lines: Sequence[HazardLine]) -> dict:
+    return {line.hazard.table.id: line.facts() for line in lines}
+
+
+def test_only_what_got_worse_is_named(lines):
+    (line,), _ = lines
+    old = facts([line])
+    assert list(worse(old, [line.facts()])) == []
+    better = {**line.facts(), "peak_N": 0.5 * line.facts()["peak_N"]}
+    assert list(worse(old, [better])) == []
+    changes = {
+        "status": ("exceeded", "H1: exceeded, was kept"),
+        "detected": (line.facts()["detected"] - 1, "seen, were"),
+        "peak_N": (1.06 * line.facts()["peak_N"], "peak .* N, was"),
+    }
+    for key, (value, sentence) in changes.items():
+        (found,) = worse(old, [{**line.facts(), key: value}])
+        assert re.search(sentence, found)
+    assert list(worse(old, [])) == ["H1: the line is gone"]
+    assert list(worse(old, [{**line.facts(), "peak_N": 1.04 * line.facts()["peak_N"]}])) == []
+
+
+@cache
+def answer(file: Path, out: Path, *settings: str, against: Path | None = None):
+    return safety([file], silent, against, True, None, settings, out)
+
+
+def test_worse_settings_of_the_monitor_fail_against_the_old_page_and_by_the_limit(table: Path, tmp_path: Path):
+    first = answer(table, tmp_path / "first")
+    shown = [line for line in first.text.splitlines() if str(tmp_path) not in line]
+    assert first.exit_code == 0 and max(map(len, shown)) <= 80
+    old = tmp_path / "first" / "safety.json"
+    assert answer(table, tmp_path / "same", against=old).exit_code == 0
+    changed = answer(table, tmp_path / "changed", "monitor.disobeyed=wait", against=old)
+    assert changed.exit_code == 1 and any("was kept" in text for text in changed.facts["worse"])
+
+
+def test_what_is_no_data_of_a_page_is_refused(tmp_path: Path):
+    for text in ("", "{}", "[1]"):
+        file = tmp_path / "old.json"
+        file.write_text(text)
+        with pytest.raises(InputRefused, match="not the data of twin safety"):
+            old_lines(file)
+    with pytest.raises(InputRefused, match="No such file"):
+        old_lines(tmp_path / "none.json")

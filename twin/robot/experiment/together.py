@@ -1,0 +1,198 @@
+"""Faults that act together: common causes, and pairs of kinds.
+
+A common cause breaks several parts at once: three drives on one bus or driver board, encoders on one supply, springs of
+one batch. A pair are two faults of different components that begin together; the list has one kind for each component.
+"""
+
+from itertools import combinations
+from typing import Any, NamedTuple
+
+from twin.kernel.errors import InputRefused
+from twin.robot.experiment.fault import ALWAYS, CATALOGUE, EVERY, UNSEEN, Seen, expected
+
+
+class CommonCause(NamedTuple):
+    """Several parts that break at once.
+
+    Attributes:
+        kind: of the catalogue.
+        target: one of its groups, or a target that all parts hang on.
+        why: what one cause of it is.
+        seen: from which magnitude on the monitor is said to see it, before any run.
+    """
+
+    kind: str
+    target: str
+    why: str
+    seen: Seen
+
+
+_BOARD, _SUPPLY, _BATCH = "one bus or driver board", "one supply or cable", "one batch or one repair"
+
+COMMON_CAUSES = (
+    CommonCause("drive_runaway", "all drives", _BOARD, ALWAYS),
+    CommonCause("drive_freewheel", "all drives", _SUPPLY, ALWAYS),
+    CommonCause("drive_dead", "all drives", _SUPPLY, ALWAYS),
+    CommonCause("drive_saturation", "all drives", _BOARD, Seen(0.3, 0.05)),
+    CommonCause("encoder_bias", "all joint encoders", _BATCH, Seen(2.0, 2.0)),
+    CommonCause("encoder_drift", "all joint encoders", _SUPPLY, Seen(2.0, 2.0)),
+    CommonCause("encoder_drift", "all motor encoders", _SUPPLY, Seen(2.0, 2.0)),
+    CommonCause("encoder_quantisation", "all encoders", _SUPPLY, Seen(2.0, 2.0)),
+    CommonCause("encoder_dropout_hold", "all encoders", _SUPPLY, Seen(1.0, 1.0)),
+    CommonCause("encoder_dropout_zero", "all encoders", _SUPPLY, ALWAYS),
+    CommonCause("encoder_dropout_nan", "all encoders", _SUPPLY, ALWAYS),
+    CommonCause("encoder_stuck", "all encoders", _SUPPLY, ALWAYS),
+    CommonCause("encoder_glitch", "all encoders", _SUPPLY, Seen(5.0, 5.0)),
+    CommonCause("spring_softened", "all joints", _BATCH, UNSEEN),
+    CommonCause("spring_broken", "all joints", _BATCH, ALWAYS),
+    CommonCause("backlash_growth", "all joints", _BATCH, UNSEEN),
+    CommonCause("joint_friction", "all joints", _BATCH, UNSEEN),
+    CommonCause("belt_slip", "all joints", _BATCH, Seen(-10.0, -30.0)),
+    CommonCause("command_held", "bus", _BOARD, Seen(1.0, None)),
+    CommonCause("command_lost", "bus", _BOARD, UNSEEN),
+    CommonCause("command_held", "controller", "the controller stops, its last command is repeated", Seen(1.0, None)),
+    CommonCause("command_lost", "controller", "the controller stops", UNSEEN),
+    CommonCause("brown_out", "power", _SUPPLY, Seen(0.05, 0.05)),
+    CommonCause("power_off", "power", _SUPPLY, ALWAYS),
+)
+NOT_COMMON = {
+    "encoder_flip": "a wiring error of one encoder, found when it is connected",
+    "encoder_swap": "two channels are a group already",
+    "sample_delay": "one message carries all encoders",
+    "sample_jitter": "one message carries all encoders",
+    "sample_loss": "one message carries all encoders",
+    "controller_overrun": "one command carries all motors",
+    "joint_jam": "three things caught in three gears have no one cause",
+    "drive_failure": "it ends the run",
+    "belief_k_s": "one belief holds for all joints",
+    "belief_eta": "one belief holds for all joints",
+    "stiffness_change": "there is one body",
+    "surface_jump": "there is one body",
+    "contact_loss": "there is one body",
+    "breathing": "there is one body",
+}
+"""Kinds that are in no common cause, and why."""
+
+
+class PairPart(NamedTuple):
+    """A component and the kind of fault that stands for it in pairs."""
+
+    component: str
+    kind: str
+    target: str
+    magnitude: float | None
+
+
+PAIR_PARTS = (
+    PairPart("joint encoder", "encoder_drift", "joint_encoder_1", 2.0),
+    PairPart("motor encoder", "encoder_stuck", "motor_encoder_1", None),
+    PairPart("messages", "sample_loss", "encoder", 1.0),
+    PairPart("estimator", "belief_eta", "estimator", 0.7),
+    PairPart("controller", "command_held", "controller", 1.0),
+    PairPart("bus", "command_held", "bus", 1.0),
+    PairPart("spring", "spring_softened", "joint_1", 0.4),
+    PairPart("belt", "belt_slip", "joint_1", -10.0),
+    PairPart("drive", "drive_runaway", "drive_1", 8.0),
+    PairPart("power", "brown_out", "power", 0.01),
+    PairPart("body", "surface_jump", "contact", 5.0),
+)
+"""Of each component the kind that hides most from the monitor, or presses most before it is seen."""
+NOT_PAIRED = {
+    "encoder_bias": "as a drift that has ended",
+    "encoder_quantisation": "of the large steps the deflection jumps, as alone",
+    "encoder_dropout_hold": "its largest share is a stuck encoder",
+    "encoder_dropout_zero": "trips at once, and the monitor then reacts as to lost messages",
+    "encoder_dropout_nan": "trips at once, and the monitor then reacts as to lost messages",
+    "encoder_glitch": "trips at once, and the encoder is right again",
+    "encoder_flip": "trips at once",
+    "encoder_swap": "trips at once, or is not seen where the angles agree",
+    "sample_delay": "lost messages are longer late",
+    "sample_jitter": "lost messages are longer late",
+    "controller_overrun": "a command held for ever is later",
+    "command_lost": "motors that stand still press less than motors that go on",
+    "belief_k_s": "has the sign that presses less; eta stands for the estimator",
+    "spring_broken": "trips by itself",
+    "backlash_growth": "smaller than a slip",
+    "joint_friction": "acts on motion only",
+    "drive_freewheel": "presses less than a runaway",
+    "drive_dead": "presses less than a runaway",
+    "joint_jam": "presses less than a runaway",
+    "drive_failure": "it ends the run",
+    "drive_saturation": "presses less than a runaway; one supply for all stands for it",
+    "power_off": "all drives without power do nothing else any more",
+    "stiffness_change": "from one tick to the next, before any reaction, as alone",
+    "contact_loss": "takes force away",
+    "breathing": "is what a healthy body does",
+}
+"""Kinds that are in no pair, and why."""
+IMPOSSIBLE = {
+    ("controller", "bus"): "who repeats the last command is the same to the drives",
+    ("motor encoder", "messages"): "what does not arrive cannot be wrong",
+    ("joint encoder", "messages"): "what does not arrive cannot be wrong",
+}
+"""Pairs that are one fault."""
+
+PAIRS = tuple(
+    (one, other) for one, other in combinations(PAIR_PARTS, 2) if (one.component, other.component) not in IMPOSSIBLE
+)
+
+
+def expects(cause: CommonCause, magnitude: float | None, in_contact: bool) -> bool:
+    """Whether the monitor is said to see `cause` of one of the catalogue's magnitudes."""
+    start = cause.seen.contact if in_contact else cause.seen.free
+    magnitudes = CATALOGUE[cause.kind].magnitudes
+    if start is None or start == EVERY or magnitudes is None or magnitude is None:
+        return start is not None
+    size = abs(magnitude) if magnitudes[0] > 0 else -abs(magnitude)
+    return size in magnitudes and magnitudes.index(size) >= magnitudes.index(start)
+
+
+def table(kind: str, target: str, magnitude: float | None, onset: float) -> dict[str, Any]:
+    """The [[fault]] table of it; `onset` in s."""
+    key = CATALOGUE[kind].magnitude_key
+    return {"kind": kind, "target": target, "onset_s": onset} | ({key: magnitude} if key else {})
+
+
+OF, AND = "@", "+"
+"""In names of sets of faults: `drive_runaway@all_drives`, `drive_runaway+sample_loss`."""
+
+
+class SetPart(NamedTuple):
+    """One of the faults of a set, and where it may be."""
+
+    kind: str
+    targets: tuple[str, ...]
+
+
+def named_set(name: str) -> tuple[SetPart, ...]:
+    """The faults that a set's name says: one kind of the catalogue, a kind of a group, or several kinds.
+
+    Raises:
+        InputRefused: there is no such kind or group.
+    """
+    parts = []
+    for text in name.split(AND):
+        kind, of, group = text.partition(OF)
+        if kind not in CATALOGUE:
+            raise InputRefused(f"--kind {name}: {expected(kind, tuple(CATALOGUE))}")
+        targets = (group.replace("_", " "),) if of else CATALOGUE[kind].targets
+        if of and targets[0] not in CATALOGUE[kind].groups + CATALOGUE[kind].targets:
+            known = ", ".join(known.replace(" ", "_") for known in CATALOGUE[kind].groups) or "none"
+            raise InputRefused(f"--kind {name}: no group '{group}' of {kind}; there are {known}")
+        parts.append(SetPart(kind, targets))
+    return tuple(parts)
+
+
+def common_names() -> tuple[str, ...]:
+    """Sets of the common causes that are a group."""
+    grouped = [cause for cause in COMMON_CAUSES if cause.target in CATALOGUE[cause.kind].groups]
+    return tuple(f"{cause.kind}{OF}{cause.target.replace(' ', '_')}" for cause in grouped)
+
+
+def pair_names() -> tuple[str, ...]:
+    """Sets of the pairs; where a kind is meant at one place it says which."""
+    return tuple(dict.fromkeys(AND.join(_named(part) for part in pair) for pair in PAIRS))
+
+
+def _named(part: PairPart) -> str:
+    return f"{part.kind}{OF}{part.target}" if CATALOGUE[part.kind].targets == ("controller", "bus") else part.kind

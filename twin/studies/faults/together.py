@@ -1,0 +1,302 @@
+"""Faults that act together, on one body after the other: what a person feels of each, and when it ends.
+
+Beside each run stands that of an ideal monitor, which takes the power of all drives at the tick at which the real one
+trips: what no other reaction of the same robot, seeing no more, is asked to better by much.
+"""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from twin.kernel.cosim.observers import simulate
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.assemble import assemble
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import CATALOGUE, Fault, checked_faults
+from twin.robot.experiment.together import COMMON_CAUSES, PAIRS, CommonCause, expects, table
+from twin.robot.monitor.component import own_monitor
+from twin.robot.run.trace import Trace
+
+REACHABLE = 1.5
+"""Share of the force limit that the peak after a common cause is to stay below."""
+OF_IDEAL = 1.2
+"""Or, where that is not reached, share of the peak with an ideal monitor."""
+LOW = 10.0
+"""Force (N) below which the time counts as bearable: that of a firm thumb, and two thirds of the force limit."""
+LEFT = 0.1
+"""Time (s) at the end of a run over which the force that is left is averaged."""
+
+
+class FaultSet(StrEnum):
+    """How many faults at once."""
+
+    SINGLE = "single"
+    COMMON = "common"
+    PAIRS = "pairs"
+
+
+@dataclass(frozen=True)
+class Felt:
+    """What a person feels of a run, from the onset of the faults on, SI.
+
+    Attributes:
+        seen: from the onset to the trip of the monitor; None: no trip.
+        acted: to the first command or power at the drives that is the monitor's.
+        power_off: to the loss of power, of one drive at least.
+        below: to the last time at which the force falls below `LOW`; 0: never above; None: not before the end.
+        reason: of the trip; "" if there is none.
+        peak: largest true force (N).
+        impulse: the true force integrated (N s).
+        energy: most that the robot has given to the body (J).
+        left: true force at the end (N).
+        failure: the sentence that ended the run; "".
+        digest: of the true force's bits, by which a run is known again on the same kind of machine.
+    """
+
+    seen: float | None
+    acted: float | None
+    power_off: float | None
+    below: float | None
+    reason: str
+    peak: float
+    impulse: float
+    energy: float
+    left: float
+    failure: str
+    digest: str
+
+    def facts(self) -> dict[str, Any]:
+        """For JSON."""
+        units = {"seen": "s", "acted": "s", "power_off": "s", "below": "s", "peak": "N", "impulse": "N_s"}
+        units |= {"energy": "J", "left": "N"}
+        return {f"{key}_{units[key]}" if key in units else key: value for key, value in asdict(self).items()}
+
+
+def felt(experiment: Experiment, faults: Sequence[Fault], watched: bool = True, since: int | None = None) -> Felt:
+    """Run `experiment` with `faults` in memory, with its monitor or without.
+
+    Args:
+        since: tick from which on it counts; None: the first onset.
+
+    Raises:
+        InputRefused: a drive FMU or a fault does not fit.
+    """
+    monitor = experiment.monitor if watched else None
+    run = Trace(only=("plant.F_ee_B", "plant.v_B"))
+    with assemble(replace(experiment, faults=tuple(faults), monitor=monitor)) as assembly:
+        done = simulate(assembly, experiment.duration_ticks, [run])
+    own, tick = own_monitor(done.simulation.system), experiment.cosim.tick
+    onset = min((fault.onset for fault in faults), default=0) if since is None else since
+    F, v = run["plant.F_ee_B"][onset:], run["plant.v_B"][onset:]
+    force = np.linalg.norm(F, axis=1)
+    high = np.flatnonzero(force >= LOW)
+    given = tick * np.cumsum(np.einsum("ij,ij->i", F, v))
+    trip = own.trip if own else None
+    off = own.power_off_tick if own else None
+    seen = None if trip is None else tick * (trip.tick - onset)
+    return Felt(
+        seen=seen,
+        acted=None if seen is None else seen + tick * experiment.controller.bus_delay_ticks,
+        power_off=None if off is None else tick * (off - onset),
+        below=0.0 if not len(high) else None if high[-1] == len(force) - 1 else tick * (int(high[-1]) + 1),
+        reason=trip.reason.name if trip else "",
+        peak=float(force.max()),
+        impulse=float(tick * force.sum()),
+        energy=max(0.0, float(given.max())),
+        left=float(force[-max(1, round(LEFT / tick)) :].mean()),
+        failure=str(done.failure or ""),
+        digest=hashlib.sha256(run["plant.F_ee_B"].tobytes()).hexdigest()[:12],
+    )
+
+
+class Together(NamedTuple):
+    """Faults that begin together.
+
+    Attributes:
+        kind: which of the lists it is from.
+        name: for people.
+        tables: of the [[fault]]s.
+        cause: of a common cause.
+        magnitude: of a common cause, as the catalogue has it.
+    """
+
+    kind: FaultSet
+    name: str
+    tables: tuple[dict[str, Any], ...]
+    cause: CommonCause | None = None
+    magnitude: float | None = None
+
+
+def directions(kind: str) -> tuple[float, ...]:
+    """Signs with which magnitudes of `kind` are tried: both, where a magnitude has one."""
+    known = CATALOGUE[kind]
+    signed = known.magnitudes is not None and known.unit != "factor" and not {"gt", "ge"} & known.bounds.keys()
+    return (1.0, -1.0) if signed else (1.0,)
+
+
+def common_causes(onset: float, kinds: Sequence[str] = ()) -> Iterator[Together]:
+    """Common causes at `onset` (s): each magnitude and each direction; of `kinds` only, if some are named."""
+    for cause in COMMON_CAUSES:
+        if kinds and cause.kind not in kinds:
+            continue
+        for magnitude in CATALOGUE[cause.kind].magnitudes or (None,):
+            for sign in directions(cause.kind):
+                size = None if magnitude is None else sign * magnitude
+                tables = (with_share(table(cause.kind, cause.target, size, onset)),)
+                yield Together(FaultSet.COMMON, f"{cause.kind}, {cause.target}", tables, cause, size)
+
+
+def pairs(onset: float, kinds: Sequence[str] = ()) -> Iterator[Together]:
+    """Pairs at `onset` (s); of `kinds` only, if some are named."""
+    for pair in PAIRS:
+        if not kinds or {part.kind for part in pair} <= set(kinds):
+            tables = tuple(table(part.kind, part.target, part.magnitude, onset) for part in pair)
+            yield Together(FaultSet.PAIRS, " + ".join(part.kind for part in pair), tables)
+
+
+GLITCHES = 0.02
+"""Of the samples, as in the matrix."""
+
+
+def with_share(one: dict[str, Any]) -> dict[str, Any]:
+    """The table of a fault with its second number, where it has one."""
+    return one | ({"share": GLITCHES} if CATALOGUE[one["kind"]].has_share else {})
+
+
+def faults_of(experiment: Experiment, tables: Sequence[dict[str, Any]]) -> tuple[Fault, ...]:
+    """The checked faults of [[fault]] `tables`.
+
+    Raises:
+        InputRefused: one is not right.
+    """
+    mistakes: list[str] = []
+    faults = checked_faults(tuple(tables), experiment.cosim.tick, mistakes)
+    if mistakes:
+        raise InputRefused("\n".join(mistakes))
+    return faults
+
+
+@dataclass(frozen=True)
+class TogetherRow:
+    """Faults that act together, on one body.
+
+    Attributes:
+        faults: what acts.
+        body: what is pressed on; "": the experiment's own.
+        onset: (s).
+        in_contact: whether the healthy robot touches then.
+        limit: the monitor's force limit (N).
+        watched, unwatched: with the monitor and without.
+        ideal: largest force (N) with an ideal monitor; None: the real one does not trip.
+    """
+
+    faults: Together
+    body: str
+    onset: float
+    in_contact: bool
+    limit: float
+    watched: Felt
+    unwatched: Felt
+    ideal: float | None
+
+    @property
+    def detected(self) -> bool:
+        return bool(self.watched.reason)
+
+    @property
+    def detection_expected(self) -> bool:
+        """Whether it was said before the run that the monitor sees it; of pairs nothing is said."""
+        cause = self.faults.cause
+        return cause is not None and expects(cause, self.faults.magnitude, self.in_contact)
+
+    @property
+    def bound(self) -> float:
+        """What the force is to stay below (N): of the limit, or of what an ideal monitor reaches."""
+        return max(REACHABLE * self.limit, 0.0 if self.ideal is None else OF_IDEAL * self.ideal)
+
+    @property
+    def beyond(self) -> bool:
+        """Whether it does not."""
+        return self.watched.peak > self.bound
+
+    @property
+    def missed(self) -> bool:
+        """Whether the monitor did not see what it was said to see."""
+        return self.detection_expected and not self.detected
+
+    @property
+    def fails(self) -> bool:
+        """Whether a common cause did worse than was said; a pair is only listed."""
+        return self.faults.kind is FaultSet.COMMON and (self.missed or self.beyond)
+
+    def facts(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "set": str(self.faults.kind),
+            "name": self.faults.name,
+            "fault": list(self.faults.tables),
+            "body": self.body,
+            "onset_s": self.onset,
+            "in_contact": self.in_contact,
+            "limit_N": self.limit,
+            "bound_N": self.bound,
+            "ideal_peak_N": self.ideal,
+            "detectable": self.detection_expected,
+            "failed": self.fails,
+            "with_monitor": self.watched.facts(),
+            "without_monitor": self.unwatched.facts(),
+        }
+
+
+class Stage(NamedTuple):
+    """An experiment on one body, and when its faults begin.
+
+    Attributes:
+        body: its name; "": the experiment's own.
+        experiment: on it, healthy.
+        onsets: (s), and whether the robot touches then.
+    """
+
+    body: str
+    experiment: Experiment
+    onsets: tuple[tuple[float, bool], ...]
+
+
+def together_of(kind: FaultSet, onset: float, kinds: Sequence[str]) -> list[Together]:
+    """Those of one list; of single faults none."""
+    lists = {FaultSet.COMMON: common_causes, FaultSet.PAIRS: pairs}
+    return list(lists[kind](onset, kinds)) if kind in lists else []
+
+
+def together_rows(stage: Stage, wanted: Sequence[FaultSet], kinds: Sequence[str]) -> Iterator[TogetherRow]:
+    """One row for each, as they come.
+
+    Raises:
+        InputRefused: a fault does not fit this robot.
+    """
+    for kind in (FaultSet.COMMON, FaultSet.PAIRS):
+        for onset, in_contact in stage.onsets:
+            for one in together_of(kind, onset, kinds) if kind in wanted else ():
+                yield together_row(stage, one, onset, in_contact)
+
+
+def together_row(stage: Stage, one: Together, onset: float, in_contact: bool) -> TogetherRow:
+    """The row of `one`."""
+    experiment = stage.experiment
+    assert experiment.monitor is not None
+    faults = faults_of(experiment, one.tables)
+    watched, unwatched = (felt(experiment, faults, with_monitor) for with_monitor in (True, False))
+    ideal = None if watched.seen is None else ideal_peak(experiment, faults, watched.seen)
+    limit = experiment.monitor.force_limit
+    return TogetherRow(one, stage.body, onset, in_contact, limit, watched, unwatched, ideal)
+
+
+def ideal_peak(experiment: Experiment, faults: Sequence[Fault], seen: float) -> float:
+    """Largest force (N) if all drives lose their power `seen` (s) after the onset."""
+    onset = min(fault.onset for fault in faults)
+    off = Fault("power_off", "power", onset + round(seen / experiment.cosim.tick))
+    return felt(experiment, (*faults, off), since=onset).peak

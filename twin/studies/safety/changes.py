@@ -1,0 +1,51 @@
+"""What got worse since another page: the regression test of safety."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from twin.kernel.errors import InputRefused
+
+MORE = 1.05
+"""Peak over the old one from which on it counts as higher."""
+SMALL = 0.5
+"""Force (N) by which a peak has to grow besides: less is a rounding of processors."""
+
+
+def old_lines(path: Path) -> dict[str, dict[str, Any]]:
+    """The lines of a page's data, by their ids.
+
+    Raises:
+        InputRefused: not such a file.
+    """
+    try:
+        found = json.loads(path.read_text())
+        return {line["id"]: line for line in found["lines"]}
+    except OSError as problem:
+        raise InputRefused(f"--against {path}: {problem.strerror or problem}") from None
+    except (ValueError, KeyError, TypeError):
+        raise InputRefused(f"--against {path}: not the data of twin safety; expected its safety.json") from None
+
+
+def worse(old: Mapping[str, Mapping[str, Any]], lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """A sentence for each line that got worse, or is gone."""
+    new = {line["id"]: line for line in lines}
+    for name, before in old.items():
+        after = new.get(name)
+        if after is None:
+            yield f"{name}: the line is gone"
+            continue
+        if before["status"] == "kept" and after["status"] != "kept":
+            yield f"{name}: {after['status']}, was kept"
+        elif after["status"] == "failed" and before["status"] != "failed":
+            yield f"{name}: a run failed"
+        if _share(after) < _share(before):
+            yield f"{name}: {after['detected']} of {after['runs']} seen, were {before['detected']} of {before['runs']}"
+        was, now = before["peak_N"], after["peak_N"]
+        if was is not None and now is not None and now > MORE * was and now > was + SMALL:
+            yield f"{name}: peak {now:.1f} N, was {was:.1f} N"
+
+
+def _share(line: Mapping[str, Any]) -> float:
+    return line["detected"] / line["runs"] if line["runs"] else 1.0

@@ -1,0 +1,267 @@
+"""The hazard table of a TOML file, after the structure of ISO 14971: hazard, harm, causes, limit, control, evidence.
+
+Every table is checked before anything runs: a hazard without evidence, a limit without a unit and a cause that no kind
+of fault says are refused by name.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.settings import Settings, setting
+from twin.robot.experiment.fault import CATALOGUE, kind_named, refuse_target
+from twin.robot.experiment.measure import requirement
+from twin.robot.experiment.mistakes import checked, numbered
+from twin.robot.experiment.source import read_source
+
+LIMITS = {"limit_N": "peak force", "limit_kPa": "pressure over the head", "limit_s": "time above 10 N"}
+"""Keys of a limit, and what it limits."""
+PAIR = " + "
+"""Between the kinds of faults that begin together."""
+
+
+class HazardFile(Settings):
+    """The keys of a hazard table that stand in no table."""
+
+    title: str = setting(min_length=1, help="for people")
+    use: str = setting(min_length=1, help="intended use, and who may come to harm")
+    experiment: str = setting(help="of which the table is")
+    head_radius: float = setting("mm", gt=0, help="of the flat round head: pressure is force over its area")
+
+
+class Evidence(Settings):
+    """[hazard.evidence]: where the causes are tried."""
+
+    bodies: tuple[str, ...] = setting(min_length=1, help="bodies that are pressed on")
+    points: tuple[tuple[float, float], ...] = setting(
+        "mm", into=None, default=((0.0, 0.0),), min_length=1, help="where, x and y of the first task"
+    )
+    search: int = setting(default=16, ge=0, le=10_000, help="runs spent on looking for a worse case")
+    seed: int = setting(default=0, ge=0, lt=2**31, help="of that search")
+
+
+class Threshold(Settings):
+    """[[threshold]]: at which pressure people begin to feel pain."""
+
+    name: str = setting(min_length=1, help="for people")
+    pressure: float = setting("kPa", gt=0, help="mean over people, in kPa")
+    source: str = setting(min_length=1, help="where it is published, or 'assumed: ...'")
+
+
+class Variant(Settings):
+    """[[variant]]: what other hardware would give, the worst runs again."""
+
+    name: str = setting(min_length=1, help="for people")
+    set: tuple[str, ...] = setting(min_length=1, help="key=value of the experiment")
+    why: str = setting(min_length=1, help="what it is")
+
+
+class Sensitivity(Settings):
+    """[sensitivity]: thresholds of the monitor against false trips of healthy robots, and against the worst peaks."""
+
+    keys: tuple[str, ...] = setting(min_length=1, help="keys of [monitor], one at a time")
+    factors: tuple[float, ...] = setting(min_length=2, help="by which each is multiplied")
+    bodies: tuple[str, ...] = setting(min_length=1, help="of the healthy fleet")
+    fleet: tuple[tuple[str, ...], ...] = setting(
+        default=((),), help="key=value of each robot of the fleet: heights, friction, noise"
+    )
+
+
+class HazardTable(Settings):
+    """[[hazard]] but for its causes, its limit and its evidence."""
+
+    id: str = setting(min_length=1, help="short name, by which pages are compared")
+    hazard: str = setting(min_length=1, help="source of harm")
+    harm: str = setting(min_length=1, help="what a person would suffer")
+    severity: str = setting(min_length=1, help="in words")
+    control: str = setting(min_length=1, help="measure that reduces the risk")
+    residual: str = setting(min_length=1, help="risk that is left, in words")
+    beyond: str = setting(default="", help="why the limit is exceeded all the same; '': it is not to be")
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What may lead to a hazard.
+
+    Attributes:
+        faults: (kind, target) of faults that begin together; none: nothing breaks.
+        requirement: of the healthy robot; "".
+    """
+
+    faults: tuple[tuple[str, str], ...] = ()
+    requirement: str = ""
+
+    def __str__(self) -> str:
+        return self.requirement or PAIR.join(f"{kind} of {target}" for kind, target in self.faults)
+
+
+@dataclass(frozen=True)
+class Hazard:
+    """A line of the table.
+
+    Attributes:
+        table: what it says in words.
+        causes: at least one.
+        limit_key: of `LIMITS`; "" where all causes are requirements.
+        limit: in the unit of its key.
+        evidence: where it is tried.
+    """
+
+    table: HazardTable
+    causes: tuple[Cause, ...]
+    limit_key: str
+    limit: float
+    evidence: Evidence
+
+    @property
+    def limit_text(self) -> str:
+        """`peak force of 22.5 N`."""
+        unit = self.limit_key.rpartition("_")[2]
+        return f"{LIMITS[self.limit_key]} of {self.limit:g} {unit}" if self.limit_key else "the requirement itself"
+
+
+@dataclass(frozen=True)
+class SafetyTable:
+    """A whole file.
+
+    Attributes:
+        path: of the file.
+        head: its keys.
+        hazards, thresholds, variants: in their order.
+        sensitivity: None: not asked for.
+    """
+
+    path: Path
+    head: HazardFile
+    hazards: tuple[Hazard, ...]
+    thresholds: tuple[Threshold, ...]
+    variants: tuple[Variant, ...]
+    sensitivity: Sensitivity | None
+
+
+def read_hazards(path: Path) -> SafetyTable:
+    """The checked hazard table of a file.
+
+    Raises:
+        InputRefused: no such file, or what it says is not right; all mistakes at once.
+    """
+    values = dict(read_source(path).values)
+    mistakes: list[str] = []
+    tables = {key: values.pop(key, ()) for key in ("hazard", "threshold", "variant")}
+    asked = values.pop("sensitivity", None)
+    head = checked(HazardFile, values, "head", mistakes)
+    hazards = [_hazard(n, table, mistakes) for n, table in numbered(tables["hazard"], "hazard", mistakes)]
+    if not hazards:
+        mistakes.append("[[hazard]]: none; expected at least one line")
+    thresholds = [checked(Threshold, t, f"threshold {n}", mistakes) for n, t in _each(tables, "threshold", mistakes)]
+    variants = [checked(Variant, t, f"variant {n}", mistakes) for n, t in _each(tables, "variant", mistakes)]
+    sensitivity = None if asked is None else checked(Sensitivity, asked, "sensitivity", mistakes)
+    names = [hazard.table.id for hazard in hazards if hazard]
+    mistakes += [f'[[hazard]] id = "{n}": given twice; expected one each' for n in set(names) if names.count(n) > 1]
+    if mistakes or head is None:
+        raise InputRefused("\n".join(f"{path}: {mistake.replace('[head] ', '')}" for mistake in mistakes))
+    return SafetyTable(
+        path,
+        head,
+        tuple(hazard for hazard in hazards if hazard),
+        tuple(threshold for threshold in thresholds if threshold),
+        tuple(variant for variant in variants if variant),
+        sensitivity,
+    )
+
+
+def _each(tables: Mapping[str, Any], name: str, mistakes: list[str]) -> Sequence[tuple[int, Any]]:
+    return list(numbered(tables[name], name, mistakes))
+
+
+def _hazard(number: int, table: Any, mistakes: list[str]) -> Hazard | None:
+    if not isinstance(table, Mapping):
+        mistakes.append(f"[[hazard]] {number} = {table!r}: expected a table")
+        return None
+    words = dict(table)
+    name = f'[[hazard]] "{words.get("id", number)}"'
+    causes = _causes(name, words.pop("causes", ()), mistakes)
+    evidence = words.pop("evidence", None)
+    given = [key for key in words if key.startswith("limit")]
+    limits = {key: words.pop(key) for key in given}
+    found = checked(HazardTable, words, f"hazard {number}", mistakes)
+    proof = None
+    if evidence is None:
+        mistakes.append(f"{name}: no evidence; expected [hazard.evidence] with the bodies that its causes are tried on")
+    else:
+        proof = checked(Evidence, evidence, f"hazard {number}.evidence", mistakes)
+    key, limit = _limit(name, limits, causes, mistakes)
+    if found is None or proof is None or not causes or (limit is None and any(c.faults for c in causes)):
+        return None
+    return Hazard(found, causes, key, limit or 0.0, proof)
+
+
+def _limit(
+    name: str, limits: Mapping[str, Any], causes: Sequence[Cause], mistakes: list[str]
+) -> tuple[str, float | None]:
+    known = ", ".join(LIMITS)
+    for key in limits:
+        if key not in LIMITS:
+            mistakes.append(f"{name} {key}: a limit without a unit, or of another kind; expected one of {known}")
+    right = {key: value for key, value in limits.items() if key in LIMITS}
+    if len(limits) > 1:
+        mistakes.append(f"{name}: {len(limits)} limits ({', '.join(limits)}); expected one")
+    if not limits and any(cause.faults for cause in causes):
+        mistakes.append(f"{name}: no limit; expected one of {known}")
+    for key, value in right.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
+            mistakes.append(f"{name} {key} = {value!r}: expected a positive number")
+            return key, None
+        return key, float(value)
+    return "", None
+
+
+def _causes(name: str, given: Any, mistakes: list[str]) -> tuple[Cause, ...]:
+    if not isinstance(given, list | tuple) or not given:
+        mistakes.append(f'{name}: no causes; expected causes = [{{fault = "KIND"}}, {{requirement = "FORMULA"}}]')
+        return ()
+    return tuple(cause for one in given if (cause := _cause(name, one, mistakes)) is not None)
+
+
+def _cause(name: str, one: Any, mistakes: list[str]) -> Cause | None:
+    keys = set(one) if isinstance(one, Mapping) else set()
+    if keys == {"requirement"}:
+        try:
+            requirement(str(one["requirement"]))
+        except ValueError as problem:
+            mistakes.append(f'{name} requirement = "{one["requirement"]}": {problem}')
+            return None
+        return Cause(requirement=str(one["requirement"]))
+    if not keys or not keys <= {"fault", "target", "and"} or "fault" not in keys:
+        mistakes.append(f"{name} cause {one!r}: expected fault = with target = and and =, or requirement =")
+        return None
+    faults = []
+    for part in (one, *([one["and"]] if "and" in keys else ())):
+        kind = str(part.get("fault")) if isinstance(part, Mapping) else str(part)
+        try:
+            known = kind_named(0, kind)
+            target = str(part.get("target", known.targets[0])) if isinstance(part, Mapping) else known.targets[0]
+            refuse_target(0, kind, target)
+        except InputRefused as problem:
+            problem_text = str(problem).replace("[[fault]] 0 ", "")
+            mistakes.append(f"{name} cause: no kind of fault states it: {problem_text}")
+            return None
+        faults.append((kind, target))
+    return Cause(tuple(faults))
+
+
+def magnitudes_of(cause: Cause, signs: Mapping[str, Sequence[float]]) -> list[tuple[float | None, ...]]:
+    """Combinations of magnitudes, one for each fault of `cause`: all of one alone, the largest of several.
+
+    Args:
+        signs: of each kind, those with which its magnitudes are tried.
+    """
+    each: list[list[float | None]] = []
+    for kind, _ in cause.faults:
+        known = CATALOGUE[kind].magnitudes
+        sizes = known if known and len(cause.faults) == 1 else known[-1:] if known else (None,)
+        each.append([None if size is None else sign * size for size in sizes for sign in signs[kind]])
+    return list(product(*each))

@@ -1,0 +1,226 @@
+"""The page of a hazard table: one file that can be printed, from hazard to run."""
+
+import base64
+import math
+from collections.abc import Iterator, Sequence
+from html import escape
+from pathlib import Path
+
+from twin.studies.faults.together import LOW, Felt
+from twin.studies.safety.evidence import CONFIDENCE, EvidenceRun, HazardLine
+from twin.studies.safety.hazards import SafetyTable
+
+NOTICE = (
+    "This page complies with no standard by itself. It was written by a simulation: no part of it was measured on the "
+    "robot or on a person. It has the structure of ISO 14971 so that a reviewer finds what such a review needs."
+)
+REVIEWER = (
+    "Check that the hazards are complete: this table knows only those that somebody wrote into it.",
+    "Judge severity and probability: faults have no rates here, only consequences.",
+    "Replace what is assumed by measurements: drives without power, bodies, head, thresholds of pain.",
+    "Repeat the worst run of each line with the command given, and compare its digest.",
+    "Measure force and pressure on the robot itself with the worst faults, under a person's stand-in.",
+    "Decide whether what is left of each risk is acceptable, and sign for it.",
+)
+STYLE = """
+body{font:14px/1.45 system-ui,sans-serif;color:#1c1c1c;max-width:62rem;margin:1.5rem auto;padding:0 1rem}
+h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem;border-top:2px solid #1c1c1c;padding-top:.6rem}
+table{border-collapse:collapse;width:100%;margin:.6rem 0}
+th,td{border:1px solid #bbb;padding:.25rem .45rem;text-align:left;vertical-align:top}
+th{background:#f3f3f3}td.n{text-align:right;font-variant-numeric:tabular-nums}
+.notice{border:2px solid #c62828;padding:.6rem .8rem;font-weight:600}
+.kept{color:#1b5e20;font-weight:700}.exceeded,.failed{color:#c62828;font-weight:700}.stated{color:#a15c00;font-weight:700}
+code{font-size:.8rem;overflow-wrap:anywhere}img{max-width:100%}details{margin:.5rem 0}
+@media print{body{max-width:none;margin:0}h2{break-after:avoid}tr,img{break-inside:avoid}details>*{display:block}}
+"""
+CLASSES = {"kept": "kept", "exceeded": "exceeded", "exceeded as stated": "stated", "failed": "failed"}
+
+
+def page(table: SafetyTable, lines: Sequence[HazardLine], pictures: Sequence[tuple[str, Path]], made_with: str) -> str:
+    """The whole page as HTML.
+
+    Args:
+        pictures: title and file of each, put into the page.
+        made_with: command and versions.
+    """
+    return "\n".join(
+        [
+            "<!doctype html>",
+            f'<html lang="en"><head><meta charset="utf-8"><title>{escape(table.head.title)}: hazards</title>',
+            f"<style>{STYLE}</style></head><body>",
+            f"<h1>{escape(table.head.title)}: hazards and the runs behind them</h1>",
+            f'<p class="notice">{escape(NOTICE)}</p>',
+            f"<p><b>Intended use</b>: {escape(table.head.use)}</p>",
+            f"<p><code>{escape(made_with)}</code></p>",
+            "<h2>What a reviewer still has to do</h2>",
+            _list(REVIEWER),
+            "<h2>All lines</h2>",
+            _overview(lines),
+            *(_picture(title, path) for title, path in pictures),
+            *(part for line in lines for part in _line(table, line)),
+            "</body></html>",
+        ]
+    )
+
+
+def _list(sentences: Sequence[str]) -> str:
+    return "<ol>" + "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences) + "</ol>"
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Cells are HTML already; numbers stand right."""
+    top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
+    body = "".join("<tr>" + "".join(_cell(cell) for cell in row) + "</tr>" for row in rows)
+    row = f"<tr>{top}</tr>" if any(head) else ""
+    return f"<table>{row}{body}</table>"
+
+
+def _cell(text: str) -> str:
+    plain = text.replace("-", "").replace(".", "").replace("%", "").strip()
+    return f'<td class="n">{text}</td>' if plain.isdigit() else f"<td>{text}</td>"
+
+
+def _picture(title: str, path: Path) -> str:
+    data = base64.b64encode(path.read_bytes()).decode()
+    return f'<h2>{escape(title)}</h2><img alt="{escape(title)}" src="data:image/png;base64,{data}">'
+
+
+def _status(line: HazardLine) -> str:
+    return f'<span class="{CLASSES[line.status]}">{line.status}</span>'
+
+
+def _overview(lines: Sequence[HazardLine]) -> str:
+    head = ("", "hazard", "limit", "worst", "without monitor", "seen", "status")
+    return _table(head, [list(_summary(line)) for line in lines])
+
+
+def _summary(line: HazardLine) -> Iterator[str]:
+    worst, (seen, made) = line.worst, line.detected
+    yield f'<a href="#{escape(line.hazard.table.id)}">{escape(line.hazard.table.id)}</a>'
+    yield escape(line.hazard.table.hazard)
+    yield escape(line.hazard.limit_text)
+    yield value_text(line, worst.watched if worst else None)
+    yield value_text(line, worst.unwatched if worst else None)
+    yield f"{seen} of {made}"
+    yield _status(line)
+
+
+def value_text(line: HazardLine, run: Felt | None) -> str:
+    """What the limit limits, of one run, with its unit."""
+    if run is None:
+        return "-"
+    value, unit = line.measured(run), line.hazard.limit_key.rpartition("_")[2]
+    return "to the end" if math.isinf(value) else f"{value:.3g} {unit}"
+
+
+def _line(table: SafetyTable, line: HazardLine) -> Iterator[str]:
+    words, worst = line.hazard.table, line.worst
+    yield f'<h2 id="{escape(words.id)}">{escape(words.id)}: {escape(words.hazard)} - {_status(line)}</h2>'
+    facts = [
+        ("harm", words.harm),
+        ("severity", words.severity),
+        ("causes", "; ".join(map(str, line.hazard.causes))),
+        ("limit", line.hazard.limit_text),
+        ("control measure", words.control),
+        ("residual risk", words.residual),
+        *([("beyond the limit because", words.beyond)] if words.beyond else []),
+    ]
+    yield _table(("", ""), [(f"<b>{name}</b>", escape(text)) for name, text in facts])
+    for name, left in line.distances.items():
+        outcome = "kept" if left >= 0.0 else "violated"
+        yield f"<p><code>{escape(name)}</code>: {outcome}, distance {left:.3g} (SI)</p>"
+    for run in line.failed:
+        yield f'<p class="failed">failed: {escape(run.cause)} on {escape(run.body)}: {escape(run.failure)}</p>'
+    if worst and worst.watched:
+        yield from _worst(table, line, worst, worst.watched)
+    yield from _runs(line)
+
+
+def _worst(table: SafetyTable, line: HazardLine, worst: EvidenceRun, run: Felt) -> Iterator[str]:
+    how = (
+        f"found by the search, {line.searched} runs"
+        if worst.searched
+        else f"{line.searched} more runs found none worse"
+    )
+    yield f"<h3>Worst run: {escape(worst.cause)} on {escape(worst.body)} ({how})</h3>"
+    without = worst.unwatched
+    named = {
+        "seen (s)": lambda one: one.seen,
+        "reaction at the drives (s)": lambda one: one.acted,
+        "power off (s)": lambda one: one.power_off,
+        f"below {LOW:g} N for good (s)": lambda one: one.below,
+        "peak (N)": lambda one: one.peak,
+        "left at the end (N)": lambda one: one.left,
+        "impulse (N s)": lambda one: one.impulse,
+        "energy given to the body (J)": lambda one: one.energy,
+        "pressure over the head (kPa)": lambda one: _pressure(line, one),
+    }
+    rows = [
+        (name, _number(value(run)), "-" if without is None else _number(value(without)))
+        for name, value in named.items()
+    ]
+    yield _table(("from the onset on", "with monitor", "without"), rows)
+    if without is not None and without.failure:
+        yield f"<p>Without the monitor the run ends early: {escape(without.failure)}</p>"
+    pressure = _pressure(line, run)
+    against = [
+        (escape(t.name), f"{t.pressure:g} kPa", f"{100 * pressure / t.pressure:.0f} %", escape(t.source))
+        for t in table.thresholds
+    ]
+    if against:
+        yield _table(("pain begins at", "mean", "this run", "source"), against)
+    if line.variants:
+        others = [
+            (escape(v.name), _pair(line.variants.get(v.name), 0), _pair(line.variants.get(v.name), 1), escape(v.why))
+            for v in table.variants
+        ]
+        yield _table(("other hardware", "peak (N)", "left (N)", ""), others)
+    yield f"<p>Again: <code>{escape(worst.command(table.head.experiment))}</code></p>"
+    yield f"<p>run <code>{worst.id}</code>, seed {worst.seed}, digest of the force <code>{run.digest}</code></p>"
+
+
+def _pair(found: tuple[float, float] | None, index: int) -> str:
+    return "failed" if found is None else f"{found[index]:.1f}"
+
+
+def _pressure(line: HazardLine, run: Felt) -> float:
+    """Mean pressure of the peak over the head (kPa)."""
+    return 1e-3 * run.peak / line.head_area
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"
+
+
+def _runs(line: HazardLine) -> Iterator[str]:
+    seen, made = line.detected
+    if line.coverage:
+        low, high = line.coverage
+        yield (
+            f"<p>Seen: {seen} of {made} runs of the grid; {100 * CONFIDENCE:.0f} % interval {100 * low:.0f} to "
+            f"{100 * high:.0f} % (Clopper and Pearson), were they drawn at random, which they are not: small "
+            "magnitudes that need no detection are among them.</p>"
+        )
+    head = (
+        "run",
+        "cause",
+        "body",
+        "magnitudes",
+        "onset (s)",
+        "seed",
+        "peak (N)",
+        "left (N)",
+        "seen (s)",
+        "by",
+        "digest",
+    )
+    rows = []
+    for run in line.runs:
+        sizes = ", ".join(f"{v:g}" for one in run.tables for k, v in one.items() if k.startswith("magnitude"))
+        onset = f"{run.tables[0]['onset_s']:g}" if run.tables else ""
+        cells: tuple[str, ...] = ("failed", "", "", escape(run.failure), "")
+        if felt := run.watched:
+            digest = f"<code>{felt.digest}</code>"
+            cells = (f"{felt.peak:.1f}", f"{felt.left:.1f}", _number(felt.seen), felt.reason or "-", digest)
+        rows.append((f"<code>{run.id}</code>", escape(run.cause), run.body, sizes, onset, str(run.seed), *cells))
+    yield f"<details open><summary>{len(line.runs)} runs</summary>{_table(head, rows)}</details>"

@@ -1,0 +1,118 @@
+"""Thresholds of the monitor, one at a time, against false trips of healthy robots and against the worst peaks."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from twin.kernel.errors import TwinError
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
+from twin.studies.faults.together import faults_of, felt
+from twin.studies.figure import PAPER_BLUE, VERMILION, picture
+from twin.studies.safety.evidence import HazardLine, HazardRobot
+from twin.studies.safety.hazards import Sensitivity
+
+
+class ThresholdPoint(NamedTuple):
+    """One threshold at one value.
+
+    Attributes:
+        key: of [monitor].
+        factor: on the experiment's value.
+        value: in the unit of the key.
+        false_trips: healthy robots that trip.
+        fleet: healthy robots.
+        peak: largest force (N) of the worst runs of all lines that are kept at the experiment's own thresholds.
+    """
+
+    key: str
+    factor: float
+    value: float
+    false_trips: int
+    fleet: int
+    peak: float
+
+
+def threshold_points(
+    asked: Sensitivity,
+    path: Path,
+    settings: Sequence[str],
+    worst: Sequence[tuple[HazardLine, HazardRobot]],
+    say: Callable[[str], None],
+) -> list[ThresholdPoint]:
+    """Each threshold at each factor.
+
+    A value that the monitor itself refuses, because limits would contradict each other, is left out.
+
+    Args:
+        path, settings: of the experiment.
+        worst: lines with the robot of their worst run.
+        say: called before each.
+
+    Raises:
+        InputRefused: a key is none of the monitor's numbers, or a robot of the fleet cannot be.
+    """
+    found = []
+    for key in asked.keys:
+        nominal = load_experiment(path, settings).values["monitor"].get(key) or _default(key)
+        for factor in asked.factors:
+            say(f"monitor.{key} times {factor:g}")
+            value = float(f"{nominal * factor:.6g}")
+            changed = f"monitor.{key}={value!r}"
+            try:
+                fleet = [
+                    load_experiment(path, (*settings, *own, changed), None, body)
+                    for body in asked.bodies
+                    for own in asked.fleet
+                ]
+            except TwinError:
+                continue
+            trips = sum(_trips(robot) for robot in fleet)
+            peaks = [_peak(line, robot, path, changed) for line, robot in worst if line.status == "kept"]
+            found.append(ThresholdPoint(key, factor, value, trips, len(fleet), max(peaks, default=0.0)))
+    return found
+
+
+def _default(key: str) -> float:
+    from twin.kernel.errors import InputRefused, nearest
+    from twin.robot.experiment.mistakes import keys
+    from twin.robot.monitor.checks import Monitor
+
+    fields = {str(field.alias): field.default for field in Monitor.model_fields.values()}
+    if not isinstance(fields.get(key), float):
+        raise InputRefused(
+            f"[sensitivity] keys: '{key}' is no number of [monitor]; {nearest(key, list(keys(Monitor)))}"
+        )
+    return float(fields[key])
+
+
+def _trips(experiment: Experiment) -> bool:
+    run = felt(experiment, ())
+    return bool(run.reason or run.failure)
+
+
+def _peak(line: HazardLine, robot: HazardRobot, path: Path, changed: str) -> float:
+    assert line.worst is not None
+    experiment = load_experiment(path, (*robot.settings, changed), None, robot.body)
+    return felt(experiment, faults_of(experiment, line.worst.tables)).peak
+
+
+def draw_sensitivity(points: Sequence[ThresholdPoint], path: Path) -> None:
+    """Write the picture to `path`: for each threshold the share of healthy robots that trip, and the worst peak."""
+    keys = list(dict.fromkeys(point.key for point in points))
+    with picture(
+        path, 9.0, 1.2 + 2.6 * len(keys), "Thresholds of the monitor: false trips and the worst peak"
+    ) as figure:
+        for axes, key in zip(figure.subplots(len(keys), 1, squeeze=False)[:, 0], keys, strict=True):
+            mine = [point for point in points if point.key == key]
+            values = [point.value for point in mine]
+            share = [100.0 * point.false_trips / point.fleet for point in mine]
+            axes.plot(values, share, "o-", color=PAPER_BLUE)
+            axes.set(
+                xlabel=f"{key}, the experiment's own times {mine[0].factor:g} to {mine[-1].factor:g}", ylim=(-5, 105)
+            )
+            axes.set_ylabel("healthy robots that trip (%)", color=PAPER_BLUE)
+            other = axes.twinx()
+            other.plot(values, [point.peak for point in mine], "s--", color=VERMILION)
+            other.set_ylabel("worst peak (N)", color=VERMILION)
+            other.set_ylim(bottom=0.0)

@@ -1,0 +1,137 @@
+"""`twin safety`: a hazard table, the runs behind each line, and a page for a reviewer."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from twin.studies.command import Argument, DriveName, Option, Say, Settings, Steps, study
+from twin.studies.result import Block, Note, Result
+
+if TYPE_CHECKING:
+    from twin.studies.safety.evidence import HazardLine
+    from twin.studies.safety.hazards import SafetyTable
+    from twin.studies.safety.sensitivity import ThresholdPoint
+
+HOME = Path("results") / "safety"
+DATA, PAGE = "safety.json", "safety.html"
+
+
+@study(isolated=True)
+def safety(
+    hazards: Annotated[
+        Sequence[Path], Argument("Hazard tables (TOML), such as experiments/safety/massage.toml.", "TABLE")
+    ],
+    say: Say,
+    against: Annotated[
+        Path | None, Option("safety.json of an earlier page: which lines got worse (exit code 1).", "OLD.json")
+    ] = None,
+    quick: Annotated[bool, Option("Without sensitivity and other hardware.", flags="--quick")] = False,
+    drive: DriveName = None,
+    settings: Settings = (),
+    out: Annotated[Path | None, Option("Folder; default: results/safety/TABLE.", "DIR")] = None,
+) -> Result:
+    """Run every cause of a hazard table, and write a page from hazard to run.
+
+    Each line: the worst case found by search, with the monitor and without,
+    what is seen, how long and how hard a person feels it, what other hardware
+    would give. The page complies with no standard by itself.
+
+    Exit code: 0 every line is kept, or exceeded as its table states, 1 a line
+    is exceeded, failed, or worse than --against, 2 input refused.
+
+    Example: twin safety experiments/safety/massage.toml --quick
+
+    Raises:
+        InputRefused: a table is not right, or --against is no page's data.
+        NotWritten: the disk refuses.
+    """
+    from twin.kernel.writing import write_json
+    from twin.studies.safety.changes import old_lines, worse
+    from twin.studies.safety.hazards import read_hazards
+    from twin.studies.safety.text import lines_table, verdict
+
+    tables = [read_hazards(path) for path in hazards]
+    before = old_lines(against) if against else None
+    texts = [*settings, *([f"drive.fmu={drive}"] if drive else [])]
+    parts: list[Block] = []
+    files: dict[str, object] = {}
+    facts: dict[str, Any] = {"lines": [], "sensitivity": []}
+    all_lines: list[HazardLine] = []
+    for table in tables:
+        folder = out or HOME / table.path.stem
+        if out and len(tables) > 1:
+            folder = out / table.path.stem
+        lines, points = written_page(table, texts, folder, quick, say)
+        all_lines += lines
+        facts["lines"] += [line.facts() for line in lines]
+        facts["sensitivity"] += [point._asdict() for point in points]
+        of_table = f" {table.path.stem}" if len(tables) > 1 else ""
+        files |= {f"page{of_table}": folder / PAGE, f"data{of_table}": folder / DATA}
+        parts += ["", lines_table(lines)]
+        write_json(folder.absolute() / DATA, {"lines": [line.facts() for line in lines], **_without_lines(facts)})
+    facts["worse"] = list(worse(before, facts["lines"])) if before is not None else []
+    if before is not None:
+        sentences = facts["worse"] or ["no line got worse"]
+        parts += ["", f"against {against}:", *(Note(sentence, "  ", later=4) for sentence in sentences)]
+    return verdict(all_lines, facts, [*parts, ""], files)
+
+
+def _without_lines(facts: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in facts.items() if key != "lines"}
+
+
+def written_page(
+    table: "SafetyTable", settings: Sequence[str], folder: Path, quick: bool, say: Say
+) -> tuple[list["HazardLine"], list["ThresholdPoint"]]:
+    """Make the runs of a table and write its page into `folder`.
+
+    Args:
+        settings: key=value of the experiment, besides what the table says.
+        quick: without sensitivity and other hardware.
+
+    Returns:
+        Its lines, and the thresholds of the monitor that were tried.
+
+    Raises:
+        InputRefused: the experiment or a threshold cannot be used. NotWritten: the disk refuses.
+    """
+    from math import pi
+
+    from twin.kernel.writing import made_folder, write_text
+    from twin.robot.experiment.drive_files import experiment_file
+    from twin.studies.safety.argument import draw_argument
+    from twin.studies.safety.evidence import HazardRobot, hardware, line_of, robot_of
+    from twin.studies.safety.page import page
+    from twin.studies.safety.sensitivity import draw_sensitivity, threshold_points
+
+    # absolute: an FMU may change the working directory
+    home = made_folder(folder).absolute()
+    path = experiment_file(Path(table.head.experiment))
+    known: dict[tuple[str, tuple[float, float]], HazardRobot] = {}
+
+    def robots(body: str, point: tuple[float, float]) -> HazardRobot:
+        if (body, point) not in known:
+            known[body, point] = robot_of(path, settings, body, point)
+        return known[body, point]
+
+    asked = None if quick else table.sensitivity
+    places = sum(len(h.evidence.bodies) * len(h.evidence.points) for h in table.hazards)
+    steps = Steps(say, places + (len(asked.keys) * len(asked.factors) if asked else 0))
+    lines: list[HazardLine] = []
+    worst: list[tuple[HazardLine, HazardRobot]] = []
+    for hazard in table.hazards:
+        line, robot = line_of(hazard, robots, pi * table.head.head_radius**2, steps.next)
+        if not quick:
+            line = replace(line, variants=hardware(line, table, path, robot))
+        lines.append(line)
+        worst += [(line, robot)] if robot is not None else []
+    pictures = [("The argument", home / "argument.png")]
+    draw_argument(table, lines, pictures[0][1])
+    points = threshold_points(asked, path, settings, worst, steps.next) if asked else []
+    if points:
+        pictures.append(("Thresholds of the monitor", home / "sensitivity.png"))
+        draw_sensitivity(points, pictures[1][1])
+    command = " ".join(["twin safety", str(table.path), *(f"--set {text}" for text in settings)])
+    write_text(home / PAGE, page(table, lines, pictures, command))
+    return lines, points

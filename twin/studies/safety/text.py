@@ -1,0 +1,48 @@
+"""Lines of a hazard table as text of at most 80 columns."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from twin.studies.result import Block, Column, Note, Result, Table
+from twin.studies.safety.evidence import HazardLine
+from twin.studies.safety.page import value_text
+
+COLUMNS = (
+    Column("", 4, left=True),
+    Column("hazard", 34, ".34s", left=True),
+    Column("worst", 10),
+    Column("without", 10),
+    Column("seen", 9),
+    Column("", left=True),
+)
+
+
+def lines_table(lines: Sequence[HazardLine]) -> Table:
+    """One row for each: its worst run with the monitor and without, how many were seen, and whether it is kept."""
+    rows = []
+    for line in lines:
+        worst, (seen, made) = line.worst, line.detected
+        values = [value_text(line, run) for run in ((worst.watched, worst.unwatched) if worst else (None, None))]
+        rows.append((line.hazard.table.id, line.hazard.table.hazard, *values, f"{seen}/{made}", line.status))
+    return Table(COLUMNS, rows, indent=0)
+
+
+def verdict(
+    lines: Sequence[HazardLine], facts: Mapping[str, Any], parts: Sequence[Block], files: Mapping[str, object]
+) -> Result:
+    """The whole answer.
+
+    Args:
+        lines: of all tables.
+        facts: for programs, with what got "worse".
+        parts: what follows the verdict.
+        files: what was written.
+    """
+    of = {status: sum(line.status == status for line in lines) for status in ("kept", "exceeded as stated")}
+    bad = len(lines) - sum(of.values())
+    failed = bad > 0 or bool(facts["worse"])
+    text = (
+        f"{'FAILED' if failed else 'PASSED'}: {of['kept']} of {len(lines)} lines kept, {of['exceeded as stated']} "
+        f"exceeded as stated, {bad} exceeded or failed. This complies with no standard by itself."
+    )
+    return Result(Note(text, later=4), parts, dict(facts), files, exit_code=int(failed))
