@@ -1,0 +1,100 @@
+// The state of the page: what differs from the file, what is pinned beside it; undo, redo, and the address that has it all.
+
+const LONGEST = 20000;
+const MOST = 200;
+const MOST_PINS = 6;
+const STEPS = 200;
+
+export const fresh = () => ({ set: {}, drive: "", body: "" });
+export const copied = (state) => ({ ...state, set: { ...state.set } });
+const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
+
+const isPlain = (value) => ["number", "string", "boolean"].includes(typeof value);
+
+/** A state out of what somebody may have written; null if it is none. */
+function understood(found) {
+  if (typeof found !== "object" || found === null) return null;
+  const { set = {}, drive = "", body = "" } = found;
+  if (typeof drive !== "string" || typeof body !== "string") return null;
+  if (typeof set !== "object" || set === null || Array.isArray(set)) return null;
+  const pairs = Object.entries(set);
+  if (pairs.length > MOST || !pairs.every(([, value]) => isPlain(value))) return null;
+  return { set: Object.fromEntries(pairs), drive, body };
+}
+
+/** What stands behind # for a state and what is pinned; "" for nothing. */
+export function written(state, pins) {
+  const parts = new URLSearchParams();
+  for (const [key, value] of Object.entries(state.set)) parts.append(key, JSON.stringify(value));
+  if (state.drive) parts.append("drive", state.drive);
+  if (state.body) parts.append("body", state.body);
+  for (const pin of pins) parts.append("pin", JSON.stringify(pin));
+  return parts.toString();
+}
+
+/** [state, pins] of what stands behind #, which may be anything; null if it is none of ours. */
+export function read(text) {
+  if (text.length > LONGEST) return null;
+  const state = fresh();
+  const pins = [];
+  for (const [key, value] of new URLSearchParams(text)) {
+    if (key === "drive" || key === "body") {
+      state[key] = value;
+      continue;
+    }
+    let content;
+    try {
+      content = JSON.parse(value);
+    } catch {
+      return null;
+    }
+    if (key !== "pin") state.set[key] = content;
+    else if (pins.length < MOST_PINS && typeof content?.name === "string") {
+      const inner = content.run === undefined ? understood(content.state) : null;
+      if (typeof content.run === "string") pins.push({ name: content.name, run: content.run });
+      else if (inner) pins.push({ name: content.name, state: inner });
+      else return null;
+    } else return null;
+  }
+  const checked = understood(state);
+  return checked && [checked, pins];
+}
+
+/** The present state and those before and after it. */
+export class History {
+  constructor(state) {
+    this.now = copied(state);
+    this.before = [];
+    this.after = [];
+    this.kept = copied(state);
+  }
+
+  /** What was changed since the last step becomes one. */
+  step() {
+    if (same(this.now, this.kept)) return false;
+    this.before.push(this.kept);
+    this.before.splice(0, this.before.length - STEPS);
+    this.after = [];
+    this.kept = copied(this.now);
+    return true;
+  }
+
+  go(from, to) {
+    if (!from.length) return false;
+    to.push(this.kept);
+    this.kept = from.pop();
+    this.now = copied(this.kept);
+    return true;
+  }
+
+  undo() {
+    this.step();
+    return this.go(this.before, this.after);
+  }
+
+  redo() {
+    return this.go(this.after, this.before);
+  }
+}
+
+export { MOST_PINS };

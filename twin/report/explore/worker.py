@@ -1,0 +1,225 @@
+"""The job of a process that runs experiments for pages: one answer after the other, warm.
+
+An answer is {"refused": sentence}, or what was asked for. Samples are 32 bit floats in base 64 under "block".
+"""
+
+import base64
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from twin.kernel.cosim.observers import Observer, TickEvent, simulate
+from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.files import read_json
+from twin.kernel.process.reporter import Reporter
+from twin.kernel.recording.folder import recording_in
+from twin.report.explore.asked import Asked, Base, asked, first_state, known, saved
+from twin.report.explore.picture import AT_FIRST, TracedRun, drawn, headline, poses, shown_panels
+from twin.report.page.markup import DataBlock
+from twin.report.page.panels import PanelRun
+from twin.report.page.run import report_runs
+from twin.robot.assembly.assemble import assemble
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.source import at
+from twin.robot.monitor.component import trip_reason
+from twin.robot.run.outcome import RunOutcome
+from twin.robot.run.run import SUMMARY, named_files
+from twin.robot.run.trace import Trace
+from twin.robot.run.watch import refuse_endless, run_observers
+from twin.studies.results.stored import stored_runs
+
+WIDEST = 4000
+"""Pixels of a plot."""
+MOST_TICKS = 400_000
+"""Of an experiment that is run while a slider moves: about half a second, and half a gigabyte of rows."""
+
+MOST_RUNS = 100
+"""Of results/ that are offered."""
+
+
+def answered(reporter: Reporter, base: dict[str, Any], ask: dict[str, Any]) -> dict[str, Any]:
+    """What a page asks; a job of the guard.
+
+    Args:
+        base: fields of `Base`.
+        ask: "op" and what belongs to it, as it came from the page: it may say anything.
+    """
+    reporter.loading()
+    try:
+        return ANSWERS[ask["op"]](Base(**base | {"settings": tuple(base["settings"])}), ask)
+    except InputRefused as refusal:
+        return {"refused": str(refusal)}
+    except ComponentFailed as failure:
+        return {"refused": str(failure).splitlines()[0]}
+
+
+def _begun(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """What the command line says, taken apart: the base of all pages, and the state that a page begins with."""
+    held, state = first_state(base, ask["settings"])
+    return {"base": asdict(held), "state": state, **_described(held, {"state": state})}
+
+
+def _described(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """What can be changed, and what is there to choose from."""
+    state = asked(base, ask["state"])
+    experiment = state.unchanged
+    return {
+        "title": experiment.title,
+        "name": base.experiment,
+        "duration": experiment.duration_ticks * experiment.cosim.tick,
+        "sliders": [slider.facts for slider in known(base, state.drive, state.body).values()],
+        "drives": list(base.drives),
+        "bodies": base.bodies,
+        "panels_at_first": AT_FIRST,
+    }
+
+
+class _Events(Observer):
+    """Keeps the events of a run."""
+
+    def __init__(self) -> None:
+        self.found: list[TickEvent] = []
+
+    def take(self, first: int, rows: Any, events: list[TickEvent]) -> None:
+        self.found += events
+
+
+def _shown(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """A state that was run: its numbers, and the panels that the page shows."""
+    state, look = asked(base, ask["state"]), Look.of(ask)
+    experiment = state.loaded()
+    if experiment.duration_ticks > MOST_TICKS:
+        raise InputRefused(
+            f"duration_s: {experiment.duration_ticks:,} ticks are too many to be run while a slider moves; expected at "
+            f"most {MOST_TICKS:,}"
+        )
+    refuse_endless([experiment])
+    trace, events = Trace(), _Events()
+    with assemble(experiment) as assembly:
+        own = run_observers(experiment, assembly)
+        done = simulate(assembly, experiment.duration_ticks, [*own, events, trace]).completed()
+        tick = assembly.system.tick
+    numbers = headline(own.tally.outcome, own.held.held)
+    run = TracedRun(trace, named_files(experiment.values))
+    return {
+        "title": experiment.title,
+        "trip": trip_reason(done.simulation),
+        "numbers": numbers,
+        "events": [
+            {"run": 0, "t": event.tick * tick, "level": event.level.lower(), "text": event.text}
+            for event in events.found
+            if event.level != "DEBUG"
+        ],
+        "values": _moved(state, experiment),
+        "command": state.command,
+        **look.picture(run, run.end),
+    }
+
+
+def _moved(state: Asked, experiment: Experiment) -> dict[str, Any]:
+    """Values of keys that follow from others that were changed, such as those of [plant] from [robot]."""
+    before = state.unchanged.values
+    there = known(state.base, state.drive, state.body)
+    found = {key: at(experiment.values, key) for key in there if key not in state.values}
+    return {key: value for key, value in found.items() if value != at(before, key)}
+
+
+class Look:
+    """What a page wants to see of a run.
+
+    Attributes:
+        titles: of panels.
+        span: from when to when (s).
+        width: of a plot (pixels).
+        robot: whether the player is open.
+    """
+
+    def __init__(self, titles: list[str], span: tuple[float, float], width: int, robot: bool):
+        self.titles, self.span, self.width, self.robot = titles, span, width, robot
+
+    @classmethod
+    def of(cls, ask: Mapping[str, Any]) -> "Look":
+        """What `ask` says; it may say anything.
+
+        Raises:
+            InputRefused: it says something else.
+        """
+        titles, span, width = ask.get("panels"), ask.get("span"), ask.get("width")
+        if not isinstance(titles, list) or not all(isinstance(title, str) for title in titles) or len(titles) > 100:
+            raise InputRefused("panels: expected a list of titles")
+        whole = span is None
+        numbers = [0.0, math.inf] if whole else span
+        if not isinstance(numbers, list) or len(numbers) != 2 or not all(isinstance(t, int | float) for t in numbers):
+            raise InputRefused("span: expected two times in s")
+        if not whole and not 0.0 <= numbers[0] < numbers[1] < math.inf:
+            raise InputRefused("span: expected two times in s, the earlier one first")
+        if not isinstance(width, int) or not 10 <= width <= WIDEST:
+            raise InputRefused(f"width: expected pixels from 10 to {WIDEST}")
+        return cls(titles, (float(numbers[0]), float(numbers[1])), width, ask.get("robot") is True)
+
+    def picture(self, run: PanelRun, end: float) -> dict[str, Any]:
+        """It, for JSON; end: of the run (s)."""
+        block = DataBlock()
+        span = self.span[0], min(self.span[1], end)
+        found = {
+            "end": end,
+            "all_panels": shown_panels(run),
+            "panels": drawn(run, block, self.titles, span, self.width),
+            "scene": poses(run, block) if self.robot else None,
+        }
+        return found | {"block": base64.b64encode(block.content()).decode("ascii")}
+
+
+def _recorded(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """A run of results/, to be laid beside others."""
+    name = ask.get("run")
+    if name not in [str(folder) for folder in _folders()]:
+        raise InputRefused(f"run {str(name)[:80]!r}: no such run in results/")
+    (run,) = report_runs([recording_in(Path(str(name)))])
+    return {"title": run.title, "trip": "", "numbers": _numbers_of(Path(str(name))), "events": [], "values": {},
+            "command": "", **Look.of(ask).picture(run, run.end)}  # fmt: skip
+
+
+def _numbers_of(folder: Path) -> list[Any]:
+    """Those that the run has written beside its recording."""
+    try:
+        summary = read_json(folder / SUMMARY)
+        return headline(RunOutcome(**summary["outcome"]), ())
+    except (InputRefused, KeyError, TypeError):
+        return []
+
+
+def _folders() -> list[Path]:
+    """Of finished runs, the newest first."""
+    runs = [run for run in stored_runs(Path("results")) if run.finished]
+    return [run.folder for run in sorted(runs, key=lambda run: -run.recording.stat().st_mtime)]
+
+
+def _runs(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """Runs of results/ that can be laid beside others, the newest first."""
+    return {"runs": [str(folder) for folder in _folders()[:MOST_RUNS]]}
+
+
+def _saved(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    return {"saved": str(saved(asked(base, ask["state"]), str(ask.get("name"))))}
+
+
+def _command(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """How the state is run by `twin run`: checked, so that only a run that can be made is begun."""
+    state = asked(base, ask["state"])
+    state.loaded()
+    return {"command": state.command, "drive": state.drive, "body": state.body, "settings": state.settings}
+
+
+ANSWERS: Mapping[str, Callable[[Base, Mapping[str, Any]], dict[str, Any]]] = {
+    "begin": _begun,
+    "describe": _described,
+    "show": _shown,
+    "recorded": _recorded,
+    "runs": _runs,
+    "save": _saved,
+    "command": _command,
+}
+"""By what a page asks for."""
