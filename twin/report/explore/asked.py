@@ -56,10 +56,10 @@ class Base:
         return given | {name: name for name in sorted(known)} | dict(self.uploaded)
 
     @property
-    def bodies(self) -> list[str]:
-        """Bodies that can be chosen, by name."""
+    def bodies(self) -> dict[str, str]:
+        """Bodies that can be chosen: what `--body` takes, by name."""
         known = {body.stem for folder in FOLDERS for body in located(folder, Path.cwd()).glob("*.toml")}
-        return [*([self.body] if self.body else []), *sorted(known)]
+        return ({self.body: self.body} if self.body else {}) | {name: name for name in sorted(known)}
 
 
 @dataclass(frozen=True)
@@ -147,9 +147,8 @@ def asked(base: Base, state: Any) -> Asked:
     """
     if not isinstance(state, dict) or state.keys() - {"set", "drive", "body"}:
         raise InputRefused("state: expected set, drive and body")
-    drive, body = _named("drive", state.get("drive"), base.drives), state.get("body") or None
-    if body is not None and body not in base.bodies:
-        raise InputRefused(f"body {str(body)[:80]!r}: no such body; {nearest(str(body)[:80], base.bodies)}")
+    drive = _one_of("drive", state["drive"], base.drives) if state.get("drive") else None
+    body = _one_of("body", state["body"], base.bodies) if state.get("body") else None
     changed = state.get("set") or {}
     if not isinstance(changed, dict) or len(changed) > MOST_KEYS:
         raise InputRefused(f"state: expected at most {MOST_KEYS} keys with values")
@@ -157,9 +156,7 @@ def asked(base: Base, state: Any) -> Asked:
     return Asked(base, drive, body, {key: checked(there, key, value) for key, value in changed.items()})
 
 
-def _named(what: str, name: Any, files: Mapping[str, str]) -> str | None:
-    if not name:
-        return None
+def _one_of(what: str, name: Any, files: Mapping[str, str]) -> str:
     if not isinstance(name, str) or name not in files:
         raise InputRefused(f"{what} {str(name)[:80]!r}: no such {what}; {nearest(str(name)[:80], files)}")
     return files[name]

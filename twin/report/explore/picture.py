@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from twin.kernel.compiled.function import carray
+from twin.kernel.compiled.native import entry
 from twin.kernel.recording.messages import Field
-from twin.report.page.markup import DataBlock, thinned
+from twin.report.page.markup import DataBlock
 from twin.report.page.panels import MM, PANELS, Panel, PanelCurve, PanelRun, Reader, Samples, scene, series
 from twin.robot.run.outcome import HeldForces, RunOutcome
 from twin.robot.run.trace import Trace
@@ -33,17 +34,18 @@ class TracedRun:
     """A run in memory as the panels read it, see `PanelRun`.
 
     Args:
-        trace: of the run.
+        trace: of the run; it may lack signals.
+        fields: of all signals of the run.
         values: of its experiment.
+
+    Attributes:
+        looked_at: signals that were read.
     """
 
-    def __init__(self, trace: Trace, values: Mapping[str, Any]):
-        self.recording, self.values = trace, values
+    def __init__(self, trace: Trace, fields: Mapping[str, Field], values: Mapping[str, Any]):
+        self.recording, self.values, self._fields = trace, values, fields
         self.times = _Times(trace)
-
-    @cached_property
-    def _fields(self) -> Mapping[str, Field]:
-        return self.recording.fields()
+        self.looked_at: set[str] = set()
 
     @property
     def end(self) -> float:
@@ -51,16 +53,26 @@ class TracedRun:
         return float(self.recording.t[-1])
 
     def has(self, *keys: str) -> bool:
-        """Whether it holds all these series."""
+        """Whether the run has all these series."""
         return all(key in self._fields for key in keys)
 
     def column(self, key: str, column: int | None) -> Curve:
-        """Samples of a series (n,), or of one column of it."""
+        """Samples of a series (n,), or of one column of it.
+
+        Raises:
+            UnknownSeries: the trace lacks it.
+        """
+        self.looked_at.add(key)
         values = self.recording[key]
         return values if column is None else values[:, column]
 
     def held(self, key: str, t: Curve) -> Curve:
-        """Samples of a series as they held at times `t` (n,) in s."""
+        """Samples of a series as they held at times `t` (n,) in s.
+
+        Raises:
+            UnknownSeries: the trace lacks it.
+        """
+        self.looked_at.add(key)
         place = np.rint(t / self.recording.tick).astype(np.intp)
         held: Curve = self.recording.held(key)[place]
         return held
@@ -127,7 +139,7 @@ def _curve(
         return None
     t, values, step = _within(samples, span)
     factor = max(1, math.ceil(len(values) / (2 * width)))
-    return [*block.add(thinned(values, factor)), float(t[0]), step * factor]
+    return [*block.add(extremes(values, 2 * factor)), float(t[0]), step * factor]
 
 
 def _within(samples: Samples, span: tuple[float, float]) -> tuple[Curve, Curve, float]:
@@ -139,6 +151,33 @@ def _within(samples: Samples, span: tuple[float, float]) -> tuple[Curve, Curve, 
     first = min(len(t) - 1, max(0, math.floor((span[0] - t[0]) / step) - 1))
     last = max(first + 1, min(len(t), math.ceil((span[1] - t[0]) / step) + 2))
     return t[first:last], values[first:last], step
+
+
+@entry("int", "doubles", "int", "int", "doubles")
+def _extremes(values, count, width, found):
+    y, pairs = carray(values, count), carray(found, 2 * ((count + width - 1) // width))
+    place = 0
+    for first in range(0, count, width):
+        low = high = first
+        for i in range(first + 1, min(first + width, count)):
+            # of what is no number the other one stays
+            if y[i] < y[low] or y[low] != y[low]:
+                low = i
+            if y[i] > y[high] or y[high] != y[high]:
+                high = i
+        pairs[place], pairs[place + 1] = y[min(low, high)], y[max(low, high)]
+        place += 2
+    return place
+
+
+def extremes(values: Curve, width: int) -> Curve:
+    """The least and the largest of each `width` of `values` (n,), which comes first first; all of them for a width of 2."""
+    if width <= 2:
+        return values
+    y = np.ascontiguousarray(values, dtype=np.float64)
+    found = np.empty(2 * math.ceil(len(y) / width))
+    _extremes(y, len(y), width, found)
+    return found
 
 
 def poses(run: PanelRun, block: DataBlock) -> dict[str, Any] | None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.kernel.cosim.observers import Observer, TickEvent, simulate
-from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.errors import ComponentFailed, InputRefused, UnknownSeries
 from twin.kernel.files import read_json
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import recording_in
@@ -25,9 +25,9 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.source import at
 from twin.robot.monitor.component import trip_reason
 from twin.robot.run.outcome import RunOutcome
-from twin.robot.run.run import SUMMARY, named_files
-from twin.robot.run.trace import Trace
-from twin.robot.run.watch import refuse_endless, run_observers
+from twin.robot.run.run import SUMMARY
+from twin.robot.run.trace import Trace, fields_of
+from twin.robot.run.watch import run_observers
 from twin.studies.results.stored import stored_runs
 
 WIDEST = 4000
@@ -71,7 +71,7 @@ def _described(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
         "duration": experiment.duration_ticks * experiment.cosim.tick,
         "sliders": [slider.facts for slider in known(base, state.drive, state.body).values()],
         "drives": list(base.drives),
-        "bodies": base.bodies,
+        "bodies": list(base.bodies),
         "panels_at_first": AT_FIRST,
     }
 
@@ -86,6 +86,10 @@ class _Events(Observer):
         self.found += events
 
 
+_looked_at: dict[tuple[object, ...], frozenset[str]] = {}
+"""What was read of a run for what a page wants to see: of the next one no more is kept."""
+
+
 def _shown(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     """A state that was run: its numbers, and the panels that the page shows."""
     state, look = asked(base, ask["state"]), Look.of(ask)
@@ -95,26 +99,34 @@ def _shown(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
             f"duration_s: {experiment.duration_ticks:,} ticks are too many to be run while a slider moves; expected at "
             f"most {MOST_TICKS:,}"
         )
-    refuse_endless([experiment])
-    trace, events = Trace(), _Events()
+    facts = {"title": experiment.title, "values": _moved(state, experiment), "command": state.command}
+    try:
+        return facts | _run(experiment, look, _looked_at.get(look.form, frozenset()))
+    except UnknownSeries:
+        # another drive or controller has other signals
+        return facts | _run(experiment, look, frozenset())
+
+
+def _run(experiment: Experiment, look: "Look", only: frozenset[str]) -> dict[str, Any]:
+    """What a run of `experiment` comes to, of which only those signals are kept; none: all of them."""
+    trace, events = Trace(only=only), _Events()
     with assemble(experiment) as assembly:
+        fields = fields_of(assembly.system)
         own = run_observers(experiment, assembly)
-        done = simulate(assembly, experiment.duration_ticks, [*own, events, trace]).completed()
+        observers = [own.tally, own.held, own.watch, events, trace]
+        done = simulate(assembly, experiment.duration_ticks, observers).completed()
         tick = assembly.system.tick
-    numbers = headline(own.tally.outcome, own.held.held)
-    run = TracedRun(trace, named_files(experiment.values))
-    return {
-        "title": experiment.title,
+    run = TracedRun(trace, fields, experiment.values)
+    found = look.picture(run, run.end)
+    _looked_at[look.form] = frozenset(run.looked_at)
+    return found | {
         "trip": trip_reason(done.simulation),
-        "numbers": numbers,
+        "numbers": headline(own.tally.outcome, own.held.held),
         "events": [
             {"run": 0, "t": event.tick * tick, "level": event.level.lower(), "text": event.text}
             for event in events.found
             if event.level != "DEBUG"
         ],
-        "values": _moved(state, experiment),
-        "command": state.command,
-        **look.picture(run, run.end),
     }
 
 
@@ -134,10 +146,16 @@ class Look:
         span: from when to when (s).
         width: of a plot (pixels).
         robot: whether the player is open.
+        listed: whether it wants to know which panels there are.
     """
 
-    def __init__(self, titles: list[str], span: tuple[float, float], width: int, robot: bool):
-        self.titles, self.span, self.width, self.robot = titles, span, width, robot
+    def __init__(self, titles: list[str], span: tuple[float, float], width: int, robot: bool, listed: bool):
+        self.titles, self.span, self.width, self.robot, self.listed = titles, span, width, robot, listed
+
+    @property
+    def form(self) -> tuple[object, ...]:
+        """What decides on the signals that it needs."""
+        return (tuple(self.titles), self.robot, self.listed)
 
     @classmethod
     def of(cls, ask: Mapping[str, Any]) -> "Look":
@@ -157,7 +175,7 @@ class Look:
             raise InputRefused("span: expected two times in s, the earlier one first")
         if not isinstance(width, int) or not 10 <= width <= WIDEST:
             raise InputRefused(f"width: expected pixels from 10 to {WIDEST}")
-        return cls(titles, (float(numbers[0]), float(numbers[1])), width, ask.get("robot") is True)
+        return cls(titles, (float(numbers[0]), float(numbers[1])), width, ask.get("robot") is True, ask.get("list") is True)
 
     def picture(self, run: PanelRun, end: float) -> dict[str, Any]:
         """It, for JSON; end: of the run (s)."""
@@ -165,7 +183,7 @@ class Look:
         span = self.span[0], min(self.span[1], end)
         found = {
             "end": end,
-            "all_panels": shown_panels(run),
+            "all_panels": shown_panels(run) if self.listed else None,
             "panels": drawn(run, block, self.titles, span, self.width),
             "scene": poses(run, block) if self.robot else None,
         }

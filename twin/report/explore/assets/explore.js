@@ -18,6 +18,7 @@ let command = "";
 const asked = new Map();
 let shown = 0;
 let waiting = null;
+let listed = false;
 let events = [];
 
 const link = new Link(hear, (there) => {
@@ -44,7 +45,7 @@ function measure() {
   }
 }
 
-const look = (slot) => ({ panels: [...chosen], span: picture.span, width: picture.width, robot: slot === 0 && element("player").open });
+const look = (slot) => ({ panels: [...chosen], span: picture.span, width: picture.width, robot: slot === 0 && element("player").open, list: slot === 0 && !listed });
 
 /** Ask for the present state; `since`: when the hand moved. */
 function askNow(since = performance.now()) {
@@ -99,6 +100,7 @@ function describe(answer) {
   if (answer.refused) return;
   offer(element("drive"), answer.drives, history.now.drive);
   offer(element("body"), answer.bodies, history.now.body);
+  listed = false;
   sliders.describe(answer.sliders);
   sliders.show(history.now.set);
 }
@@ -246,6 +248,8 @@ function label(state) {
 }
 
 function offerPanels(titles) {
+  if (!titles) return;
+  listed = true;
   const box = element("panels").querySelector(".choices");
   if (box.dataset.titles === titles.join()) return;
   box.dataset.titles = titles.join();

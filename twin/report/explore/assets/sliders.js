@@ -80,11 +80,13 @@ export class Sliders {
 
   row(slider) {
     const { key, unit, kind, help } = slider;
-    const name = made("label", { title: help, htmlFor: `value-${key}` }, key);
+    // lines may break behind dots and underscores
+    const parts = key.split(/(?<=[._])/).flatMap((part) => [part, document.createElement("wbr")]);
+    const name = made("label", { title: help, htmlFor: `value-${key}` }, ...parts);
     const back = made("button", { type: "button", className: "back", hidden: true, title: "As in the file" }, "back");
     const change = (value, over) => this.changed(key, value, over);
     back.addEventListener("click", () => change(undefined, true));
-    const node = made("div", { className: "setting" }, name, back);
+    const node = made("div", { className: "setting" }, made("div", { className: "head" }, name, back));
     node.dataset.key = key;
     const put = this[kind === "choice" || kind === "switch" ? "choice" : "number"](slider, node, change);
     node.append(made("small", {}, unit && kind !== "pace" ? `${help} (${unit})` : help));
