@@ -185,6 +185,7 @@ class ExplorerServer:
         self._processes = [AnsweringProcess(limits) for _ in range(PROCESSES)]
         self._reports: list[Path] = []
         self._pages = 0
+        self._ending: asyncio.TimerHandle | None = None
 
     def begin(self, settings: list[str]) -> None:
         """Look at the command line.
@@ -267,16 +268,17 @@ class ExplorerServer:
                 self._idle.put_nowait(process)
         await link.accept()
         self._pages += 1
+        if self._ending:
+            self._ending.cancel()
         try:
             await PageLink(link, self).attend(self._begun)
         finally:
             self._pages -= 1
             if not self._pages:
-                asyncio.get_running_loop().call_later(self._linger, self._end_if_alone)
+                self._ending = asyncio.get_running_loop().call_later(self._linger, self._end)
 
-    def _end_if_alone(self) -> None:
-        if not self._pages:
-            self._server.should_exit = True
+    def _end(self) -> None:
+        self._server.should_exit = True
 
 
 class PageLink:
@@ -396,7 +398,7 @@ def recorded(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Path
         if not folders or not (Path(folders[0]) / "run.mcap").exists():
             raise
         trip = problem
-    report = {"study": "twin.report.page.page:write_report", "asked": {"runs": [folders[0]]}}
+    report = {"study": "twin.report.page.page:write_report", "asked": {"runs": [Path(folders[0])]}}
     guarded("twin.studies.command:answered", report)
     if trip and not (Path(folders[0]) / "report.html").exists():
         raise trip

@@ -7,6 +7,7 @@ import { copied, fresh, History, MOST_PINS, read, written } from "./state.js";
 
 const element = (id) => document.getElementById(id);
 const KEPT = 500;
+const DOUBLE = 600;
 
 let begun = null;
 let history = new History(fresh());
@@ -19,6 +20,7 @@ const asked = new Map();
 let shown = 0;
 let waiting = null;
 let listed = false;
+let tab = null;
 let events = [];
 
 const link = new Link(hear, (there) => {
@@ -118,7 +120,9 @@ function offerRuns(runs) {
 }
 
 /** Something was changed: show it in the settings, ask for it, and at the end of a movement remember it. */
-function change(key, value, over, since = window.event?.timeStamp) {
+function change(key, value, over, again) {
+  const since = window.event?.timeStamp;
+  if (again) history.forget(DOUBLE);
   if (value === undefined) delete history.now.set[key];
   else history.now.set[key] = value;
   sliders.show(history.now.set);
@@ -209,7 +213,7 @@ function namePins() {
     name.setAttribute("aria-label", "Name of this state");
     name.addEventListener("change", () => {
       pin.name = name.value;
-      picture.name(["now", ...pins.map((one) => one.name)]);
+      namePins();
       address();
     });
     const to = made("button", { type: "button", hidden: pin.run !== undefined, title: "Return to this state" }, "go");
@@ -274,6 +278,7 @@ function say(sentence, bad = false) {
 function tellRecorded(answer) {
   element("record").disabled = false;
   if (!answer.recorded) {
+    tab?.close();
     say(answer.refused ?? answer.failed, true);
     return;
   }
@@ -281,7 +286,7 @@ function tellRecorded(answer) {
   element("out").replaceChildren(`Recorded: ${answer.recorded}  `, report);
   element("out").classList.remove("bad");
   link.ask({ op: "runs" });
-  window.open(answer.report, "_blank", "noopener");
+  tab?.location.replace(answer.report);
 }
 
 function hearButtons() {
@@ -308,6 +313,9 @@ function hearButtons() {
   by("record", () => {
     element("record").disabled = true;
     say("Recording.");
+    // now: a browser lets nothing open later, when the run is over
+    tab = window.open("about:blank");
+    if (tab) tab.document.title = "Recording";
     if (!link.ask({ op: "record", state: history.now })) tellRecorded({ failed: "The server does not answer." });
   });
   for (const id of ["drive", "body"])

@@ -21,7 +21,8 @@ function valueAt(slider, position) {
 const shown = (value) => (typeof value === "number" ? String(Number(value.toPrecision(10))) : String(value ?? ""));
 
 export class Sliders {
-  /** `changed` is called with a key, its value (undefined: as in the file), and whether the movement is over. */
+  /** `changed` is called with a key, its value (undefined: as in the file), whether the movement is over, and whether
+   * it was a second click, which stands for the first one, too. */
   constructor(box, search, changed) {
     this.box = box;
     this.search = search;
@@ -84,7 +85,7 @@ export class Sliders {
     const parts = key.split(/(?<=[._])/).flatMap((part) => [part, document.createElement("wbr")]);
     const name = made("label", { title: help, htmlFor: `value-${key}` }, ...parts);
     const back = made("button", { type: "button", className: "back", hidden: true, title: "As in the file" }, "back");
-    const change = (value, over) => this.changed(key, value, over);
+    const change = (value, over, again = false) => this.changed(key, value, over, again);
     back.addEventListener("click", () => change(undefined, true));
     const node = made("div", { className: "setting" }, made("div", { className: "head" }, name, back));
     node.dataset.key = key;
@@ -107,7 +108,7 @@ export class Sliders {
     node.append(range, made("span", { className: "entry" }, field, made("span", { className: "unit" }, slider.unit)));
     range.addEventListener("input", () => change(valueAt(slider, Number(range.value)), false));
     range.addEventListener("change", () => change(valueAt(slider, Number(range.value)), true));
-    range.addEventListener("dblclick", () => change(undefined, true));
+    range.addEventListener("dblclick", () => change(undefined, true, true));
     field.addEventListener("change", () => {
       const text = field.value.trim();
       const bare = slider.unit && text.endsWith(slider.unit) ? text.slice(0, -slider.unit.length).trim() : text;

@@ -36,6 +36,7 @@ export function written(state, pins) {
 export function read(text) {
   if (text.length > LONGEST) return null;
   const state = fresh();
+  const set = [];
   const pins = [];
   for (const [key, value] of new URLSearchParams(text)) {
     if (key === "drive" || key === "body") {
@@ -48,7 +49,7 @@ export function read(text) {
     } catch {
       return null;
     }
-    if (key !== "pin") state.set[key] = content;
+    if (key !== "pin") set.push([key, content]);
     else if (pins.length < MOST_PINS && typeof content?.name === "string") {
       const inner = content.run === undefined ? understood(content.state) : null;
       if (typeof content.run === "string") pins.push({ name: content.name, run: content.run });
@@ -56,7 +57,7 @@ export function read(text) {
       else return null;
     } else return null;
   }
-  const checked = understood(state);
+  const checked = understood({ ...state, set: Object.fromEntries(set) });
   return checked && [checked, pins];
 }
 
@@ -76,7 +77,13 @@ export class History {
     this.before.splice(0, this.before.length - STEPS);
     this.after = [];
     this.kept = copied(this.now);
+    this.stepped = performance.now();
     return true;
+  }
+
+  /** The last step was none, if it is younger than this (ms). */
+  forget(age) {
+    if (this.before.length && performance.now() - this.stepped < age) this.kept = this.before.pop();
   }
 
   go(from, to) {
