@@ -20,7 +20,7 @@ from twin.kernel.places import located
 from twin.kernel.writing import write_text
 from twin.report.explore.catalogue import PACE, Slider, checked, sliders
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.drive_files import FOLDERS, experiment_file
+from twin.robot.experiment.drive_files import FOLDERS, experiment_file, shelved
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.source import Source, at, key_names, override, toml_value
 
@@ -210,11 +210,14 @@ def saved(state: Asked, name: str) -> Path:
         raise InputRefused(f"{path}: is there already, and is not overwritten; choose another name")
     meant = state.loaded()
     write_text(path, extending(state, path))
-    again = load_experiment(path)
-    if again.values != meant.values:
-        path.unlink()
+    try:
+        again = load_experiment(path)
         differing = ", ".join(key for key in meant.values if again.values.get(key) != meant.values[key])
-        raise InputRefused(f"{path}: a file cannot say this as --set does ({differing}); use 'copy command'")
+        if differing:
+            raise InputRefused(f"{path}: a file cannot say this as --set does ({differing}); use 'copy command'")
+    except InputRefused:
+        path.unlink()
+        raise
     return path
 
 
@@ -224,7 +227,7 @@ def extending(state: Asked, path: Path) -> str:
     here = path.resolve().parent
     source = Source()
     if state.drive:
-        source.name("drive", "fmu", str(state.drive))
+        source.name("drive", "fmu", shelved(state.drive, old.parent))
     if state.body:
         source.name("contact", "body", str(state.body))
         # --body leaves it as it is, a file would have to say it
