@@ -33,7 +33,9 @@ from twin.kernel.errors import InputRefused, TwinError, plain
 from twin.kernel.live import HOST, OwnPageGate
 from twin.kernel.process.guard import guarded
 from twin.kernel.process.job import JobLimits
+from twin.report.explore import FMU_NAME
 from twin.report.explore.processes import AnsweringProcess, Outdated
+from twin.studies.left_behind import SCRATCH, held_folder
 
 LARGEST = 2**16
 """Bytes of the largest message of a page."""
@@ -52,7 +54,7 @@ ASSETS = files("twin.report.explore") / "assets"
 SHARED = files("twin.report.page") / "assets"
 OF_REPORT = ("data", "clock", "look", "plot", "plots", "scene", "player")
 """Scripts that the explorer has in common with the report, in an order in which each finds what it needs."""
-MODULES = ("explore", "link", "picture", "sliders", "state")
+MODULES = ("explore", "brought", "link", "picture", "sliders", "state")
 KINDS = {"css": "text/css", "js": "text/javascript", "html": "text/html"}
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self' {link}; "
@@ -67,6 +69,12 @@ HEADERS = {
 }
 FROM_PAGES = ("describe", "show", "recorded", "runs", "save", "command")
 """What a page may ask a process for."""
+MOST_BYTES = 100_000_000
+"""Of an FMU that is brought in."""
+MOST_BROUGHT = 16
+"""FMUs that may be brought in while a server lives."""
+STUDY_JOB = "twin.studies.command:answered"
+"""A study in a process of its own."""
 RECORD_JOB = "twin.robot.live.runs:recorded_runs"
 """What `twin run` does."""
 STRANGER = (
@@ -180,10 +188,11 @@ class ExplorerServer:
     """
 
     def __init__(self, base: Mapping[str, Any], limits: JobLimits, linger: float = LINGER):
-        self.base, self.limits = {"settings": (), **base}, limits
+        self.base, self.limits = {"settings": (), "uploaded": {}, **base}, limits
         self._linger = linger
         self._processes = [AnsweringProcess(limits) for _ in range(PROCESSES)]
         self._reports: list[Path] = []
+        self._brought: list[Path] = []
         self._pages = 0
         self._ending: asyncio.TimerHandle | None = None
 
@@ -209,6 +218,7 @@ class ExplorerServer:
         assets = read_assets()
         routes: list[Any] = [Route(path, _sending(*content)) for path, content in assets.items()]
         routes += [Route("/recorded/{number:int}", self._report), WebSocketRoute("/link", self._attend)]
+        routes += [Route("/drive", self._take_drive, methods=["POST"])]
         gate = OwnPageGate(listening.getsockname()[1], token)
         config = uvicorn.Config(
             Guard(Starlette(routes=routes), gate),
@@ -222,7 +232,8 @@ class ExplorerServer:
         )
         self._server = uvicorn.Server(config)
         try:
-            self._server.run(sockets=[listening])
+            with held_folder(SCRATCH) as self._scratch:
+                self._server.run(sockets=[listening])
         finally:
             for process in self._processes:
                 process.close()
@@ -250,6 +261,60 @@ class ExplorerServer:
             return {"failed": sentence(problem)}
         self._reports.append(folder / "report.html")
         return {"recorded": str(folder), "report": f"/recorded/{len(self._reports) - 1}"}
+
+    async def _take_drive(self, request: Request) -> Response:
+        """An FMU that was dropped onto the page: kept as it came, nothing of it is looked at yet."""
+        name = request.query_params.get("name", "")
+        if not FMU_NAME.fullmatch(name):
+            return PlainTextResponse("expected the name of an .fmu file: letters, digits, dots, - and _\n", 400)
+        if len(self._brought) >= MOST_BROUGHT:
+            return PlainTextResponse(f"{MOST_BROUGHT} FMUs were brought in already\n", 400)
+        number = len(self._brought)
+        path = self._scratch / str(number) / name
+        self._brought.append(path)
+        path.parent.mkdir()
+        size = 0
+        with path.open("wb") as file:
+            async for chunk in request.stream():
+                size += len(chunk)
+                if size > MOST_BYTES:
+                    break
+                file.write(chunk)
+        if size > MOST_BYTES:
+            path.unlink()
+            return PlainTextResponse(f"{name}: expected at most {MOST_BYTES / 1e6:g} MB\n", 413)
+        return PlainTextResponse(str(number))
+
+    async def inspect(self, ask: Mapping[str, Any]) -> dict[str, Any]:
+        """What an FMU that was brought in is, and which of its variables may play which role."""
+        path = self._brought_file(ask)
+        if path is None:
+            return {"refused": "no such FMU was brought in"}
+        return await self.answer({"op": "inspect", "file": str(path)}, threading.Event())
+
+    async def qualify(self, ask: Mapping[str, Any]) -> dict[str, Any]:
+        """Load an FMU that somebody has agreed to, in a process of its own, and say what it does on the bench."""
+        path = self._brought_file(ask)
+        if path is None:
+            return {"refused": "no such FMU was brought in"}
+        found = await self.answer({"op": "settle", "file": str(path), "how": ask.get("how")}, threading.Event())
+        if "mapping" not in found:
+            return found
+        mapping = Path(found["mapping"])
+        asked = {"fmu": str(mapping), "out": mapping.parent, "apart": True, "sure": False}
+        job = {"study": "twin.studies.qualify.study:qualify", "asked": asked}
+        try:
+            done = await asyncio.to_thread(guarded, STUDY_JOB, job, self.limits)
+        except TwinError as problem:
+            return {"failed": sentence(problem)}
+        if done["exit_code"] != InputRefused.exit_code:
+            self.base["uploaded"] = {**self.base["uploaded"], found["name"]: str(mapping)}
+        return {"name": found["name"], "verdict": plain(done["text"]), "qualified": done["exit_code"] == 0}
+
+    def _brought_file(self, ask: Mapping[str, Any]) -> Path | None:
+        number = ask.get("number")
+        known = isinstance(number, int) and 0 <= number < len(self._brought) and self._brought[number].is_file()
+        return self._brought[int(str(number))] if known else None
 
     async def _report(self, request: Request) -> Response:
         number = request.path_params["number"]
@@ -320,9 +385,9 @@ class PageLink:
         if not isinstance(ask, dict) or not isinstance(ask.get("op"), str):
             return
         kind = f"{ask['op']} {str(ask.get('slot', ''))[:40]}"
-        if ask["op"] == "record":
+        if ask["op"] in ("record", "inspect", "qualify"):
             if not self._tasks:
-                task = asyncio.create_task(self._record(ask))
+                task = asyncio.create_task(self._aside(ask))
                 self._tasks.add(task)
                 task.add_done_callback(self._tasks.discard)
         elif kind in self._waiting or len(self._waiting) < MOST_WAITING:
@@ -332,8 +397,10 @@ class PageLink:
                 self._under_way[1].set()
             self._some.set()
 
-    async def _record(self, ask: Mapping[str, Any]) -> None:
-        await self._send({"op": "record", "id": ask.get("id"), **await self._server.record(ask)})
+    async def _aside(self, ask: Mapping[str, Any]) -> None:
+        """What takes long, and holds up nothing."""
+        found = await getattr(self._server, ask["op"])(ask)
+        await self._send({"op": ask["op"], "id": ask.get("id"), **found})
 
     async def _answer(self) -> None:
         while True:
@@ -399,7 +466,7 @@ def recorded(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Path
             raise
         trip = problem
     report = {"study": "twin.report.page.page:write_report", "asked": {"runs": [Path(folders[0])]}}
-    guarded("twin.studies.command:answered", report)
+    guarded(STUDY_JOB, report)
     if trip and not (Path(folders[0]) / "report.html").exists():
         raise trip
     return Path(folders[0])

@@ -16,6 +16,7 @@ from twin.kernel.files import read_json
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import recording_in
 from twin.report.explore.asked import Asked, Base, asked, first_state, known, saved
+from twin.report.explore.brought import inspected, settled
 from twin.report.explore.picture import AT_FIRST, TracedRun, drawn, headline, poses, shown_panels
 from twin.report.page.markup import DataBlock
 from twin.report.page.panels import PanelRun
@@ -231,6 +232,17 @@ def _command(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     return {"command": state.command, "drive": state.drive, "body": state.body, "settings": state.settings}
 
 
+def _inspected(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """An FMU that was brought in; the server says which file."""
+    return inspected(Path(ask["file"]))
+
+
+def _settled(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """An FMU that somebody has agreed to, with its mapping; the server says which file."""
+    name, mapping = settled(Path(ask["file"]), ask.get("how"))
+    return {"name": name, "mapping": str(mapping)}
+
+
 ANSWERS: Mapping[str, Callable[[Base, Mapping[str, Any]], dict[str, Any]]] = {
     "begin": _begun,
     "describe": _described,
@@ -239,5 +251,7 @@ ANSWERS: Mapping[str, Callable[[Base, Mapping[str, Any]], dict[str, Any]]] = {
     "runs": _runs,
     "save": _saved,
     "command": _command,
+    "inspect": _inspected,
+    "settle": _settled,
 }
 """By what a page asks for."""

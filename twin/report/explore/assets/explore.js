@@ -1,5 +1,6 @@
 // Puts the page together: settings change the state, the state is asked for, answers are drawn.
 
+import { Brought } from "./brought.js";
 import { Link } from "./link.js";
 import { Picture } from "./picture.js";
 import { Sliders } from "./sliders.js";
@@ -31,6 +32,8 @@ const link = new Link(hear, (there) => {
 });
 const picture = new Picture(() => askAll(), () => measure());
 const sliders = new Sliders(element("sliders"), element("search"), change);
+
+const brought = new Brought((what) => link.ask(what), say, (name) => go({ ...copied(history.now), drive: name }));
 
 /** From the input event to the frame in which the answer to it was drawn. */
 function measure() {
@@ -72,6 +75,8 @@ function hear(answer) {
   else if (answer.op === "runs") offerRuns(answer.runs ?? []);
   else if (answer.op === "save") say(answer.saved ? `Saved: ${answer.saved}` : answer.refused ?? answer.failed, !answer.saved);
   else if (answer.op === "record") tellRecorded(answer);
+  else if (answer.op === "inspect") brought.inspected(answer);
+  else if (answer.op === "qualify") brought.qualified(answer);
   else if (answer.slot === "file") tellFile(answer);
   else if (answer.slot === 0) showNow(answer);
   else if (answer.slot > 0) showPin(answer);
