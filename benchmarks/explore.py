@@ -21,7 +21,12 @@ from benchmarks.measurement import Measurement
 from twin.kernel.process.process import environment, processor_time, resident_memory
 
 BROWSER = "chromium"
-NUMBERS = ("robot.k_s_Nm_per_rad", "controller.force.kp_mm_per_N", "contact.stiffness_N_per_m", "controller.delay_ticks")
+NUMBERS = (
+    "robot.k_s_Nm_per_rad",
+    "controller.force.kp_mm_per_N",
+    "contact.stiffness_N_per_m",
+    "controller.delay_ticks",
+)
 DRIVES = ("velocity_servo", "ideal_velocity")
 ROUNDS = 12
 DRAG = 10.0

@@ -1,6 +1,7 @@
 """The explorer as a user has it: in a real browser, while a slider moves."""
 
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -11,9 +12,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, expect
+from playwright.sync_api import Browser, BrowserContext, Dialog, Locator, Page, expect
 
 from tests.browser.explorer import Explorer
+from tests.kernel.process.hostile import HANG, NONE, SEGFAULT, hostile_drive
 from twin.kernel.recording.reader import read
 
 pytestmark = pytest.mark.slow
@@ -61,7 +63,7 @@ class Opened:
         self.page.locator(".plot canvas").first.wait_for()
         self.page.locator(".box").first.wait_for()
 
-    def row(self, key: str):
+    def row(self, key: str) -> Locator:
         return self.page.locator(f".setting[data-key='{key}']")
 
     def number(self, name: str) -> str:
@@ -198,7 +200,12 @@ def test_names_from_a_link_are_shown_as_text(context: BrowserContext, explorer: 
     pin = "%7B%22name%22%3A%22%3Cimg%20src%3Dx%20onerror%3Dalert(1)%3E%22%2C%22state%22%3A%7B%7D%7D"
     page = context.new_page()
     dialogs: list[str] = []
-    page.on("dialog", lambda dialog: (dialogs.append(dialog.message), dialog.dismiss()))
+
+    def hear(dialog: Dialog) -> None:
+        dialogs.append(dialog.message)
+        dialog.dismiss()
+
+    page.on("dialog", hear)
     opened = Opened(page, f"{explorer.address}#pin={pin}")
     expect(page.locator(".pinned input")).to_have_value("<img src=x onerror=alert(1)>")
     assert page.locator("#pins img").count() == 0 and dialogs == [] and opened.messages == []
@@ -232,9 +239,7 @@ def test_the_saved_experiment_extends_the_old_one_with_exactly_what_differs(open
     expect(opened.page.locator("#out")).to_contain_text("expected a name of letters")
 
 
-def test_the_copied_command_records_the_bytes_that_record_does(
-    opened: Opened, explorer: Explorer, tmp_path: Path
-):
+def test_the_copied_command_records_the_bytes_that_record_does(opened: Opened, explorer: Explorer, tmp_path: Path):
     opened.type(GAIN, "3")
     opened.type("reference.t_s", "1.25")
     opened.page.click("#copy")
@@ -309,7 +314,10 @@ def test_a_page_of_another_site_cannot_read_connect_or_start_anything(
         assert page.inner_text("body").startswith("This page is shown only to the browser")
         page.goto("about:blank")
         page.set_content(f"<script src='{explorer.origin}/report.js'></script><img src='{explorer.origin}/'>")
-        assert page.evaluate(f"fetch('{explorer.origin}/', {{credentials: 'include'}}).then(() => 'read', () => 'no')") == "no"
+        assert (
+            page.evaluate(f"fetch('{explorer.origin}/', {{credentials: 'include'}}).then(() => 'read', () => 'no')")
+            == "no"
+        )
         knock = """address => new Promise(done => {
             const socket = new WebSocket(address);
             socket.onopen = () => done("open");
@@ -344,3 +352,75 @@ def test_a_page_says_that_the_server_was_killed_and_comes_back_with_its_state(br
 def test_ctrl_c_ends_it(tmp_path: Path):
     started = Explorer(tmp_path, "fig4_force_position")
     assert started.kill(signal.SIGINT) == 130
+
+
+@pytest.fixture(scope="module")
+def hostile(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive that crashes or hangs at 0.999 s if its parameter droop says so."""
+    return hostile_drive(root, tmp_path_factory.mktemp("hostile"))
+
+
+@pytest.mark.parametrize(("attack", "sentence"), [(SEGFAULT, "crashed (SIGSEGV"), (HANG, "did not return within 1 s")])
+def test_a_drive_that_crashes_or_hangs_costs_its_run_only_and_is_named(
+    context: BrowserContext, tmp_path: Path, hostile: Path, attack: int, sentence: str
+):
+    words = ["fig4_position", "--drive", str(hostile), "--set", f"drive.parameters.droop={NONE}", "--limit-step", "1"]
+    with Explorer(tmp_path, *words) as explorer:
+        opened = Opened(context.new_page(), explorer.address)
+        before = opened.number("largest force")
+        opened.page.fill("#search", "droop")
+        opened.type("drive.parameters.droop", str(attack))
+        expect(opened.page.locator("#problem")).to_contain_text(f"hostile.fmu (drive_1) {sentence}", timeout=20_000)
+        expect(opened.page.locator("#picture")).to_have_class("old")
+        opened.row("drive.parameters.droop").locator(".back").click()
+        expect(opened.page.locator("#problem")).to_be_hidden(timeout=20_000)
+        assert opened.number("largest force") == before
+
+
+def test_an_fmu_is_asked_about_before_it_is_loaded_tried_on_the_bench_and_swapped_in(
+    opened: Opened, root: Path, explorer: Explorer
+):
+    page, before = opened.page, opened.number(FORCE)
+    page.set_input_files("#fmu", root / "fmus/ideal_velocity/ideal_velocity.fmu")
+    page.locator("#brought[open]").wait_for()
+    expect(page.locator("#brought")).to_contain_text("An FMU is native code")
+    expect(page.locator("#brought-omega_ref")).to_have_value("omega_ref")
+    folder = Path(f"/proc/{explorer.process.pid}/cwd").resolve() / "results/explored"
+    # nothing of it was kept, let alone loaded, before somebody has agreed
+    assert not folder.exists()
+    page.click("#agree")
+    page.locator("#swap:visible").wait_for(timeout=120_000)
+    expect(page.locator("#verdict")).to_contain_text("ideal_velocity")
+    page.click("#swap")
+    expect(page.locator("#drive")).to_have_value("ideal_velocity (brought in)")
+    wait_until(page, "old => document.querySelector('.box strong').innerText !== old", before)
+    expect(page.locator("#command")).to_contain_text("--drive results/explored/ideal_velocity-")
+    assert list(folder.glob("*/mapping.toml"))
+
+
+def test_what_is_no_fmu_is_refused_with_a_sentence(opened: Opened, tmp_path: Path):
+    (tmp_path / "empty.fmu").write_bytes(b"no zip")
+    opened.page.set_input_files("#fmu", tmp_path / "empty.fmu")
+    expect(opened.page.locator("#out")).to_have_text(re.compile("^empty.fmu: not a complete FMU"))
+    (tmp_path / "..fmu").write_bytes(b"x")
+    opened.page.set_input_files("#fmu", tmp_path / "..fmu")
+    expect(opened.page.locator("#out")).to_contain_text("expected the name of an .fmu file")
+    assert not opened.page.locator("#brought[open]").count()
+
+
+def test_a_fault_is_placed_on_the_time_axis_moved_and_repaired(context: BrowserContext, tmp_path: Path):
+    with Explorer(tmp_path, "pressing") as explorer:
+        opened = Opened(context.new_page(), explorer.address)
+        page, before = opened.page, opened.number("largest force")
+        page.click("#faults summary")
+        page.select_option("#faults select", "drive_runaway")
+        page.click("#faults button")
+        page.get_by_label("at (s)").last.fill("6")
+        page.get_by_label("at (s)").last.press("Enter")
+        expect(page.locator("#problem")).to_contain_text("safety monitor: joint 1")
+        reacts = page.locator(".box", has_text="monitor trips after the fault").locator("strong")
+        expect(reacts).to_have_text(re.compile(r"^0\.1\d+ s$"))
+        assert opened.number("largest force") != before
+        opened.page.get_by_text("repair").click()
+        expect(page.locator("#problem")).to_be_hidden()
+        expect(page.locator(".box", has_text="largest force").first.locator("strong")).to_have_text(before)

@@ -21,7 +21,9 @@ def explore(
     drive: DriveName = None,
     body: BodyName = None,
     settings: Settings = (),
-    browser: Annotated[bool, Option("Open the page, or only print its address.", flags="--browser/--no-browser")] = True,
+    browser: Annotated[
+        bool, Option("Open the page, or only print its address.", flags="--browser/--no-browser")
+    ] = True,
     port: Annotated[int, Option("Port; 0: any free one.", "N", least=0, most=65535)] = PORT,
     limit_step: LimitStep = JobLimits.step,
 ) -> None:

@@ -64,8 +64,8 @@ def test_no_file_is_overwritten_and_no_name_leads_elsewhere(tmp_path: Path, monk
 @pytest.mark.parametrize(
     ("state", "expected"),
     [
-        ([], "expected set, drive and body"),
-        ({"settings": ["drive.fmu='/tmp/x.fmu'"]}, "expected set, drive and body"),
+        ([], "expected set, drive, body and faults"),
+        ({"settings": ["drive.fmu='/tmp/x.fmu'"]}, "expected set, drive, body and faults"),
         ({"drive": "/tmp/x.fmu"}, "no such drive"),
         ({"drive": ["x"]}, "no such drive"),
         ({"body": "/etc/passwd"}, "no such body"),
@@ -97,3 +97,37 @@ def test_a_factor_on_the_speed_shortens_the_times_of_the_way_points():
     before, after = (e.reference for e in (found.unchanged, found.loaded()))
     assert before is not None and after is not None
     assert after.t == tuple(t / 2.0 for t in before.t) and after.p == before.p
+
+
+RUNAWAY = {"kind": "drive_runaway", "target": "drive_2", "onset_s": 6, "magnitude": 2.0}
+
+
+def test_faults_are_added_to_those_of_the_file_and_stand_in_the_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    glitch = {"kind": "encoder_glitch", "target": "joint_encoder_1", "onset_s": 2, "magnitude": 1.0}
+    found = asked(Base("pressing"), {"faults": [RUNAWAY, glitch]})
+    one, two = found.loaded().faults
+    assert (one.kind, one.target, one.onset, one.magnitude) == ("drive_runaway", "drive_2", 6000, 2.0)
+    assert (two.kind, two.onset) == ("encoder_glitch", 2000) and 0.0 < two.share < 0.5
+    assert load_experiment("pressing", *options(found.command)).faults == (one, two)
+    assert load_experiment(saved(found, "broken")).faults == (one, two)
+    again = asked(Base("broken.toml"), {"faults": [RUNAWAY]})
+    assert len(again.loaded().faults) == 3
+
+
+@pytest.mark.parametrize(
+    ("fault", "expected"),
+    [
+        ("x", "no such kind"),
+        ({"kind": ["x"]}, "no such kind"),
+        ({"kind": "drive_runawy"}, "did you mean 'drive_runaway'"),
+        (RUNAWAY | {"target": "evil"}, "expected a target of drive_1"),
+        (RUNAWAY | {"magnitude": "1"}, "expected a number for magnitude_rad_per_s"),
+        (RUNAWAY | {"onset_s": True}, "expected a number for onset_s"),
+    ],
+)
+def test_a_fault_that_is_none_is_refused(fault: object, expected: str):
+    with pytest.raises(InputRefused, match=expected):
+        asked(FIG4, {"faults": [fault]})

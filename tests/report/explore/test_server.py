@@ -8,7 +8,7 @@ import struct
 import threading
 import time
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ class StandIn:
         may: cleared to make it wait.
     """
 
-    asked: list[Mapping[str, Any]] = []
+    asked: ClassVar[list[Mapping[str, Any]]] = []
     may = threading.Event()
 
     def __init__(self, limits: JobLimits):
@@ -99,7 +99,9 @@ def test_the_token_in_the_address_is_given_for_a_cookie_and_leaves_the_address(s
     assert page.status == 200 and b"<title>twin explore" in page.read()
 
 
-@pytest.mark.parametrize("path", ["/", "/explore.js", "/report.js", "/report.css", "/recorded/0", "/nothing", "/?token=x"])
+@pytest.mark.parametrize(
+    "path", ["/", "/explore.js", "/report.js", "/report.css", "/recorded/0", "/nothing", "/?token=x"]
+)
 def test_nothing_is_read_without_the_token(served: Served, path: str):
     for headers in ({}, {"Cookie": f"twin_{served.port}=wrong"}, {"Cookie": f"twin_1={TOKEN}"}):
         answer = served.get(path, **headers)

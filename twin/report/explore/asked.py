@@ -1,9 +1,10 @@
 """What a page asks for: an experiment with other values, another drive or another body.
 
-The page sends keys and plain values only. Which file a drive or a body is, is never for the page to say: it names one of
-those that the server has listed.
+The page sends keys and plain values only. Which file a drive or a body is, is never for the page to say: it names one
+of those that the server has listed.
 """
 
+import math
 import os
 import re
 import shlex
@@ -22,8 +23,12 @@ from twin.report.explore.catalogue import PACE, Slider, checked, sliders
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.drive_files import FOLDERS, experiment_file, shelved
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.experiment.source import Source, at, key_names, override, toml_value
+from twin.studies.faults.matrix import GLITCH_SHARE
 
+MOST_FAULTS = 8
+"""That one state may have."""
 MOST_KEYS = 200
 """That one state may change."""
 SAVED_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
@@ -71,12 +76,14 @@ class Asked:
         drive: what `--drive` takes; None: the file's own.
         body: what `--body` takes; None: the file's own.
         values: by key, as a file would have them; of `PACE` the factor.
+        faults: tables of [[fault]], besides those of the file.
     """
 
     base: Base
     drive: str | None
     body: str | None
     values: Mapping[str, Any]
+    faults: tuple[Mapping[str, Any], ...] = ()
 
     @property
     def unchanged(self) -> Experiment:
@@ -91,6 +98,9 @@ class Asked:
             if key == PACE:
                 value = tuple(t / value for t in at(self.unchanged.values, PACE))
             texts.append(f"{key}={toml_value(value)}")
+        if self.faults:
+            tables = map(_inline, (*self.unchanged.values.get("fault", ()), *self.faults))
+            texts.append(f"fault=[{', '.join(tables)}]")
         return [*self.base.settings, *texts]
 
     def loaded(self) -> Experiment:
@@ -113,6 +123,10 @@ class Asked:
     def command(self) -> str:
         """For a shell."""
         return shlex.join(self.words)
+
+
+def _inline(table: Mapping[str, Any]) -> str:
+    return "{" + ", ".join(f"{key}={toml_value(value)}" for key, value in table.items()) + "}"
 
 
 @lru_cache(16)
@@ -140,20 +154,42 @@ def asked(base: Base, state: Any) -> Asked:
 
     Args:
         base: of the command line.
-        state: {"set": {key: value}, "drive": name, "body": name}; each may be missing. It may come from anybody.
+        state: {"set": {key: value}, "drive": name, "body": name, "faults": [{"kind", "target", "onset_s", ..}]};
+            each may be missing. It may come from anybody.
 
     Raises:
         InputRefused: it is something else, or names what is not there.
     """
-    if not isinstance(state, dict) or state.keys() - {"set", "drive", "body"}:
-        raise InputRefused("state: expected set, drive and body")
+    if not isinstance(state, dict) or state.keys() - {"set", "drive", "body", "faults"}:
+        raise InputRefused("state: expected set, drive, body and faults")
     drive = _one_of("drive", state["drive"], base.drives) if state.get("drive") else None
     body = _one_of("body", state["body"], base.bodies) if state.get("body") else None
     changed = state.get("set") or {}
     if not isinstance(changed, dict) or len(changed) > MOST_KEYS:
         raise InputRefused(f"state: expected at most {MOST_KEYS} keys with values")
-    there = known(base, drive, body)
-    return Asked(base, drive, body, {key: checked(there, key, value) for key, value in changed.items()})
+    there, faults = known(base, drive, body), state.get("faults") or []
+    if not isinstance(faults, list) or len(faults) > MOST_FAULTS:
+        raise InputRefused(f"state: expected at most {MOST_FAULTS} faults")
+    values = {key: checked(there, key, value) for key, value in changed.items()}
+    return Asked(base, drive, body, values, tuple(map(_fault, faults)))
+
+
+def _fault(table: Any) -> dict[str, Any]:
+    """A table of [[fault]]; whether its numbers are in bounds is left to the experiment."""
+    name = table.get("kind") if isinstance(table, dict) else None
+    if not isinstance(name, str) or name not in CATALOGUE:
+        raise InputRefused(f"fault {str(name)[:80]!r}: no such kind; {nearest(str(name)[:80], CATALOGUE)}")
+    kind = CATALOGUE[name]
+    if table.get("target") not in kind.targets:
+        raise InputRefused(f"fault {name}: expected a target of {', '.join(kind.targets)}")
+    keys = {"onset_s": "onset_s", **({kind.magnitude_key: "magnitude"} if kind.magnitude_key else {})}
+    numbers: dict[str, Any] = {"kind": name, "target": table["target"]}
+    for key, place in keys.items():
+        value = table.get(place)
+        if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+            raise InputRefused(f"fault {name}: expected a number for {key}")
+        numbers[key] = float(value)
+    return numbers | ({"share": GLITCH_SHARE} if kind.has_share else {})
 
 
 def _one_of(what: str, name: Any, files: Mapping[str, str]) -> str:

@@ -1,8 +1,8 @@
 """What of an experiment can be changed in the explorer: its declared settings, with the range of a slider for each.
 
 A file declares the bounds within which a value makes sense, and often only one of them, or none. A slider needs two
-ends. Where both are declared, and not far apart, they are the ends; else the ends lie about the value of the file, and a
-typed value may lie beyond them.
+ends. Where both are declared, and not far apart, they are the ends; else the ends lie about the value of the file, and
+a typed value may lie beyond them.
 """
 
 import math

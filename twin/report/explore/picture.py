@@ -130,9 +130,7 @@ def drawn(
     ]
 
 
-def _curve(
-    read: Reader, run: PanelRun, block: DataBlock, span: tuple[float, float], width: int
-) -> list[float] | None:
+def _curve(read: Reader, run: PanelRun, block: DataBlock, span: tuple[float, float], width: int) -> list[float] | None:
     """[first sample in the block, number, time of the first (s), time from one to the next (s)]."""
     samples = read(run)
     if samples is None or not len(samples[0]):
@@ -171,7 +169,7 @@ def _extremes(values, count, width, found):
 
 
 def extremes(values: Curve, width: int) -> Curve:
-    """The least and the largest of each `width` of `values` (n,), which comes first first; all of them for a width of 2."""
+    """The least and the largest of each `width` of `values` (n,), in their order; for a width of 2 all of them."""
     if width <= 2:
         return values
     y = np.ascontiguousarray(values, dtype=np.float64)

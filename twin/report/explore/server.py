@@ -1,8 +1,8 @@
 """The server of the explorer: pages of its own on this machine's own address, and one link to each of them.
 
 A page sends what it wants to see as JSON; of requests of one kind the newest counts, and what was not begun yet is
-dropped. It gets JSON, or where there are samples: the length of the JSON (unsigned 32 bits), the JSON padded with spaces
-to a multiple of 4 bytes, and the samples as 32 bit floats, all little-endian.
+dropped. It gets JSON, or where there are samples: the length of the JSON (unsigned 32 bits), the JSON padded with
+spaces to a multiple of 4 bytes, and the samples as 32 bit floats, all little-endian.
 """
 
 import asyncio
@@ -30,7 +30,7 @@ from websockets.datastructures import Headers
 
 from twin.kernel.cache_folder import cache_folder
 from twin.kernel.errors import InputRefused, TwinError, plain
-from twin.kernel.live import HOST, OwnPageGate
+from twin.kernel.live import OwnPageGate
 from twin.kernel.process.guard import guarded
 from twin.kernel.process.job import JobLimits
 from twin.report.explore import FMU_NAME
@@ -54,7 +54,7 @@ ASSETS = files("twin.report.explore") / "assets"
 SHARED = files("twin.report.page") / "assets"
 OF_REPORT = ("data", "clock", "look", "plot", "plots", "scene", "player")
 """Scripts that the explorer has in common with the report, in an order in which each finds what it needs."""
-MODULES = ("explore", "brought", "link", "picture", "sliders", "state")
+MODULES = ("explore", "brought", "faults", "link", "picture", "sliders", "state")
 KINDS = {"css": "text/css", "js": "text/javascript", "html": "text/html"}
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self' {link}; "
@@ -290,7 +290,9 @@ class ExplorerServer:
         path = self._brought_file(ask)
         if path is None:
             return {"refused": "no such FMU was brought in"}
-        return await self.answer({"op": "inspect", "file": str(path)}, threading.Event())
+        found = await self.answer({"op": "inspect", "file": str(path)}, threading.Event())
+        # where it lies meanwhile is no matter of the page
+        return {key: text.replace(str(path), path.name) if key == "refused" else text for key, text in found.items()}
 
     async def qualify(self, ask: Mapping[str, Any]) -> dict[str, Any]:
         """Load an FMU that somebody has agreed to, in a process of its own, and say what it does on the bench."""

@@ -23,8 +23,9 @@ from twin.report.page.panels import PanelRun
 from twin.report.page.run import report_runs
 from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.experiment.source import at
-from twin.robot.monitor.component import trip_reason
+from twin.robot.monitor.component import own_monitor, trip_reason
 from twin.robot.run.outcome import RunOutcome
 from twin.robot.run.run import SUMMARY
 from twin.robot.run.trace import Trace, fields_of
@@ -74,6 +75,10 @@ def _described(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
         "drives": list(base.drives),
         "bodies": list(base.bodies),
         "panels_at_first": AT_FIRST,
+        "kinds": [
+            {"kind": name} | {key: getattr(kind, key) for key in ("meaning", "targets", "unit", "magnitudes")}
+            for name, kind in CATALOGUE.items()
+        ],
     }
 
 
@@ -116,13 +121,17 @@ def _run(experiment: Experiment, look: "Look", only: frozenset[str]) -> dict[str
         own = run_observers(experiment, assembly)
         observers = [own.tally, own.held, own.watch, events, trace]
         done = simulate(assembly, experiment.duration_ticks, observers).completed()
-        tick = assembly.system.tick
+        tick, monitor = assembly.system.tick, own_monitor(assembly.system)
+    numbers = headline(own.tally.outcome, own.held.held)
+    if experiment.faults:
+        onset, trip = min(fault.onset for fault in experiment.faults), monitor.trip if monitor else None
+        numbers += [("monitor trips after the fault", "s", (trip.tick - onset) * tick if trip else None)]
     run = TracedRun(trace, fields, experiment.values)
     found = look.picture(run, run.end)
     _looked_at[look.form] = frozenset(run.looked_at)
     return found | {
         "trip": trip_reason(done.simulation),
-        "numbers": headline(own.tally.outcome, own.held.held),
+        "numbers": numbers,
         "events": [
             {"run": 0, "t": event.tick * tick, "level": event.level.lower(), "text": event.text}
             for event in events.found
@@ -176,7 +185,9 @@ class Look:
             raise InputRefused("span: expected two times in s, the earlier one first")
         if not isinstance(width, int) or not 10 <= width <= WIDEST:
             raise InputRefused(f"width: expected pixels from 10 to {WIDEST}")
-        return cls(titles, (float(numbers[0]), float(numbers[1])), width, ask.get("robot") is True, ask.get("list") is True)
+        return cls(
+            titles, (float(numbers[0]), float(numbers[1])), width, ask.get("robot") is True, ask.get("list") is True
+        )
 
     def picture(self, run: PanelRun, end: float) -> dict[str, Any]:
         """It, for JSON; end: of the run (s)."""

@@ -1,6 +1,7 @@
 // Puts the page together: settings change the state, the state is asked for, answers are drawn.
 
 import { Brought } from "./brought.js";
+import { Faults } from "./faults.js";
 import { Link } from "./link.js";
 import { Picture } from "./picture.js";
 import { Sliders } from "./sliders.js";
@@ -33,6 +34,7 @@ const link = new Link(hear, (there) => {
 const picture = new Picture(() => askAll(), () => measure());
 const sliders = new Sliders(element("sliders"), element("search"), change);
 
+const faults = new Faults(element("faults"), breakIt, () => picture.clock.time);
 const brought = new Brought((what) => link.ask(what), say, (name) => go({ ...copied(history.now), drive: name }));
 
 /** From the input event to the frame in which the answer to it was drawn. */
@@ -110,6 +112,8 @@ function describe(answer) {
   listed = false;
   sliders.describe(answer.sliders);
   sliders.show(history.now.set);
+  faults.describe(answer.kinds, answer.duration);
+  faults.show(history.now.faults);
 }
 
 function offer(select, names, value) {
@@ -135,6 +139,13 @@ function change(key, value, over, again) {
   if (over) remember();
 }
 
+function breakIt(list, over) {
+  history.now.faults = list;
+  faults.show(list);
+  askNow(window.event?.timeStamp);
+  if (over) remember();
+}
+
 function remember() {
   history.step();
   address();
@@ -153,6 +164,7 @@ function refresh() {
   element("drive").value = history.now.drive;
   element("body").value = history.now.body;
   sliders.show(history.now.set, {});
+  faults.show(history.now.faults);
   address();
   askAll();
 }
@@ -253,7 +265,7 @@ function addPin(pin) {
 
 function label(state) {
   const named = Object.entries(state.set).map(([key, value]) => `${key.split(".").at(-1)} ${value}`);
-  return [state.drive, state.body, ...named].filter(Boolean).slice(0, 2).join(", ") || "as in the file";
+  return [state.drive, state.body, ...state.faults.map(({ kind }) => kind), ...named].filter(Boolean).slice(0, 2).join(", ") || "as in the file";
 }
 
 function offerPanels(titles) {

@@ -3,10 +3,11 @@
 const LONGEST = 20000;
 const MOST = 200;
 const MOST_PINS = 6;
+const MOST_FAULTS = 8;
 const STEPS = 200;
 
-export const fresh = () => ({ set: {}, drive: "", body: "" });
-export const copied = (state) => ({ ...state, set: { ...state.set } });
+export const fresh = () => ({ set: {}, drive: "", body: "", faults: [] });
+export const copied = (state) => ({ ...state, set: { ...state.set }, faults: state.faults.map((one) => ({ ...one })) });
 const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
 
 const isPlain = (value) => ["number", "string", "boolean"].includes(typeof value);
@@ -14,12 +15,15 @@ const isPlain = (value) => ["number", "string", "boolean"].includes(typeof value
 /** A state out of what somebody may have written; null if it is none. */
 function understood(found) {
   if (typeof found !== "object" || found === null) return null;
-  const { set = {}, drive = "", body = "" } = found;
+  const { set = {}, drive = "", body = "", faults = [] } = found;
   if (typeof drive !== "string" || typeof body !== "string") return null;
   if (typeof set !== "object" || set === null || Array.isArray(set)) return null;
   const pairs = Object.entries(set);
   if (pairs.length > MOST || !pairs.every(([, value]) => isPlain(value))) return null;
-  return { set: Object.fromEntries(pairs), drive, body };
+  if (!Array.isArray(faults) || faults.length > MOST_FAULTS) return null;
+  const broken = faults.map((one) => ({ kind: one?.kind, target: one?.target, onset_s: one?.onset_s, magnitude: one?.magnitude }));
+  if (!broken.every((one) => typeof one.kind === "string" && typeof one.target === "string")) return null;
+  return { set: Object.fromEntries(pairs), drive, body, faults: broken };
 }
 
 /** What stands behind # for a state and what is pinned; "" for nothing. */
@@ -28,6 +32,7 @@ export function written(state, pins) {
   for (const [key, value] of Object.entries(state.set)) parts.append(key, JSON.stringify(value));
   if (state.drive) parts.append("drive", state.drive);
   if (state.body) parts.append("body", state.body);
+  for (const fault of state.faults) parts.append("fault", JSON.stringify(fault));
   for (const pin of pins) parts.append("pin", JSON.stringify(pin));
   return parts.toString();
 }
@@ -49,7 +54,8 @@ export function read(text) {
     } catch {
       return null;
     }
-    if (key !== "pin") set.push([key, content]);
+    if (key === "fault") state.faults.push(content);
+    else if (key !== "pin") set.push([key, content]);
     else if (pins.length < MOST_PINS && typeof content?.name === "string") {
       const inner = content.run === undefined ? understood(content.state) : null;
       if (typeof content.run === "string") pins.push({ name: content.name, run: content.run });
@@ -104,4 +110,4 @@ export class History {
   }
 }
 
-export { MOST_PINS };
+export { MOST_FAULTS, MOST_PINS };
