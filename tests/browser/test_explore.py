@@ -424,3 +424,15 @@ def test_a_fault_is_placed_on_the_time_axis_moved_and_repaired(context: BrowserC
         opened.page.get_by_text("repair").click()
         expect(page.locator("#problem")).to_be_hidden()
         expect(page.locator(".box", has_text="largest force").first.locator("strong")).to_have_text(before)
+
+
+def test_loops_follow_with_margins_and_diagrams(opened: Opened):
+    page = opened.page
+    page.click("#loops summary")
+    page.locator("#loops tbody tr").first.wait_for(timeout=60_000)
+    force = page.locator("#loops tbody tr", has_text="force")
+    before = force.inner_text()
+    assert page.locator("#loops canvas").count() == 3
+    opened.type(GAIN, "6")
+    wait_until(page, "old => [...document.querySelectorAll('#loops tbody tr')].at(-1).innerText !== old", before)
+    assert opened.messages == []

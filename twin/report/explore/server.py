@@ -54,7 +54,7 @@ ASSETS = files("twin.report.explore") / "assets"
 SHARED = files("twin.report.page") / "assets"
 OF_REPORT = ("data", "clock", "look", "plot", "plots", "scene", "player")
 """Scripts that the explorer has in common with the report, in an order in which each finds what it needs."""
-MODULES = ("explore", "brought", "faults", "link", "picture", "sliders", "state")
+MODULES = ("explore", "brought", "faults", "link", "loops", "picture", "sliders", "state")
 KINDS = {"css": "text/css", "js": "text/javascript", "html": "text/html"}
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self' {link}; "
@@ -67,7 +67,7 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-FROM_PAGES = ("describe", "show", "recorded", "runs", "save", "command")
+FROM_PAGES = ("describe", "show", "recorded", "runs", "save", "command", "loops")
 """What a page may ask a process for."""
 MOST_BYTES = 100_000_000
 """Of an FMU that is brought in."""
@@ -348,6 +348,38 @@ class ExplorerServer:
         self._server.should_exit = True
 
 
+class Lane:
+    """Requests of one page that are answered one after the other; of each kind the newest counts.
+
+    Attributes:
+        outdated: set when nobody waits any more for what is being answered.
+    """
+
+    def __init__(self) -> None:
+        self.outdated = threading.Event()
+        self._waiting: dict[str, dict[str, Any]] = {}
+        self._some = asyncio.Event()
+        self._kind = ""
+
+    def put(self, kind: str, ask: dict[str, Any]) -> None:
+        """A request comes; one too many is dropped."""
+        if kind in self._waiting or len(self._waiting) < MOST_WAITING:
+            self._waiting[kind] = ask
+            if kind == self._kind:
+                self.outdated.set()
+            self._some.set()
+
+    async def next(self) -> dict[str, Any]:
+        """The one that has waited longest, or will come."""
+        self._kind = ""
+        while not self._waiting:
+            self._some.clear()
+            await self._some.wait()
+        self._kind = next(iter(self._waiting))
+        self.outdated = threading.Event()
+        return self._waiting.pop(self._kind)
+
+
 class PageLink:
     """The link to one page.
 
@@ -358,15 +390,14 @@ class PageLink:
 
     def __init__(self, link: WebSocket, server: ExplorerServer):
         self._link, self._server = link, server
-        self._waiting: dict[str, dict[str, Any]] = {}
-        self._some = asyncio.Event()
-        self._under_way: tuple[str, threading.Event] | None = None
+        # what takes longer holds up no picture
+        self._lanes = {"": Lane(), "loops": Lane()}
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def attend(self, greeting: Mapping[str, Any]) -> None:
         """Say the `greeting`, then answer until the page is closed."""
         await self._send({"op": "begin", **greeting})
-        answering = asyncio.create_task(self._answer())
+        answering = [asyncio.create_task(self._answer(lane)) for lane in self._lanes.values()]
         try:
             while True:
                 self._take(await self._link.receive_text())
@@ -374,10 +405,10 @@ class PageLink:
         except (WebSocketDisconnect, KeyError):
             pass
         finally:
-            for task in (answering, *self._tasks):
+            for task in (*answering, *self._tasks):
                 task.cancel()
-            if self._under_way:
-                self._under_way[1].set()
+            for lane in self._lanes.values():
+                lane.outdated.set()
 
     def _take(self, text: str) -> None:
         try:
@@ -392,33 +423,21 @@ class PageLink:
                 task = asyncio.create_task(self._aside(ask))
                 self._tasks.add(task)
                 task.add_done_callback(self._tasks.discard)
-        elif kind in self._waiting or len(self._waiting) < MOST_WAITING:
-            # the newest counts
-            self._waiting[kind] = ask
-            if self._under_way and self._under_way[0] == kind:
-                self._under_way[1].set()
-            self._some.set()
+        else:
+            self._lanes.get(ask["op"], self._lanes[""]).put(kind, ask)
 
     async def _aside(self, ask: Mapping[str, Any]) -> None:
         """What takes long, and holds up nothing."""
         found = await getattr(self._server, ask["op"])(ask)
         await self._send({"op": ask["op"], "id": ask.get("id"), **found})
 
-    async def _answer(self) -> None:
+    async def _answer(self, lane: "Lane") -> None:
         while True:
-            await self._some.wait()
-            if not self._waiting:
-                self._some.clear()
-                continue
-            kind = next(iter(self._waiting))
-            ask = self._waiting.pop(kind)
-            outdated = threading.Event()
-            self._under_way = kind, outdated
+            ask = await lane.next()
             if ask["op"] in FROM_PAGES:
-                found = await self._server.answer(ask, outdated)
+                found = await self._server.answer(ask, lane.outdated)
             else:
                 found = {"refused": "not understood"}
-            self._under_way = None
             await self._send({"op": ask["op"], "id": ask.get("id"), "slot": ask.get("slot"), **found})
 
     async def _send(self, answer: dict[str, Any]) -> None:

@@ -243,6 +243,16 @@ def _command(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     return {"command": state.command, "drive": state.drive, "body": state.body, "settings": state.settings}
 
 
+def _loops(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """The loops at one operating point."""
+    # python-control takes a second to load
+    from twin.report.explore.loops import loops
+
+    point = ask.get("point")
+    chosen = point if isinstance(point, int) and 0 <= point < 1000 else None
+    return loops(asked(base, ask["state"]).loaded(), chosen)
+
+
 def _inspected(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     """An FMU that was brought in; the server says which file."""
     return inspected(Path(ask["file"]))
@@ -262,6 +272,7 @@ ANSWERS: Mapping[str, Callable[[Base, Mapping[str, Any]], dict[str, Any]]] = {
     "runs": _runs,
     "save": _saved,
     "command": _command,
+    "loops": _loops,
     "inspect": _inspected,
     "settle": _settled,
 }

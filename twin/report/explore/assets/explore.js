@@ -3,6 +3,7 @@
 import { Brought } from "./brought.js";
 import { Faults } from "./faults.js";
 import { Link } from "./link.js";
+import { Loops } from "./loops.js";
 import { Picture } from "./picture.js";
 import { Sliders } from "./sliders.js";
 import { copied, fresh, History, MOST_PINS, read, written } from "./state.js";
@@ -34,6 +35,7 @@ const link = new Link(hear, (there) => {
 const picture = new Picture(() => askAll(), () => measure());
 const sliders = new Sliders(element("sliders"), element("search"), change);
 
+const loops = new Loops(element("loops"), (point) => link.ask({ op: "loops", state: history.now, point }));
 const faults = new Faults(element("faults"), breakIt, () => picture.clock.time);
 const brought = new Brought((what) => link.ask(what), say, (name) => go({ ...copied(history.now), drive: name }));
 
@@ -58,6 +60,7 @@ const look = (slot) => ({ panels: [...chosen], span: picture.span, width: pictur
 function askNow(since = performance.now()) {
   const id = link.ask({ op: "show", slot: 0, state: history.now, ...look(0) });
   if (id) asked.set(id, since);
+  loops.changed();
 }
 
 function askPin(pin, number) {
@@ -77,6 +80,7 @@ function hear(answer) {
   else if (answer.op === "runs") offerRuns(answer.runs ?? []);
   else if (answer.op === "save") say(answer.saved ? `Saved: ${answer.saved}` : answer.refused ?? answer.failed, !answer.saved);
   else if (answer.op === "record") tellRecorded(answer);
+  else if (answer.op === "loops") loops.take(answer);
   else if (answer.op === "inspect") brought.inspected(answer);
   else if (answer.op === "qualify") brought.qualified(answer);
   else if (answer.slot === "file") tellFile(answer);
@@ -203,7 +207,8 @@ function tellFile(answer) {
   showNumbers();
 }
 
-const digits = (value) => (value === null || value === undefined ? "none" : value.toPrecision(3));
+const NOTHING = 1e-9;
+const digits = (value) => (value === null || value === undefined ? "none" : Math.abs(value) < NOTHING ? "0" : value.toPrecision(3));
 
 function showNumbers() {
   const boxes = (now.numbers ?? []).map(([name, unit, value]) => {

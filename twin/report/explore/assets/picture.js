@@ -82,6 +82,7 @@ export class Picture {
     const form = JSON.stringify([end, this.labels, panels.map(({ title, rows }) => [title, rows.map(({ label }) => label)])]);
     if (form === this.form) {
       page.panels.forEach((panel, p) => panel.rows.forEach((row, r) => (row.curves = panels[p].rows[r].curves)));
+      for (const plot of this.plots.plots) plot.decimals = plot.fittingDecimals();
       this.plots.redraw();
       this.plots.point();
       return;
