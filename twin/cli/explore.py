@@ -38,7 +38,7 @@ def explore(
     Example: twin explore experiments/fig4_force_position.toml
     """
     try:
-        from twin.report.explore.server import ExplorerServer, kept_token
+        from twin.report.explore.server import ExplorerServer, lasting_token
     except ImportError as missing:
         if (missing.name or "").partition(".")[0] not in EXTRA:
             raise
@@ -55,7 +55,7 @@ def explore(
         server = ExplorerServer(base, JobLimits(step=limit_step))
         server.begin(list(settings))
         at = listening.getsockname()[1]
-        token = kept_token(at)
+        token = lasting_token(at)
         address = f"http://{HOST}:{at}/?token={token}"
         listening.listen()
         print(f"{shlex.quote(str(experiment))}  open  {address}\nCtrl-C ends it", flush=True)

@@ -18,7 +18,7 @@ from websockets.sync.client import ClientConnection, connect
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.process.job import JobLimits
 from twin.report.explore import server as explorer
-from twin.report.explore.server import ExplorerServer, kept_token
+from twin.report.explore.server import ExplorerServer, lasting_token
 
 TOKEN = "t" * 43
 LINGER = 0.3
@@ -238,7 +238,7 @@ def test_a_server_that_is_started_anew_knows_its_pages_again_and_others_do_not(
     tmp_path: Any, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
-    token = kept_token(1234)
-    assert len(token) >= 32 and kept_token(1234) == token != kept_token(1235)
+    token = lasting_token(1234)
+    assert len(token) >= 32 and lasting_token(1234) == token != lasting_token(1235)
     (file,) = (tmp_path / "cache").rglob("1234.token")
     assert file.stat().st_mode & 0o077 == 0

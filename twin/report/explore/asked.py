@@ -68,7 +68,7 @@ class Base:
 
 
 @dataclass(frozen=True)
-class Asked:
+class PageState:
     """One state of a page, checked.
 
     Attributes:
@@ -149,7 +149,7 @@ def known(base: Base, drive: str | None, body: str | None) -> dict[str, Slider]:
     return _known(base.experiment, base.settings, drive, body)
 
 
-def asked(base: Base, state: Any) -> Asked:
+def asked(base: Base, state: Any) -> PageState:
     """What the `state` of a page asks for.
 
     Args:
@@ -171,7 +171,7 @@ def asked(base: Base, state: Any) -> Asked:
     if not isinstance(faults, list) or len(faults) > MOST_FAULTS:
         raise InputRefused(f"state: expected at most {MOST_FAULTS} faults")
     values = {key: checked(there, key, value) for key, value in changed.items()}
-    return Asked(base, drive, body, values, tuple(map(_fault, faults)))
+    return PageState(base, drive, body, values, tuple(map(_fault, faults)))
 
 
 def _fault(table: Any) -> dict[str, Any]:
@@ -228,7 +228,7 @@ def _single(text: str) -> tuple[str, Any]:
     return ".".join(names), node
 
 
-def saved(state: Asked, name: str) -> Path:
+def saved(state: PageState, name: str) -> Path:
     """Write an experiment that extends the old one with exactly what differs, in the current folder.
 
     Args:
@@ -257,7 +257,7 @@ def saved(state: Asked, name: str) -> Path:
     return path
 
 
-def extending(state: Asked, path: Path) -> str:
+def extending(state: PageState, path: Path) -> str:
     """The text of that file, which will be at `path`."""
     old = experiment_file(state.base.experiment).resolve()
     here = path.resolve().parent

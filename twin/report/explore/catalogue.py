@@ -109,9 +109,9 @@ def _all(experiment: Experiment) -> Iterator[Slider]:
             yield Slider(key, "", help_, "number", own.get(name, value), None, low, high, log, (), None)
 
 
-def _takes_single_keys(table: type[Settings], said: Any) -> bool:
+def _takes_single_keys(table: type[Settings], head: Any) -> bool:
     """Whether one key of the table can be set alone: it is there already, or needs no other key."""
-    return isinstance(said, Mapping) or not any(info.is_required() for info in table.model_fields.values())
+    return isinstance(head, Mapping) or not any(info.is_required() for info in table.model_fields.values())
 
 
 def _of_table(path: str, table: type[Settings], values: Mapping[str, Any]) -> Iterator[Slider]:
@@ -129,20 +129,20 @@ def _slider(key: str, declared: Setting, annotation: Any, value: Any) -> Slider 
     """None for what is no single number, choice or switch."""
     kinds = [part for part in (get_args(annotation) or (annotation,)) if part is not type(None)]
     default = None if declared.default is ... else declared.default
-    said = key, declared.unit, declared.help
+    head = key, declared.unit, declared.help
     if annotation is bool:
-        return Slider(*said, "switch", value, default, 0.0, 1.0, False, (), None)
+        return Slider(*head, "switch", value, default, 0.0, 1.0, False, (), None)
     if get_origin(annotation) is Literal:
-        return Slider(*said, "choice", value, default, 0.0, 1.0, False, get_args(annotation), None)
+        return Slider(*head, "choice", value, default, 0.0, 1.0, False, get_args(annotation), None)
     if kinds not in ([float], [int]):
         return None
     now = next((float(one) for one in (value, default, *declared.more.get("examples", ())) if one is not None), 0.0)
     if kinds == [float]:
         low, high, log = _ends(now, declared.more, declared.unit)
-        return Slider(*said, "number", value, default, low, high, log, (), None)
+        return Slider(*head, "number", value, default, low, high, log, (), None)
     low, high, _ = _ends(now, declared.more, declared.unit)
     high = min(high, declared.more.get("le", math.inf), max(MOST_WHOLE, math.ceil(AROUND * now)))
-    return Slider(*said, "whole", value, default, math.floor(low), high, False, (), None)
+    return Slider(*head, "whole", value, default, math.floor(low), high, False, (), None)
 
 
 def _ends(value: float, more: Mapping[str, Any], unit: str) -> tuple[float, float, bool]:

@@ -30,7 +30,7 @@ MOST_POSES = 600
 """Of the robot; the player goes straight between them."""
 
 
-class TracedRun:
+class MemoryRun:
     """A run in memory as the panels read it, see `PanelRun`.
 
     Args:

@@ -14,7 +14,7 @@ from twin.report.explore import ANSWERED
 POLL = 0.05
 """How often (s) limits are looked at while an answer is waited for."""
 OUTDATED = 3.0
-"""How long (s) an answer that nobody waits for any more may go on taking a process."""
+"""How long (s) an outdated answer may go on taking a process."""
 
 
 class Outdated(TwinError):
@@ -51,7 +51,7 @@ class AnsweringProcess:
         Args:
             base: fields of `Base`.
             ask: of the page.
-            outdated: set when nobody waits for it any more.
+            outdated: set when a newer one is wanted.
 
         Raises:
             ComponentFailed: a drive crashed, hung or ended the process: which one, where and when, in one sentence.

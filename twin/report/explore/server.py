@@ -93,7 +93,7 @@ def read_assets() -> dict[str, tuple[bytes, str]]:
     return found
 
 
-def kept_token(port: int) -> str:
+def lasting_token(port: int) -> str:
     """The token of the server at `port`: the same after it was started anew, so that its pages come back.
 
     Raises:
@@ -112,7 +112,7 @@ def kept_token(port: int) -> str:
 
 
 def sentence(problem: TwinError) -> str:
-    """What a page is told of it; the whole of a mistake of ours goes to the terminal."""
+    """What a page shows of it; the whole of a mistake of ours goes to the terminal."""
     lines = plain(str(problem)).splitlines()
     if type(problem) is not TwinError:
         return lines[0]
@@ -352,7 +352,7 @@ class Lane:
     """Requests of one page that are answered one after the other; of each kind the newest counts.
 
     Attributes:
-        outdated: set when nobody waits any more for what is being answered.
+        outdated: set when a newer answer is wanted than the one under way.
     """
 
     def __init__(self) -> None:
@@ -478,7 +478,7 @@ def recorded(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Path
 
     arguments = {"experiments": [experiment], "out": None, "limit_step": limits.step}
     arguments |= {key: how[key] for key in ("drive", "body", "settings")}
-    # a safety trip is told of, and recorded all the same
+    # a run that tripped is recorded all the same
     trip = None
     try:
         guarded(RECORD_JOB, arguments, limits, hear)

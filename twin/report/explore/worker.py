@@ -15,9 +15,9 @@ from twin.kernel.errors import ComponentFailed, InputRefused, UnknownSeries
 from twin.kernel.files import read_json
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import recording_in
-from twin.report.explore.asked import Asked, Base, asked, first_state, known, saved
+from twin.report.explore.asked import Base, PageState, asked, first_state, known, saved
 from twin.report.explore.brought import inspected, settled
-from twin.report.explore.picture import AT_FIRST, TracedRun, drawn, headline, poses, shown_panels
+from twin.report.explore.picture import AT_FIRST, MemoryRun, drawn, headline, poses, shown_panels
 from twin.report.page.markup import DataBlock
 from twin.report.page.panels import PanelRun
 from twin.report.page.run import report_runs
@@ -126,7 +126,7 @@ def _run(experiment: Experiment, look: "Look", only: frozenset[str]) -> dict[str
     if experiment.faults:
         onset, trip = min(fault.onset for fault in experiment.faults), monitor.trip if monitor else None
         numbers += [("monitor trips after the fault", "s", (trip.tick - onset) * tick if trip else None)]
-    run = TracedRun(trace, fields, experiment.values)
+    run = MemoryRun(trace, fields, experiment.values)
     found = look.picture(run, run.end)
     _looked_at[look.form] = frozenset(run.looked_at)
     return found | {
@@ -140,7 +140,7 @@ def _run(experiment: Experiment, look: "Look", only: frozenset[str]) -> dict[str
     }
 
 
-def _moved(state: Asked, experiment: Experiment) -> dict[str, Any]:
+def _moved(state: PageState, experiment: Experiment) -> dict[str, Any]:
     """Values of keys that follow from others that were changed, such as those of [plant] from [robot]."""
     before = state.unchanged.values
     there = known(state.base, state.drive, state.body)

@@ -37,7 +37,7 @@ export class Link {
     };
   }
 
-  /** The number of what was asked for; 0 if nobody is there to ask. */
+  /** The number of what was asked for; 0 without a connection. */
   ask(what) {
     if (this.socket.readyState !== WebSocket.OPEN) return 0;
     this.number += 1;
