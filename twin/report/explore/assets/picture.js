@@ -1,5 +1,7 @@
 // The picture: the report's plots and player, fed by answers. Run 0 is the present state, the others are pinned.
 
+const MAIN = ["truth", "reference"];
+
 /** The rows of an answer's panels with curves that the plots draw. */
 function withCurves(answer) {
   return answer.panels.map((panel) => ({
@@ -62,9 +64,11 @@ export class Picture {
     if (number === 0 && answer.scene) this.player.draw();
   }
 
-  isShown(title, row) {
+  /** Of several runs what is true and what is wanted, as in a report; where a panel has neither, all it has. */
+  isShown({ title, rows }, row) {
     const asSwitched = this.switched.get(`${title} ${row.label}`);
-    return asSwitched ?? (row.shown && (this.labels.length === 1 || ["truth", "reference"].includes(row.role)));
+    const few = this.labels.length > 1 && rows.some(({ role }) => MAIN.includes(role));
+    return asSwitched ?? (row.shown && (!few || MAIN.includes(row.role)));
   }
 
   /** Plots are made anew only where other curves are to be seen. */
@@ -79,7 +83,7 @@ export class Picture {
       })
       .filter(({ rows }) => rows.length);
     const end = Math.max(...this.answers.map((answer) => answer?.end ?? 0));
-    const form = JSON.stringify([end, this.labels, panels.map(({ title, rows }) => [title, rows.map(({ label }) => label)])]);
+    const form = JSON.stringify([end, this.labels, this.answers.map(Boolean), panels.map(({ title, rows }) => [title, rows.map(({ label }) => label)])]);
     if (form === this.form) {
       page.panels.forEach((panel, p) => panel.rows.forEach((row, r) => (row.curves = panels[p].rows[r].curves)));
       for (const plot of this.plots.plots) plot.decimals = plot.fittingDecimals();
@@ -92,7 +96,7 @@ export class Picture {
         if (row.shown !== row.before) this.switched.set(`${panel.title} ${row.label}`, row.shown);
     page.runs.length = 0;
     page.runs.push(...this.labels.map((label) => ({ label })));
-    for (const panel of panels) for (const row of panel.rows) row.before = row.shown = this.isShown(panel.title, row);
+    for (const panel of panels) for (const row of panel.rows) row.before = row.shown = this.isShown(panel, row);
     page.panels = panels;
     this.form = form;
     this.rebuild(end);
