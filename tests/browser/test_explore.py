@@ -436,3 +436,30 @@ def test_loops_follow_with_margins_and_diagrams(opened: Opened):
     opened.type(GAIN, "6")
     wait_until(page, "old => [...document.querySelectorAll('#loops tbody tr')].at(-1).innerText !== old", before)
     assert opened.messages == []
+
+
+def test_claims_of_the_paper_turn_over_with_the_state(opened: Opened):
+    page = opened.page
+    page.click("#score summary")
+    page.locator("#score tbody tr").first.wait_for(timeout=60_000)
+    expect(page.locator("#score .hint")).to_contain_text("0 turned over")
+    opened.type(SPRING, "8")
+    page.locator("#score tr.turned").first.wait_for(timeout=60_000)
+    expect(page.locator("#score tr.turned").first).to_contain_text("(was: holds)")
+    assert opened.messages == []
+
+
+def test_a_map_fills_coarse_to_fine_and_a_click_goes_there(opened: Opened):
+    page = opened.page
+    page.click("#map summary")
+    page.select_option("#map select >> nth=0", SPRING)
+    page.select_option("#map select >> nth=1", GAIN)
+    expect(page.locator("#map output")).to_have_text(re.compile("; (1[6-9]|[2-9][0-9]) of 256 points"), timeout=60_000)
+    page.locator("#map canvas").scroll_into_view_if_needed()
+    box = page.locator("#map canvas").bounding_box()
+    assert box is not None
+    page.mouse.click(box["x"] + 0.75 * box["width"], box["y"] + 100)
+    expect(opened.row(SPRING)).to_have_class("setting changed")
+    expect(opened.row(GAIN)).to_have_class("setting changed")
+    page.locator("#map summary").click()
+    assert opened.messages == []

@@ -16,6 +16,8 @@ from twin.robot.run.run import execute
 from twin.robot.run.trace import run_in_memory
 from twin.studies.analyse.operating_point import Linearised, operating_points
 from twin.studies.analyse.stability import judged_point
+from twin.studies.paper.fig4 import fig4_score
+from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
 
 BASE = {"experiment": "fig4_force_position", "drive": None, "body": None, "settings": [], "uploaded": {}}
 LOOK = {"panels": list(AT_FIRST), "span": None, "width": 300}
@@ -146,3 +148,19 @@ def test_loops_have_the_margins_of_twin_analyse():
     row = next(row for row in found["loops"] if row["crossover_Hz"])
     n = found["loops"].index(row)
     assert np.interp(np.log(row["crossover_Hz"]), np.log(block[0]), block[1 + 2 * n]) == pytest.approx(0.0, abs=0.1)
+
+
+def test_claims_are_those_of_the_same_two_runs_and_another_experiment_has_none():
+    found = {row["text"]: row for row in answer("score")["claims"]}
+    runs = [Fig4Run(run_in_memory(shipped(name))) for name in ("fig4_force_position", "fig4_position")]
+    score = fig4_score(Fig4Runs(runs[0], runs[1], imperfect=(runs[0], runs[1])))
+    judged = [one for one in (*score.claims, *score.quality) if one.claim.measure is not None]
+    assert {one.claim.text: (one.verdict, one.measured) for one in judged} == {
+        text: (row["verdict"], row["measured"]) for text, row in found.items()
+    }
+    assert "needs" in answer("score", {"set": {"controller.mode": "position"}})["refused"]
+
+
+def test_a_point_of_a_map_has_the_numbers_of_the_picture():
+    state = {"set": {GAIN: 3, "robot.k_s_Nm_per_rad": 2}}
+    assert answer("map", state) == {"numbers": answer("show", state)["numbers"]}

@@ -54,7 +54,7 @@ ASSETS = files("twin.report.explore") / "assets"
 SHARED = files("twin.report.page") / "assets"
 OF_REPORT = ("data", "clock", "look", "plot", "plots", "scene", "player")
 """Scripts that the explorer has in common with the report, in an order in which each finds what it needs."""
-MODULES = ("explore", "brought", "faults", "link", "loops", "picture", "sliders", "state")
+MODULES = ("explore", "brought", "faults", "link", "loops", "map", "picture", "score", "sliders", "state")
 KINDS = {"css": "text/css", "js": "text/javascript", "html": "text/html"}
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self' {link}; "
@@ -67,7 +67,7 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-FROM_PAGES = ("describe", "show", "recorded", "runs", "save", "command", "loops")
+FROM_PAGES = ("describe", "show", "recorded", "runs", "save", "command", "loops", "score", "map")
 """What a page may ask a process for."""
 MOST_BYTES = 100_000_000
 """Of an FMU that is brought in."""
@@ -391,7 +391,7 @@ class PageLink:
     def __init__(self, link: WebSocket, server: ExplorerServer):
         self._link, self._server = link, server
         # what takes longer holds up no picture
-        self._lanes = {"": Lane(), "loops": Lane()}
+        self._lanes = {name: Lane() for name in ("", "loops", "score", "map")}
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def attend(self, greeting: Mapping[str, Any]) -> None:

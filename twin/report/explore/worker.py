@@ -22,15 +22,19 @@ from twin.report.page.markup import DataBlock
 from twin.report.page.panels import PanelRun
 from twin.report.page.run import report_runs
 from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.experiment.source import at
 from twin.robot.monitor.component import own_monitor, trip_reason
 from twin.robot.run.outcome import RunOutcome
 from twin.robot.run.run import SUMMARY
-from twin.robot.run.trace import Trace, fields_of
+from twin.robot.run.trace import Trace, fields_of, run_in_memory
 from twin.robot.run.watch import run_observers
+from twin.studies.paper.fig4 import fig4_score
+from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
 from twin.studies.results.stored import stored_runs
+from twin.studies.sweep.worker import COMPANION, refuse_unfit
 
 WIDEST = 4000
 """Pixels of a plot."""
@@ -99,18 +103,27 @@ _looked_at: dict[tuple[object, ...], frozenset[str]] = {}
 def _shown(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     """A state that was run: its numbers, and the panels that the page shows."""
     state, look = asked(base, ask["state"]), Look.of(ask)
-    experiment = state.loaded()
-    if experiment.duration_ticks > MOST_TICKS:
-        raise InputRefused(
-            f"duration_s: {experiment.duration_ticks:,} ticks are too many to be run while a slider moves; expected at "
-            f"most {MOST_TICKS:,}"
-        )
+    experiment = _bounded(state.loaded())
     facts = {"title": experiment.title, "values": _moved(state, experiment), "command": state.command}
     try:
         return facts | _run(experiment, look, _looked_at.get(look.form, frozenset()))
     except UnknownSeries:
         # another drive or controller has other signals
         return facts | _run(experiment, look, frozenset())
+
+
+def _bounded(experiment: Experiment) -> Experiment:
+    """It, if it is not too long.
+
+    Raises:
+        InputRefused: it is.
+    """
+    if experiment.duration_ticks > MOST_TICKS:
+        raise InputRefused(
+            f"duration_s: {experiment.duration_ticks:,} ticks are too many to be run while a slider moves; expected at "
+            f"most {MOST_TICKS:,}"
+        )
+    return experiment
 
 
 def _run(experiment: Experiment, look: "Look", only: frozenset[str]) -> dict[str, Any]:
@@ -253,6 +266,39 @@ def _loops(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     return loops(asked(base, ask["state"]).loaded(), chosen)
 
 
+def _score(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """What the run, and one of the same robot without force control, say to the paper's Fig. 4."""
+    state = asked(base, ask["state"])
+    experiment = state.loaded()
+    refuse_unfit(experiment)
+    without = load_experiment(base.experiment, [*state.settings, COMPANION], state.drive, state.body)
+    runs = Fig4Run(run_in_memory(experiment)), Fig4Run(run_in_memory(without))
+    score = fig4_score(Fig4Runs(*runs, imperfect=runs))
+    rows = [finding for finding in (*score.claims, *score.quality) if finding.claim.measure is not None]
+    return {
+        "claims": [
+            {
+                "text": finding.claim.text,
+                "quote": finding.claim.quote,
+                "verdict": finding.verdict,
+                "measured": finding.measured,
+                "expected": f"{finding.expected} {finding.claim.unit}".rstrip(),
+                "reason": finding.reason,
+            }
+            for finding in rows
+        ]
+    }
+
+
+def _mapped(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """The numbers alone of a state, for a point of a map."""
+    experiment = _bounded(asked(base, ask["state"]).loaded())
+    with assemble(experiment) as assembly:
+        own = run_observers(experiment, assembly)
+        simulate(assembly, experiment.duration_ticks, [own.tally, own.held]).completed()
+    return {"numbers": headline(own.tally.outcome, own.held.held)}
+
+
 def _inspected(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     """An FMU that was brought in; the server says which file."""
     return inspected(Path(ask["file"]))
@@ -273,6 +319,8 @@ ANSWERS: Mapping[str, Callable[[Base, Mapping[str, Any]], dict[str, Any]]] = {
     "save": _saved,
     "command": _command,
     "loops": _loops,
+    "score": _score,
+    "map": _mapped,
     "inspect": _inspected,
     "settle": _settled,
 }

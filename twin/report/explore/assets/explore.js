@@ -4,7 +4,9 @@ import { Brought } from "./brought.js";
 import { Faults } from "./faults.js";
 import { Link } from "./link.js";
 import { Loops } from "./loops.js";
+import { Mapped } from "./map.js";
 import { Picture } from "./picture.js";
+import { Score } from "./score.js";
 import { Sliders } from "./sliders.js";
 import { copied, fresh, History, MOST_PINS, read, written } from "./state.js";
 
@@ -36,6 +38,8 @@ const picture = new Picture(() => askAll(), () => measure());
 const sliders = new Sliders(element("sliders"), element("search"), change);
 
 const loops = new Loops(element("loops"), (point) => link.ask({ op: "loops", state: history.now, point }));
+const score = new Score(element("score"), (slot) => link.ask({ op: "score", slot, state: slot === "file" ? fresh() : history.now }));
+const map = new Mapped(element("map"), (state, slot) => link.ask({ op: "map", slot, state }), (state) => go(state), () => history.now);
 const faults = new Faults(element("faults"), breakIt, () => picture.clock.time);
 const brought = new Brought((what) => link.ask(what), say, (name) => go({ ...copied(history.now), drive: name }));
 
@@ -61,6 +65,8 @@ function askNow(since = performance.now()) {
   const id = link.ask({ op: "show", slot: 0, state: history.now, ...look(0) });
   if (id) asked.set(id, since);
   loops.changed();
+  score.changed();
+  map.changed();
 }
 
 function askPin(pin, number) {
@@ -80,6 +86,8 @@ function hear(answer) {
   else if (answer.op === "runs") offerRuns(answer.runs ?? []);
   else if (answer.op === "save") say(answer.saved ? `Saved: ${answer.saved}` : answer.refused ?? answer.failed, !answer.saved);
   else if (answer.op === "record") tellRecorded(answer);
+  else if (answer.op === "score") score.take(answer);
+  else if (answer.op === "map") map.take(answer);
   else if (answer.op === "loops") loops.take(answer);
   else if (answer.op === "inspect") brought.inspected(answer);
   else if (answer.op === "qualify") brought.qualified(answer);
@@ -116,6 +124,7 @@ function describe(answer) {
   listed = false;
   sliders.describe(answer.sliders);
   sliders.show(history.now.set);
+  map.describe(answer.sliders);
   faults.describe(answer.kinds, answer.duration);
   faults.show(history.now.faults);
 }

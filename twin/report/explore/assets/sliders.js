@@ -11,7 +11,7 @@ function place(slider, value) {
   return Math.round(FINE * Math.min(1, Math.max(0, share)));
 }
 
-function valueAt(slider, position) {
+export function valueAt(slider, position) {
   const { low, high, log, kind } = slider;
   const share = position / FINE;
   const value = log ? low * (high / low) ** share : low + share * (high - low);
