@@ -2,6 +2,7 @@
 
 import base64
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import shipped
+from twin.kernel.places import HOME
 from twin.kernel.process.reporter import DirectReporter
 from twin.report.explore.picture import AT_FIRST, EXPLORED, extremes
 from twin.report.explore.worker import answered
@@ -19,13 +21,15 @@ from twin.studies.analyse.stability import judged_point
 from twin.studies.paper.fig4 import fig4_score
 from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
 
-BASE = {"experiment": "fig4_force_position", "drive": None, "body": None, "settings": [], "uploaded": {}}
+BASE: dict[str, Any] = {"experiment": "fig4_force_position", "drive": None, "body": None, "settings": [], "uploaded": {}}
 LOOK = {"panels": list(AT_FIRST), "span": None, "width": 300}
 GAIN = "controller.force.kp_mm_per_N"
 
 
 def answer(op: str, state: object = None, **more: Any) -> dict[str, Any]:
-    found = answered(DirectReporter(lambda note: None), BASE, {"op": op, "state": state or {}, **LOOK, **more})
+    found = answered(
+        DirectReporter(lambda note: None), os.getcwd(), BASE, {"op": op, "state": state or {}, **LOOK, **more}
+    )
     # it goes through JSON
     return json.loads(json.dumps(found))
 
@@ -127,6 +131,7 @@ def test_what_cannot_be_is_a_sentence(op: str, more: dict[str, Any], expected: s
 def test_an_experiment_that_is_too_long_for_a_slider_is_refused():
     found = answered(
         DirectReporter(lambda note: None),
+        os.getcwd(),
         BASE | {"settings": ["duration_s=1e5"]},
         {"op": "show", "state": {}, **LOOK},
     )
@@ -164,3 +169,13 @@ def test_claims_are_those_of_the_same_two_runs_and_another_experiment_has_none()
 def test_a_point_of_a_map_has_the_numbers_of_the_picture():
     state = {"set": {GAIN: 3, "robot.k_s_Nm_per_rad": 2}}
     assert answer("map", state) == {"numbers": answer("show", state)["numbers"]}
+
+
+def test_a_drive_that_has_changed_the_folder_leads_nothing_astray(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    here = tmp_path / "here"
+    here.mkdir()
+    (here / "mine.toml").write_text(f'extends = "{HOME}/experiments/fig4_position.toml"')
+    monkeypatch.chdir(tmp_path)
+    ask: dict[str, Any] = {"op": "show", "state": {}, **LOOK}
+    found = answered(DirectReporter(lambda note: None), str(here), BASE | {"experiment": "mine.toml"}, ask)
+    assert found["command"] == "twin run mine.toml"

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from twin.kernel.errors import ComponentFailed, TwinError
@@ -62,7 +63,7 @@ class AnsweringProcess:
             self._process = process_for(ANSWERED)
             self._watch = Watchdog(self._process, self._limits)
         process = self._process
-        process.start({"base": dict(base), "ask": dict(ask)})
+        process.start({"here": str(Path.cwd()), "base": dict(base), "ask": dict(ask)})
         began = time.monotonic()
         try:
             while True:

@@ -5,6 +5,7 @@ An answer is {"refused": sentence}, or what was asked for. Samples are 32 bit fl
 
 import base64
 import math
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -45,14 +46,16 @@ MOST_RUNS = 100
 """Of results/ that are offered."""
 
 
-def answered(reporter: Reporter, base: dict[str, Any], ask: dict[str, Any]) -> dict[str, Any]:
+def answered(reporter: Reporter, here: str, base: dict[str, Any], ask: dict[str, Any]) -> dict[str, Any]:
     """What a page asks; a job of the guard.
 
     Args:
+        here: the folder in which the command was started; an FMU may have changed it.
         base: fields of `Base`.
         ask: "op" and what belongs to it, as it came from the page: it may say anything.
     """
     reporter.loading()
+    os.chdir(here)
     try:
         return ANSWERS[ask["op"]](Base(**base | {"settings": tuple(base["settings"])}), ask)
     except InputRefused as refusal:
