@@ -27,7 +27,8 @@ FORCE = "rms force error"
 
 @pytest.fixture(scope="module")
 def explorer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Explorer]:
-    with Explorer(tmp_path_factory.mktemp("explored"), "fig4_force_position") as started:
+    # other tests have explorers of their own meanwhile
+    with Explorer(tmp_path_factory.mktemp("explored"), "fig4_force_position", "--linger-s", "3600") as started:
         yield started
 
 
@@ -67,7 +68,7 @@ class Opened:
         return self.page.locator(f".setting[data-key='{key}']")
 
     def number(self, name: str) -> str:
-        return self.page.locator(".box", has_text=name).locator("strong").inner_text()
+        return self.page.locator(".box", has_text=name).first.locator("strong").inner_text()
 
     def type(self, key: str, text: str) -> None:
         """Type a value and wait for its picture, or its refusal."""

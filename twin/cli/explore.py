@@ -10,6 +10,8 @@ from twin.kernel.process.job import JobLimits
 from twin.studies.command import Argument, BodyName, DriveName, LimitStep, Option, Settings, study
 
 PORT = 8766
+LINGER = 60.0
+"""s; a page that is loaded anew comes back by then."""
 EXTRA = "starlette", "uvicorn", "websockets"
 
 
@@ -25,6 +27,7 @@ def explore(
         bool, Option("Open the page, or only print its address.", flags="--browser/--no-browser")
     ] = True,
     port: Annotated[int, Option("Port; 0: any free one.", "N", least=0, most=65535)] = PORT,
+    linger_s: Annotated[float, Option("Time to go on after the last page was closed.", "S", least=0.0)] = LINGER,
     limit_step: LimitStep = JobLimits.step,
 ) -> None:
     """Change an experiment in the browser and see the whole of it follow.
@@ -52,7 +55,7 @@ def explore(
         except OSError as problem:
             raise InputRefused(f"--port {port}: {problem}; choose another one, or 0 for any that is free") from None
         base = {"experiment": str(experiment), "drive": drive, "body": body}
-        server = ExplorerServer(base, JobLimits(step=limit_step))
+        server = ExplorerServer(base, JobLimits(step=limit_step), linger_s)
         server.begin(list(settings))
         at = listening.getsockname()[1]
         token = lasting_token(at)

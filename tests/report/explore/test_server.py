@@ -231,7 +231,7 @@ def test_it_ends_when_the_last_page_was_closed_for_a_while_and_not_before(served
 def test_an_experiment_that_is_refused_is_so_before_anything_listens(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(explorer, "AnsweringProcess", StandIn)
     with pytest.raises(InputRefused, match="no such experiment"):
-        ExplorerServer({"experiment": "x"}, JobLimits()).begin(["a=1"])
+        ExplorerServer({"experiment": "x"}, JobLimits(), LINGER).begin(["a=1"])
 
 
 def test_a_server_that_is_started_anew_knows_its_pages_again_and_others_do_not(

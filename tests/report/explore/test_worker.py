@@ -21,7 +21,13 @@ from twin.studies.analyse.stability import judged_point
 from twin.studies.paper.fig4 import fig4_score
 from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
 
-BASE: dict[str, Any] = {"experiment": "fig4_force_position", "drive": None, "body": None, "settings": [], "uploaded": {}}
+BASE: dict[str, Any] = {
+    "experiment": "fig4_force_position",
+    "drive": None,
+    "body": None,
+    "settings": [],
+    "uploaded": {},
+}
 LOOK = {"panels": list(AT_FIRST), "span": None, "width": 300}
 GAIN = "controller.force.kp_mm_per_N"
 

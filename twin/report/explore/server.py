@@ -43,8 +43,6 @@ PAGES = 16
 """Pages that may be open at the same time."""
 MOST_WAITING = 64
 """Requests of one page that may wait; there is one of each kind at most."""
-LINGER = 60.0
-"""How long (s) the server goes on after the last page was closed: a page that is loaded anew comes back."""
 PROCESSES = 2
 """That run experiments."""
 GOODBYE = 1.0
@@ -187,7 +185,7 @@ class ExplorerServer:
         linger: how long (s) it goes on after the last page was closed.
     """
 
-    def __init__(self, base: Mapping[str, Any], limits: JobLimits, linger: float = LINGER):
+    def __init__(self, base: Mapping[str, Any], limits: JobLimits, linger: float):
         self.base, self.limits = {"settings": (), "uploaded": {}, **base}, limits
         self._linger = linger
         self._processes = [AnsweringProcess(limits) for _ in range(PROCESSES)]
