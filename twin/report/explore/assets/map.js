@@ -50,6 +50,8 @@ export class Mapped {
   describe(sliders) {
     const numbers = sliders.filter(({ kind }) => ["number", "whole", "pace"].includes(kind));
     const before = [this.x.value, this.y.value];
+    // also after the server was started anew
+    this.form = "";
     this.sliders = new Map(numbers.map((slider) => [slider.key, slider]));
     const first = numbers.filter((one) => one.first !== null).sort((a, b) => a.first - b.first);
     const order = [...first, ...numbers.filter((one) => one.first === null)];
@@ -61,7 +63,6 @@ export class Mapped {
 
   /** The state is another one: what was found does not hold any more, unless only the two keys have moved. */
   changed() {
-    clearTimeout(this.timer);
     if (!this.box.open || !this.sliders) return;
     const state = this.now();
     const rest = { ...state, set: { ...state.set } };
@@ -70,14 +71,17 @@ export class Mapped {
     const form = JSON.stringify([rest, this.x.value, this.y.value]);
     if (form === this.form) {
       this.draw();
+      if (!this.busy) this.next();
       return;
     }
+    clearTimeout(this.timer);
     this.form = form;
     this.rest = rest;
     this.number += 1;
     this.found = [];
     this.cells = coarseToFine();
     this.draw();
+    this.busy = true;
     this.timer = setTimeout(() => this.next(), QUIET);
   }
 
@@ -91,7 +95,8 @@ export class Mapped {
   }
 
   next() {
-    if (!this.box.open || !this.cells.length) return;
+    this.busy = this.box.open && this.cells.length > 0;
+    if (!this.busy) return;
     this.cell_ = this.cells.shift();
     this.ask(this.state(this.cell_), this.number);
   }
