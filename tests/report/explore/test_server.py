@@ -36,12 +36,20 @@ class StandIn:
     may = threading.Event()
 
     def __init__(self, limits: JobLimits):
-        pass
+        self.busy = False
 
     def close(self) -> None:
         pass
 
     def answer(self, base: Mapping[str, Any], ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
+        assert not self.busy, "asked while it answers"
+        self.busy = True
+        try:
+            return self.found(base, ask)
+        finally:
+            self.busy = False
+
+    def found(self, base: Mapping[str, Any], ask: Mapping[str, Any]) -> dict[str, Any]:
         self.asked.append(ask)
         if ask["op"] == "begin":
             return {"refused": "no such experiment"} if ask["settings"] else {"base": dict(base), "sliders": []}
@@ -242,3 +250,19 @@ def test_a_server_that_is_started_anew_knows_its_pages_again_and_others_do_not(
     assert len(token) >= 32 and lasting_token(1234) == token != lasting_token(1235)
     (file,) = (tmp_path / "cache").rglob("1234.token")
     assert file.stat().st_mode & 0o077 == 0
+
+
+def test_a_page_that_is_closed_sets_no_process_free_that_is_still_at_work(served: Served):
+    StandIn.may.clear()
+    for number in range(2):
+        with served.link() as link:
+            link.recv(5)
+            link.send(json.dumps({"op": "show", "id": number}))
+            time.sleep(0.2)
+    with served.link() as link:
+        link.recv(5)
+        link.send(json.dumps({"op": "show", "id": 7}))
+        with pytest.raises(TimeoutError):
+            link.recv(0.3)
+        StandIn.may.set()
+        assert isinstance(link.recv(5), bytes)

@@ -112,17 +112,12 @@ class PageState:
         return load_experiment(self.base.experiment, self.settings, self.drive, self.body)
 
     @property
-    def words(self) -> list[str]:
-        """The command that runs it."""
+    def command(self) -> str:
+        """The command that runs it, for a shell."""
         drive = ["--drive", self.drive] if self.drive else []
         body = ["--body", self.body] if self.body else []
         sets = [word for text in self.settings for word in ("--set", text)]
-        return ["twin", "run", self.base.experiment, *drive, *body, *sets]
-
-    @property
-    def command(self) -> str:
-        """For a shell."""
-        return shlex.join(self.words)
+        return shlex.join(["twin", "run", self.base.experiment, *drive, *body, *sets])
 
 
 def _inline(table: Mapping[str, Any]) -> str:

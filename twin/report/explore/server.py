@@ -29,7 +29,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from websockets.datastructures import Headers
 
 from twin.kernel.cache_folder import cache_folder
-from twin.kernel.errors import InputRefused, TwinError, plain
+from twin.kernel.errors import InputRefused, SafetyTrip, TwinError, plain
 from twin.kernel.live import OwnPageGate
 from twin.kernel.process.guard import guarded
 from twin.kernel.process.job import JobLimits
@@ -169,11 +169,11 @@ class Guard:
                 return
         await self._refuse(STRANGER, scope, receive, send)
 
-    async def _refuse(self, sentence: str, scope: Scope, receive: Receive, send: Send) -> None:
+    async def _refuse(self, text: str, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008, "reason": "refused"})
         else:
-            await PlainTextResponse(sentence, 403, HEADERS)(scope, receive, send)
+            await PlainTextResponse(text, 403, HEADERS)(scope, receive, send)
 
 
 class ExplorerServer:
@@ -191,6 +191,7 @@ class ExplorerServer:
         self._processes = [AnsweringProcess(limits) for _ in range(PROCESSES)]
         self._reports: list[Path] = []
         self._brought: list[Path] = []
+        self._answering: set[asyncio.Task[dict[str, Any]]] = set()
         self._pages = 0
         self._ending: asyncio.TimerHandle | None = None
 
@@ -238,6 +239,13 @@ class ExplorerServer:
 
     async def answer(self, ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
         """Of a process that has time; a sentence under "refused" or "failed" if there is no other answer."""
+        task = asyncio.create_task(self._answer(ask, outdated))
+        self._answering.add(task)
+        task.add_done_callback(self._answering.discard)
+        # a page that is closed meanwhile must not set a process free that is still at work
+        return await asyncio.shield(task)
+
+    async def _answer(self, ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
         process = await self._idle.get()
         try:
             return await asyncio.to_thread(process.answer, self.base, ask, outdated)
@@ -476,16 +484,11 @@ def recorded(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Path
 
     arguments = {"experiments": [experiment], "out": None, "limit_step": limits.step}
     arguments |= {key: how[key] for key in ("drive", "body", "settings")}
-    # a run that tripped is recorded all the same
-    trip = None
     try:
         guarded(RECORD_JOB, arguments, limits, hear)
-    except TwinError as problem:
-        if not folders or not (Path(folders[0]) / "run.mcap").exists():
-            raise
-        trip = problem
+    except SafetyTrip:
+        # such a run is recorded all the same, and its report says so
+        pass
     report = {"study": "twin.report.page.page:write_report", "asked": {"runs": [Path(folders[0])]}}
     guarded(STUDY_JOB, report)
-    if trip and not (Path(folders[0]) / "report.html").exists():
-        raise trip
     return Path(folders[0])
