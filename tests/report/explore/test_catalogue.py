@@ -54,6 +54,9 @@ def test_about_a_dozen_keys_come_first_and_only_those_that_the_experiment_has():
         shown = [slider for slider in sliders(shipped(name)).values() if slider.first is not None]
         assert 10 <= len(shown) <= len(FIRST)
         assert sorted(s.first for s in shown if s.first is not None) == list(range(len(shown)))
+    assert sliders(shipped(FIG4))["controller.force.reference_N"].first is not None
+    # tasks have forces of their own
+    assert sliders(shipped(MASSAGE))["controller.force.reference_N"].first is None
     assert "task.2.speed_mm_per_s" in sliders(shipped(MASSAGE))
     assert "drive.parameters.droop" in sliders(shipped(FIG4))
 

@@ -83,7 +83,8 @@ class Slider:
 def sliders(experiment: Experiment) -> dict[str, Slider]:
     """What can be changed in `experiment`, by key, in the order of documents."""
     found = {slider.key: slider for slider in _all(experiment)}
-    shown = [key for key in FIRST if key in found]
+    # what neither the file nor a default says has no place on a slider
+    shown = [key for key in FIRST if key in found and (found[key].value, found[key].default) != (None, None)]
     # the order stays
     return found | {key: replace(found[key], first=place) for place, key in enumerate(shown)}
 
