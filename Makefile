@@ -58,7 +58,7 @@ wheel: $(VENV)/.test-$(EXTRAS)  ## dist/: a wheel for x86-64 Linux with machine 
 mutants: $(VENV)/.test-test,mutants  ## change the source in 400 places, one at a time: do the tests notice? (hours)
 	$(VENV)/bin/python -m tests.mutants --jobs $(JOBS) $(MUTANTS)
 
-bench: $(VENV)/.test-live,dask  ## speed, as ratios measured side by side; RELEASE=0.2.0 adds a line to the history
+bench: $(VENV)/.test-live,dask,explore  ## speed, as ratios measured side by side; RELEASE=0.2.0 adds a line to the history
 	@command -v chromium >/dev/null || { [ "$$(id -u)" = 0 ] && DEBIAN_FRONTEND=noninteractive apt-get install -qq -y chromium; } >/dev/null 2>&1 || true
 	$(VENV)/bin/python -m benchmarks $(RELEASE)
 

@@ -17,6 +17,7 @@ from benchmarks import (
     build,
     dask,
     exchange,
+    explore,
     figure_4,
     fmi_versions,
     isolation,
@@ -56,6 +57,7 @@ PARTS: tuple[Callable[[], list[Measurement]], ...] = (
     lambda: isolation.measurements(EXPERIMENT),
     lambda: live.measurements(EXPERIMENT),
     lambda: report.measurements(EXPERIMENT),
+    lambda: explore.measurements(ROOT),
     lambda: sweep.measurements(EXPERIMENT),
     lambda: dask.measurements(EXPERIMENT),
 )

@@ -6,15 +6,17 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 from twin.kernel.process.job import cores
+from twin.report.explore import ANSWERED
 from twin.report.page import DRAWN
 from twin.studies.sweep import SERVED
 
 JOB = "twin.robot.live.runs:recorded_runs"
 """Of `twin run`."""
-JOBS = {"run": JOB, "report": DRAWN, "sweep": SERVED}
+JOBS = {"run": JOB, "report": DRAWN, "sweep": SERVED, "explore": ANSWERED}
 _ELSEWHERE = {
     "run": {"--help", "--live", "--sweep", "none", "--isolate=none"},
     "report": {"--help", "--budget"},
+    "explore": {"--help"},
     "sweep": {"--help", "show", "dask", "--engine=dask"},
 }
 """Words of a command line that another process serves, or none."""

@@ -267,6 +267,7 @@ class TwinCommands(Commands):
         "falsify",
         "runs",
         "report",
+        "explore",
         "replay",
         "converge",
         "accuracy",

@@ -47,6 +47,7 @@ def lacking(findings: Sequence[Finding]) -> list[str]:
 
 PURPOSES = {
     "dask": "twin sweep --engine dask",
+    "explore": "twin explore",
     "live": "twin run --live",
     "parquet": "twin export --parquet",
     "ros2": "logs of ROS 2 in twin compare, replay, identify and export",

@@ -23,6 +23,8 @@ from websockets.typing import Subprotocol
 
 from twin.kernel.errors import InputRefused
 
+HOST = "127.0.0.1"
+"""This machine's own address: no other one reaches a server that listens there."""
 HERE = r"(localhost|127\.0\.0\.1|\[::1\])(:[0-9]{1,5})?"
 VIEWERS = ("https://app.foxglove.dev", "https://lichtblick-suite.github.io", "file://")
 """Origins of Foxglove's and Lichtblick's pages, and of their desktop programs, which are pages out of a file."""
@@ -64,7 +66,53 @@ class Gate:
         named = parse_qs(urlsplit(path).query).get("token")
         if named is None:
             return None
-        return any(secrets.compare_digest(each.encode(), self.token.encode()) for each in named)
+        return any(same_token(each, self.token) for each in named)
+
+
+def same_token(given: str, token: str) -> bool:
+    """Whether `given` is the token; how long that takes says nothing about it."""
+    return secrets.compare_digest(given.encode(), token.encode())
+
+
+class OwnPageGate:
+    """Asked about every request to a server of pages of its own, on which files are uploaded and native code runs.
+
+    Only its own origin and port are let in, and nothing is answered without the token: not the first page, no read.
+    A browser brings the token in the address that the terminal shows, and from then on in a cookie that no other site's
+    page can make it send (SameSite=Strict) and no script can read (HttpOnly).
+
+    Args:
+        port: of the server, which listens on 127.0.0.1.
+        token: of the server.
+
+    Attributes:
+        origin: of its pages.
+        cookie: name of the cookie; with the port, for cookies are those of a host.
+    """
+
+    def __init__(self, port: int, token: str):
+        self.origin, self.cookie, self._token = f"http://127.0.0.1:{port}", f"twin_{port}", token
+
+    def refusal(self, headers: Headers, changes: bool) -> str:
+        """Why a request with these headers is refused, for people; "" if it is not.
+
+        Args:
+            headers: of the request.
+            changes: whether it does more than read, a WebSocket say: then the browser has to say whose page asks.
+        """
+        hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
+        if len(hosts) != 1 or f"http://{hosts[0].lower()}" != self.origin:
+            return f"Host {', '.join(hosts)}: expected {self.origin.removeprefix('http://')}"
+        if [origin.lower() for origin in origins] != [self.origin] and (origins or changes):
+            return f"a page of {', '.join(origins) or 'nowhere'}: only those of {self.origin} may ask"
+        # what a page of another site asks for without saying so: pictures, scripts, links
+        if any(site not in ("same-origin", "none") for site in headers.get_all("Sec-Fetch-Site")):
+            return "asked for by a page of another site"
+        return ""
+
+    def knows(self, given: str | None) -> bool:
+        """Whether `given`, of the address or a cookie, is the token."""
+        return given is not None and same_token(given, self._token)
 
 
 SUBPROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))

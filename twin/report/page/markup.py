@@ -68,6 +68,10 @@ class DataBlock:
         self._length += part.size
         return place
 
+    def content(self) -> bytes:
+        """Everything added, 32 bit floats, little-endian."""
+        return b"".join(part.tobytes() for part in self._parts)
+
     def text(self) -> str:
         """Everything added, as `twin.studies.packing` writes it."""
         return text_of(np.concatenate([np.empty(0, "<f4"), *self._parts]))

@@ -3,12 +3,12 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from types import SimpleNamespace
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
+from twin.kernel.recording.messages import Field
 from twin.report.page.markup import DataBlock, thinned, thinning
-from twin.report.page.run import ReportRun
 from twin.robot.mechanism.geometry import AXIS, OUTWARD, Geometry, skeleton
 from twin.robot.plant.contact import apex_frame
 from twin.studies.metrics.response import Curve
@@ -22,8 +22,40 @@ PATCH, LINES = 45.0, 10
 """Half the width of the surface that is drawn (mm), and into how many fields."""
 
 
-def scene(run: ReportRun, block: DataBlock) -> dict[str, Any] | None:
-    """A run for the player, mm and N; None if it does not say where the robot is. Poses go into `block`.
+class PanelRun(Protocol):
+    """What panels and player read of a run: of a recording, or of one in memory.
+
+    Attributes:
+        values: the experiment, keys with units.
+        times: of the samples of each topic (s), (n,).
+        recording: knows the fields of the run.
+    """
+
+    @property
+    def values(self) -> Mapping[str, Any]: ...
+
+    @property
+    def times(self) -> Mapping[str, Curve]: ...
+
+    @property
+    def recording(self) -> "HasFields": ...
+
+    def has(self, *keys: str) -> bool: ...
+
+    def column(self, key: str, column: int | None) -> Curve: ...
+
+    def held(self, key: str, t: Curve) -> Curve: ...
+
+
+class HasFields(Protocol):
+    """Says which series there are, by `topic.field`."""
+
+    def fields(self) -> Mapping[str, Field]: ...
+
+
+def scene(run: PanelRun, block: DataBlock, most: int = MOST_FRAMES) -> dict[str, Any] | None:
+    """A run for the player, mm and N; None if it does not say where the robot is. Poses, at most so many, go into
+    `block`.
 
     `frames` says where they begin, each column of all n frames together: A (9), p_B (3), displacement of the surface
     (3), F_ee_B (3), F_ee_B estimated (3; absent without an estimator).
@@ -33,7 +65,7 @@ def scene(run: ReportRun, block: DataBlock) -> dict[str, Any] | None:
         return None
     geometry = Geometry(*(length / MM for length in lengths))
     times = run.times["plant"]
-    step = max(1.0 / RATE, float(times[-1] - times[0]) / MOST_FRAMES)
+    step = max(1.0 / RATE, float(times[-1] - times[0]) / most)
     t = times[0] + step * np.arange(int((times[-1] - times[0]) / step + 1e-6) + 1)
     p_B = run.held("plant.p_B", t)
     joints = skeleton(geometry, run.held("plant.theta_l", t), p_B)
@@ -71,14 +103,14 @@ def surface(contact: Mapping[str, Any]) -> list[list[list[float]]]:
     return np.round(points, 4).tolist()
 
 
-def _or_still(run: ReportRun, key: str, t: Curve) -> Curve:
+def _or_still(run: PanelRun, key: str, t: Curve) -> Curve:
     return run.held(key, t) if run.has(key) else np.zeros((len(t), 3))
 
 
 Role = Literal["truth", "belief", "reference", "shifted", "display"]
 Samples = tuple[Curve, Curve]
 """Times (n,) in s, and values (n,) in the panel's unit."""
-Reader = Callable[[ReportRun], Samples | None]
+Reader = Callable[[PanelRun], Samples | None]
 """A run's samples of a quantity, or None if it holds none."""
 
 DEG = math.degrees(1.0)
@@ -115,7 +147,7 @@ class Panel(NamedTuple):
 def series(key: str, column: int | None = None, scale: float = 1.0) -> Reader:
     """Reads `topic.field`, one `column` of it, times `scale`."""
 
-    def samples(run: ReportRun) -> Samples | None:
+    def samples(run: PanelRun) -> Samples | None:
         if not run.has(key):
             return None
         return run.times[key.rpartition(".")[0]], scale * run.column(key, column)
@@ -126,7 +158,7 @@ def series(key: str, column: int | None = None, scale: float = 1.0) -> Reader:
 def deviation(axis: int) -> Reader:
     """Reads how far the platform truly is from the pre-defined reference, mm."""
 
-    def samples(run: ReportRun) -> Samples | None:
+    def samples(run: PanelRun) -> Samples | None:
         if not run.has("plant.p_B", "controller.p_ref_B"):
             return None
         t = run.times["plant"]
@@ -135,7 +167,7 @@ def deviation(axis: int) -> Reader:
     return samples
 
 
-def surface_height(run: ReportRun) -> Samples | None:
+def surface_height(run: PanelRun) -> Samples | None:
     """Reads where the apex of a surface that moves is, mm."""
     if not run.has("body.s_B") or "contact" not in run.values:
         return None
@@ -145,7 +177,7 @@ def surface_height(run: ReportRun) -> Samples | None:
 def spring_deflection(joint: int, motor: str, load: str) -> Reader:
     """Reads a spring's deflection theta_m - N theta_l (Eq. 20, before the dead zone), deg, motor side."""
 
-    def samples(run: ReportRun) -> Samples | None:
+    def samples(run: PanelRun) -> Samples | None:
         if not run.has(motor, load) or "N" not in run.values.get("plant", {}):
             return None
         t = run.times[load.rpartition(".")[0]]
@@ -159,7 +191,7 @@ def spring_deflection(joint: int, motor: str, load: str) -> Reader:
 def commanded_speed(joint: int) -> Reader:
     """Reads the drive's command, rad/s: by the last of the components between controller and drives."""
 
-    def samples(run: ReportRun) -> Samples | None:
+    def samples(run: PanelRun) -> Samples | None:
         last = next(
             (name for name in ("bus", "monitor", "delay", "tank") if run.has(f"{name}.omega_ref")), "controller"
         )
@@ -243,13 +275,13 @@ KNOWN = ("theta_m", "omega_m", "tau_motor")
 """What every drive has to say."""
 
 
-def panels(runs: Iterable[ReportRun]) -> list[Panel]:
+def panels(runs: Iterable[PanelRun]) -> list[Panel]:
     """The panels of which any of `runs` has something to show."""
     runs = list(runs)
     return [panel for panel in (*PANELS, *_own_panels(runs)) if _shows_something(panel, runs)]
 
 
-def _own_panels(runs: Sequence[ReportRun]) -> list[Panel]:
+def _own_panels(runs: Sequence[PanelRun]) -> list[Panel]:
     """What drives say beyond the contract: a panel per name, a curve per joint."""
     fields = {key: field for run in runs for key, field in run.recording.fields().items() if key.startswith("drive/")}
     names = {field.name: field.unit for field in fields.values() if field.name not in KNOWN and field.size == 1}
@@ -260,7 +292,7 @@ def _own_panels(runs: Sequence[ReportRun]) -> list[Panel]:
     return [Panel(f"Drives: {name}", unit, _of_joints("joint", "truth", read(name))) for name, unit in names.items()]
 
 
-def _shows_something(panel: Panel, runs: Sequence[ReportRun]) -> bool:
+def _shows_something(panel: Panel, runs: Sequence[PanelRun]) -> bool:
     return any(
         samples is not None and np.any(np.isfinite(samples[1]))
         for quantity in panel.quantities
@@ -268,7 +300,7 @@ def _shows_something(panel: Panel, runs: Sequence[ReportRun]) -> bool:
     )
 
 
-def curves(runs: Sequence[ReportRun], blocks: Sequence[DataBlock]) -> tuple[list[dict[str, Any]], int]:
+def curves(runs: Sequence[PanelRun], blocks: Sequence[DataBlock]) -> tuple[list[dict[str, Any]], int]:
     """(panels for JSON, factor by which samples are thinned); the samples of each run go into its block.
 
     A curve is [first sample in the block, number, time of the first (s), time from one to the next (s)]; null where a

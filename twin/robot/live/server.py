@@ -25,6 +25,7 @@ from twin.kernel import live as protocol
 from twin.kernel.cosim.observers import TickEvent
 from twin.kernel.errors import InputRefused
 from twin.kernel.live import (
+    HOST,
     SUBPROTOCOLS,
     Channel,
     Gate,
@@ -211,7 +212,6 @@ class Client:
         return {name: value for name, value in self._tuning.values().items() if name in names or not names}
 
 
-HOST = "127.0.0.1"
 LARGEST = 2**16
 """Bytes of the largest message that a viewer may send; subscribing to everything takes a thousand."""
 VIEWERS = 64

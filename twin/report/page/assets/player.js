@@ -47,7 +47,7 @@ class Player {
   /** Marks under the time line; a click goes there. */
   markEvents() {
     const marks = page.events.filter((event) => event.level !== "debug");
-    document.getElementById("marks").append(
+    document.getElementById("marks").replaceChildren(
       ...marks.map((event) => {
         const mark = made("button", { type: "button", className: event.level, title: `${event.t} s: ${event.text}` });
         mark.setAttribute("aria-label", mark.title);

@@ -22,8 +22,16 @@ class Plots {
       watcher.observe(plot.figure);
       this.hear(plot);
     }
-    new ResizeObserver(() => this.redraw()).observe(box);
+    this.watchers = [watcher, new ResizeObserver(() => this.redraw())];
+    this.watchers[1].observe(box);
     clock.listen(() => this.point());
+    // for pages that want to know
+    this.drawn = this.zoomed = () => {};
+  }
+
+  /** Others take the place of these. */
+  forget() {
+    for (const watcher of this.watchers) watcher.disconnect();
   }
 
   /** Draw what is out of date and on the screen; the others when they come there. */
@@ -41,6 +49,7 @@ class Plots {
     requestAnimationFrame(() => {
       this.waiting = false;
       this.refresh();
+      this.drawn();
     });
   }
 
@@ -63,6 +72,7 @@ class Plots {
     this.span.to = this.span.from + wide;
     document.getElementById("span").textContent = `${this.span.from.toFixed(2)} to ${this.span.to.toFixed(2)} s`;
     this.redraw();
+    this.zoomed();
   }
 
   /** Show `factor` times as much, about the cursor if it is in sight. */
@@ -81,17 +91,25 @@ class Plots {
     const stage = plot.stage;
     const time = (event) => plot.t(event.clientX - stage.getBoundingClientRect().left);
     let began = null;
+    let moved = null;
     stage.addEventListener("pointerdown", (event) => {
       if (event.button !== 0) return;
       if (event.pointerType !== "touch") stage.setPointerCapture(event.pointerId);
-      began = event.clientX;
+      if (event.shiftKey) moved = { at: event.clientX, ...this.span };
+      else began = event.clientX;
     });
     stage.addEventListener("pointermove", (event) => {
+      if (moved) {
+        const by = plot.t(moved.at) - plot.t(event.clientX);
+        this.zoom(moved.from + by, moved.to + by);
+        return;
+      }
       const zooming = began !== null && event.pointerType !== "touch" && Math.abs(event.clientX - began) > 4;
       if (zooming) this.showBrush(plot, began, event.clientX);
       else if (!this.clock.playing) this.clock.set(time(event));
     });
     const end = (event) => {
+      moved = null;
       if (began === null) return;
       const from = plot.t(began - stage.getBoundingClientRect().left);
       const zoomed = !plot.brush.hidden;
@@ -102,6 +120,7 @@ class Plots {
     };
     stage.addEventListener("pointerup", end);
     stage.addEventListener("pointercancel", () => {
+      moved = null;
       plot.brush.hidden = true;
       began = null;
     });

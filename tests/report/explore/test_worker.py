@@ -1,0 +1,187 @@
+"""What the processes behind the pages answer: the numbers of a run, every spike of its curves, loops; or a sentence."""
+
+import base64
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.laws.runs import shipped
+from twin.kernel.places import HOME
+from twin.kernel.process.reporter import DirectReporter
+from twin.report.explore.picture import AT_FIRST, EXPLORED, extremes
+from twin.report.explore.worker import answered
+from twin.robot.run.run import execute
+from twin.robot.run.trace import run_in_memory
+from twin.studies.analyse.operating_point import Linearised, operating_points
+from twin.studies.analyse.stability import judged_point
+from twin.studies.paper.fig4 import fig4_score
+from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
+
+BASE: dict[str, Any] = {
+    "experiment": "fig4_force_position",
+    "drive": None,
+    "body": None,
+    "settings": [],
+    "uploaded": {},
+}
+LOOK = {"panels": list(AT_FIRST), "span": None, "width": 300}
+GAIN = "controller.force.kp_mm_per_N"
+
+
+def answer(op: str, state: object = None, **more: Any) -> dict[str, Any]:
+    found = answered(
+        DirectReporter(lambda note: None), os.getcwd(), BASE, {"op": op, "state": state or {}, **LOOK, **more}
+    )
+    # it goes through JSON
+    return json.loads(json.dumps(found))
+
+
+def curves(found: dict[str, Any]) -> dict[tuple[str, str], tuple[np.ndarray, float, float]]:
+    block = np.frombuffer(base64.b64decode(found["block"]), "<f4")
+    return {
+        (panel["title"], row["label"]): (block[place[0] : place[0] + place[1]], place[2], place[3])
+        for panel in found["panels"]
+        for row in panel["rows"]
+        if (place := row["curve"])
+    }
+
+
+def test_numbers_and_events_are_those_of_a_recorded_run(tmp_path: Path):
+    run = execute(shipped("fig4_force_position", f"{GAIN}=3"), tmp_path)
+    found = answer("show", {"set": {GAIN: 3}})
+    numbers = {name: value for name, _, value in found["numbers"]}
+    assert numbers["rms force error"] == run.outcome.force_error
+    assert numbers["largest force"] == run.outcome.peak
+    assert numbers["force at the end"] == run.outcome.end
+    assert [(e["t"], e["text"]) for e in found["events"]] == [
+        (t, text) for t, level, text in run.events if level != "DEBUG"
+    ]
+    assert found["command"] == f"twin run fig4_force_position --set {GAIN}=3.0"
+
+
+def test_no_spike_is_lost_at_any_width_and_a_zoom_has_the_samples_themselves():
+    trace = run_in_memory(shipped("fig4_force_position"))
+    force = -trace["plant.F_ee_B"][:, 2]
+    key = "Pressing force F_z", "true"
+    for width in (10, 300, 4000):
+        shown, start, step = curves(answer("show", width=width))[key]
+        assert len(shown) <= 4 * width + 2
+        assert (shown.min(), shown.max()) == (np.float32(force.min()), np.float32(force.max()))
+        # where they are: within two samples of the picture
+        at = start + step * np.argmax(shown)
+        assert at == pytest.approx(np.argmax(force) * trace.tick, abs=2.5 * step)
+    shown, start, step = curves(answer("show", span=[13.0, 13.2], width=300))[key]
+    assert step == pytest.approx(1e-3)
+    first = round(start / 1e-3)
+    np.testing.assert_array_equal(shown, force[first : first + len(shown)].astype("<f4"))
+    assert start <= 13.0 and start + step * (len(shown) - 1) >= 13.2
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 100, 101])
+def test_extremes_stand_in_their_order_and_what_is_no_number_hides_none(count: int):
+    y = np.sin(37.0 * np.arange(count) ** 2)
+    y[::7] = np.nan
+    found = extremes(y, 6)
+    for part in range(0, count, 6):
+        low, high = np.fmin.reduce(y[part : part + 6]), np.fmax.reduce(y[part : part + 6])
+        np.testing.assert_equal(sorted(found[part // 3 : part // 3 + 2]), sorted((low, high)))
+    assert len(found) == 2 * -(-count // 6) or count <= 2
+
+
+def test_the_same_curves_come_whatever_was_looked_at_before():
+    first = curves(answer("show"))
+    again = curves(answer("show"))
+    assert first.keys() == again.keys() and all(np.array_equal(first[key][0], again[key][0]) for key in first)
+    # another drive has other signals, and a tank is one more component
+    for state in ({"drive": "pmsm_foc"}, {"set": {"monitor.enabled": True}}):
+        assert curves(answer("show", state)).keys() >= first.keys()
+
+
+def test_every_panel_that_shows_something_can_be_chosen():
+    found = answer("show", list=True, robot=True)
+    titles = [panel.title for panel in EXPLORED]
+    assert set(AT_FIRST) < set(found["all_panels"]) <= set(titles)
+    assert found["scene"]["frames"]["count"] > 100
+    assert set(panel["title"] for panel in answer("show", panels=titles)["panels"]) == set(titles)
+
+
+@pytest.mark.parametrize(
+    ("op", "more", "expected"),
+    [
+        ("show", {"state": {"set": {GAIN: -1}}}, "kp_mm_per_N = -1.0: expected a number >= 0"),
+        ("show", {"state": {"set": {"robot.l_b_mm": 20}}}, "out of reach"),
+        ("show", {"state": 1}, "expected set, drive, body and faults"),
+        ("show", {"panels": "x"}, "panels: expected"),
+        ("show", {"panels": [[]]}, "panels: expected"),
+        ("show", {"span": [1]}, "span: expected"),
+        ("show", {"span": ["a", "b"]}, "span: expected"),
+        ("show", {"span": [2.0, 1.0]}, "span: expected"),
+        ("show", {"width": 10**9}, "width: expected"),
+        ("show", {"width": 1.5}, "width: expected"),
+        ("recorded", {"run": "/etc"}, "no such run in results/"),
+        ("recorded", {"run": None}, "no such run in results/"),
+        ("save", {"name": "../x"}, "expected a name"),
+        ("loops", {"state": {"set": {GAIN: "x"}}}, "expected a number"),
+    ],
+)
+def test_what_cannot_be_is_a_sentence(op: str, more: dict[str, Any], expected: str, tmp_path: Path, monkeypatch: Any):
+    monkeypatch.chdir(tmp_path)
+    found = answer(op, **{"state": {}, **more})
+    assert expected in found["refused"] and "Traceback" not in found["refused"]
+
+
+def test_an_experiment_that_is_too_long_for_a_slider_is_refused():
+    found = answered(
+        DirectReporter(lambda note: None),
+        os.getcwd(),
+        BASE | {"settings": ["duration_s=1e5"]},
+        {"op": "show", "state": {}, **LOOK},
+    )
+    assert "too many to be run while a slider moves" in found["refused"]
+
+
+def test_loops_have_the_margins_of_twin_analyse():
+    found = answer("loops", {"set": {GAIN: 3}}, point=2)
+    experiment = shipped("fig4_force_position", f"{GAIN}=3")
+    points, _ = operating_points(experiment)
+    judged = judged_point(Linearised(experiment, points).at(points[2]))
+    assert len(found["points"]) == len(points) and found["stable"]
+    assert len(found["loops"]) == len(judged.margins)
+    for row, one in zip(found["loops"], judged.margins.values(), strict=True):
+        assert one.gain is None or row["gain_dB"] == pytest.approx(20.0 * np.log10(one.gain))
+        assert one.phase is None or row["phase_deg"] == pytest.approx(np.degrees(one.phase))
+    block = np.frombuffer(base64.b64decode(found["block"]), "<f4").reshape(-1, found["count"])
+    # at the crossover the gain is 0 dB, and the phase margin is what is left to -180 deg
+    row = next(row for row in found["loops"] if row["crossover_Hz"])
+    n = found["loops"].index(row)
+    assert np.interp(np.log(row["crossover_Hz"]), np.log(block[0]), block[1 + 2 * n]) == pytest.approx(0.0, abs=0.1)
+
+
+def test_claims_are_those_of_the_same_two_runs_and_another_experiment_has_none():
+    found = {row["text"]: row for row in answer("score")["claims"]}
+    runs = [Fig4Run(run_in_memory(shipped(name))) for name in ("fig4_force_position", "fig4_position")]
+    score = fig4_score(Fig4Runs(runs[0], runs[1], imperfect=(runs[0], runs[1])))
+    judged = [one for one in (*score.claims, *score.quality) if one.claim.measure is not None]
+    assert {one.claim.text: (one.verdict, one.measured) for one in judged} == {
+        text: (row["verdict"], row["measured"]) for text, row in found.items()
+    }
+    assert "needs" in answer("score", {"set": {"controller.mode": "position"}})["refused"]
+
+
+def test_a_point_of_a_map_has_the_numbers_of_the_picture():
+    state = {"set": {GAIN: 3, "robot.k_s_Nm_per_rad": 2}}
+    assert answer("map", state) == {"numbers": answer("show", state)["numbers"]}
+
+
+def test_a_drive_that_has_changed_the_folder_leads_nothing_astray(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    here = tmp_path / "here"
+    here.mkdir()
+    (here / "mine.toml").write_text(f'extends = "{HOME}/experiments/fig4_position.toml"')
+    monkeypatch.chdir(tmp_path)
+    ask: dict[str, Any] = {"op": "show", "state": {}, **LOOK}
+    found = answered(DirectReporter(lambda note: None), str(here), BASE | {"experiment": "mine.toml"}, ask)
+    assert found["command"] == "twin run mine.toml"

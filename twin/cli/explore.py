@@ -1,0 +1,70 @@
+"""The command `twin explore`: an experiment in the browser that is run again while a slider moves."""
+
+import shlex
+import socket
+from pathlib import Path
+from typing import Annotated
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.process.job import JobLimits
+from twin.studies.command import Argument, BodyName, DriveName, LimitStep, Option, Settings, study
+
+PORT = 8766
+LINGER = 60.0
+"""s; a page that is loaded anew comes back by then."""
+EXTRA = "starlette", "uvicorn", "websockets"
+
+
+@study(json=False)
+def explore(
+    experiment: Annotated[
+        Path, Argument("Experiment file (TOML) or name.", "EXPERIMENT", complete="experiment")
+    ] = Path("fig4_force_position"),
+    drive: DriveName = None,
+    body: BodyName = None,
+    settings: Settings = (),
+    browser: Annotated[
+        bool, Option("Open the page, or only print its address.", flags="--browser/--no-browser")
+    ] = True,
+    port: Annotated[int, Option("Port; 0: any free one.", "N", least=0, most=65535)] = PORT,
+    linger_s: Annotated[float, Option("Time to go on after the last page was closed.", "S", least=0.0)] = LINGER,
+    limit_step: LimitStep = JobLimits.step,
+) -> None:
+    """Change an experiment in the browser and see the whole of it follow.
+
+    Each change runs the experiment again in memory; 'record' makes a real run.
+    Only this machine can open the page, with the address that is printed. It
+    ends with Ctrl-C, or a minute after its last page was closed.
+
+    Exit code: 0 the last page was closed, 2 refused, 130 interrupted.
+
+    Example: twin explore experiments/fig4_force_position.toml
+    """
+    try:
+        from twin.report.explore.server import ExplorerServer, lasting_token
+    except ImportError as missing:
+        if (missing.name or "").partition(".")[0] not in EXTRA:
+            raise
+        raise InputRefused(f"explore: {missing.name} is not installed; pip install 'twin[explore]'") from None
+    from twin.kernel.live import HOST
+
+    with socket.socket() as listening:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listening.bind((HOST, port))
+        except OSError as problem:
+            raise InputRefused(f"--port {port}: {problem}; choose another one, or 0 for any that is free") from None
+        base = {"experiment": str(experiment), "drive": drive, "body": body}
+        server = ExplorerServer(base, JobLimits(step=limit_step), linger_s)
+        server.begin(list(settings))
+        at = listening.getsockname()[1]
+        token = lasting_token(at)
+        address = f"http://{HOST}:{at}/?token={token}"
+        listening.listen()
+        print(f"{shlex.quote(str(experiment))}  open  {address}\nCtrl-C ends it", flush=True)
+        if browser:
+            # it may take a second to find one
+            import webbrowser
+
+            webbrowser.open(address)
+        server.serve(listening, token)

@@ -1,0 +1,8 @@
+"""The explorer: an experiment in the browser that is run again while a slider moves."""
+
+import re
+
+ANSWERED = "twin.report.explore.worker:answered"
+"""The job of the processes that run experiments; here, for importing it means importing what runs them."""
+FMU_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,60}\.fmu")
+"""Of a file that may be brought in."""

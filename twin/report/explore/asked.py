@@ -1,0 +1,291 @@
+"""What a page asks for: an experiment with other values, another drive or another body.
+
+The page sends keys and plain values only. Which file a drive or a body is, is never for the page to say: it names one
+of those that the server has listed.
+"""
+
+import math
+import os
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import tomlkit
+
+from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.places import located
+from twin.kernel.writing import write_text
+from twin.report.explore.catalogue import PACE, Slider, checked, sliders
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.drive_files import FOLDERS, experiment_file, shelved
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.source import Source, at, key_names, override, toml_value
+from twin.studies.faults.matrix import GLITCH_SHARE
+
+MOST_FAULTS = 8
+"""That one state may have."""
+MOST_KEYS = 200
+"""That one state may change."""
+SAVED_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
+
+
+@dataclass(frozen=True)
+class Base:
+    """What the command line says, the same for every page.
+
+    Attributes:
+        experiment: file or name, as it was given.
+        drive: --drive as it was given.
+        body: --body as it was given.
+        settings: --set that no slider stands for; they hold in every state.
+        uploaded: files of drives that were brought in through the page, by the names that pages have for them.
+    """
+
+    experiment: str
+    drive: str | None = None
+    body: str | None = None
+    settings: tuple[str, ...] = ()
+    uploaded: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def drives(self) -> dict[str, str]:
+        """Drives that can be chosen: what `--drive` takes, by name."""
+        shelf = located("fmus", Path.cwd())
+        known = {path.parent.name for path in (*shelf.glob("*/*.fmu"), *shelf.glob("*/mapping.toml"))}
+        given = {self.drive: self.drive} if self.drive else {}
+        return given | {name: name for name in sorted(known)} | dict(self.uploaded)
+
+    @property
+    def bodies(self) -> dict[str, str]:
+        """Bodies that can be chosen: what `--body` takes, by name."""
+        known = {body.stem for folder in FOLDERS for body in located(folder, Path.cwd()).glob("*.toml")}
+        return ({self.body: self.body} if self.body else {}) | {name: name for name in sorted(known)}
+
+
+@dataclass(frozen=True)
+class PageState:
+    """One state of a page, checked.
+
+    Attributes:
+        base: of the command line.
+        drive: what `--drive` takes; None: the file's own.
+        body: what `--body` takes; None: the file's own.
+        values: by key, as a file would have them; of `PACE` the factor.
+        faults: tables of [[fault]], besides those of the file.
+    """
+
+    base: Base
+    drive: str | None
+    body: str | None
+    values: Mapping[str, Any]
+    faults: tuple[Mapping[str, Any], ...] = ()
+
+    @property
+    def unchanged(self) -> Experiment:
+        """The experiment without `values`."""
+        return unchanged(self.base, self.drive, self.body)
+
+    @property
+    def settings(self) -> list[str]:
+        """As `--set` takes them."""
+        texts = []
+        for key, value in self.values.items():
+            if key == PACE:
+                value = tuple(t / value for t in at(self.unchanged.values, PACE))
+            texts.append(f"{key}={toml_value(value)}")
+        if self.faults:
+            tables = map(_inline, (*self.unchanged.values.get("fault", ()), *self.faults))
+            texts.append(f"fault=[{', '.join(tables)}]")
+        return [*self.base.settings, *texts]
+
+    def loaded(self) -> Experiment:
+        """The experiment.
+
+        Raises:
+            InputRefused: with every mistake, one sentence each.
+        """
+        return load_experiment(self.base.experiment, self.settings, self.drive, self.body)
+
+    @property
+    def command(self) -> str:
+        """The command that runs it, for a shell."""
+        drive = ["--drive", self.drive] if self.drive else []
+        body = ["--body", self.body] if self.body else []
+        sets = [word for text in self.settings for word in ("--set", text)]
+        return shlex.join(["twin", "run", self.base.experiment, *drive, *body, *sets])
+
+
+def _inline(table: Mapping[str, Any]) -> str:
+    return "{" + ", ".join(f"{key}={toml_value(value)}" for key, value in table.items()) + "}"
+
+
+@lru_cache(16)
+def _loaded(experiment: str, settings: tuple[str, ...], drive: str | None, body: str | None) -> Experiment:
+    return load_experiment(experiment, settings, drive, body)
+
+
+def unchanged(base: Base, drive: str | None, body: str | None) -> Experiment:
+    """The experiment of the command line with a drive and a body, before anything is changed."""
+    return _loaded(base.experiment, base.settings, drive, body)
+
+
+@lru_cache(16)
+def _known(experiment: str, settings: tuple[str, ...], drive: str | None, body: str | None) -> dict[str, Slider]:
+    return sliders(_loaded(experiment, settings, drive, body))
+
+
+def known(base: Base, drive: str | None, body: str | None) -> dict[str, Slider]:
+    """The sliders of the experiment with a drive and a body."""
+    return _known(base.experiment, base.settings, drive, body)
+
+
+def asked(base: Base, state: Any) -> PageState:
+    """What the `state` of a page asks for.
+
+    Args:
+        base: of the command line.
+        state: {"set": {key: value}, "drive": name, "body": name, "faults": [{"kind", "target", "onset_s", ..}]};
+            each may be missing. It may come from anybody.
+
+    Raises:
+        InputRefused: it is something else, or names what is not there.
+    """
+    if not isinstance(state, dict) or state.keys() - {"set", "drive", "body", "faults"}:
+        raise InputRefused("state: expected set, drive, body and faults")
+    drive = _one_of("drive", state["drive"], base.drives) if state.get("drive") else None
+    body = _one_of("body", state["body"], base.bodies) if state.get("body") else None
+    changed = state.get("set") or {}
+    if not isinstance(changed, dict) or len(changed) > MOST_KEYS:
+        raise InputRefused(f"state: expected at most {MOST_KEYS} keys with values")
+    there, faults = known(base, drive, body), state.get("faults") or []
+    if not isinstance(faults, list) or len(faults) > MOST_FAULTS:
+        raise InputRefused(f"state: expected at most {MOST_FAULTS} faults")
+    values = {key: checked(there, key, value) for key, value in changed.items()}
+    return PageState(base, drive, body, values, tuple(map(_fault, faults)))
+
+
+def _fault(table: Any) -> dict[str, Any]:
+    """A table of [[fault]]; whether its numbers are in bounds is left to the experiment."""
+    name = table.get("kind") if isinstance(table, dict) else None
+    if not isinstance(name, str) or name not in CATALOGUE:
+        raise InputRefused(f"fault {str(name)[:80]!r}: no such kind; {nearest(str(name)[:80], CATALOGUE)}")
+    kind = CATALOGUE[name]
+    if table.get("target") not in kind.targets:
+        raise InputRefused(f"fault {name}: expected a target of {', '.join(kind.targets)}")
+    keys = {"onset_s": "onset_s", **({kind.magnitude_key: "magnitude"} if kind.magnitude_key else {})}
+    numbers: dict[str, Any] = {"kind": name, "target": table["target"]}
+    for key, place in keys.items():
+        value = table.get(place)
+        if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+            raise InputRefused(f"fault {name}: expected a number for {key}")
+        numbers[key] = float(value)
+    return numbers | ({"share": GLITCH_SHARE} if kind.has_share else {})
+
+
+def _one_of(what: str, name: Any, files: Mapping[str, str]) -> str:
+    if not isinstance(name, str) or name not in files:
+        raise InputRefused(f"{what} {str(name)[:80]!r}: no such {what}; {nearest(str(name)[:80], files)}")
+    return files[name]
+
+
+def first_state(base: Base, settings: Sequence[str]) -> tuple[Base, dict[str, Any]]:
+    """What `settings` of the command line are to a page: (the base with those that no slider stands for, the state).
+
+    Raises:
+        InputRefused: one is not of the form key=value, or the experiment is refused.
+    """
+    names = {"drive": base.drive, "body": base.body}
+    there = known(Base(base.experiment), base.drive, base.body)
+    rest, changed = [], {}
+    for text in settings:
+        key, value = _single(text)
+        if key in there and key != PACE:
+            changed[key] = checked(there, key, value)
+        else:
+            rest.append(text)
+    held = Base(base.experiment, base.drive, base.body, tuple(rest), base.uploaded)
+    return held, {"set": changed, **{key: name for key, name in names.items() if name}}
+
+
+def _single(text: str) -> tuple[str, Any]:
+    """(dotted key, value) of "a.b=1"."""
+    source = Source()
+    override(source, [text])
+    names = key_names(text.partition("=")[0].strip())
+    node: Any = source.values
+    for name in names:
+        node = node[name] if isinstance(node, dict) and name in node else None
+    return ".".join(names), node
+
+
+def saved(state: PageState, name: str) -> Path:
+    """Write an experiment that extends the old one with exactly what differs, in the current folder.
+
+    Args:
+        state: what it shall do.
+        name: of the file, without suffix.
+
+    Raises:
+        InputRefused: the name is none, there is such a file, or the experiment is refused.
+        NotWritten: the disk refuses.
+    """
+    if not SAVED_NAME.fullmatch(name):
+        raise InputRefused(f"{name[:80]!r}: expected a name of letters, digits, - and _")
+    path = Path(f"{name}.toml")
+    if os.path.lexists(path):
+        raise InputRefused(f"{path}: is there already, and is not overwritten; choose another name")
+    meant = state.loaded()
+    write_text(path, extending(state, path))
+    try:
+        again = load_experiment(path)
+        differing = ", ".join(key for key in meant.values if again.values.get(key) != meant.values[key])
+        if differing:
+            raise InputRefused(f"{path}: a file cannot say this as --set does ({differing}); use 'copy command'")
+    except InputRefused:
+        path.unlink()
+        raise
+    return path
+
+
+def extending(state: PageState, path: Path) -> str:
+    """The text of that file, which will be at `path`."""
+    old = experiment_file(state.base.experiment).resolve()
+    here = path.resolve().parent
+    source = Source()
+    if state.drive:
+        source.name("drive", "fmu", shelved(state.drive, old.parent))
+    if state.body:
+        source.name("contact", "body", str(state.body))
+        # --body leaves it as it is, a file would have to say it
+        source.values["contact"]["height_mm"] = at(state.unchanged.values, "contact.height_mm")
+    document = tomlkit.document()
+    document.add(tomlkit.comment(f"What twin explore has changed in {old.name}"))
+    document.add("extends", tomlkit.item(os.path.relpath(old, here) if old.is_relative_to(here) else str(old)))
+    tables: dict[str, Any] = dict(source.values)
+    for text in state.settings:
+        node = Source()
+        override(node, [text])
+        _merge(tables, node.values)
+    for key, value in tables.items():
+        document.add(key, tomlkit.item(_plain(value)))
+    return tomlkit.dumps(document)
+
+
+def _merge(into: dict[str, Any], tables: Mapping[str, Any]) -> None:
+    for key, value in tables.items():
+        if isinstance(value, Mapping) and isinstance(into.get(key), dict):
+            _merge(into[key], value)
+        else:
+            into[key] = dict(value) if isinstance(value, Mapping) else value
+
+
+def _plain(value: Any) -> Any:
+    """With lists, which TOML writes, where an experiment has tuples."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, tuple | list) else value

@@ -1,0 +1,384 @@
+// Puts the page together: settings change the state, the state is asked for, answers are drawn.
+
+import { Brought } from "./brought.js";
+import { Faults } from "./faults.js";
+import { Link } from "./link.js";
+import { Loops } from "./loops.js";
+import { Mapped } from "./map.js";
+import { Picture } from "./picture.js";
+import { Score } from "./score.js";
+import { Sliders } from "./sliders.js";
+import { copied, fresh, History, MOST_PINS, read, written } from "./state.js";
+
+const element = (id) => document.getElementById(id);
+const KEPT = 500;
+const DOUBLE = 600;
+
+let begun = null;
+let history = new History(fresh());
+let pins = [];
+let chosen = new Set();
+let file = {};
+let now = {};
+let command = "";
+const asked = new Map();
+let shown = 0;
+let waiting = null;
+let listed = false;
+let tab = null;
+let events = [];
+
+const link = new Link(hear, (there) => {
+  const status = element("status");
+  status.classList.toggle("lost", !there);
+  status.textContent = there ? "" : "The server does not answer: twin explore has ended, or was started anew. Trying again; your state is kept.";
+  element("picture").classList.toggle("old", !there);
+});
+const picture = new Picture(() => askAll(), () => measure());
+const sliders = new Sliders(element("sliders"), element("search"), change);
+
+const loops = new Loops(element("loops"), (point) => link.ask({ op: "loops", state: history.now, point }));
+const score = new Score(element("score"), (slot) => link.ask({ op: "score", slot, state: slot === "file" ? fresh() : history.now }));
+const map = new Mapped(element("map"), (state, slot) => link.ask({ op: "map", slot, state }), (state) => go(state), () => history.now);
+const faults = new Faults(element("faults"), breakIt, () => picture.clock.time);
+const brought = new Brought((what) => link.ask(what), say, (name) => go({ ...copied(history.now), drive: name }));
+
+/** From the input event to the frame in which the answer to it was drawn. */
+function measure() {
+  if (!waiting) return;
+  const id = waiting;
+  waiting = null;
+  const began = asked.get(id);
+  for (const older of asked.keys()) if (older <= id) asked.delete(older);
+  if (began === undefined) return;
+  events.push(performance.measure("twin-follow", { start: began, end: performance.now(), detail: id }));
+  if (events.length > KEPT) {
+    performance.clearMeasures("twin-follow");
+    events = [];
+  }
+}
+
+const look = (slot) => ({ panels: [...chosen], span: picture.span, width: picture.width, robot: slot === 0 && element("player").open, list: slot === 0 && !listed });
+
+/** Ask for the present state; `since`: when the hand moved. */
+function askNow(since = performance.now()) {
+  const id = link.ask({ op: "show", slot: 0, state: history.now, ...look(0) });
+  if (id) asked.set(id, since);
+  loops.changed();
+  score.changed();
+  map.changed();
+}
+
+function askPin(pin, number) {
+  const what = pin.run === undefined ? { op: "show", state: pin.state } : { op: "recorded", run: pin.run };
+  link.ask({ ...what, slot: number + 1, ...look(number + 1) });
+}
+
+function askAll() {
+  askNow();
+  pins.forEach(askPin);
+}
+
+function hear(answer) {
+  if (answer.outdated) return;
+  if (answer.op === "begin") begin(answer);
+  else if (answer.op === "describe") describe(answer);
+  else if (answer.op === "runs") offerRuns(answer.runs ?? []);
+  else if (answer.op === "save") say(answer.saved ? `Saved: ${answer.saved}` : answer.refused ?? answer.failed, !answer.saved);
+  else if (answer.op === "record") tellRecorded(answer);
+  else if (answer.op === "score") score.take(answer);
+  else if (answer.op === "map") map.take(answer);
+  else if (answer.op === "loops") loops.take(answer);
+  else if (answer.op === "inspect") brought.inspected(answer);
+  else if (answer.op === "qualify") brought.qualified(answer);
+  else if (answer.slot === "file") tellFile(answer);
+  else if (answer.slot === 0) showNow(answer);
+  else if (answer.slot > 0) showPin(answer);
+}
+
+function begin(answer) {
+  const first = begun === null;
+  begun = answer;
+  if (first) {
+    chosen = new Set(answer.panels_at_first);
+    const given = read(location.hash.slice(1));
+    if (given === null) say("What stands behind # in the address is no state of this page; the file is shown.", true);
+    const [state, pinned] = given && location.hash.length > 1 ? given : [answer.state, []];
+    history = new History({ ...fresh(), ...state });
+    pins = pinned;
+  }
+  element("title").textContent = answer.title;
+  document.title = `${answer.name}: twin explore`;
+  describe(answer);
+  link.ask({ op: "show", slot: "file", state: fresh(), panels: [], span: null, width: 100 });
+  link.ask({ op: "runs" });
+  if (history.now.drive || history.now.body) link.ask({ op: "describe", state: history.now });
+  namePins();
+  refresh();
+}
+
+function describe(answer) {
+  if (answer.refused) return;
+  offer(element("drive"), answer.drives, history.now.drive);
+  offer(element("body"), answer.bodies, history.now.body);
+  listed = false;
+  sliders.describe(answer.sliders);
+  sliders.show(history.now.set);
+  map.describe(answer.sliders);
+  faults.describe(answer.kinds, answer.duration);
+  faults.show(history.now.faults);
+}
+
+function offer(select, names, value) {
+  const options = names.map((name) => made("option", { value: name }, name));
+  select.replaceChildren(made("option", { value: "" }, "as in the file"), ...options);
+  select.value = value;
+}
+
+function offerRuns(runs) {
+  const select = element("runs-of-results");
+  select.replaceChildren(select.firstElementChild, ...runs.map((run) => made("option", { value: run }, run)));
+  select.disabled = runs.length === 0;
+}
+
+/** Something was changed: show it in the settings, ask for it, and at the end of a movement remember it. */
+function change(key, value, over, again) {
+  const since = window.event?.timeStamp;
+  if (again) history.forget(DOUBLE);
+  if (value === undefined) delete history.now.set[key];
+  else history.now.set[key] = value;
+  sliders.show(history.now.set);
+  askNow(since);
+  if (over) remember();
+}
+
+function breakIt(list, over) {
+  history.now.faults = list;
+  faults.show(list);
+  askNow(window.event?.timeStamp);
+  if (over) remember();
+}
+
+function remember() {
+  history.step();
+  address();
+}
+
+function address() {
+  const text = written(history.now, pins);
+  window.history.replaceState(null, "", text ? `#${text}` : location.pathname);
+  element("undo").disabled = history.before.length === 0;
+  element("redo").disabled = history.after.length === 0;
+  element("reset").disabled = written(history.now, []) === "";
+}
+
+/** After a jump to another state. */
+function refresh() {
+  element("drive").value = history.now.drive;
+  element("body").value = history.now.body;
+  sliders.show(history.now.set, {});
+  faults.show(history.now.faults);
+  address();
+  askAll();
+}
+
+/** Go to another state, one that can be undone. */
+function go(state) {
+  const before = history.now;
+  history.now = copied(state);
+  history.step();
+  if (before.drive !== state.drive || before.body !== state.body) link.ask({ op: "describe", state: history.now });
+  refresh();
+}
+
+function showNow(answer) {
+  if (answer.id < shown) return;
+  shown = answer.id;
+  const problem = answer.refused ?? answer.failed ?? "";
+  const sentence = problem || answer.trip || "";
+  element("problem").textContent = sentence;
+  element("problem").hidden = !sentence;
+  element("picture").classList.toggle("old", Boolean(problem));
+  sliders.refuse(problem);
+  if (problem) return;
+  waiting = answer.id;
+  now = answer;
+  command = answer.command;
+  element("command").textContent = command;
+  offerPanels(answer.all_panels);
+  picture.take(0, answer);
+  sliders.show(history.now.set, answer.values);
+  showNumbers();
+}
+
+function tellFile(answer) {
+  file = Object.fromEntries((answer.numbers ?? []).map(([name, , value]) => [name, value]));
+  showNumbers();
+}
+
+const NOTHING = 1e-9;
+const digits = (value) => (value === null || value === undefined ? "none" : Math.abs(value) < NOTHING ? "0" : value.toPrecision(3));
+
+function showNumbers() {
+  const boxes = (now.numbers ?? []).map(([name, unit, value]) => {
+    const before = file[name];
+    const differs = before !== undefined && digits(before) !== digits(value);
+    const old = differs ? [made("span", { className: "before" }, `${digits(before)} → `)] : [];
+    const text = value === null ? "none" : `${digits(value)} ${unit}`;
+    return made("div", { className: "box" }, made("strong", {}, ...old, text), made("span", {}, name));
+  });
+  element("numbers").replaceChildren(...boxes);
+}
+
+function showPin(answer) {
+  const number = answer.slot - 1;
+  if (number >= pins.length) return;
+  if (answer.refused ?? answer.failed) say(`${pins[number].name}: ${answer.refused ?? answer.failed}`, true);
+  else picture.take(answer.slot, answer);
+}
+
+function namePins() {
+  picture.name(["now", ...pins.map(({ name }) => name)]);
+  const nodes = pins.map((pin, number) => {
+    const name = made("input", { type: "text", value: pin.name, maxLength: 60 });
+    name.setAttribute("aria-label", "Name of this state");
+    name.addEventListener("change", () => {
+      pin.name = name.value;
+      namePins();
+      address();
+    });
+    const to = made("button", { type: "button", hidden: pin.run !== undefined, title: "Return to this state" }, "go");
+    to.addEventListener("click", () => go(pin.state));
+    const away = made("button", { type: "button", title: "Take it off the picture" }, "×");
+    away.setAttribute("aria-label", `Unpin ${pin.name}`);
+    away.addEventListener("click", () => {
+      pins = pins.filter((one) => one !== pin);
+      repin();
+    });
+    const node = made("span", { className: "pinned" }, name, to, away);
+    mark(node, number + 1);
+    return node;
+  });
+  const present = made("span", { className: "pinned" }, "now");
+  mark(present, 0);
+  element("pins").replaceChildren(...(nodes.length ? [present, ...nodes] : []));
+  element("pin").disabled = pins.length >= MOST_PINS;
+}
+
+function repin() {
+  namePins();
+  address();
+  pins.forEach(askPin);
+}
+
+function addPin(pin) {
+  if (pins.length >= MOST_PINS) return;
+  pins.push(pin);
+  repin();
+}
+
+function label(state) {
+  const named = Object.entries(state.set).map(([key, value]) => `${key.split(".").at(-1)} ${value}`);
+  return [state.drive, state.body, ...state.faults.map(({ kind }) => kind), ...named].filter(Boolean).slice(0, 2).join(", ") || "as in the file";
+}
+
+function offerPanels(titles) {
+  if (!titles) return;
+  listed = true;
+  const box = element("panels").querySelector(".choices");
+  if (box.dataset.titles === titles.join()) return;
+  box.dataset.titles = titles.join();
+  box.replaceChildren(
+    ...titles.map((title) => {
+      const tick = made("input", { type: "checkbox", checked: chosen.has(title) });
+      tick.addEventListener("change", () => {
+        if (tick.checked) chosen.add(title);
+        else chosen.delete(title);
+        askAll();
+      });
+      return made("label", {}, tick, ` ${title}`);
+    }),
+  );
+}
+
+function say(sentence, bad = false) {
+  element("out").textContent = sentence;
+  element("out").classList.toggle("bad", bad);
+}
+
+function tellRecorded(answer) {
+  element("record").disabled = false;
+  if (!answer.recorded) {
+    tab?.close();
+    say(answer.refused ?? answer.failed, true);
+    return;
+  }
+  const report = made("a", { href: answer.report, target: "_blank", rel: "noopener" }, "report");
+  element("out").replaceChildren(`Recorded: ${answer.recorded}  `, report);
+  element("out").classList.remove("bad");
+  link.ask({ op: "runs" });
+  tab?.location.replace(answer.report);
+}
+
+function hearButtons() {
+  const by = (id, act) => element(id).addEventListener("click", act);
+  const back = () => history.undo() && settle();
+  const forth = () => history.redo() && settle();
+  by("undo", back);
+  by("redo", forth);
+  by("reset", () => go(fresh()));
+  by("pin", () => addPin({ name: label(history.now), state: copied(history.now) }));
+  by("copy", async () => {
+    try {
+      await navigator.clipboard.writeText(command);
+      say("The command is in the clipboard.");
+    } catch {
+      element("command-shown").open = true;
+      say("The browser gives no access to the clipboard; the command stands below the plots.", true);
+    }
+  });
+  by("save", () => {
+    const name = window.prompt("Name of the experiment's file, without .toml", "");
+    if (name) link.ask({ op: "save", state: history.now, name });
+  });
+  by("record", () => {
+    element("record").disabled = true;
+    say("Recording.");
+    // now: a browser lets nothing open later, when the run is over
+    tab = window.open("about:blank");
+    if (tab) tab.document.title = "Recording";
+    if (!link.ask({ op: "record", state: history.now })) tellRecorded({ failed: "The server does not answer." });
+  });
+  for (const id of ["drive", "body"])
+    element(id).addEventListener("change", () => go({ ...copied(history.now), [id]: element(id).value }));
+  element("runs-of-results").addEventListener("change", (event) => {
+    if (event.target.value) addPin({ name: event.target.value, run: event.target.value });
+    event.target.value = "";
+  });
+  element("player").addEventListener("toggle", () => askNow());
+  window.addEventListener("hashchange", () => {
+    const given = read(location.hash.slice(1));
+    if (given === null) {
+      say("What stands behind # in the address is no state of this page.", true);
+      return;
+    }
+    pins = given[1];
+    namePins();
+    go(given[0]);
+  });
+  window.addEventListener("keydown", (event) => {
+    const inField = event.target instanceof HTMLInputElement && event.target.type !== "range";
+    if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || inField) return;
+    event.preventDefault();
+    if (event.shiftKey) forth();
+    else back();
+  });
+}
+
+/** After undo and redo. */
+function settle() {
+  link.ask({ op: "describe", state: history.now });
+  refresh();
+}
+
+hearButtons();

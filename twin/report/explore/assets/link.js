@@ -1,0 +1,47 @@
+// The link to the server: sends what is asked for, unpacks answers, and comes back by itself when it was cut.
+
+const SOON = 500;
+const LATEST = 4000;
+
+/** JSON, or JSON with samples behind it: see twin/report/explore/server.py. */
+export function unpackedAnswer(data) {
+  if (typeof data === "string") return JSON.parse(data);
+  const length = new DataView(data).getUint32(0, true);
+  const answer = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));
+  answer.samples = new Float32Array(data, 4 + length);
+  return answer;
+}
+
+export class Link {
+  /** `heard` takes every answer, `changed` whether there is a connection. */
+  constructor(heard, changed) {
+    this.heard = heard;
+    this.changed = changed;
+    this.number = 0;
+    this.patience = SOON;
+    this.open();
+  }
+
+  open() {
+    this.socket = new WebSocket(`ws://${location.host}/link`);
+    this.socket.binaryType = "arraybuffer";
+    this.socket.onopen = () => {
+      this.patience = SOON;
+      this.changed(true);
+    };
+    this.socket.onmessage = (event) => this.heard(unpackedAnswer(event.data));
+    this.socket.onclose = () => {
+      this.changed(false);
+      setTimeout(() => this.open(), this.patience);
+      this.patience = Math.min(LATEST, 2 * this.patience);
+    };
+  }
+
+  /** The number of what was asked for; 0 without a connection. */
+  ask(what) {
+    if (this.socket.readyState !== WebSocket.OPEN) return 0;
+    this.number += 1;
+    this.socket.send(JSON.stringify({ ...what, id: this.number }));
+    return this.number;
+  }
+}

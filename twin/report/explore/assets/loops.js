@@ -1,0 +1,144 @@
+// The loops at one operating point: margins in a table, Bode and Nyquist diagrams of the open loops.
+
+const HEIGHT = 190;
+const EDGE = { left: 52, right: 10, top: 8, bottom: 22 };
+const QUIET = 250;
+const DECADES = ["0.01", "0.1", "1", "10", "100", "1000"];
+
+const said = (value, unit, digits = 3) => (value === null ? "none" : `${value.toPrecision(digits)} ${unit}`);
+
+export class Loops {
+  /** `ask` is called when the loops are to be seen again, a moment after the last change. */
+  constructor(box, ask) {
+    this.box = box;
+    this.ask = ask;
+    this.point = made("select", {});
+    this.point.setAttribute("aria-label", "Operating point");
+    this.table = made("div", { className: "scroll" });
+    this.canvases = ["Gain (dB) over frequency (Hz)", "Phase (deg) over frequency (Hz)", "Nyquist diagram of the open loops; the cross is -1"].map((text) => {
+      const canvas = made("canvas", { role: "img" });
+      canvas.setAttribute("aria-label", text);
+      return made("figure", { className: "plot" }, made("figcaption", {}, text), made("div", { className: "stage" }, canvas));
+    });
+    this.problem = made("p", { className: "bad", role: "status" });
+    this.canvases.forEach((figure) => figure.classList.add("loop"));
+    box.append(this.point, this.problem, this.table, made("div", { className: "diagrams" }, ...this.canvases));
+    box.addEventListener("toggle", () => this.changed());
+    this.point.addEventListener("change", () => {
+      this.chosen = Number(this.point.value);
+      this.ask(this.chosen);
+    });
+    new ResizeObserver(() => this.draw()).observe(box);
+  }
+
+  /** The state is another one. */
+  changed() {
+    clearTimeout(this.timer);
+    if (this.box.open) this.timer = setTimeout(() => this.ask(this.chosen), QUIET);
+  }
+
+  take(answer) {
+    this.problem.textContent = answer.refused ?? answer.failed ?? (answer.stable ? "" : "Unstable at this point: there are no margins.");
+    this.box.classList.toggle("old", !answer.loops);
+    if (!answer.loops) return;
+    this.found = answer;
+    this.point.replaceChildren(...answer.points.map((text, value) => made("option", { value }, text)));
+    this.point.value = answer.point;
+    const head = made("tr", {}, ...["loop", "gain margin", "phase margin", "crossover"].map((text) => made("th", {}, text)));
+    const rows = answer.loops.map((loop, number) => {
+      const name = made("th", {}, made("span", { className: "loop-name" }, loop.name));
+      mark(name.firstChild, number);
+      const values = [said(loop.gain_dB, "dB"), said(loop.phase_deg, "deg"), said(loop.crossover_Hz, "Hz")];
+      return made("tr", {}, name, ...values.map((text) => made("td", {}, text)));
+    });
+    this.table.replaceChildren(made("table", {}, made("thead", {}, head), made("tbody", {}, ...rows)));
+    this.draw();
+  }
+
+  /** Column of the block: 0 frequencies, then gain and phase of each loop. */
+  column(number) {
+    const { samples, count } = this.found;
+    return samples.subarray(number * count, (number + 1) * count);
+  }
+
+  draw() {
+    if (!this.found || !this.box.open) return;
+    const f = this.column(0);
+    const span = { from: Math.log10(Math.max(f[0], 0.01)), to: Math.log10(f.at(-1)) };
+    const [gain, phase, nyquist] = this.canvases.map((figure) => figure.querySelector("canvas"));
+    const loops = this.found.loops.map((_, number) => [this.column(1 + 2 * number), this.column(2 + 2 * number)]);
+    this.over(gain, f, span, loops.map(([g]) => g), -60, 60);
+    this.over(phase, f, span, loops.map(([, p]) => p), -270, 0);
+    this.nyquist(nyquist, loops);
+  }
+
+  frame(canvas, bottom, top) {
+    const width = canvas.parentElement.clientWidth || 300;
+    canvas.style.height = `${HEIGHT}px`;
+    const pen = prepared(canvas, width, HEIGHT);
+    const floor = HEIGHT - EDGE.bottom;
+    const y = (value) => floor - ((value - bottom) / (top - bottom)) * (floor - EDGE.top);
+    pen.font = "11px system-ui, sans-serif";
+    pen.fillStyle = color("--muted");
+    pen.strokeStyle = color("--grid");
+    pen.textAlign = "right";
+    pen.textBaseline = "middle";
+    for (const [value, text] of ticks(bottom, top, 4)) {
+      this.line(pen, [[EDGE.left, y(value)], [width - EDGE.right, y(value)]]);
+      pen.fillText(text, EDGE.left - 6, y(value));
+    }
+    pen.textAlign = "center";
+    pen.textBaseline = "top";
+    return { pen, width, floor, y };
+  }
+
+  line(pen, points) {
+    pen.beginPath();
+    points.forEach(([x, y], i) => (i ? pen.lineTo(x, y) : pen.moveTo(x, y)));
+    pen.stroke();
+  }
+
+  curve(pen, number, points, { width, floor }) {
+    pen.save();
+    pen.beginPath();
+    pen.rect(EDGE.left, EDGE.top, width - EDGE.left - EDGE.right, floor - EDGE.top);
+    pen.clip();
+    pen.strokeStyle = color(runColor(number));
+    pen.lineWidth = 1.5;
+    this.line(pen, points);
+    pen.restore();
+  }
+
+  over(canvas, f, span, curves, bottom, top) {
+    const frame = this.frame(canvas, bottom, top);
+    const { pen, width, floor, y } = frame;
+    const x = (log) => EDGE.left + ((log - span.from) / (span.to - span.from)) * (width - EDGE.left - EDGE.right);
+    for (const text of DECADES) {
+      const log = Math.log10(Number(text));
+      if (log < span.from || log > span.to) continue;
+      this.line(pen, [[x(log), EDGE.top], [x(log), floor]]);
+      pen.fillText(text, x(log), floor + 6);
+    }
+    curves.forEach((values, number) => this.curve(pen, number, Array.from(values, (v, i) => [x(Math.log10(f[i])), y(v)]), frame));
+  }
+
+  nyquist(canvas, loops) {
+    const frame = this.frame(canvas, -2, 2);
+    const { pen, width, floor, y } = frame;
+    const scale = (floor - EDGE.top) / 4;
+    const zero = EDGE.left + (width - EDGE.left - EDGE.right) / 2;
+    const x = (value) => zero + scale * value;
+    for (let value = -4; value <= 4; value++) if (x(value) > EDGE.left && x(value) < width - EDGE.right) pen.fillText(value, x(value), floor + 6);
+    loops.forEach(([gain, phase], number) => {
+      const points = Array.from(gain, (dB, i) => {
+        const [size, angle] = [10 ** (dB / 20), (phase[i] * Math.PI) / 180];
+        return [x(size * Math.cos(angle)), y(size * Math.sin(angle))];
+      });
+      this.curve(pen, number, points, frame);
+    });
+    pen.strokeStyle = color("--vermilion");
+    pen.lineWidth = 2;
+    this.line(pen, [[x(-1) - 5, y(0) - 5], [x(-1) + 5, y(0) + 5]]);
+    this.line(pen, [[x(-1) - 5, y(0) + 5], [x(-1) + 5, y(0) - 5]]);
+  }
+}

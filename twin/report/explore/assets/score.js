@@ -1,0 +1,54 @@
+// The scorecard of the paper's Fig. 4: claims that turn over stand first.
+
+const QUIET = 250;
+const MARKS = { holds: "✓", fails: "✗", "not reproduced": "✗", "reproduced after all": "✓" };
+
+export class Score {
+  /** `ask` is called with the name of what is wanted: the file's claims, or those of the present state. */
+  constructor(box, ask) {
+    this.box = box;
+    this.ask = ask;
+    this.note = made("p", { className: "hint", role: "status" });
+    this.table = made("div", { className: "scroll" });
+    box.append(this.note, this.table);
+    box.addEventListener("toggle", () => this.changed());
+  }
+
+  changed() {
+    clearTimeout(this.timer);
+    if (!this.box.open) return;
+    this.box.classList.add("old");
+    if (this.now) this.note.textContent = "old: the runs of this state are not there yet";
+    this.timer = setTimeout(() => {
+      if (!this.file) this.ask("file");
+      this.ask("now");
+    }, QUIET);
+  }
+
+  take(answer) {
+    if (answer.slot === "file") this.file = answer.claims ?? [];
+    else {
+      this.now = answer.claims ?? [];
+      this.note.textContent = answer.refused ?? answer.failed ?? "";
+      this.box.classList.toggle("old", !answer.claims);
+    }
+    if (this.now && this.file) this.show();
+  }
+
+  show() {
+    const before = new Map(this.file.map((claim) => [claim.text, claim]));
+    const turned = (claim) => before.has(claim.text) && before.get(claim.text).verdict !== claim.verdict;
+    const order = [...this.now].sort((a, b) => turned(b) - turned(a));
+    const rows = order.map((claim) => {
+      const verdict = `${MARKS[claim.verdict] ?? ""} ${claim.verdict}`;
+      const was = turned(claim) ? ` (was: ${before.get(claim.text).verdict})` : "";
+      const name = made("th", { scope: "row", title: claim.quote }, claim.text);
+      const mark = made("td", { className: ["holds", "reproduced after all"].includes(claim.verdict) ? "good" : "bad", title: claim.reason }, verdict + was);
+      return made("tr", { className: turned(claim) ? "turned" : "" }, name, mark, made("td", {}, claim.measured), made("td", {}, claim.expected));
+    });
+    const held = this.now.filter(({ verdict }) => verdict === "holds").length;
+    if (this.now.length) this.note.textContent = `${held} of ${this.now.length} hold; ${order.filter(turned).length} turned over. Judged on this robot alone, with and without force control.`;
+    const head = made("tr", {}, ...["claim", "verdict", "measured", "expected"].map((text) => made("th", {}, text)));
+    this.table.replaceChildren(made("table", {}, made("thead", {}, head), made("tbody", {}, ...rows)));
+  }
+}

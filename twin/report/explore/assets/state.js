@@ -1,0 +1,113 @@
+// The state of the page: what differs from the file, what is pinned beside it; undo, redo, and the address that has it all.
+
+const LONGEST = 20000;
+const MOST = 200;
+const MOST_PINS = 6;
+const MOST_FAULTS = 8;
+const STEPS = 200;
+
+export const fresh = () => ({ set: {}, drive: "", body: "", faults: [] });
+export const copied = (state) => ({ ...state, set: { ...state.set }, faults: state.faults.map((one) => ({ ...one })) });
+const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
+
+const isPlain = (value) => ["number", "string", "boolean"].includes(typeof value);
+
+/** A state out of what somebody may have written; null if it is none. */
+function understood(found) {
+  if (typeof found !== "object" || found === null) return null;
+  const { set = {}, drive = "", body = "", faults = [] } = found;
+  if (typeof drive !== "string" || typeof body !== "string") return null;
+  if (typeof set !== "object" || set === null || Array.isArray(set)) return null;
+  const pairs = Object.entries(set);
+  if (pairs.length > MOST || !pairs.every(([, value]) => isPlain(value))) return null;
+  if (!Array.isArray(faults) || faults.length > MOST_FAULTS) return null;
+  const broken = faults.map((one) => ({ kind: one?.kind, target: one?.target, onset_s: one?.onset_s, magnitude: one?.magnitude }));
+  if (!broken.every((one) => typeof one.kind === "string" && typeof one.target === "string")) return null;
+  return { set: Object.fromEntries(pairs), drive, body, faults: broken };
+}
+
+/** What stands behind # for a state and what is pinned; "" for nothing. */
+export function written(state, pins) {
+  const parts = new URLSearchParams();
+  for (const [key, value] of Object.entries(state.set)) parts.append(key, JSON.stringify(value));
+  if (state.drive) parts.append("drive", state.drive);
+  if (state.body) parts.append("body", state.body);
+  for (const fault of state.faults) parts.append("fault", JSON.stringify(fault));
+  for (const pin of pins) parts.append("pin", JSON.stringify(pin));
+  return parts.toString();
+}
+
+/** [state, pins] of what stands behind #, which may be anything; null if it is none of ours. */
+export function read(text) {
+  if (text.length > LONGEST) return null;
+  const state = fresh();
+  const set = [];
+  const pins = [];
+  for (const [key, value] of new URLSearchParams(text)) {
+    if (key === "drive" || key === "body") {
+      state[key] = value;
+      continue;
+    }
+    let content;
+    try {
+      content = JSON.parse(value);
+    } catch {
+      return null;
+    }
+    if (key === "fault") state.faults.push(content);
+    else if (key !== "pin") set.push([key, content]);
+    else if (pins.length < MOST_PINS && typeof content?.name === "string") {
+      const inner = content.run === undefined ? understood(content.state) : null;
+      if (typeof content.run === "string") pins.push({ name: content.name, run: content.run });
+      else if (inner) pins.push({ name: content.name, state: inner });
+      else return null;
+    } else return null;
+  }
+  const checked = understood({ ...state, set: Object.fromEntries(set) });
+  return checked && [checked, pins];
+}
+
+/** The present state and those before and after it. */
+export class History {
+  constructor(state) {
+    this.now = copied(state);
+    this.before = [];
+    this.after = [];
+    this.kept = copied(state);
+  }
+
+  /** What was changed since the last step becomes one. */
+  step() {
+    if (same(this.now, this.kept)) return false;
+    this.before.push(this.kept);
+    this.before.splice(0, this.before.length - STEPS);
+    this.after = [];
+    this.kept = copied(this.now);
+    this.stepped = performance.now();
+    return true;
+  }
+
+  /** The last step was none, if it is younger than this (ms). */
+  forget(age) {
+    if (this.before.length && performance.now() - this.stepped < age) this.kept = this.before.pop();
+  }
+
+  go(from, to) {
+    if (!from.length) return false;
+    to.push(this.kept);
+    this.kept = from.pop();
+    this.now = copied(this.kept);
+    return true;
+  }
+
+  undo() {
+    this.step();
+    return this.go(this.before, this.after);
+  }
+
+  redo() {
+    return this.go(this.after, this.before);
+  }
+}
+
+export { MOST_FAULTS, MOST_PINS };

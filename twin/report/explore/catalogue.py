@@ -1,0 +1,193 @@
+"""What of an experiment can be changed in the explorer: its declared settings, with the range of a slider for each.
+
+A file declares the bounds within which a value makes sense, and often only one of them, or none. A slider needs two
+ends. Where both are declared, and not far apart, they are the ends; else the ends lie about the value of the file, and
+a typed value may lie beyond them.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal, get_args, get_origin
+
+from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.settings import Setting, Settings
+from twin.robot.assembly.declared import DECLARED
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.schema import nested
+from twin.robot.experiment.source import at
+
+FIRST = (
+    "robot.k_s_Nm_per_rad", "controller.force.reference_N", "controller.force.kp_mm_per_N",
+    "controller.force.ki_mm_per_N_s", "controller.position.kp_per_s", "controller.damping.gain_rad_per_s_per_Nm",
+    "reference.t_s", "approach.speed_mm_per_s", "contact.stiffness_N_per_m", "controller.delay_ticks",
+    "contact.friction", "robot.joint_friction_Nm", "robot.joint_noise_deg", "robot.backlash_deg",
+    "drive.parameters.droop",
+)  # fmt: skip
+"""Keys that are shown before anybody searches."""
+PACE = "reference.t_s"
+"""Times of way points. They are changed together: the slider is a factor on the speed."""
+UNSHOWN = ("recording",)
+"""Tables that change no curve."""
+FAR = 100.0
+"""A declared range whose ends are farther apart than this factor is one to be looked at on a logarithmic scale."""
+AROUND = 4.0
+"""An end that is not declared, as a multiple of the file's value; on a logarithmic scale `DECADE` of it."""
+DECADE = 10.0
+WITHOUT_BOUNDS = 0.5
+"""How far the slider of what has no bound at all reaches to both sides, as a share of the file's value."""
+USUAL = {"deg": 1.0, "ms": 20.0, "N m": 0.1, "mm": 10.0, "s": 5.0, "Hz": 20.0, "rad/s": 1.0, "N": 5.0}
+"""Largest value on the slider of what is 0 and has no upper bound, by its unit; 1 of all others."""
+MOST_WHOLE = 20
+"""The same of a whole number, such as ticks of delay."""
+
+Kind = Literal["number", "whole", "choice", "switch", "pace"]
+
+
+@dataclass(frozen=True)
+class Slider:
+    """One key that can be changed.
+
+    Attributes:
+        key: dotted, as in the file and behind --set.
+        unit: of its value; "" for what has none.
+        help: what it means, one phrase.
+        kind: what its value is.
+        value: of the experiment's file; None: the file does not say.
+        default: what holds where no file says anything; None: nothing.
+        low: least value on the slider.
+        high: largest value on the slider.
+        log: whether the slider is logarithmic.
+        choices: of a choice.
+        first: its place among those that are shown before anybody searches; None: elsewhere.
+    """
+
+    key: str
+    unit: str
+    help: str
+    kind: Kind
+    value: Any
+    default: Any
+    low: float
+    high: float
+    log: bool
+    choices: tuple[Any, ...]
+    first: int | None
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """For the page."""
+        return asdict(self)
+
+
+def sliders(experiment: Experiment) -> dict[str, Slider]:
+    """What can be changed in `experiment`, by key, in the order of documents."""
+    found = {slider.key: slider for slider in _all(experiment)}
+    # what neither the file nor a default says has no place on a slider
+    shown = [key for key in FIRST if key in found and (found[key].value, found[key].default) != (None, None)]
+    # the order stays
+    return found | {key: replace(found[key], first=place) for place, key in enumerate(shown)}
+
+
+def _all(experiment: Experiment) -> Iterator[Slider]:
+    values = experiment.values
+    for name, model in DECLARED.tables.items():
+        if name in UNSHOWN or (name == "contact" and "contact" not in values):
+            continue
+        for path, table in nested(model, name).items():
+            if _takes_single_keys(table, at(values, path)):
+                yield from _of_table(path, table, values)
+    for number, task in enumerate(values.get("task", ()), start=1):
+        yield from _of_table(f"task.{number}", DECLARED.tasks[task["kind"]], {"task": {str(number): task}})
+    drive = experiment.drives[0]
+    own = at(values, "drive.parameters") or {}
+    for name, value in drive.parameters.items():
+        # names of FMUs with dots are tables of TOML
+        if isinstance(value, float | int) and not isinstance(value, bool) and name.replace("_", "a").isalnum():
+            key = f"drive.parameters.{name}"
+            low, high, log = _ends(float(value), {"ge": 0.0} if value >= 0.0 else {}, "")
+            help_ = "a parameter of the drive's FMU, in the FMU's own unit"
+            yield Slider(key, "", help_, "number", own.get(name, value), None, low, high, log, (), None)
+
+
+def _takes_single_keys(table: type[Settings], head: Any) -> bool:
+    """Whether one key of the table can be set alone: it is there already, or needs no other key."""
+    return isinstance(head, Mapping) or not any(info.is_required() for info in table.model_fields.values())
+
+
+def _of_table(path: str, table: type[Settings], values: Mapping[str, Any]) -> Iterator[Slider]:
+    for name, declared in table.settings.items():
+        key = f"{path}.{declared.key(name)}"
+        value = at(values, key)
+        if key == PACE and value is not None:
+            help_ = "times of the way points: a factor on the speed between them"
+            yield Slider(key, "x", help_, "pace", 1.0, 1.0, 0.25, 4.0, True, (), None)
+        elif found := _slider(key, declared, table.model_fields[name].annotation, value):
+            yield found
+
+
+def _slider(key: str, declared: Setting, annotation: Any, value: Any) -> Slider | None:
+    """None for what is no single number, choice or switch."""
+    kinds = [part for part in (get_args(annotation) or (annotation,)) if part is not type(None)]
+    default = None if declared.default is ... else declared.default
+    head = key, declared.unit, declared.help
+    if annotation is bool:
+        return Slider(*head, "switch", value, default, 0.0, 1.0, False, (), None)
+    if get_origin(annotation) is Literal:
+        return Slider(*head, "choice", value, default, 0.0, 1.0, False, get_args(annotation), None)
+    if kinds not in ([float], [int]):
+        return None
+    now = next((float(one) for one in (value, default, *declared.more.get("examples", ())) if one is not None), 0.0)
+    if kinds == [float]:
+        low, high, log = _ends(now, declared.more, declared.unit)
+        return Slider(*head, "number", value, default, low, high, log, (), None)
+    low, high, _ = _ends(now, declared.more, declared.unit)
+    high = min(high, declared.more.get("le", math.inf), max(MOST_WHOLE, math.ceil(AROUND * now)))
+    return Slider(*head, "whole", value, default, math.floor(low), high, False, (), None)
+
+
+def _ends(value: float, more: Mapping[str, Any], unit: str) -> tuple[float, float, bool]:
+    """(least, largest, whether logarithmic) of a slider about `value`, within the declared bounds in `more`."""
+    least, most = more.get("gt", more.get("ge", -math.inf)), more.get("lt", more.get("le", math.inf))
+    usual = USUAL.get(unit, 1.0)
+    if least == 0.0 and "gt" in more and value > 0.0:
+        # 0 is no value: as far down as up, by factors
+        return value / DECADE, min(value * DECADE, most), True
+    if least > 0.0 and most / least >= FAR:
+        return least, min(most, max(value, least) * DECADE), True
+    if least >= 0.0:
+        return least, min(most, AROUND * value if value else usual), False
+    if least > -math.inf and most < math.inf:
+        return least, most, False
+    reach = WITHOUT_BOUNDS * abs(value) if value else usual
+    return max(least, value - reach), min(most, value + reach), False
+
+
+def checked(known: Mapping[str, Slider], key: str, value: Any) -> Any:
+    """`value` for `key`, as a file would have it.
+
+    Raises:
+        InputRefused: no such key, or another kind of value; whether it lies in bounds is left to the experiment.
+    """
+    if key not in known:
+        raise InputRefused(f"{key}: no key that can be changed here; {nearest(key, known, 'see twin schema')}")
+    slider = known[key]
+    number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if slider.kind == "switch" and isinstance(value, bool):
+        return value
+    if slider.kind == "choice" and value in slider.choices:
+        return slider.choices[slider.choices.index(value)]
+    if slider.kind == "whole" and number and float(value).is_integer() and abs(value) < 2**53:
+        return int(value)
+    if slider.kind == "number" and number:
+        return float(value)
+    if slider.kind == "pace" and number and 1e-3 <= value <= 1e3:
+        return float(value)
+    expected = {
+        "switch": "true or false",
+        "choice": ", ".join(map(repr, slider.choices)),
+        "whole": "a whole number",
+        "number": "a number",
+        "pace": "a factor between 0.001 and 1000",
+    }
+    raise InputRefused(f"{key} = {str(value)[:80]!r}: expected {expected[slider.kind]}")

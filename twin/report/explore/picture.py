@@ -1,0 +1,203 @@
+"""What the page draws of a run: the panels of a report, as far and as finely as the screen shows them."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from twin.kernel.compiled.function import carray
+from twin.kernel.compiled.native import entry
+from twin.kernel.recording.messages import Field
+from twin.report.page.markup import DataBlock
+from twin.report.page.panels import MM, PANELS, Panel, PanelCurve, PanelRun, Reader, Samples, scene, series
+from twin.robot.run.outcome import HeldForces, RunOutcome
+from twin.robot.run.trace import Trace
+from twin.studies.metrics.response import Curve
+
+CORRECTION = Panel(
+    "Correction of the force loop", "mm",
+    (PanelCurve("dp_z, below 0 presses harder", "shifted", series("controller.dp_z", None, MM)),),
+)  # fmt: skip
+EXPLORED = (*PANELS[:2], CORRECTION, *PANELS[2:])
+"""Every panel that can be looked at, in this order."""
+AT_FIRST = (
+    "Pressing force F_z", "Height z", "Correction of the force loop", "Force along x, y on the surface",
+    "Joint torque tau_l", "Motor speed",
+)  # fmt: skip
+"""Titles of those that are shown until others are chosen."""
+MOST_POSES = 600
+"""Of the robot; the player goes straight between them."""
+
+
+class MemoryRun:
+    """A run in memory as the panels read it, see `PanelRun`.
+
+    Args:
+        trace: of the run; it may lack signals.
+        fields: of all signals of the run.
+        values: of its experiment.
+
+    Attributes:
+        looked_at: signals that were read.
+    """
+
+    def __init__(self, trace: Trace, fields: Mapping[str, Field], values: Mapping[str, Any]):
+        self.recording, self.values, self._fields = trace, values, fields
+        self.times = _Times(trace)
+        self.looked_at: set[str] = set()
+
+    @property
+    def end(self) -> float:
+        """Time of the last row (s)."""
+        return float(self.recording.t[-1])
+
+    def has(self, *keys: str) -> bool:
+        """Whether the run has all these series."""
+        return all(key in self._fields for key in keys)
+
+    def column(self, key: str, column: int | None) -> Curve:
+        """Samples of a series (n,), or of one column of it.
+
+        Raises:
+            UnknownSeries: the trace lacks it.
+        """
+        self.looked_at.add(key)
+        values = self.recording[key]
+        return values if column is None else values[:, column]
+
+    def held(self, key: str, t: Curve) -> Curve:
+        """Samples of a series as they held at times `t` (n,) in s.
+
+        Raises:
+            UnknownSeries: the trace lacks it.
+        """
+        self.looked_at.add(key)
+        place = np.rint(t / self.recording.tick).astype(np.intp)
+        held: Curve = self.recording.held(key)[place]
+        return held
+
+
+class _Times(dict[str, Curve]):
+    """Times of the samples of each topic (s), made when they are asked for."""
+
+    def __init__(self, trace: Trace):
+        super().__init__()
+        self._trace = trace
+
+    def __missing__(self, topic: str) -> Curve:
+        self[topic] = self._trace.time(topic)
+        return self[topic]
+
+
+def shown_panels(run: PanelRun) -> list[str]:
+    """Titles of the panels that have something to show."""
+    return [panel.title for panel in EXPLORED if any(quantity.read(run) for quantity in panel.quantities)]
+
+
+def drawn(
+    run: PanelRun, block: DataBlock, titles: Sequence[str], span: tuple[float, float], width: int
+) -> list[dict[str, Any]]:
+    """The panels with `titles` for JSON; their samples go into `block`.
+
+    Of each `width`-th part of `span` the extremes are there, so no spike is lost. Whatever is shown beyond the span
+    stays coarse.
+
+    Args:
+        run: what is drawn.
+        block: takes the samples.
+        titles: of panels.
+        span: from when to when (s).
+        width: of a plot (pixels).
+    """
+    return [
+        {
+            "title": panel.title,
+            "unit": "" if panel.unit == "1" else panel.unit,
+            "rows": [
+                {
+                    "label": quantity.label,
+                    "role": quantity.role,
+                    "member": quantity.member,
+                    "shown": quantity.shown,
+                    "curve": _curve(quantity.read, run, block, span, width),
+                }
+                for quantity in panel.quantities
+            ],
+        }
+        for panel in EXPLORED
+        if panel.title in titles
+    ]
+
+
+def _curve(read: Reader, run: PanelRun, block: DataBlock, span: tuple[float, float], width: int) -> list[float] | None:
+    """[first sample in the block, number, time of the first (s), time from one to the next (s)]."""
+    samples = read(run)
+    if samples is None or not len(samples[0]):
+        return None
+    t, values, step = _within(samples, span)
+    factor = max(1, math.ceil(len(values) / (2 * width)))
+    return [*block.add(extremes(values, 2 * factor)), float(t[0]), step * factor]
+
+
+def _within(samples: Samples, span: tuple[float, float]) -> tuple[Curve, Curve, float]:
+    """(times, values, time between two (s)) of a little more than `span`."""
+    t, values = samples
+    step = float(t[-1] - t[0]) / max(1, len(t) - 1)
+    if not step:
+        return t, values, 1.0
+    first = min(len(t) - 1, max(0, math.floor((span[0] - t[0]) / step) - 1))
+    last = max(first + 1, min(len(t), math.ceil((span[1] - t[0]) / step) + 2))
+    return t[first:last], values[first:last], step
+
+
+@entry("int", "doubles", "int", "int", "doubles")
+def _extremes(values, count, width, found):
+    y, pairs = carray(values, count), carray(found, 2 * ((count + width - 1) // width))
+    place = 0
+    for first in range(0, count, width):
+        low = high = first
+        for i in range(first + 1, min(first + width, count)):
+            # of what is no number the other one stays
+            if y[i] < y[low] or y[low] != y[low]:
+                low = i
+            if y[i] > y[high] or y[high] != y[high]:
+                high = i
+        pairs[place], pairs[place + 1] = y[min(low, high)], y[max(low, high)]
+        place += 2
+    return place
+
+
+def extremes(values: Curve, width: int) -> Curve:
+    """The least and the largest of each `width` of `values` (n,), in their order; for a width of 2 all of them."""
+    if width <= 2:
+        return values
+    y = np.ascontiguousarray(values, dtype=np.float64)
+    found = np.empty(2 * math.ceil(len(y) / width))
+    _extremes(y, len(y), width, found)
+    return found
+
+
+def poses(run: PanelRun, block: DataBlock) -> dict[str, Any] | None:
+    """The robot for the player, see `twin.report.page.panels.scene`."""
+    return scene(run, block, MOST_POSES)
+
+
+Number = tuple[str, str, float | None]
+"""Name, unit, value; None: there is no such number."""
+
+
+def headline(outcome: RunOutcome, held: Sequence[HeldForces]) -> list[Number]:
+    """The numbers that stand above the plots."""
+    mm = [None if error is None else MM * error for error in (outcome.lateral_error, outcome.z_error)]
+    found: list[Number] = [
+        ("rms force error", "N", outcome.force_error),
+        ("largest force", "N", outcome.peak),
+        ("force at the end", "N", outcome.end),
+        ("rms lateral error", "mm", mm[0]),
+        ("rms z error", "mm", mm[1]),
+    ]
+    for task in held:
+        found += [(f"task {task.task}, {task.kind}: least force", "N", task.least)]
+        found += [(f"task {task.task}, {task.kind}: largest force", "N", task.largest)]
+    return [(name, unit, value if value is not None and math.isfinite(value) else None) for name, unit, value in found]

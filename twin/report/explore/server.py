@@ -1,0 +1,492 @@
+"""The server of the explorer: pages of its own on this machine's own address, and one link to each of them.
+
+A page sends what it wants to see as JSON; of requests of one kind the newest counts, and what was not begun yet is
+dropped. It gets JSON, or where there are samples: the length of the JSON (unsigned 32 bits), the JSON padded with
+spaces to a multiple of 4 bytes, and the samples as 32 bit floats, all little-endian.
+"""
+
+import asyncio
+import base64
+import contextlib
+import json
+import secrets
+import socket
+import struct
+import sys
+import threading
+from collections.abc import Awaitable, Callable, Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.websockets import WebSocket, WebSocketDisconnect
+from websockets.datastructures import Headers
+
+from twin.kernel.cache_folder import cache_folder
+from twin.kernel.errors import InputRefused, SafetyTrip, TwinError, plain
+from twin.kernel.live import OwnPageGate
+from twin.kernel.process.guard import guarded
+from twin.kernel.process.job import JobLimits
+from twin.report.explore import FMU_NAME
+from twin.report.explore.processes import AnsweringProcess, Outdated
+from twin.studies.left_behind import SCRATCH, held_folder
+
+LARGEST = 2**16
+"""Bytes of the largest message of a page."""
+PAGES = 16
+"""Pages that may be open at the same time."""
+MOST_WAITING = 64
+"""Requests of one page that may wait; there is one of each kind at most."""
+PROCESSES = 2
+"""That run experiments."""
+GOODBYE = 1.0
+"""How long (s) connections may take to end."""
+
+ASSETS = files("twin.report.explore") / "assets"
+SHARED = files("twin.report.page") / "assets"
+OF_REPORT = ("data", "clock", "look", "plot", "plots", "scene", "player")
+"""Scripts that the explorer has in common with the report, in an order in which each finds what it needs."""
+MODULES = ("explore", "brought", "faults", "link", "loops", "map", "picture", "score", "sliders", "state")
+KINDS = {"css": "text/css", "js": "text/javascript", "html": "text/html"}
+POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self' {link}; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+FROM_PAGES = ("describe", "show", "recorded", "runs", "save", "command", "loops", "score", "map")
+"""What a page may ask a process for."""
+MOST_BYTES = 100_000_000
+"""Of an FMU that is brought in."""
+MOST_BROUGHT = 16
+"""FMUs that may be brought in while a server lives."""
+STUDY_JOB = "twin.studies.command:answered"
+"""A study in a process of its own."""
+RECORD_JOB = "twin.robot.live.runs:recorded_runs"
+"""What `twin run` does."""
+STRANGER = (
+    "This page is shown only to the browser that twin explore has opened. Open the address that it has printed in the "
+    "terminal; what stands behind # in yours may be put behind that one.\n"
+)
+
+
+def read_assets() -> dict[str, tuple[bytes, str]]:
+    """What a page loads: (content, media type) by its path."""
+    names = {"": "explore.html", "explore.css": "explore.css", **{f"{name}.js": f"{name}.js" for name in MODULES}}
+    found = {f"/{path}": ((ASSETS / name).read_bytes(), KINDS[name.rpartition(".")[2]]) for path, name in names.items()}
+    shared = "\n".join((SHARED / f"{name}.js").read_text("utf-8") for name in OF_REPORT)
+    found["/report.css"] = (SHARED / "page.css").read_bytes(), KINDS["css"]
+    found["/report.js"] = f'"use strict";\n{shared}'.encode(), KINDS["js"]
+    return found
+
+
+def lasting_token(port: int) -> str:
+    """The token of the server at `port`: the same after it was started anew, so that its pages come back.
+
+    Raises:
+        InputRefused: there is no cache folder of the user's own.
+    """
+    path = cache_folder("explore") / f"{port}.token"
+    with contextlib.suppress(OSError, UnicodeError):
+        token = path.read_text("ascii").strip()
+        if len(token) >= 32:
+            return token
+    token = secrets.token_urlsafe(32)
+    with contextlib.suppress(OSError):
+        path.touch(0o600)
+        path.write_text(token, "ascii")
+    return token
+
+
+def sentence(problem: TwinError) -> str:
+    """What a page shows of it; the whole of a mistake of ours goes to the terminal."""
+    lines = plain(str(problem)).splitlines()
+    if type(problem) is not TwinError:
+        return lines[0]
+    print("\n".join(lines), file=sys.stderr)
+    return f"a mistake of twin, see the terminal: {lines[-1]}"
+
+
+class Guard:
+    """Lets no request through that is not of the server's own page; the first one brings the token in its address.
+
+    Args:
+        app: that it stands before.
+        gate: asked about every request.
+    """
+
+    def __init__(self, app: ASGIApp, gate: OwnPageGate):
+        self._app, self._gate = app, gate
+        link = gate.origin.replace("http", "ws", 1)
+        self._headers = HEADERS | {"Content-Security-Policy": POLICY.format(link=link)}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """See ASGI."""
+        if scope["type"] not in ("http", "websocket"):
+            return
+        headers = Headers([(name.decode("latin-1"), value.decode("latin-1")) for name, value in scope["headers"]])
+        changes = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
+        if refusal := self._gate.refusal(headers, changes):
+            await self._refuse(f"{plain(refusal)}\n", scope, receive, send)
+            return
+        if not self._has_cookie(headers):
+            await self._first(scope, receive, send)
+            return
+
+        async def dressed(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                given = {name.lower() for name, _ in message.get("headers", [])}
+                more = [(name.encode(), value.encode()) for name, value in self._headers.items()]
+                added = [pair for pair in more if pair[0].lower() not in given]
+                message = {**message, "headers": [*message.get("headers", []), *added]}
+            await send(message)
+
+        await self._app(scope, receive, dressed)
+
+    def _has_cookie(self, headers: Headers) -> bool:
+        pairs = [pair.strip().partition("=") for line in headers.get_all("Cookie") for pair in line.split(";")]
+        return any(name == self._gate.cookie and self._gate.knows(value) for name, _, value in pairs)
+
+    async def _first(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Of a browser without the cookie: it gets one for the token in the address, and nothing else."""
+        if scope["type"] == "http" and scope["path"] == "/":
+            given = Request(scope).query_params.get("token")
+            if self._gate.knows(given):
+                answer = RedirectResponse("/", 303, HEADERS)
+                answer.set_cookie(self._gate.cookie, str(given), httponly=True, samesite="strict")
+                await answer(scope, receive, send)
+                return
+        await self._refuse(STRANGER, scope, receive, send)
+
+    async def _refuse(self, text: str, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "websocket":
+            await send({"type": "websocket.close", "code": 1008, "reason": "refused"})
+        else:
+            await PlainTextResponse(text, 403, HEADERS)(scope, receive, send)
+
+
+class ExplorerServer:
+    """Answers pages until the last one has been closed for a while.
+
+    Args:
+        base: fields of `twin.report.explore.asked.Base`.
+        limits: of each process that runs experiments.
+        linger: how long (s) it goes on after the last page was closed.
+    """
+
+    def __init__(self, base: Mapping[str, Any], limits: JobLimits, linger: float):
+        self.base, self.limits = {"settings": (), "uploaded": {}, **base}, limits
+        self._linger = linger
+        self._processes = [AnsweringProcess(limits) for _ in range(PROCESSES)]
+        self._reports: list[Path] = []
+        self._brought: list[Path] = []
+        self._answering: set[asyncio.Task[dict[str, Any]]] = set()
+        self._pages = 0
+        self._ending: asyncio.TimerHandle | None = None
+
+    def begin(self, settings: list[str]) -> None:
+        """Look at the command line.
+
+        Raises:
+            InputRefused: the experiment is refused.
+            TwinError: see `AnsweringProcess.answer`.
+        """
+        found = self._processes[0].answer(self.base, {"op": "begin", "settings": settings}, threading.Event())
+        if "refused" in found:
+            raise InputRefused(found["refused"])
+        self.base = found.pop("base")
+        self._begun = found
+
+    def serve(self, listening: socket.socket, token: str) -> None:
+        """Until the last page has been closed for a while, or Ctrl-C.
+
+        Raises:
+            KeyboardInterrupt: Ctrl-C.
+        """
+        assets = read_assets()
+        routes: list[Any] = [Route(path, _sending(*content)) for path, content in assets.items()]
+        routes += [Route("/recorded/{number:int}", self._report), WebSocketRoute("/link", self._attend)]
+        routes += [Route("/drive", self._take_drive, methods=["POST"])]
+        gate = OwnPageGate(listening.getsockname()[1], token)
+        config = uvicorn.Config(
+            Guard(Starlette(routes=routes), gate),
+            log_level="critical",
+            access_log=False,
+            server_header=False,
+            lifespan="off",
+            ws_max_size=LARGEST,
+            ws_per_message_deflate=False,
+            timeout_graceful_shutdown=int(GOODBYE),
+        )
+        self._server = uvicorn.Server(config)
+        try:
+            with held_folder(SCRATCH) as self._scratch:
+                self._server.run(sockets=[listening])
+        finally:
+            for process in self._processes:
+                process.close()
+
+    async def answer(self, ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
+        """Of a process that has time; a sentence under "refused" or "failed" if there is no other answer."""
+        task = asyncio.create_task(self._answer(ask, outdated))
+        self._answering.add(task)
+        task.add_done_callback(self._answering.discard)
+        # a page that is closed meanwhile must not set a process free that is still at work
+        return await asyncio.shield(task)
+
+    async def _answer(self, ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
+        process = await self._idle.get()
+        try:
+            return await asyncio.to_thread(process.answer, self.base, ask, outdated)
+        except Outdated:
+            return {"outdated": True}
+        except TwinError as problem:
+            return {"failed": sentence(problem)}
+        finally:
+            self._idle.put_nowait(process)
+
+    async def record(self, ask: Mapping[str, Any]) -> dict[str, Any]:
+        """Make a real run of a state in results/, as `twin run` does, and its report."""
+        found = await self.answer({**ask, "op": "command"}, threading.Event())
+        if "refused" in found or "failed" in found:
+            return found
+        try:
+            folder = await asyncio.to_thread(recorded, self.base["experiment"], found, self.limits)
+        except TwinError as problem:
+            return {"failed": sentence(problem)}
+        self._reports.append(folder / "report.html")
+        return {"recorded": str(folder), "report": f"/recorded/{len(self._reports) - 1}"}
+
+    async def _take_drive(self, request: Request) -> Response:
+        """An FMU that was dropped onto the page: kept as it came, nothing of it is looked at yet."""
+        name = request.query_params.get("name", "")
+        if not FMU_NAME.fullmatch(name):
+            return PlainTextResponse("expected the name of an .fmu file: letters, digits, dots, - and _\n", 400)
+        if len(self._brought) >= MOST_BROUGHT:
+            return PlainTextResponse(f"{MOST_BROUGHT} FMUs were brought in already\n", 400)
+        number = len(self._brought)
+        path = self._scratch / str(number) / name
+        self._brought.append(path)
+        path.parent.mkdir()
+        size = 0
+        with path.open("wb") as file:
+            async for chunk in request.stream():
+                size += len(chunk)
+                if size > MOST_BYTES:
+                    break
+                file.write(chunk)
+        if size > MOST_BYTES:
+            path.unlink()
+            return PlainTextResponse(f"{name}: expected at most {MOST_BYTES / 1e6:g} MB\n", 413)
+        return PlainTextResponse(str(number))
+
+    async def inspect(self, ask: Mapping[str, Any]) -> dict[str, Any]:
+        """What an FMU that was brought in is, and which of its variables may play which role."""
+        path = self._brought_file(ask)
+        if path is None:
+            return {"refused": "no such FMU was brought in"}
+        found = await self.answer({"op": "inspect", "file": str(path)}, threading.Event())
+        # where it lies meanwhile is no matter of the page
+        return {key: text.replace(str(path), path.name) if key == "refused" else text for key, text in found.items()}
+
+    async def qualify(self, ask: Mapping[str, Any]) -> dict[str, Any]:
+        """Load an FMU that somebody has agreed to, in a process of its own, and say what it does on the bench."""
+        path = self._brought_file(ask)
+        if path is None:
+            return {"refused": "no such FMU was brought in"}
+        found = await self.answer({"op": "settle", "file": str(path), "how": ask.get("how")}, threading.Event())
+        if "mapping" not in found:
+            return found
+        mapping = Path(found["mapping"])
+        asked = {"fmu": str(mapping), "out": mapping.parent, "apart": True, "sure": False}
+        job = {"study": "twin.studies.qualify.study:qualify", "asked": asked}
+        try:
+            done = await asyncio.to_thread(guarded, STUDY_JOB, job, self.limits)
+        except TwinError as problem:
+            return {"failed": sentence(problem)}
+        if done["exit_code"] != InputRefused.exit_code:
+            self.base["uploaded"] = {**self.base["uploaded"], found["name"]: str(mapping)}
+        return {"name": found["name"], "verdict": plain(done["text"]), "qualified": done["exit_code"] == 0}
+
+    def _brought_file(self, ask: Mapping[str, Any]) -> Path | None:
+        number = ask.get("number")
+        known = isinstance(number, int) and 0 <= number < len(self._brought) and self._brought[number].is_file()
+        return self._brought[int(str(number))] if known else None
+
+    async def _report(self, request: Request) -> Response:
+        number = request.path_params["number"]
+        if number >= len(self._reports):
+            return PlainTextResponse("no such report\n", 404)
+        # the page of its own, of which nothing can reach this server
+        return FileResponse(self._reports[number], headers={"Content-Security-Policy": "sandbox allow-scripts"})
+
+    async def _attend(self, link: WebSocket) -> None:
+        if self._pages >= PAGES:
+            await link.close(1013)
+            return
+        if not hasattr(self, "_idle"):
+            self._idle: asyncio.LifoQueue[AnsweringProcess] = asyncio.LifoQueue()
+            for process in reversed(self._processes):
+                self._idle.put_nowait(process)
+        await link.accept()
+        self._pages += 1
+        if self._ending:
+            self._ending.cancel()
+        try:
+            await PageLink(link, self).attend(self._begun)
+        finally:
+            self._pages -= 1
+            if not self._pages:
+                self._ending = asyncio.get_running_loop().call_later(self._linger, self._end)
+
+    def _end(self) -> None:
+        self._server.should_exit = True
+
+
+class Lane:
+    """Requests of one page that are answered one after the other; of each kind the newest counts.
+
+    Attributes:
+        outdated: set when a newer answer is wanted than the one under way.
+    """
+
+    def __init__(self) -> None:
+        self.outdated = threading.Event()
+        self._waiting: dict[str, dict[str, Any]] = {}
+        self._some = asyncio.Event()
+        self._kind = ""
+
+    def put(self, kind: str, ask: dict[str, Any]) -> None:
+        """A request comes; one too many is dropped."""
+        if kind in self._waiting or len(self._waiting) < MOST_WAITING:
+            self._waiting[kind] = ask
+            if kind == self._kind:
+                self.outdated.set()
+            self._some.set()
+
+    async def next(self) -> dict[str, Any]:
+        """The one that has waited longest, or will come."""
+        self._kind = ""
+        while not self._waiting:
+            self._some.clear()
+            await self._some.wait()
+        self._kind = next(iter(self._waiting))
+        self.outdated = threading.Event()
+        return self._waiting.pop(self._kind)
+
+
+class PageLink:
+    """The link to one page.
+
+    Args:
+        link: to it.
+        server: that answers.
+    """
+
+    def __init__(self, link: WebSocket, server: ExplorerServer):
+        self._link, self._server = link, server
+        # what takes longer holds up no picture
+        self._lanes = {name: Lane() for name in ("", "loops", "score", "map")}
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    async def attend(self, greeting: Mapping[str, Any]) -> None:
+        """Say the `greeting`, then answer until the page is closed."""
+        await self._send({"op": "begin", **greeting})
+        answering = [asyncio.create_task(self._answer(lane)) for lane in self._lanes.values()]
+        try:
+            while True:
+                self._take(await self._link.receive_text())
+        # also of a frame that is no text
+        except (WebSocketDisconnect, KeyError):
+            pass
+        finally:
+            for task in (*answering, *self._tasks):
+                task.cancel()
+            for lane in self._lanes.values():
+                lane.outdated.set()
+
+    def _take(self, text: str) -> None:
+        try:
+            ask = json.loads(text)
+        except (ValueError, RecursionError):
+            return
+        if not isinstance(ask, dict) or not isinstance(ask.get("op"), str):
+            return
+        kind = f"{ask['op']} {str(ask.get('slot', ''))[:40]}"
+        if ask["op"] in ("record", "inspect", "qualify"):
+            if not self._tasks:
+                task = asyncio.create_task(self._aside(ask))
+                self._tasks.add(task)
+                task.add_done_callback(self._tasks.discard)
+        else:
+            self._lanes.get(ask["op"], self._lanes[""]).put(kind, ask)
+
+    async def _aside(self, ask: Mapping[str, Any]) -> None:
+        """What takes long, and holds up nothing."""
+        found = await getattr(self._server, ask["op"])(ask)
+        await self._send({"op": ask["op"], "id": ask.get("id"), **found})
+
+    async def _answer(self, lane: "Lane") -> None:
+        while True:
+            ask = await lane.next()
+            if ask["op"] in FROM_PAGES:
+                found = await self._server.answer(ask, lane.outdated)
+            else:
+                found = {"refused": "not understood"}
+            await self._send({"op": ask["op"], "id": ask.get("id"), "slot": ask.get("slot"), **found})
+
+    async def _send(self, answer: dict[str, Any]) -> None:
+        # the page may be gone
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+            if "block" not in answer:
+                await self._link.send_text(json.dumps(answer))
+                return
+            block = base64.b64decode(answer.pop("block"))
+            head = json.dumps(answer).encode()
+            head += b" " * (-len(head) % 4)
+            await self._link.send_bytes(struct.pack("<I", len(head)) + head + block)
+
+
+def _sending(content: bytes, kind: str) -> Callable[[Request], Awaitable[Response]]:
+    async def send(request: Request) -> Response:
+        return Response(content, media_type=kind)
+
+    return send
+
+
+def recorded(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Path:
+    """The folder of a run that was made in a process of its own, with its report.
+
+    Args:
+        experiment: file or name.
+        how: "drive", "body" and "settings" as `twin run` takes them.
+        limits: of the process.
+
+    Raises:
+        TwinError: see `guarded`.
+    """
+    folders: list[str] = []
+
+    def hear(note: dict[str, Any]) -> None:
+        if "folder" in note:
+            folders.append(note["folder"])
+
+    arguments = {"experiments": [experiment], "out": None, "limit_step": limits.step}
+    arguments |= {key: how[key] for key in ("drive", "body", "settings")}
+    # such a run is recorded all the same, and its report says so
+    with contextlib.suppress(SafetyTrip):
+        guarded(RECORD_JOB, arguments, limits, hear)
+    report = {"study": "twin.report.page.page:write_report", "asked": {"runs": [Path(folders[0])]}}
+    guarded(STUDY_JOB, report)
+    return Path(folders[0])

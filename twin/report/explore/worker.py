@@ -1,0 +1,330 @@
+"""The job of a process that runs experiments for pages: one answer after the other, warm.
+
+An answer is {"refused": sentence}, or what was asked for. Samples are 32 bit floats in base 64 under "block".
+"""
+
+import base64
+import math
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from twin.kernel.cosim.observers import Observer, TickEvent, simulate
+from twin.kernel.errors import ComponentFailed, InputRefused, UnknownSeries
+from twin.kernel.files import read_json
+from twin.kernel.process.reporter import Reporter
+from twin.kernel.recording.folder import recording_in
+from twin.report.explore.asked import Base, PageState, asked, first_state, known, saved
+from twin.report.explore.brought import inspected, settled
+from twin.report.explore.picture import AT_FIRST, MemoryRun, drawn, headline, poses, shown_panels
+from twin.report.page.markup import DataBlock
+from twin.report.page.panels import PanelRun
+from twin.report.page.run import report_runs
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.source import at
+from twin.robot.monitor.component import own_monitor, trip_reason
+from twin.robot.run.outcome import RunOutcome
+from twin.robot.run.run import SUMMARY
+from twin.robot.run.trace import Trace, fields_of, run_in_memory
+from twin.robot.run.watch import run_observers
+from twin.studies.paper.fig4 import fig4_score
+from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
+from twin.studies.results.stored import stored_runs
+from twin.studies.sweep.worker import COMPANION, refuse_unfit
+
+WIDEST = 4000
+"""Pixels of a plot."""
+MOST_TICKS = 400_000
+"""Of an experiment that is run while a slider moves: about half a second, and half a gigabyte of rows."""
+
+MOST_RUNS = 100
+"""Of results/ that are offered."""
+
+
+def answered(reporter: Reporter, here: str, base: dict[str, Any], ask: dict[str, Any]) -> dict[str, Any]:
+    """What a page asks; a job of the guard.
+
+    Args:
+        here: the folder in which the command was started; an FMU may have changed it.
+        base: fields of `Base`.
+        ask: "op" and what belongs to it, as it came from the page: it may say anything.
+    """
+    reporter.loading()
+    os.chdir(here)
+    try:
+        return ANSWERS[ask["op"]](Base(**base | {"settings": tuple(base["settings"])}), ask)
+    except InputRefused as refusal:
+        return {"refused": str(refusal)}
+    except ComponentFailed as failure:
+        return {"refused": str(failure).splitlines()[0]}
+
+
+def _begun(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """What the command line says, taken apart: the base of all pages, and the state that a page begins with."""
+    held, state = first_state(base, ask["settings"])
+    return {"base": asdict(held), "state": state, **_described(held, {"state": state})}
+
+
+def _described(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """What can be changed, and what is there to choose from."""
+    state = asked(base, ask["state"])
+    experiment = state.unchanged
+    return {
+        "title": experiment.title,
+        "name": base.experiment,
+        "duration": experiment.duration_ticks * experiment.cosim.tick,
+        "sliders": [slider.facts for slider in known(base, state.drive, state.body).values()],
+        "drives": list(base.drives),
+        "bodies": list(base.bodies),
+        "panels_at_first": AT_FIRST,
+        "kinds": [
+            {"kind": name} | {key: getattr(kind, key) for key in ("meaning", "targets", "unit", "magnitudes")}
+            for name, kind in CATALOGUE.items()
+        ],
+    }
+
+
+class _Events(Observer):
+    """Keeps the events of a run."""
+
+    def __init__(self) -> None:
+        self.found: list[TickEvent] = []
+
+    def take(self, first: int, rows: Any, events: list[TickEvent]) -> None:
+        self.found += events
+
+
+_looked_at: dict[tuple[object, ...], frozenset[str]] = {}
+"""What was read of a run for what a page wants to see: of the next one no more is kept."""
+
+
+def _shown(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """A state that was run: its numbers, and the panels that the page shows."""
+    state, look = asked(base, ask["state"]), Look.of(ask)
+    experiment = _bounded(state.loaded())
+    facts = {"title": experiment.title, "values": _moved(state, experiment), "command": state.command}
+    try:
+        return facts | _run(experiment, look, _looked_at.get(look.form, frozenset()))
+    except UnknownSeries:
+        # another drive or controller has other signals
+        return facts | _run(experiment, look, frozenset())
+
+
+def _bounded(experiment: Experiment) -> Experiment:
+    """It, if it is not too long.
+
+    Raises:
+        InputRefused: it is.
+    """
+    if experiment.duration_ticks > MOST_TICKS:
+        raise InputRefused(
+            f"duration_s: {experiment.duration_ticks:,} ticks are too many to be run while a slider moves; expected at "
+            f"most {MOST_TICKS:,}"
+        )
+    return experiment
+
+
+def _run(experiment: Experiment, look: "Look", only: frozenset[str]) -> dict[str, Any]:
+    """What a run of `experiment` comes to, of which only those signals are kept; none: all of them."""
+    trace, events = Trace(only=only), _Events()
+    with assemble(experiment) as assembly:
+        fields = fields_of(assembly.system)
+        own = run_observers(experiment, assembly)
+        observers = [own.tally, own.held, own.watch, events, trace]
+        done = simulate(assembly, experiment.duration_ticks, observers).completed()
+        tick, monitor = assembly.system.tick, own_monitor(assembly.system)
+    numbers = headline(own.tally.outcome, own.held.held)
+    if experiment.faults:
+        onset, trip = min(fault.onset for fault in experiment.faults), monitor.trip if monitor else None
+        numbers += [("monitor trips after the fault", "s", (trip.tick - onset) * tick if trip else None)]
+    run = MemoryRun(trace, fields, experiment.values)
+    found = look.picture(run, run.end)
+    _looked_at[look.form] = frozenset(run.looked_at)
+    return found | {
+        "trip": trip_reason(done.simulation),
+        "numbers": numbers,
+        "events": [
+            {"run": 0, "t": event.tick * tick, "level": event.level.lower(), "text": event.text}
+            for event in events.found
+            if event.level != "DEBUG"
+        ],
+    }
+
+
+def _moved(state: PageState, experiment: Experiment) -> dict[str, Any]:
+    """Values of keys that follow from others that were changed, such as those of [plant] from [robot]."""
+    before = state.unchanged.values
+    there = known(state.base, state.drive, state.body)
+    found = {key: at(experiment.values, key) for key in there if key not in state.values}
+    return {key: value for key, value in found.items() if value != at(before, key)}
+
+
+class Look:
+    """What a page wants to see of a run.
+
+    Attributes:
+        titles: of panels.
+        span: from when to when (s).
+        width: of a plot (pixels).
+        robot: whether the player is open.
+        listed: whether it wants to know which panels there are.
+    """
+
+    def __init__(self, titles: list[str], span: tuple[float, float], width: int, robot: bool, listed: bool):
+        self.titles, self.span, self.width, self.robot, self.listed = titles, span, width, robot, listed
+
+    @property
+    def form(self) -> tuple[object, ...]:
+        """What decides on the signals that it needs."""
+        return (tuple(self.titles), self.robot, self.listed)
+
+    @classmethod
+    def of(cls, ask: Mapping[str, Any]) -> "Look":
+        """What `ask` says; it may say anything.
+
+        Raises:
+            InputRefused: it says something else.
+        """
+        titles, span, width = ask.get("panels"), ask.get("span"), ask.get("width")
+        if not isinstance(titles, list) or not all(isinstance(title, str) for title in titles) or len(titles) > 100:
+            raise InputRefused("panels: expected a list of titles")
+        whole = span is None
+        numbers = [0.0, math.inf] if whole else span
+        if not isinstance(numbers, list) or len(numbers) != 2 or not all(isinstance(t, int | float) for t in numbers):
+            raise InputRefused("span: expected two times in s")
+        if not whole and not 0.0 <= numbers[0] < numbers[1] < math.inf:
+            raise InputRefused("span: expected two times in s, the earlier one first")
+        if not isinstance(width, int) or not 10 <= width <= WIDEST:
+            raise InputRefused(f"width: expected pixels from 10 to {WIDEST}")
+        return cls(
+            titles, (float(numbers[0]), float(numbers[1])), width, ask.get("robot") is True, ask.get("list") is True
+        )
+
+    def picture(self, run: PanelRun, end: float) -> dict[str, Any]:
+        """It, for JSON; end: of the run (s)."""
+        block = DataBlock()
+        span = self.span[0], min(self.span[1], end)
+        found = {
+            "end": end,
+            "all_panels": shown_panels(run) if self.listed else None,
+            "panels": drawn(run, block, self.titles, span, self.width),
+            "scene": poses(run, block) if self.robot else None,
+        }
+        return found | {"block": base64.b64encode(block.content()).decode("ascii")}
+
+
+def _recorded(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """A run of results/, to be laid beside others."""
+    name = ask.get("run")
+    if name not in [str(folder) for folder in _folders()]:
+        raise InputRefused(f"run {str(name)[:80]!r}: no such run in results/")
+    (run,) = report_runs([recording_in(Path(str(name)))])
+    return {"title": run.title, "trip": "", "numbers": _numbers_of(Path(str(name))), "events": [], "values": {},
+            "command": "", **Look.of(ask).picture(run, run.end)}  # fmt: skip
+
+
+def _numbers_of(folder: Path) -> list[Any]:
+    """Those that the run has written beside its recording."""
+    try:
+        summary = read_json(folder / SUMMARY)
+        return headline(RunOutcome(**summary["outcome"]), ())
+    except (InputRefused, KeyError, TypeError):
+        return []
+
+
+def _folders() -> list[Path]:
+    """Of finished runs, the newest first."""
+    runs = [run for run in stored_runs(Path("results")) if run.finished]
+    return [run.folder for run in sorted(runs, key=lambda run: -run.recording.stat().st_mtime)]
+
+
+def _runs(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """Runs of results/ that can be laid beside others, the newest first."""
+    return {"runs": [str(folder) for folder in _folders()[:MOST_RUNS]]}
+
+
+def _saved(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    return {"saved": str(saved(asked(base, ask["state"]), str(ask.get("name"))))}
+
+
+def _command(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """How the state is run by `twin run`: checked, so that only a run that can be made is begun."""
+    state = asked(base, ask["state"])
+    state.loaded()
+    return {"command": state.command, "drive": state.drive, "body": state.body, "settings": state.settings}
+
+
+def _loops(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """The loops at one operating point."""
+    # python-control takes a second to load
+    from twin.report.explore.loops import loops
+
+    point = ask.get("point")
+    chosen = point if isinstance(point, int) and 0 <= point < 1000 else None
+    return loops(asked(base, ask["state"]).loaded(), chosen)
+
+
+def _score(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """What the run, and one of the same robot without force control, say to the paper's Fig. 4."""
+    state = asked(base, ask["state"])
+    experiment = state.loaded()
+    refuse_unfit(experiment)
+    without = load_experiment(base.experiment, [*state.settings, COMPANION], state.drive, state.body)
+    runs = Fig4Run(run_in_memory(experiment)), Fig4Run(run_in_memory(without))
+    score = fig4_score(Fig4Runs(*runs, imperfect=runs))
+    rows = [finding for finding in (*score.claims, *score.quality) if finding.claim.measure is not None]
+    return {
+        "claims": [
+            {
+                "text": finding.claim.text,
+                "quote": finding.claim.quote,
+                "verdict": finding.verdict,
+                "measured": finding.measured,
+                "expected": f"{finding.expected} {finding.claim.unit}".rstrip(),
+                "reason": finding.reason,
+            }
+            for finding in rows
+        ]
+    }
+
+
+def _mapped(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """The numbers alone of a state, for a point of a map."""
+    experiment = _bounded(asked(base, ask["state"]).loaded())
+    with assemble(experiment) as assembly:
+        own = run_observers(experiment, assembly)
+        simulate(assembly, experiment.duration_ticks, [own.tally, own.held]).completed()
+    return {"numbers": headline(own.tally.outcome, own.held.held)}
+
+
+def _inspected(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """An FMU that was brought in; the server says which file."""
+    return inspected(Path(ask["file"]))
+
+
+def _settled(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """An FMU that somebody has agreed to, with its mapping; the server says which file."""
+    name, mapping = settled(Path(ask["file"]), ask.get("how"))
+    return {"name": name, "mapping": str(mapping)}
+
+
+ANSWERS: Mapping[str, Callable[[Base, Mapping[str, Any]], dict[str, Any]]] = {
+    "begin": _begun,
+    "describe": _described,
+    "show": _shown,
+    "recorded": _recorded,
+    "runs": _runs,
+    "save": _saved,
+    "command": _command,
+    "loops": _loops,
+    "score": _score,
+    "map": _mapped,
+    "inspect": _inspected,
+    "settle": _settled,
+}
+"""By what a page asks for."""
