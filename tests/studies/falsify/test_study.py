@@ -138,5 +138,7 @@ def test_a_pair_that_no_single_fault_shows_is_found(tmp_path: Path, kinds: tuple
 def test_a_common_cause_is_searched_by_its_name(tmp_path: Path):
     kind = "drive_runaway@all_drives"
     answer = asked(tmp_path, kinds=[kind], settings=["monitor.disobeyed=wait"], runs=4)
-    assert answer.exit_code == 1 and max(map(len, answer.text.splitlines())) <= 80
+    # a path is as long as it is
+    lines = [line for line in answer.text.splitlines() if str(tmp_path) not in line]
+    assert answer.exit_code == 1 and max(map(len, lines)) <= 80
     assert 'target = "all drives"' in (tmp_path / f"{kind}.toml").read_text()
