@@ -14,7 +14,7 @@ from tests.studies.systems.archives import archive, component, connection, conne
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.reader import read_log
 from twin.kernel.ssp.flat import flattened
-from twin.kernel.ssp.ssd import read_package
+from twin.kernel.ssp.package import read_package
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.json_schema import commented_experiment

@@ -18,7 +18,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.variable import FilePath
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import read
-from twin.kernel.ssp.ssd import read_package
+from twin.kernel.ssp.package import read_package
 from twin.kernel.ssp.structure import Endpoint, SspComponent, Transformation
 from twin.robot.assembly.build import planned_drives
 from twin.robot.assembly.load import load_experiment

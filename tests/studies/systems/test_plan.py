@@ -16,8 +16,8 @@ from twin.kernel.ssp.flat import Hop
 from twin.kernel.ssp.structure import Transformation, UnitDefinition
 from twin.kernel.units import Dimension
 from twin.studies.systems import recorded as coupled
-from twin.studies.systems.plan import Way, spelt, way
 from twin.studies.systems.recorded import recorded_system
+from twin.studies.systems.ways import Way, spelt, way
 
 Change = tuple[str, str]
 A, B = component("a", "a.fmu"), component("b", "a.fmu")

@@ -14,7 +14,7 @@ from tests.studies.systems.archives import archive, component, connection, conne
 from tests.studies.systems.conftest import Ran
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
-from twin.kernel.ssp.ssd import read_package
+from twin.kernel.ssp.package import read_package
 from twin.report.page.page import write_report
 from twin.studies.systems.recorded import opened, system_result
 

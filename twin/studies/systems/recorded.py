@@ -1,7 +1,4 @@
-"""The run of an SSP archive: recording, text and facts.
-
-A topic for each component of a system: its outputs, elements of an array as one signal again.
-"""
+"""The run of an SSP archive: recording, text and facts."""
 
 import json
 import math
@@ -41,14 +38,24 @@ from twin.kernel.process.states import (
     stored_state,
 )
 from twin.kernel.recording.folder import RECORDING, claim_run_folder, create_run_folder, recording_in
-from twin.kernel.recording.messages import Field, Topic, message_names
-from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, RowStream, versions
+from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, versions
 from twin.kernel.recording.writer import Writer
 from twin.kernel.ssp.flat import flattened
-from twin.kernel.ssp.ssd import Package, read_package
-from twin.kernel.writing import made_folder, write_bytes
+from twin.kernel.ssp.package import Package
+from twin.kernel.writing import made_folder, write_bytes, write_json
 from twin.studies.result import Result, counted, note, some
-from twin.studies.systems.plan import SystemPart, SystemPlan, distinct, element, field, fmu_sources, planned
+from twin.studies.systems.additions import (
+    Additions,
+    SystemNames,
+    inputs_beside,
+    tables_beside,
+    with_parameters,
+    with_settings,
+)
+from twin.studies.systems.beside import Beside
+from twin.studies.systems.plan import SystemPart, SystemPlan, fmu_sources, planned
+from twin.studies.systems.reading import read_system
+from twin.studies.systems.topics import streams, topics
 
 _T = TypeVar("_T")
 
@@ -92,7 +99,7 @@ def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedS
             instances[part.name] = CosimInstance(part.path, description, folder, part.settings, (), setup)
             made.callback(instances[part.name].close)
         settled = _settle(plan, instances)
-        components: list[Component] = []
+        components: list[Component] = list(plan.beside.components)
         for part in plan.parts:
             instance = instances[part.name]
             instance.begin()
@@ -109,6 +116,8 @@ def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedS
                 )
             )
             made.callback(components[-1].close)
+        if plan.beside.order:
+            components.sort(key=lambda component: plan.beside.order.index(component.name))
         yield PreparedSystem(System(components, plan.wires, tick, plan.scheme), settled)
 
 
@@ -127,11 +136,17 @@ def _settle(plan: SystemPlan, instances: dict[str, Instance]) -> bool:
     inputs = {
         f"{part.name}.{port.port.name}": (instances[part.name], port) for part in plan.parts for port in part.inputs
     }
+    wires = [(source, target) for source, target in plan.wires if target in inputs]
     led = [
         (*ports[source], *inputs[target])
-        for source, target in plan.wires
-        if _readable(*ports[source], inputs[target][1])
+        for source, target in wires
+        if source in ports and _readable(*ports[source], inputs[target][1])
     ]
+    given = _initially(plan.beside)
+    for start, end in wires:
+        if start in given and np.all(np.isfinite(given[start])):
+            instance, into = inputs[end]
+            _write(instance, into, np.asarray(into.in_fmu(given[start]), dtype=float))
     last: dict[int, bytes] = {}
     for _ in range(len(plan.parts) + 2):
         changed = False
@@ -143,6 +158,16 @@ def _settle(plan: SystemPlan, instances: dict[str, Instance]) -> bool:
         if not changed:
             return True
     return False
+
+
+def _initially(beside: Beside) -> dict[str, np.ndarray]:
+    """What components beside the FMUs give before the first step, by output; of Python's none is known."""
+    return {
+        f"{component.name}.{port.name}": component.initial(port.name)
+        for component in beside.components
+        if component.name in beside.signals
+        for port in component.outputs
+    }
 
 
 def _readable(source: Instance, output: FmuPort, port: FmuPort) -> bool:
@@ -186,6 +211,7 @@ def facts(
     simulated = plan.timing.ticks * plan.timing.tick
     return {
         "system": str(plan.package.file),
+        "form": plan.package.form,
         "ssp": plan.package.structure.version,
         "scheme": plan.scheme,
         "tick_s": plan.timing.tick,
@@ -204,7 +230,9 @@ def facts(
             }
             for part in plan.parts
         },
-        "connections": len(plan.wires),
+        "connections": len(plan.wires) - len(plan.beside.feeds),
+        "inputs": plan.beside.about,
+        "unsaid": list(plan.package.unsaid),
         "late": [f"{source}->{target}" for source, target in plan.late],
         "not_fed": (unfed := {f"{part.path}.{v.name}": _start(part, v) for part in plan.parts for v in part.unfed}),
         # the name of 1.0
@@ -234,12 +262,14 @@ def system_result(came: Mapping[str, Any]) -> Result:
     ignored, more = f"values that get to no variable: {some(came['ignored'], MOST)}", len(came["events"]) - MOST_EVENTS
     late = f"{counted(len(came['late']), 'connection')} with values of {when}: {some(came['late'], MOST)}"
     parts = [
-        note("system", f"SSP {came['ssp']}, {counted(came['connections'], 'connection')}", True),
+        note("system", f"{_form(came)}{counted(came['connections'], 'connection')}", True),
         note("coupling", f"{SCHEMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"),
         *(note(path, _component(one), True) for path, one in came["components"].items()),
+        *(note("input", f"{name} = {about}") for name, about in came["inputs"].items()),
         *([note("late", late, True)] if came["late"] else []),
         *([note("not fed", some(unfed, MOST), True)] if unfed else []),
         *([note("ignored", ignored, True)] if came["ignored"] else []),
+        *(note("unsaid", sentence) for sentence in came["unsaid"]),
         *([] if came["settled"] else [note("start", UNSETTLED)]),
         *(note("event", f"{e['t_s']:.3f} s  {e['source']}: {e['text']}") for e in came["events"][:MOST_EVENTS]),
         *([note("event", f"and {more} more, see the recording")] if more > 0 else []),
@@ -248,56 +278,16 @@ def system_result(came: Mapping[str, Any]) -> Result:
     return Result(headline, parts, came, {"recording": came["recording"]})
 
 
+def _form(came: Mapping[str, Any]) -> str:
+    return f"{came['form']} {came['ssp']}, " if came["form"] == "SSP" else f"{came['form']}, "
+
+
 def _component(one: Mapping[str, Any]) -> str:
     return f"{one['fmu']}  FMI {one['fmi']}  sha256 {one['sha256'][:12]}  {one['microseconds_per_step']:.2f} us"
 
 
-def streams(plan: SystemPlan, system: System) -> list[RowStream]:
-    """In the order of the components; none of one that has no outputs."""
-    columns = {
-        part.name: slice(int(system.y_start[c]), int(system.y_start[c + 1])) for c, part in enumerate(plan.parts)
-    }
-    return [RowStream(topic, columns[topic.name]) for topic in topics(plan)]
-
-
-def topics(plan: SystemPlan) -> list[Topic]:
-    """The same before there is a system.
-
-    Raises:
-        InputRefused: two components have names that a recording cannot tell apart.
-    """
-    found = [Topic(part.name, tuple(_fields(part)), 1) for part in plan.parts if part.outputs]
-    try:
-        message_names(found)
-    except ValueError as problem:
-        raise InputRefused(f"{plan.package.file}: {problem}; give components names that are less alike") from None
-    return found
-
-
-def _fields(part: SystemPart) -> list[Field]:
-    groups = _arrays(part.outputs)
-    names = distinct(field(element(group[0].variable.name)[0] if len(group) > 1 else group[0].variable.name, part.path)
-                     for group in groups)  # fmt: skip
-    return [
-        Field(name, sum(p.port.size for p in group), group[0].port.kind, group[0].port.unit, group[0].port.meaning)
-        for name, group in zip(names, groups, strict=True)
-    ]
-
-
-def _arrays(ports: tuple[FmuPort, ...]) -> list[list[FmuPort]]:
-    """Ports one after the other, `X[1]`, `X[2]` .. of one kind and unit together."""
-    groups: list[list[FmuPort]] = []
-    for port in ports:
-        array, number = element(port.variable.name)
-        last = groups[-1] if groups else []
-        like = last and (last[0].port.kind, last[0].port.unit) == (port.port.kind, port.port.unit)
-        if like and element(last[0].variable.name) == (array, 1) and number == len(last) + 1 and port.port.size == 1:
-            last.append(port)
-        else:
-            groups.append([port])
-    return groups
-
-
+SUMMARY = "summary.json"
+"""What took how long, beside the recording, in which nothing depends on that."""
 HOME = Path("results/cosim")
 """Apart from runs of the robot: a system is often called as the experiment that it was built from."""
 
@@ -307,25 +297,28 @@ def recorded_system(
     system: Path,
     tick: float | None = None,
     stop: float | None = None,
-    scheme: Scheme = "gauss_seidel",
+    scheme: Scheme | None = None,
     out: Path | None = None,
     compiled: bool = False,
     state_every: float | None = None,
     start_from: str | None = None,
+    additions: Additions = Additions(),  # noqa: B008, it is frozen
 ) -> Result:
-    """Run the system of an SSP archive and record it.
+    """Run a system of FMUs and record it.
 
     Notes: {"experiment": its name, "folder", "duration" (s)} before the first step.
 
     Args:
-        system: the archive.
+        system: an SSP archive, an FMU, an OspSystemStructure.xml or a multi-model of Maestro.
         tick: length of a step (s); None: as the system says.
         stop: end of the run (s); None: likewise.
-        scheme: "gauss_seidel" in the order of the components in the file, or "jacobi".
+        scheme: "gauss_seidel" in the order of the components in the file, or "jacobi"; None: that of the tools that
+            write such files.
         out: the run's own folder; None: results/NAME/TIME.
         compiled: whether FMUs without a binary for this machine are built from their sources.
         state_every: time from one saved state to the next (s); None: only the last one is saved.
         start_from: a run of this system, and perhaps the time (s) of its state behind an @, to go on from.
+        additions: values, inputs over time, and what is recorded.
 
     Raises:
         InputRefused: the system cannot be run, or there is no such state; nothing has been written.
@@ -333,8 +326,8 @@ def recorded_system(
         NotWritten: the disk is full; likewise.
     """
     reporter.loading()
-    package, state = read_package(system), _state(start_from)
-    with opened(package, tick, stop, scheme, compiled) as (plan, made):
+    package, state = read_system(system), _state(start_from)
+    with opened(package, tick, stop, scheme, compiled, additions) as (plan, made):
         folder = _folder(package.file, out)
         # absolute: an FMU may change the working directory
         path = folder.absolute() / RECORDING
@@ -342,6 +335,7 @@ def recorded_system(
         reporter.note(experiment=package.file.stem, folder=str(path.parent), duration=duration)
         done, events, writing = _recorded(plan, made, path, reporter, state_every, state)
         came = facts(plan, made, done, events, writing, folder / RECORDING)
+    write_json(folder / SUMMARY, came)
     return system_result(came)
 
 
@@ -350,10 +344,15 @@ def opened(
     package: Package,
     tick: float | None = None,
     stop: float | None = None,
-    scheme: Scheme = "gauss_seidel",
+    scheme: Scheme | None = None,
     compiled: bool = False,
+    additions: Additions = Additions(),  # noqa: B008, it is frozen
+    beside: Beside = Beside(),  # noqa: B008, likewise
 ) -> Iterator[tuple[SystemPlan, PreparedSystem]]:
-    """The system of an archive, planned and ready to be run; arguments but `package` as of `recorded_system`.
+    """The system of a package, planned and ready to be run; arguments but `package` as of `recorded_system`.
+
+    Args:
+        beside: what takes part beside its FMUs and what `additions` add.
 
     Raises:
         InputRefused: as `recorded_system`.
@@ -361,7 +360,7 @@ def opened(
     scratch = tempfile.mkdtemp()
     with _named(package, scratch):
         try:
-            plan = _planned(package, Path(scratch), tick, stop, scheme, compiled)
+            plan = _planned(package, Path(scratch), tick, stop, scheme or package.scheme, compiled, additions, beside)
             folders = {one.sha256: unpacked(one.path, one.sha256) for one in (part.description for part in plan.parts)}
         finally:
             # before anything is loaded: what crashes would leave it
@@ -371,18 +370,31 @@ def opened(
 
 
 def _planned(
-    package: Package, scratch: Path, tick: float | None, stop: float | None, scheme: Scheme, compiled: bool
+    package: Package,
+    scratch: Path,
+    tick: float | None,
+    stop: float | None,
+    scheme: Scheme,
+    compiled: bool,
+    additions: Additions,
+    beside: Beside,
 ) -> SystemPlan:
-    flat = flattened(package.structure, f"{package.file}")
+    package = with_parameters(package, additions.parameters)
+    flat, tables = tables_beside(package, flattened(package.structure, f"{package.file}"))
     files: dict[str, Path] = {}
-    for entry in fmu_sources(package, flat).values():
+    entries = fmu_sources(package, flat)
+    for entry in entries.values():
         if entry not in files:
             files[entry] = scratch / entry
             made_folder(files[entry].parent)
             write_bytes(files[entry], package.content(entry))
             if compiled:
                 build(files[entry])
-    plan = planned(package, flat, files, tick, stop, scheme)
+    if additions.settings or additions.inputs:
+        names = SystemNames(package, flat, {path: files[entry] for path, entry in entries.items()})
+        flat = with_settings(flat, names, additions.settings)
+        tables = tables + inputs_beside(names, additions.inputs, additions.settings)
+    plan = planned(package, flat, files, tick, stop, scheme, tables + beside, additions.recorded)
     # refuses names that a recording cannot hold, before there is one
     topics(plan)
     return plan
@@ -428,7 +440,9 @@ def _recorded(
     files = {part.path: part.description.sha256 for part in plan.parts}
     # what the archive is called, or when it was packed, changes no bit
     made_of = {key: text for key, text in described["system"].items() if key not in ("file", "sha256")}
-    about = identity(made.system, described["versions"], files, [made_of, described["components"], last])
+    # kept as it was where nothing is fed
+    fed = [described["inputs"]] if "inputs" in described else []
+    about = identity(made.system, described["versions"], files, [made_of, described["components"], last, *fed])
     saved = state.saved if state else None
     if state and saved:
         refuse_other_run(saved, about, str(state.recording))
@@ -472,4 +486,4 @@ def _provenance(plan: SystemPlan) -> dict[str, dict[str, str]]:
             for part in plan.parts
         },
         "versions": versions(),
-    }
+    } | ({"inputs": plan.beside.about} if plan.beside.about else {})

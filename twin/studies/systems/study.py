@@ -1,6 +1,7 @@
 """`twin cosim`: SSP systems of third-party FMUs, without a robot."""
 
 import math
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -29,12 +30,36 @@ def _check_times(asked: Asked) -> None:
 
 @study(isolated=True, limited=True, before=[_check_times])
 def cosim(
-    system: Annotated[Path, Argument("An SSP archive, 1.0 or 2.0.", "SYSTEM.ssp")],
+    system: Annotated[Path, Argument("An SSP archive (1.0, 2.0), or an FMU.", "SYSTEM")],
     reporter: "Reporter",
+    settings: Annotated[
+        Sequence[str],
+        Option(
+            "Value of a parameter or input, such as Gain1.k=2, s.v=60[rpm]; may be repeated.", "NAME=VALUE", "--set"
+        ),
+    ] = (),
+    parameters: Annotated[
+        Sequence[Path], Option("Values of an SSV file; --set wins over them. May be repeated.", "FILE.ssv", "--ssv")
+    ] = (),
+    inputs: Annotated[
+        Sequence[str],
+        Option(
+            "Input over time: u=step(1.0), u=file.csv:COLUMN[UNIT], u=run.mcap:SIGNAL, or a CSV file whose columns "
+            "are called as inputs are; may be repeated.",
+            "NAME=SOURCE",
+            "--input",
+        ),
+    ] = (),
+    records: Annotated[
+        Sequence[str],
+        Option(
+            "Record these variables, also inputs, parameters and locals: '*.y'; may be repeated.", "PATTERN", "--record"
+        ),
+    ] = (),
     scheme: Annotated[
-        CouplingScheme,
+        CouplingScheme | None,
         Option("gauss_seidel: components one after the other, as in the file; jacobi: all at once."),
-    ] = CouplingScheme.GAUSS_SEIDEL,
+    ] = None,
     tick_ms: Annotated[float | None, Option("Communication step; default: the system's own.", "MS")] = None,
     stop_s: Annotated[float | None, Option("Stop time; default: that of the system's default experiment.", "S")] = None,
     state_every_s: Annotated[float | None, Option("Save the state as often as this, for --from.", "S")] = None,
@@ -45,17 +70,21 @@ def cosim(
     out: Annotated[Path | None, Option("Folder of the run; default: results/cosim/SYSTEM/TIME.", "DIR")] = None,
     compiled: Compile = False,
 ) -> Result:
-    """Run a system of co-simulation FMUs (SSP), and record the outputs of each.
+    """Run one FMU, or a system of co-simulation FMUs (SSP), and record the outputs of each.
 
     Exit code: 0 done, 2 input refused, 3 a component failed while running
     (error, crash, hang), 130 interrupted, 143 terminated.
 
-    Example: twin cosim system.ssp --scheme jacobi --tick-ms 1
+    Example: twin cosim system.ssp --set Gain1.k=2 --input 'Gain1.u=step(1.0)'
 
     Raises:
         InputRefused, ComponentFailed, NotWritten: see `recorded_system`.
     """
+    from twin.kernel.cosim.interpolation import Scheme
+    from twin.studies.systems.additions import Additions
     from twin.studies.systems.recorded import recorded_system
 
-    tick = None if tick_ms is None else tick_ms / 1000.0
-    return recorded_system(reporter, system, tick, stop_s, scheme.value, out, compiled, state_every_s, start_from)
+    tick: float | None = None if tick_ms is None else tick_ms / 1000.0
+    chosen: Scheme | None = scheme.value if scheme else None
+    added = Additions(settings, parameters, inputs, records)
+    return recorded_system(reporter, system, tick, stop_s, chosen, out, compiled, state_every_s, start_from, added)

@@ -1,0 +1,43 @@
+"""Systems of FMUs from files of any kind: what a file is, is seen from its name."""
+
+import os
+from pathlib import Path
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi.description import described
+from twin.kernel.fmi.variable import number
+from twin.kernel.ssp.package import Package, loose_package, read_package
+from twin.kernel.ssp.structure import DefaultExperiment, SspComponent, SspSystem, Structure
+from twin.studies.systems.naming import SINGLE, word
+
+
+def read_system(file: Path) -> Package:
+    """The system that `file` says: an SSP archive, or an FMU by itself.
+
+    Raises:
+        InputRefused: no such file, or not a whole one of its kind.
+    """
+    # not Path.is_file, which raises for a name that is too long
+    if not os.path.isfile(file):
+        raise InputRefused(f"{file}: no such file; expected an SSP archive or an FMU")
+    if file.suffix.lower() == ".fmu":
+        return single(file)
+    return read_package(file)
+
+
+def single(file: Path) -> Package:
+    """A system of one FMU, called as its file is; it runs as long as its default experiment says.
+
+    Raises:
+        InputRefused: no FMU that can be used.
+    """
+    experiment = described(file).model.defaultExperiment
+    start, stop = (number(getattr(experiment, name, None)) for name in ("startTime", "stopTime"))
+    name = word(file.stem)
+    structure = Structure(
+        name,
+        SspSystem(name, (SspComponent(name, file.name),)),
+        version=described(file).model.fmiVersion,
+        experiment=DefaultExperiment(None if start != start else start, None if stop != stop else stop),
+    )
+    return loose_package(file, structure, {file.name: file}, SINGLE)
