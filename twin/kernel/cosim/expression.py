@@ -119,7 +119,7 @@ class _Reader:
                 for one in node.args:
                     self.visit(one)
                 self._put(kinds[len(node.args)], len(node.args))
-            case ast.Call(func=ast.Name(id=name)) | ast.Name(id=name):
+            case ast.Call(func=ast.Name(id=name)) | ast.Name(id=name) if name not in FUNCTIONS:
                 self._refuse(f"'{name}' is not known; {nearest(name, [*FUNCTIONS, 't', 'pi'], f'expected {USES}')}")
             case _:
                 self._refuse(f"'{ast.unparse(node)}' is not allowed; expected {USES}")
@@ -182,8 +182,7 @@ def evaluated(operations_at, numbers_at, count, stack_at, t):
                 # what has begun as far as ticks round is in the new period
                 since -= period * math.floor((since + SLACK * max(1.0, abs(t))) / period)
                 value = 1.0 if begun(t, start) and not begun(since, wide) else 0.0
-                # of a period of 0 there is none
-                stack[top] = value if since == since else since
+                stack[top] = value if period > 0.0 else math.nan
                 continue
             top -= 1
             a, b = stack[top], stack[top + 1]

@@ -57,7 +57,7 @@ def _sampled(times, values, lines, t):
     last = low - 1
     if last < 0:
         return values[0]
-    if not lines or last + 1 == len(times) or t <= times[last]:
+    if not lines or last + 1 == len(times) or begun(times[last], t):
         return values[last]
     share = (t - times[last]) / (times[last + 1] - times[last])
     return values[last] + share * (values[last + 1] - values[last])

@@ -73,7 +73,7 @@ class FlatSystem:
         leads: one at most for each input.
         assigned: by component, by variable; what counts if several values are given.
         ignored: names that parameter sets give values to, and nothing is called so.
-        entrances: by each connector of the outermost system that takes values where these get to, and how.
+        entrances: by each connector through which values may come into the outermost system where they get to, and how.
     """
 
     components: dict[str, SspComponent]
@@ -118,7 +118,8 @@ class _Flat:
         entrances = {
             one.name: tuple(self._forward(Endpoint("", one.name), (Hop(unit=one.unit),)))
             for one in self._systems[""].connectors
-            if one.kind in ("input", "inout")
+            # from those that are not fed themselves every way is another one
+            if one.kind in ("input", "inout") and Endpoint("", one.name) not in self._into
         }
         return FlatSystem(self._components, tuple(lead for lead in leads if lead), self._assigned, ignored, entrances)
 

@@ -239,7 +239,9 @@ class ReportRun:
 
     @property
     def name(self) -> str:
-        """Of the experiment."""
+        """Of the experiment, or of the file of a system."""
+        if "system" in self.recording.metadata:
+            return Path(self.recording.metadata["system"]["file"]).stem
         return recorded_name(self.recording.metadata, self.recording.path)
 
     @property

@@ -14,6 +14,7 @@ from twin.report.page.markup import Markup, element, joined, table, thinned, thi
 from twin.report.page.picture import figure
 from twin.report.page.run import ReportRun
 from twin.studies.figure import picture
+from twin.studies.result import counted
 
 SAMPLES = 4000
 """Of a curve: more than a picture has columns."""
@@ -72,7 +73,7 @@ def _signals(run: ReportRun) -> Markup:
         left += len(curves) - len(shown)
         if shown:
             panels += -(-len(shown) // CURVES)
-            parts.append(figure(_drawn(run, unit, shown), f"{len(shown)} signals in {unit}"))
+            parts.append(figure(_drawn(run, unit, shown), f"{counted(len(shown), 'signal')} in {unit}"))
     hint = f"{left} more signals are not drawn; choose with twin cosim --record." if left else ""
     return joined([*parts, element("p", hint, class_="hint")] if hint else parts)
 
@@ -114,10 +115,8 @@ def _components(run: ReportRun) -> Markup:
         one = json.loads(text)
         cost = costs.get(path, {}).get("microseconds_per_step") if isinstance(costs, dict) else None
         set_ = ", ".join(f"{name} = {value}" for name, value in one.get("set", {}).items())
-        rows.append(
-            (path, one["file"], f"FMI {one['fmi']}", one.get("generation_tool") or "-", _code(one["sha256"]), set_ or "-",
-             "-" if cost is None else f"{cost:.3g} us")
-        )  # fmt: skip
+        facts = (one["file"], f"FMI {one['fmi']}", one.get("generation_tool") or "-", _code(one["sha256"]))
+        rows.append((path, *facts, set_ or "-", "-" if cost is None else f"{cost:.3g} us"))
     head = ("component", "file", "standard", "made with", "SHA-256", "set", "per step")
     return table(head, rows, f"components of {run.label}")
 
@@ -151,6 +150,5 @@ def _origin(run: ReportRun) -> Markup:
         *((f"version of {name}", text) for name, text in run.recording.metadata.get("versions", {}).items()),
         ("recording", _code(run.sha256)),
     ]
-    return element(
-        "details", element("summary", "System and versions"), table(("", "is"), [tuple(r) for r in rows], "origin")
-    )
+    facts = table(("", "is"), [tuple(row) for row in rows], f"origin of {run.label}")
+    return element("details", element("summary", "System and versions"), facts)
