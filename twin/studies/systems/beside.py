@@ -17,6 +17,7 @@ class Feed:
         by: who says so, for sentences.
         unit: of the value; "": that of the variable.
         hops: on its way.
+        size: how many values.
     """
 
     end: Endpoint
@@ -24,6 +25,7 @@ class Feed:
     by: str
     unit: str = ""
     hops: tuple[Hop, ...] = ()
+    size: int = 1
 
 
 @dataclass(frozen=True)

@@ -406,8 +406,8 @@ class _Planner:
     def _fed(self, feed: Feed) -> FmuPort:
         path, name = feed.end
         end = self._variable(path, name, ("input",), "ends at an input")
-        if end.size != 1:
-            raise InputRefused(f"{feed.by}: {path}.{name} has {end.size} values; expected an input of one value")
+        if end.size != feed.size:
+            raise InputRefused(f"{feed.by}: {feed.size} values into {path}.{name}, which has {end.size}")
         if any(port.variable == end for _, port in self._into[path]):
             raise InputRefused(f"{feed.by}: {path}.{name} is fed already; remove one of both")
         own = measure(end.unit, self._connector(path, name), self._units, self._descriptions[path], feed.by)
