@@ -50,12 +50,12 @@ def planned(file: Path, inputs: Any, outputs: Any, role: str = "controller") -> 
 def test_it_hears_one_of_three_values_and_gives_one_the_others_are_0(siso: Path):
     plan = planned(siso, {"F_ee_B[2]": "-u"}, {"omega_ref[1]": "y"})
     assert plan.unheard == ("F_ee_B[0]", "F_ee_B[1]") and plan.zero == ("omega_ref[0]", "omega_ref[2]")
-    part = plan.component("controller", 1e-3, 1, 10)
+    part = plan.part("controller", 1e-3, 1, 10)
     try:
         assert [port.name for port in part.outputs] == ["omega_ref"]
         u = np.zeros((4, width(part.inputs)))
         u[:, places(part.inputs)["F_ee_B"]] = np.arange(12).reshape(4, 3)
-        rows, status = play(part, 1e-3 * np.arange(4), np.full(4, 1e-3), u)
+        rows, status = play(part, 1e-3 * np.arange(4.0), np.full(4, 1e-3), u)
         assert status == 0
         np.testing.assert_array_equal(
             columns(part, rows)["omega_ref"], [[0, -2, 0], [0, -5, 0], [0, -8, 0], [0, -11, 0]]
@@ -81,9 +81,8 @@ def test_a_run_and_its_recording_say_which_values_are_0(siso: Path, tmp_path: Pa
     ]
     np.testing.assert_array_equal(recording["controller.omega_ref"][:, 0], recording["estimator.F_ee_B"][:, 2])
     assert not np.any(recording["controller.omega_ref"][:, 1:])
-    np.testing.assert_array_equal(
-        recording["scale.F_z"], -recording["plant.F_ee_B"][::200, 2][: len(recording["scale.F_z"])]
-    )
+    at = np.rint(1e3 * recording.time("scale")).astype(int)
+    np.testing.assert_array_equal(recording["scale.F_z"], -recording["plant.F_ee_B"][at, 2])
 
 
 @pytest.mark.parametrize(

@@ -62,7 +62,7 @@ class SampledFmu:
     unheard: tuple[str, ...] = ()
     zero: tuple[str, ...] = ()
 
-    def component(self, name: str, tick: float, period: int, ticks: int) -> Component:
+    def component(self, name: str, tick: float, period: int, ticks: int) -> FmuComponent:
         """The FMU in step mode, called every `period` ticks of `tick` (s) from tick 0 to tick `ticks`.
 
         Raises:
@@ -79,10 +79,16 @@ class SampledFmu:
         setup = Setup(self.tolerance, stop, period * tick)
         made = FmuComponent(name, self.description, folder, inputs, outputs, self.settings, setup=setup, sampled=True)
         made.period = period
-        if self.unheard or self.zero:
-            return Selection(made, self.inputs, self.outputs, *(self._slots(side) for side in _SIDES))
-        made.inputs, made.outputs = self.inputs, self.outputs
+        if not self.unheard and not self.zero:
+            made.inputs, made.outputs = self.inputs, self.outputs
         return made
+
+    def part(self, name: str, tick: float, period: int, ticks: int) -> Component:
+        """The same behind the whole ports of the part, values that it does not have being 0."""
+        made = self.component(name, tick, period, ticks)
+        if not self.unheard and not self.zero:
+            return made
+        return Selection(made, self.inputs, self.outputs, *(self._slots(side) for side in _SIDES))
 
     def _slots(self, side: "Side") -> list[int]:
         """Which of the values of all its ports each of the FMU's is."""
@@ -436,7 +442,7 @@ def _fmu_part(role: str, table: StandIn) -> OtherPart:
     } | ({"zero": list(plan.zero)} if plan.zero else {})
 
     def make(tick: float, period: int, ticks: int) -> Component:
-        return plan.component(role, tick, period, ticks)
+        return plan.part(role, tick, period, ticks)
 
     return OtherPart(role, fmu.path.name, plan.inputs, plan.outputs, make, fmu.sha256, facts, fmu)
 
