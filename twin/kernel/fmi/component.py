@@ -15,7 +15,8 @@ from twin.kernel.cosim.port import by_port
 from twin.kernel.cosim.python_class import ObjectStates
 from twin.kernel.errors import InputRefused, TwinError
 from twin.kernel.fmi.description import FmuDescription
-from twin.kernel.fmi.exchange import ExchangeStepping, ModelExchange
+from twin.kernel.fmi.exchange import ExchangeStepping, ModelExchange, react
+from twin.kernel.fmi.groups import TERMINATE
 from twin.kernel.fmi.lifecycle import CosimInstance
 from twin.kernel.fmi.solvers import Solver
 from twin.kernel.fmi.state import FmuStates, RememberedMessages, is_distrusted
@@ -170,6 +171,12 @@ class FmuComponent(Component):
 
     def explain(self, status: int) -> str:
         return self._stepping.explain(status)
+
+    def asks_to_end(self, status: int) -> bool:
+        return status == TERMINATE
+
+    def reaction(self) -> int:
+        return react.address if isinstance(self.instance, ModelExchange) else 0
 
     def rewind(self) -> Rewind | None:
         if not self.instance.description.interface.canGetAndSetFMUstate:
