@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.kernel.fmi.eventful import eventful_drive
+from tests.kernel.fmi.eventful import KINDS, maker
 from tests.studies.systems.archives import component, connection, structure, system, values
 from tests.studies.systems.conftest import Ran
 from tests.studies.systems.linear import Linear
@@ -31,7 +31,7 @@ def test_a_run_begins_where_it_is_asked_for_or_the_structure_says_and_time_stays
     ssd = structure(system([component("r", "r.fmu")]), 3.0)
     for text, asked in ((ssd, {"start": 2.0}), (ssd.replace('startTime="0.0"', 'startTime="2"'), {})):
         run, facts = ran(text, resources, **asked)
-        assert run.time("r").tolist() == [k * 0.01 for k in range(200, 301)]
+        assert run.time("r").tolist() == pytest.approx([k * 0.01 for k in range(200, 301)], abs=1e-12)
         assert run["r.y"][-1] == pytest.approx(1.0, rel=1e-12)
         assert facts["start_s"] == 2.0 and facts["simulated_s"] == pytest.approx(1.0)
         assert "1 s from 2 s on at" in system_result(facts).text
@@ -48,13 +48,27 @@ def test_a_run_from_a_start_goes_on_from_its_states_with_the_same_bits(ran: Ran,
 
 
 def test_clocks_of_an_fmu_tick_from_the_start_on(ran: Ran, root: Path, tmp_path: Path):
-    drive = eventful_drive(root, tmp_path)
-    ssd = structure(system([component("a", "e.fmu", bindings=values("omega_ref=1"))]), 0.04)
-    plain, _ = ran(ssd, {"e.fmu": drive}, tick=0.001)
-    later, _ = ran(ssd.replace("0.04", "0.14"), {"e.fmu": drive}, tick=0.001, start=0.1)
-    names = [name for name in plain.fields() if name.startswith("a.")]
-    # what happens 40 ms from the start on, whenever that was
-    assert names and all(np.allclose(plain[name], later[name], atol=1e-9) for name in names)
+    clock = '<Clock name="beat" valueReference="20" causality="input" intervalVariability="constant" {}/>'
+    said = clock.format('intervalDecimal="0.005" shiftDecimal="0.003"')
+    drive = maker(root, tmp_path)('hasEventMode="true"', said, 'variability="discrete" clocks="20"')
+    resources = {"r.fmu": RAMP.fmu(tmp_path / "r.fmu"), "e.fmu": drive}
+    parts = [component("r", "r.fmu"), component("e", "e.fmu", bindings=values(f"kind={KINDS['samples']}"))]
+    ssd = structure(system(parts, [connection("r.y", "e.omega_ref")]), 0.04)
+    plain, _ = ran(ssd, resources, tick=0.001)
+    later, _ = ran(ssd.replace("0.04", "2.04"), resources, tick=0.001, start=2.0)
+    # the speed is the ramp at the last of the ticks, 3 ms behind the start and every 5 ms from there on
+    assert np.unique(plain["e.omega_m"].round(9)).tolist() == [
+        0.0,
+        0.004,
+        0.009,
+        0.014,
+        0.019,
+        0.024,
+        0.029,
+        0.034,
+        0.039,
+    ]
+    assert np.allclose(plain["e.omega_m"], later["e.omega_m"], atol=1e-9)
 
 
 def test_without_a_stop_in_the_structure_the_longest_of_the_fmus_counts(ran: Ran, tmp_path: Path):

@@ -149,7 +149,8 @@ def _loop(one: Mapping[str, Any]) -> str:
 def _component(one: Mapping[str, Any], tick: float) -> str:
     every = f", every {1e3 * one['step_s']:g} ms" if one["step_s"] != tick else ""
     kind = " model exchange" if one["kind"] == "model_exchange" else ""
-    return f"{one['fmu']}  FMI {one['fmi']}{kind}  sha256 {one['sha256'][:12]}  {one['microseconds_per_step']:.2f} us{every}"
+    cost = f"{one['microseconds_per_step']:.2f} us{every}"
+    return f"{one['fmu']}  FMI {one['fmi']}{kind}  sha256 {one['sha256'][:12]}  {cost}"
 
 
 def streams(plan: SystemPlan, made: PreparedSystem) -> list[RowStream]:
