@@ -15,6 +15,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import Recording, read
 from twin.studies.systems.additions import Additions
+from twin.studies.systems.choice import MasterChoice
 from twin.studies.systems.recorded import recorded_system, system_result
 
 A, B = component("a", "a.fmu"), component("b", "a.fmu")
@@ -29,10 +30,9 @@ def alone(tmp_path: Path, ideal: Path) -> Alone:
 
     def run(fmu: Path = ideal, stop: float | None = 0.01, **asked: Any) -> tuple[Recording, dict[str, Any]]:
         out = tmp_path / f"alone_{len(list(tmp_path.iterdir()))}"
-        came = recorded_system(
-            DirectReporter(lambda note: None), fmu, stop=stop, out=out, tick=asked.pop("tick", None),
-            additions=Additions(**asked),
-        )  # fmt: skip
+        choice = MasterChoice(asked.pop("tick", None), None, stop)
+        hear = DirectReporter(lambda note: None)
+        came = recorded_system(hear, fmu, choice, out, additions=Additions(**asked))
         return read(out / "run.mcap"), came.facts
 
     return run
@@ -58,7 +58,7 @@ def test_an_fmu_runs_as_its_default_experiment_says_and_in_500_steps_if_it_state
     # 1.7 s / 500 = 3.4 ms
     assert alone(silent, stop=1.7)[1]["tick_s"] == 0.002
     endless = redescribed(ideal, tmp_path / "endless.fmu", ' stopTime="1.0"', "")
-    with pytest.raises(InputRefused, match="states no stop time"):
+    with pytest.raises(InputRefused, match="neither the structure nor an FMU states a stop time"):
         alone(endless, stop=None)
 
 

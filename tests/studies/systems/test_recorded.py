@@ -15,6 +15,7 @@ from tests.studies.systems.conftest import Ran
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.ssp.package import read_package
+from twin.studies.systems.choice import MasterChoice
 from twin.studies.systems.recorded import opened, system_result
 
 A = component("a", "a.fmu", bindings=values("omega_ref=1"))
@@ -131,7 +132,7 @@ def test_values_at_the_start_go_from_one_fmu_to_the_next_before_the_first_step(t
     wires = [connection("b.theta_m", "a.tau_load", more='suppressUnitConversion="true"')]
     whole = system([component("a", "a.fmu"), component("b", "a.fmu", bindings=values("theta_m=0.25"))], wires)
     package = read_package(archive(tmp_path / "x.ssp", structure(whole, 0.01), {"a.fmu": ideal}))
-    with opened(package, scheme="jacobi") as (plan, made):
+    with opened(package, MasterChoice(scheme="jacobi")) as (plan, made):
         first = made.system.components[0]
         assert isinstance(first, FmuComponent) and made.settled
         assert first.instance.read([plan.parts[0].inputs[0].variable]) == [0.25]

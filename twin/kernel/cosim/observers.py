@@ -173,7 +173,7 @@ def simulate(
     lasting: Mapping[str, Observer] = MappingProxyType({}),
     adopt: Callable[[Simulation, SavedState], None] | None = None,
 ) -> Simulated:
-    """Step a system from tick 0 until `last_tick`, a component fails, or one of the `observers` has seen enough.
+    """Step a system from its first tick to `last_tick`, or until a component fails or an observer has seen enough.
 
     Args:
         assembly: freshly made.
@@ -210,4 +210,4 @@ def simulate(
         events: list[TickEvent] = []
         for observer in observers:
             observer.take(first, rows, events)
-    return Simulated(simulation, stepping, state.tick if state else 0)
+    return Simulated(simulation, stepping, state.tick if state else assembly.system.first_tick)

@@ -73,7 +73,7 @@ def let_watch(witness: Witness) -> None:
 
 
 class Simulation:
-    """Runs a `System` tick by tick from 0 to `last_tick`; `failure` and `culprit` say what ended it too early, if so.
+    """Runs a `System` from its first tick to `last_tick`; `failure` and `culprit` say what ended it too early, if so.
 
     Args:
         system: what to run.
@@ -94,7 +94,7 @@ class Simulation:
     ):
         self.system = system
         self.last_tick = last_tick
-        self.next_tick = 0
+        self.next_tick = system.first_tick
         if memory is None and _witness:
             memory = _witness[0](system, last_tick)
         memory = memory or SimulationMemory(np.array([0, NO_COMPONENT]), np.zeros(system.inputs_width))

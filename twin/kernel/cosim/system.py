@@ -110,6 +110,7 @@ class System:
 
     Attributes:
         changes: what every simulation of it changes on the way, by ascending ticks; none unless somebody sets them.
+        first_tick: at which simulations of it begin.
 
     Raises:
         InputRefused: unknown or doubly named component or port, sizes that differ, an input with no wire or two; a
@@ -117,6 +118,7 @@ class System:
     """
 
     changes: tuple[MemoryChange, ...] = ()
+    first_tick: int = 0
 
     def __init__(
         self,

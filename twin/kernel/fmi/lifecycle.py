@@ -196,7 +196,7 @@ class Fmi2:
         instance.write(instance.settings)
         with instance.calling("SetupExperiment"):
             instance.fmu.setupExperiment(
-                tolerance=instance.setup.tolerance, startTime=0.0, stopTime=instance.setup.stop
+                tolerance=instance.setup.tolerance, startTime=instance.setup.start, stopTime=instance.setup.stop
             )
         with instance.calling("EnterInitializationMode"):
             instance.fmu.enterInitializationMode()
@@ -256,7 +256,7 @@ class Fmi1(Fmi2):
 
     def leave(self, instance: Instance) -> None:
         with instance.calling("InitializeSlave"):
-            instance.fmu.initialize(tStart=0.0, stopTime=instance.setup.stop)
+            instance.fmu.initialize(tStart=instance.setup.start, stopTime=instance.setup.stop)
 
     def free(self, instance: Instance) -> None:
         with instance.calling("TerminateSlave"), suppress(Exception):
@@ -313,7 +313,9 @@ class Fmi3(Fmi2):
                 fmu.exitConfigurationMode()
         instance.write([setting for setting in instance.settings if setting[0].causality != STRUCTURAL])
         with instance.calling("EnterInitializationMode"):
-            fmu.enterInitializationMode(tolerance=instance.setup.tolerance, startTime=0.0, stopTime=instance.setup.stop)
+            fmu.enterInitializationMode(
+                tolerance=instance.setup.tolerance, startTime=instance.setup.start, stopTime=instance.setup.stop
+            )
         # what belongs to a clock may be set only while that ticks
         instance.write([setting for setting in instance.inputs if not setting[0].clocks])
 
@@ -350,7 +352,7 @@ def _leave_event_mode(instance: Instance) -> None:
     # compiled before the call is announced: the FMU is not to be charged with it
     settled = settle.native.called
     with instance.calling("UpdateDiscreteStates"):
-        status = settled(instance.events.ctypes.data, 0, -1, 0.0)
+        status = settled(instance.events.ctypes.data, 0, -1, instance.setup.start)
     if status != 0:
         clock = instance.clock_name(int(e["culprit"]))
         raise InputRefused(explain_status(status, "fmi3", {}, float(e["value"]), clock, ""))
@@ -386,6 +388,8 @@ def clock_table(instance: Instance) -> np.ndarray:
                 instance.fmu.setIntervalDecimal((c_uint * 1)(clock.valueReference), (c_double * 1)(interval))
             row["period"] = _steps(instance, clock, interval, 1)
             row["next"] = _steps(instance, clock, shift, 0)
+    # steps count from 0 s, clocks from the start of the run
+    table["next"][table["next"] < NEVER] += round(instance.setup.start / (instance.setup.step or 1.0))
     return table
 
 

@@ -1,18 +1,12 @@
-"""The plan of an SSP system: FMUs checked, connections and values converted; nothing is loaded.
+"""The plan of a system: FMUs checked, connections and values converted; nothing is loaded."""
 
-How long a system is run, and in which steps.
-"""
-
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.files import xml_of
-from twin.kernel.fmi.description import FmuDescription, described, stated_step
+from twin.kernel.fmi.description import KIND_NAMES, FmuDescription, Kind, described
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.variable import (
     Setting,
@@ -20,7 +14,6 @@ from twin.kernel.fmi.variable import (
     Variable,
     conversion,
     given_values,
-    number,
     set_to,
 )
 from twin.kernel.recording.writer import EVENTS
@@ -28,85 +21,19 @@ from twin.kernel.ssp.flat import Assigned, FlatSystem, Hop, Lead
 from twin.kernel.ssp.package import Package
 from twin.kernel.ssp.structure import FMU, Connector, Endpoint
 from twin.studies.systems.beside import Beside, Feed
+from twin.studies.systems.choice import MasterChoice
 from twin.studies.systems.naming import SINGLE, distinct, distinct_ports, matching, port_of, rank, topic
+from twin.studies.systems.timing import Timing, ordered, timing
 from twin.studies.systems.ways import SpeltUnit, measure, spelt, way
 
 MANY = 1000
 """So many names are not searched for one that is alike."""
-MOST_TICKS = 1e12
-SAMPLES = 500
-"""Steps, or some more, of an FMU that states neither how long they are: as many as FMPy takes."""
-STEPS = ("stepSize", "baseStepSize")
-"""What OMSimulator and libcosim call the length of a step in annotations."""
-
-
-class Timing(NamedTuple):
-    """Length of a step (s), who says so, and how many there are."""
-
-    tick: float
-    source: str
-    ticks: int
-
-
-def timing(
-    package: Package, descriptions: Mapping[str, FmuDescription], tick: float | None, stop: float | None
-) -> Timing:
-    """As the system of an archive says.
-
-    Args:
-        package: of the system.
-        descriptions: of the FMUs, by component.
-        tick: length of a step (s) that the user asks for; None: not given.
-        stop: end of the run (s), likewise.
-
-    Raises:
-        InputRefused: it is not stated, the run would not begin at 0, or not end with a step.
-    """
-    experiment = package.structure.experiment
-    end = experiment.stop if stop is None else stop
-    length, source = (tick, "--tick-ms") if tick is not None else _stated(package, descriptions, end)
-    if experiment.start:
-        raise InputRefused(f"{package.file}: its experiment starts at {experiment.start:g} s; here runs begin at 0 s")
-    if end is None:
-        raise InputRefused(f"{package.file}: states no stop time (DefaultExperiment); give --stop-s")
-    if not 0.0 < end / length < MOST_TICKS:
-        raise InputRefused(
-            f"{package.file}: {end:g} s in steps of {length:g} s; expected at least one step, and fewer than "
-            f"{MOST_TICKS:g}"
-        )
-    ticks = round(end / length)
-    if ticks < 1 or abs(ticks * length - end) > 1e-6 * length:
-        raise InputRefused(
-            f"{package.file}: {end:g} s is not a whole number of steps of {1e3 * length:g} ms; "
-            "set --stop-s or --tick-ms"
-        )
-    return Timing(length, source, ticks)
-
-
-def _round(step: float) -> float:
-    """The next shorter of 1, 2 and 5 times a power of ten."""
-    power = 10.0 ** math.floor(math.log10(step))
-    return next(times * power for times in (5.0, 2.0, 1.0) if times * power <= step * (1.0 + 1e-9))
-
-
-def _stated(package: Package, descriptions: Mapping[str, FmuDescription], stop: float | None) -> tuple[float, str]:
-    """The length of a step (s), and who says so: a tool in the structure, else the FMU that wants the shortest."""
-    structure = package.structure
-    for note in (*structure.experiment.annotations, *structure.system.annotations, *structure.annotations):
-        where = f"{package.file}: annotation {note.type}"
-        for element in xml_of(note.content.encode(), where).iter() if note.content else ():
-            for name in STEPS:
-                if 0.0 < (step := number(element.get(name))) < math.inf:
-                    return step, f"an annotation of the structure ({note.type})"
-    steps = {path: step for path, one in descriptions.items() if 0.0 < (step := stated_step(one)) < math.inf}
-    if not steps and package.form == SINGLE and stop is not None and stop > 0.0:
-        return _round(stop / SAMPLES), f"a {SAMPLES}th of the run, as the FMU states none"
-    if not steps:
-        raise InputRefused(f"{package.file}: neither the structure nor an FMU states a step size; give --tick-ms")
-    shortest = min(steps, key=lambda path: steps[path])
-    return steps[shortest], f"what the FMU of {shortest} wants{'' if len(steps) == 1 else ', the shortest'}"
-
-
+KINDS_OF: Mapping[str, Kind | None] = {
+    "any": None,
+    "CoSimulation": "co_simulation",
+    "ModelExchange": "model_exchange",
+}
+"""What a structure calls the kinds of FMUs."""
 SETTABLE = ("parameter", "structuralParameter", "input")
 STARTED = ("exact", "approx")
 """What can be set before a run: these causalities, and what has a start value of its own (SSP 1.0, 5.3.5)."""
@@ -143,10 +70,10 @@ class SystemPlan:
 
     Attributes:
         package: where it is from.
-        parts: in the order of the file.
+        parts: in the order in which they step.
         wires: (output, input) of the master, "part.port" each.
         timing: of the run.
-        scheme: of the coupling.
+        choice: what is asked of the master.
         ignored: names that get values, and nothing is called so.
         beside: what takes part beside the FMUs.
     """
@@ -155,9 +82,14 @@ class SystemPlan:
     parts: tuple[SystemPart, ...]
     wires: tuple[tuple[str, str], ...]
     timing: Timing
-    scheme: Scheme
+    choice: MasterChoice
     ignored: tuple[str, ...]
     beside: Beside = field(default_factory=Beside)
+
+    @property
+    def scheme(self) -> Scheme:
+        """Of the coupling."""
+        return self.choice.scheme or self.package.scheme
 
     @property
     def late(self) -> list[tuple[str, str]]:
@@ -194,10 +126,10 @@ def fmu_sources(package: Package, flat: FlatSystem) -> dict[str, str]:
         where = f"{package.file}: component '{path}'"
         if component.type not in (FMU, ""):
             raise InputRefused(f"{where} is of type {component.type}, which is not supported; expected {FMU}")
-        if component.implementation not in ("any", "CoSimulation"):
+        if component.implementation not in KINDS_OF:
             raise InputRefused(
                 f"{where} is to be used for {component.implementation}, which is not supported; expected an FMU for "
-                "co-simulation"
+                "co-simulation or model exchange"
             )
         found[path] = package.entry(component.source)
         if not found[path]:
@@ -209,9 +141,7 @@ def planned(
     package: Package,
     flat: FlatSystem,
     files: Mapping[str, Path],
-    tick: float | None,
-    stop: float | None,
-    scheme: Scheme,
+    choice: MasterChoice,
     beside: Beside = Beside(),  # noqa: B008, it is frozen
     patterns: Sequence[str] = (),
 ) -> SystemPlan:
@@ -221,9 +151,7 @@ def planned(
         package: of the system.
         flat: the system.
         files: of the FMUs, by entry.
-        tick: length of a step (s); None: as the system says.
-        stop: end of the run (s); None: likewise.
-        scheme: of the coupling.
+        choice: what is asked of the master.
         beside: what takes part beside the FMUs.
         patterns: of what is recorded; none: every output, and what connections begin at.
 
@@ -231,13 +159,29 @@ def planned(
         InputRefused: an FMU that cannot be used, a connection that cannot be made, a value that cannot be set, an
             input that has no value, or the length of a step or of the run is not stated.
     """
-    reader = _Planner(package, flat, files, beside, patterns)
-    parts = tuple(reader.part(path) for path in flat.components)
+    choice.refuse_unknown(flat.components, f"{package.file}")
+    reader = _Planner(package, flat, files, choice, beside, patterns)
+    parts = tuple(reader.part(path) for path in ordered(package, flat, choice))
     if not any(part.recorded for part in parts):
         raise InputRefused(f"{package.file}: no FMU has an output that is a number; there is nothing to record")
-    when = timing(package, {part.path: part.description for part in parts}, tick, stop)
+    when = timing(package, flat, {part.path: part.description for part in parts}, choice)
     ignored = (*flat.ignored, *reader.ignored, *beside.ignored)
-    return SystemPlan(package, parts, tuple(reader.wires()), when, scheme, ignored, beside)
+    return SystemPlan(package, parts, tuple(reader.wires()), when, choice, ignored, beside)
+
+
+def _of_kind(file: Path, stated: str, path: str, choice: MasterChoice) -> FmuDescription:
+    """The FMU of a component as what it is used: what is asked for it by name, else stated, else asked for all."""
+    usual = described(file)
+    named, stated_kind = choice.kinds.get(path), KINDS_OF[stated]
+    kind = named or stated_kind
+    if kind is None:
+        # asked for all means those that can be
+        every = choice.kinds.get("")
+        return described(file, every) if every in usual.kinds else usual
+    if kind not in usual.kinds:
+        who = f"--kind {path}={kind}" if named else f"its component {path} is to be used for {KIND_NAMES[kind]}"
+        raise InputRefused(f"{file}: offers {KIND_NAMES[usual.kinds[0]]} alone, and {who}; export it for that, too")
+    return described(file, kind)
 
 
 class _Planner:
@@ -248,7 +192,13 @@ class _Planner:
     """
 
     def __init__(
-        self, package: Package, flat: FlatSystem, files: Mapping[str, Path], beside: Beside, patterns: Sequence[str]
+        self,
+        package: Package,
+        flat: FlatSystem,
+        files: Mapping[str, Path],
+        choice: MasterChoice,
+        beside: Beside,
+        patterns: Sequence[str],
     ):
         self._package, self._flat, self._units, self._beside = package, flat, package.structure.units, beside
         self.ignored: list[str] = []
@@ -259,9 +209,7 @@ class _Planner:
         names = distinct([*taken, *(topic(path) for path in flat.components)])[len(taken) :]
         self._names = dict(zip(flat.components, names, strict=True))
         for path, entry in fmu_sources(package, flat).items():
-            plain = described(files[entry])
-            if plain.kind != "co_simulation":
-                raise InputRefused(f"{files[entry]}: offers model exchange alone; export it for co-simulation")
+            plain = _of_kind(files[entry], flat.components[path].implementation, path, choice)
             self._given[path] = dict(self._values(path, plain))
             self._descriptions[path] = plain.resized(
                 {name: float(value) for name, value in self._given[path].items() if isinstance(value, (int, float))}

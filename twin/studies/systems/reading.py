@@ -5,9 +5,8 @@ from pathlib import Path
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.description import described
-from twin.kernel.fmi.variable import number
 from twin.kernel.ssp.package import Package, loose_package, read_package
-from twin.kernel.ssp.structure import DefaultExperiment, SspComponent, SspSystem, Structure
+from twin.kernel.ssp.structure import SspComponent, SspSystem, Structure
 from twin.studies.systems.naming import SINGLE, word
 
 
@@ -26,18 +25,15 @@ def read_system(file: Path) -> Package:
 
 
 def single(file: Path) -> Package:
-    """A system of one FMU, called as its file is; it runs as long as its default experiment says.
+    """A system of one FMU, called as its file is.
 
     Raises:
         InputRefused: no FMU that can be used.
     """
-    experiment = described(file).model.defaultExperiment
-    start, stop = (number(getattr(experiment, name, None)) for name in ("startTime", "stopTime"))
     name = word(file.stem)
     structure = Structure(
         name,
         SspSystem(name, (SspComponent(name, file.name),)),
         version=described(file).model.fmiVersion,
-        experiment=DefaultExperiment(None if start != start else start, None if stop != stop else stop),
     )
     return loose_package(file, structure, {file.name: file}, SINGLE)

@@ -1,30 +1,20 @@
-"""The run of an SSP archive: recording, text and facts."""
+"""The run of a system: recording, text and facts."""
 
 import json
 import math
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-import numpy as np
-
-from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.cosim.observers import Messages, ProgressObserver, Simulated, TickEvent
-from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
-from twin.kernel.fmi.component import FmuComponent
-from twin.kernel.fmi.description import build, refuse_step
-from twin.kernel.fmi.lifecycle import CosimInstance
-from twin.kernel.fmi.stepping import FmuPort, Instance
-from twin.kernel.fmi.unpacked import unpacked
-from twin.kernel.fmi.variable import Setup, Variable, stop_time, to_json
+from twin.kernel.fmi.description import build
+from twin.kernel.fmi.variable import Variable, to_json
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.process.states import (
     RunStates,
@@ -53,144 +43,11 @@ from twin.studies.systems.additions import (
     with_settings,
 )
 from twin.studies.systems.beside import Beside
+from twin.studies.systems.choice import MasterChoice
+from twin.studies.systems.coupling import PreparedSystem, coupled, folders_of
 from twin.studies.systems.plan import SystemPart, SystemPlan, fmu_sources, planned
 from twin.studies.systems.reading import read_system
 from twin.studies.systems.topics import streams, topics
-
-_T = TypeVar("_T")
-
-
-@dataclass(frozen=True)
-class PreparedSystem:
-    """A system ready to be run.
-
-    Attributes:
-        system: of components in the order of the plan.
-        settled: whether initial values agree with each other: an input has what feeds it, and that follows from it.
-    """
-
-    system: System
-    settled: bool
-
-
-@contextmanager
-def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedSystem]:
-    """The system of a plan, whose FMUs are freed at the end.
-
-    All FMUs are in initialisation mode together, until their inputs have what feeds them; those of FMI 1.0, which has
-    no such mode, have their start values then.
-
-    Args:
-        plan: of the system.
-        folders: where FMUs are unpacked, by their SHA-256.
-
-    Raises:
-        InputRefused: an FMU cannot be loaded or initialised, or takes no such steps.
-    """
-    tick, ticks = plan.timing.tick, plan.timing.ticks
-    for part in plan.parts:
-        _refuse_step(part, tick)
-    with ExitStack() as made:
-        instances: dict[str, Instance] = {}
-        for part in plan.parts:
-            description = part.description
-            setup = Setup(description.tolerance, stop_time(ticks, tick, 1), tick, waiting=True)
-            folder = folders[description.sha256]
-            instances[part.name] = CosimInstance(part.path, description, folder, part.settings, (), setup)
-            made.callback(instances[part.name].close)
-        settled = _settle(plan, instances)
-        components: list[Component] = list(plan.beside.components)
-        for part in plan.parts:
-            instance = instances[part.name]
-            instance.begin()
-            components.append(
-                FmuComponent(
-                    part.name,
-                    part.description,
-                    instance.folder,
-                    part.inputs,
-                    part.outputs,
-                    part.settings,
-                    setup=instance.setup,
-                    instance=instance,
-                )
-            )
-            made.callback(components[-1].close)
-        if plan.beside.order:
-            components.sort(key=lambda component: plan.beside.order.index(component.name))
-        yield PreparedSystem(System(components, plan.wires, tick, plan.scheme), settled)
-
-
-def _refuse_step(part: SystemPart, tick: float) -> None:
-    try:
-        refuse_step(part.description, tick, 1)
-    except InputRefused as refusal:
-        raise InputRefused(f"{str(refusal).partition(': choose ')[0]}: choose another --tick-ms") from None
-
-
-def _settle(plan: SystemPlan, instances: dict[str, Instance]) -> bool:
-    """Give every input what feeds it, again and again until nothing changes; False: it never ends."""
-    ports = {
-        f"{part.name}.{port.port.name}": (instances[part.name], port) for part in plan.parts for port in part.outputs
-    }
-    inputs = {
-        f"{part.name}.{port.port.name}": (instances[part.name], port) for part in plan.parts for port in part.inputs
-    }
-    wires = [(source, target) for source, target in plan.wires if target in inputs]
-    led = [
-        (*ports[source], *inputs[target])
-        for source, target in wires
-        if source in ports and _readable(*ports[source], inputs[target][1])
-    ]
-    given = _initially(plan.beside)
-    for start, end in wires:
-        if start in given and np.all(np.isfinite(given[start])):
-            instance, into = inputs[end]
-            _write(instance, into, np.asarray(into.in_fmu(given[start]), dtype=float))
-    last: dict[int, bytes] = {}
-    for _ in range(len(plan.parts) + 2):
-        changed = False
-        for number, (source, output, target, port) in enumerate(led):
-            value = np.asarray(port.in_fmu(_read(source, output)), dtype=float)
-            if np.all(np.isfinite(value)) and last.get(number) != value.tobytes():
-                last[number], changed = value.tobytes(), True
-                _write(target, port, value)
-        if not changed:
-            return True
-    return False
-
-
-def _initially(beside: Beside) -> dict[str, np.ndarray]:
-    """What components beside the FMUs give before the first step, by output; of Python's none is known."""
-    return {
-        f"{component.name}.{port.name}": component.initial(port.name)
-        for component in beside.components
-        if component.name in beside.signals
-        for port in component.outputs
-    }
-
-
-def _readable(source: Instance, output: FmuPort, port: FmuPort) -> bool:
-    """Whether there is something to be read, and to be set, in initialisation mode; a clock has not ticked there."""
-    return source.description.version > 1 and not output.variable.clocks and not port.variable.clocks
-
-
-def _read(instance: Instance, port: FmuPort) -> np.ndarray:
-    return _tried(instance, lambda: instance.read([port.variable]))
-
-
-def _write(instance: Instance, port: FmuPort, value: np.ndarray) -> None:
-    _tried(instance, lambda: instance.write([(port.variable, value if port.variable.size > 1 else float(value[0]))]))
-
-
-def _tried(instance: Instance, call: Callable[[], _T]) -> _T:
-    try:
-        return call()
-    # FMPy's FMICallException and whatever is below it
-    except Exception as problem:
-        quoted = f" (it said: {'; '.join(instance.messages)})" if instance.messages else ""
-        raise InputRefused(f"{instance.description.path}: cannot be initialised: {problem}{quoted}") from None
-
 
 MOST = 6
 """The most rows of a list in the text; JSON has all."""
@@ -208,7 +65,8 @@ def facts(
     recording: Path,
 ) -> dict[str, Any]:
     """For programs."""
-    simulated = plan.timing.ticks * plan.timing.tick
+    end = min(done.simulation.next_tick, plan.timing.ticks)
+    simulated = (end - plan.timing.first) * plan.timing.tick
     return {
         "system": str(plan.package.file),
         "form": plan.package.form,
@@ -216,6 +74,9 @@ def facts(
         "scheme": plan.scheme,
         "tick_s": plan.timing.tick,
         "tick_from": plan.timing.source,
+        "start_s": plan.timing.first * plan.timing.tick,
+        "stop_s": plan.timing.ticks * plan.timing.tick,
+        "stop_from": plan.timing.stop_source,
         "simulated_s": simulated,
         "stepping_s": done.stepping,
         "recording_s": writing,
@@ -225,6 +86,8 @@ def facts(
                 "topic": part.name,
                 "fmu": part.description.path.name,
                 "fmi": part.description.model.fmiVersion,
+                "kind": part.description.kind,
+                "step_s": plan.timing.periods[part.path] * plan.timing.tick,
                 "sha256": part.description.sha256,
                 "microseconds_per_step": 1e6 * done.costs.get(part.name, 0.0),
             }
@@ -239,6 +102,10 @@ def facts(
         "kept": unfed,
         "ignored": list(plan.ignored),
         "settled": made.settled,
+        "loops": [
+            {"path": loop.path, "solved": plan.choice.loops == "solve", "unstated": list(loop.silent)}
+            for loop in made.loops
+        ],
         "events": [
             {"t_s": e.tick * plan.timing.tick, "level": e.level, "text": e.text, "source": e.source} for e in events
         ],
@@ -261,12 +128,15 @@ def system_result(came: Mapping[str, Any]) -> Result:
             for name, value in came["not_fed"].items()]  # fmt: skip
     ignored, more = f"values that get to no variable: {some(came['ignored'], MOST)}", len(came["events"]) - MOST_EVENTS
     late = f"{counted(len(came['late']), 'connection')} with values of {when}: {some(came['late'], MOST)}"
+    start = f" from {came['start_s']:g} s on" if came["start_s"] else ""
     parts = [
         note("system", f"{_form(came)}{counted(came['connections'], 'connection')}", True),
         note("coupling", f"{SCHEMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"),
-        *(note(path, _component(one), True) for path, one in came["components"].items()),
+        *([note("end", f"{came['stop_s']:g} s by {came['stop_from']}")] if came["stop_from"] else []),
+        *(note(path, _component(one, came["tick_s"]), True) for path, one in came["components"].items()),
         *(note("input", f"{name} = {about}") for name, about in came["inputs"].items()),
         *([note("late", late, True)] if came["late"] else []),
+        *(note("loop", _loop(one), True) for one in came["loops"]),
         *([note("not fed", some(unfed, MOST), True)] if unfed else []),
         *([note("ignored", ignored, True)] if came["ignored"] else []),
         *(note("unsaid", sentence) for sentence in came["unsaid"]),
@@ -274,16 +144,28 @@ def system_result(came: Mapping[str, Any]) -> Result:
         *(note("event", f"{e['t_s']:.3f} s  {e['source']}: {e['text']}") for e in came["events"][:MOST_EVENTS]),
         *([note("event", f"and {more} more, see the recording")] if more > 0 else []),
     ]
-    headline = f"{Path(came['system']).stem}  {came['simulated_s']:g} s at {came['real_time_factor']:.3g} x real time"
+    headline = (
+        f"{Path(came['system']).stem}  {came['simulated_s']:g} s{start} at {came['real_time_factor']:.3g} x real time"
+    )
     return Result(headline, parts, came, {"recording": came["recording"]})
+
+
+def _loop(one: Mapping[str, Any]) -> str:
+    done = "solved in every step" if one["solved"] else "not solved, one value late by a step; --loops solve"
+    unstated = some(one["unstated"], MOST)
+    why = f" (perhaps: {unstated} does not state what its outputs depend on)" if unstated else ""
+    return f"{one['path']}, {done}{why}"
 
 
 def _form(came: Mapping[str, Any]) -> str:
     return f"{came['form']} {came['ssp']}, " if came["form"] == "SSP" else f"{came['form']}, "
 
 
-def _component(one: Mapping[str, Any]) -> str:
-    return f"{one['fmu']}  FMI {one['fmi']}  sha256 {one['sha256'][:12]}  {one['microseconds_per_step']:.2f} us"
+def _component(one: Mapping[str, Any], tick: float) -> str:
+    every = f", every {1e3 * one['step_s']:g} ms" if one["step_s"] != tick else ""
+    kind = " model exchange" if one["kind"] == "model_exchange" else ""
+    cost = f"{one['microseconds_per_step']:.2f} us{every}"
+    return f"{one['fmu']}  FMI {one['fmi']}{kind}  sha256 {one['sha256'][:12]}  {cost}"
 
 
 SUMMARY = "summary.json"
@@ -295,9 +177,7 @@ HOME = Path("results/cosim")
 def recorded_system(
     reporter: Reporter,
     system: Path,
-    tick: float | None = None,
-    stop: float | None = None,
-    scheme: Scheme | None = None,
+    choice: MasterChoice = MasterChoice(),  # noqa: B008, it is frozen
     out: Path | None = None,
     compiled: bool = False,
     state_every: float | None = None,
@@ -310,10 +190,7 @@ def recorded_system(
 
     Args:
         system: an SSP archive, an FMU, an OspSystemStructure.xml or a multi-model of Maestro.
-        tick: length of a step (s); None: as the system says.
-        stop: end of the run (s); None: likewise.
-        scheme: "gauss_seidel" in the order of the components in the file, or "jacobi"; None: that of the tools that
-            write such files.
+        choice: what is asked of the master.
         out: the run's own folder; None: results/NAME/TIME.
         compiled: whether FMUs without a binary for this machine are built from their sources.
         state_every: time from one saved state to the next (s); None: only the last one is saved.
@@ -327,12 +204,11 @@ def recorded_system(
     """
     reporter.loading()
     package, state = read_system(system), _state(start_from)
-    with opened(package, tick, stop, scheme, compiled, additions) as (plan, made):
+    with opened(package, choice, compiled, additions) as (plan, made):
         folder = _folder(package.file, out)
         # absolute: an FMU may change the working directory
         path = folder.absolute() / RECORDING
-        duration = plan.timing.ticks * plan.timing.tick
-        reporter.note(experiment=package.file.stem, folder=str(path.parent), duration=duration)
+        reporter.note(experiment=package.file.stem, folder=str(path.parent), duration=plan.timing.duration)
         done, events, writing = _recorded(plan, made, path, reporter, state_every, state)
         came = facts(plan, made, done, events, writing, folder / RECORDING)
     write_json(folder / SUMMARY, came)
@@ -342,9 +218,7 @@ def recorded_system(
 @contextmanager
 def opened(
     package: Package,
-    tick: float | None = None,
-    stop: float | None = None,
-    scheme: Scheme | None = None,
+    choice: MasterChoice = MasterChoice(),  # noqa: B008, it is frozen
     compiled: bool = False,
     additions: Additions = Additions(),  # noqa: B008, it is frozen
     beside: Beside = Beside(),  # noqa: B008, likewise
@@ -360,8 +234,8 @@ def opened(
     scratch = tempfile.mkdtemp()
     with _named(package, scratch):
         try:
-            plan = _planned(package, Path(scratch), tick, stop, scheme or package.scheme, compiled, additions, beside)
-            folders = {one.sha256: unpacked(one.path, one.sha256) for one in (part.description for part in plan.parts)}
+            plan = _planned(package, Path(scratch), choice, compiled, additions, beside)
+            folders = folders_of(plan)
         finally:
             # before anything is loaded: what crashes would leave it
             shutil.rmtree(scratch, ignore_errors=True)
@@ -370,14 +244,7 @@ def opened(
 
 
 def _planned(
-    package: Package,
-    scratch: Path,
-    tick: float | None,
-    stop: float | None,
-    scheme: Scheme,
-    compiled: bool,
-    additions: Additions,
-    beside: Beside,
+    package: Package, scratch: Path, choice: MasterChoice, compiled: bool, additions: Additions, beside: Beside
 ) -> SystemPlan:
     package = with_parameters(package, additions.parameters)
     flat, tables = tables_beside(package, flattened(package.structure, f"{package.file}"))
@@ -394,7 +261,7 @@ def _planned(
         names = SystemNames(package, flat, {path: files[entry] for path, entry in entries.items()})
         flat = with_settings(flat, names, additions.settings)
         tables = tables + inputs_beside(names, additions.inputs, additions.settings)
-    plan = planned(package, flat, files, tick, stop, scheme, tables + beside, additions.recorded)
+    plan = planned(package, flat, files, choice, tables + beside, additions.recorded)
     # refuses names that a recording cannot hold, before there is one
     topics(plan)
     return plan
@@ -436,7 +303,7 @@ def _recorded(
     state_every: float | None,
     state: StoredState | None,
 ) -> tuple[Simulated, list[TickEvent], float]:
-    rows, last, tick, described = streams(plan, made.system), plan.timing.ticks, plan.timing.tick, _provenance(plan)
+    rows, last, tick, described = streams(plan, made), plan.timing.ticks, plan.timing.tick, _provenance(plan)
     files = {part.path: part.description.sha256 for part in plan.parts}
     # what the archive is called, or when it was packed, changes no bit
     made_of = {key: text for key, text in described["system"].items() if key not in ("file", "sha256")}

@@ -35,10 +35,12 @@ from twin.kernel.ssp.structure import (
 )
 from twin.studies.systems.additions import INPUTS, Additions
 from twin.studies.systems.beside import Beside, Feed
+from twin.studies.systems.choice import MasterChoice
+from twin.studies.systems.coupling import PreparedSystem
 from twin.studies.systems.naming import matching
 from twin.studies.systems.plan import SystemPlan
 from twin.studies.systems.reading import read_system
-from twin.studies.systems.recorded import PreparedSystem, opened
+from twin.studies.systems.recorded import opened
 
 FORM = "Python"
 _PORT = re.compile(r"(?P<name>[^\[]+)(\[\d+\])?")
@@ -335,7 +337,7 @@ class Cosim:
                 package = loose_package(Path(FORM), self._structure(), self._entries(), FORM)
                 beside = self._beside()
             plan, made = self._open.enter_context(
-                opened(package, self._tick, self._stop, self._scheme, False, additions, beside)
+                opened(package, MasterChoice(self._tick, None, self._stop, self._scheme), False, additions, beside)
             )
             self._running = plan, made, Simulation(made.system, plan.timing.ticks)
         return self._running

@@ -21,6 +21,26 @@ class CouplingScheme(StrEnum):
     JACOBI = "jacobi"
 
 
+class FmuKindSolver(StrEnum):
+    """What solves the equations of FMUs for model exchange."""
+
+    CVODE = "cvode"
+    RK4 = "rk4"
+
+
+class LoopCoupling(StrEnum):
+    """What is done about algebraic loops."""
+
+    DELAY = "delay"
+    SOLVE = "solve"
+
+
+def _check_master(asked: Asked) -> None:
+    from twin.studies.systems.choice import chosen
+
+    chosen(asked)
+
+
 def _check_times(asked: Asked) -> None:
     for option in ("tick_ms", "stop_s", "state_every_s"):
         value = asked[option]
@@ -28,7 +48,7 @@ def _check_times(asked: Asked) -> None:
             raise InputRefused(f"--{option.replace('_', '-')} {value:g}: expected a number > 0")
 
 
-@study(isolated=True, limited=True, before=[_check_times])
+@study(isolated=True, limited=True, before=[_check_times, _check_master])
 def cosim(
     system: Annotated[Path, Argument("An SSP archive (1.0, 2.0), or an FMU.", "SYSTEM")],
     reporter: "Reporter",
@@ -62,6 +82,22 @@ def cosim(
     ] = None,
     tick_ms: Annotated[float | None, Option("Communication step; default: the system's own.", "MS")] = None,
     stop_s: Annotated[float | None, Option("Stop time; default: that of the system's default experiment.", "S")] = None,
+    start_s: Annotated[float | None, Option("Start time; default: that of the default experiment.", "S")] = None,
+    kind: Annotated[
+        Sequence[str],
+        Option("Use FMUs that are both as co_simulation or model_exchange; may be repeated.", "[COMPONENT=]KIND"),
+    ] = (),
+    solver: Annotated[
+        FmuKindSolver, Option("Of FMUs for model exchange: cvode holds a tolerance, rk4 goes one step per tick.")
+    ] = FmuKindSolver.CVODE,
+    loops: Annotated[
+        LoopCoupling,
+        Option("Algebraic loops: delay one value by a step, or solve them by Newton's method."),
+    ] = LoopCoupling.DELAY,
+    step: Annotated[
+        Sequence[str], Option("Longer step of a component, whole ticks; may be repeated.", "COMPONENT=MS")
+    ] = (),
+    order: Annotated[str, Option("Components that step first; the others follow.", "A,B")] = "",
     state_every_s: Annotated[float | None, Option("Save the state as often as this, for --from.", "S")] = None,
     start_from: Annotated[
         str | None,
@@ -70,7 +106,7 @@ def cosim(
     out: Annotated[Path | None, Option("Folder of the run; default: results/cosim/SYSTEM/TIME.", "DIR")] = None,
     compiled: Compile = False,
 ) -> Result:
-    """Run one FMU, or a system of co-simulation FMUs (SSP), and record the outputs of each.
+    """Run one FMU, or a system of FMUs (SSP), and record the outputs of each.
 
     Exit code: 0 done, 2 input refused, 3 a component failed while running
     (error, crash, hang), 130 interrupted, 143 terminated.
@@ -80,11 +116,9 @@ def cosim(
     Raises:
         InputRefused, ComponentFailed, NotWritten: see `recorded_system`.
     """
-    from twin.kernel.cosim.interpolation import Scheme
     from twin.studies.systems.additions import Additions
+    from twin.studies.systems.choice import chosen
     from twin.studies.systems.recorded import recorded_system
 
-    tick: float | None = None if tick_ms is None else tick_ms / 1000.0
-    chosen: Scheme | None = scheme.value if scheme else None
-    added = Additions(settings, parameters, inputs, records)
-    return recorded_system(reporter, system, tick, stop_s, chosen, out, compiled, state_every_s, start_from, added)
+    choice, added = chosen(locals()), Additions(settings, parameters, inputs, records)
+    return recorded_system(reporter, system, choice, out, compiled, state_every_s, start_from, added)

@@ -1,21 +1,22 @@
 """A topic for each component of a system: its outputs, elements of an array as one signal again."""
 
-from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.recording.messages import Field, Topic, message_names
 from twin.kernel.recording.recorder import RowStream
+from twin.studies.systems.coupling import PreparedSystem
 from twin.studies.systems.naming import distinct, element, field
 from twin.studies.systems.plan import SystemPart, SystemPlan
 
 
-def streams(plan: SystemPlan, system: System) -> list[RowStream]:
+def streams(plan: SystemPlan, made: PreparedSystem) -> list[RowStream]:
     """In the order of the components; none of one that has no outputs."""
-    starts = {component.name: int(start) for component, start in zip(system.components, system.y_start, strict=False)}
-    return [
-        RowStream(topic, slice(starts[topic.name], starts[topic.name] + sum(field.size for field in topic.fields)))
-        for topic in topics(plan)
-    ]
+    found = []
+    for topic in topics(plan):
+        first = made.columns[topic.name].start
+        # what is only read comes after what is recorded
+        found.append(RowStream(topic, slice(first, first + sum(field.size for field in topic.fields))))
+    return found
 
 
 def topics(plan: SystemPlan) -> list[Topic]:
