@@ -8,14 +8,17 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import cast, get_args
 
 from twin.kernel.archive import content_of, entries, entry_of, sha256
 from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.errors import InputRefused
-from twin.kernel.files import LIMIT, read_bytes
+from twin.kernel.files import LIMIT, read_bytes, xml_of
 from twin.kernel.ssp.ssd import Resource, structure_of
 from twin.kernel.ssp.structure import STRUCTURE, Structure
 
+SCHEME = "twin.scheme"
+"""Type of the annotation of a system that says by which scheme it is coupled."""
 MOST_STRUCTURE = 16 << 20
 MOST_FMU = 512 << 20
 """Bytes, unpacked of the structure, packed of an FMU."""
@@ -103,4 +106,17 @@ def read_package(file: Path) -> Package:
         return Resource(content_of(file, entry, LIMIT), entry, f"{file}: {entry}")
 
     where = f"{file}: {STRUCTURE}"
-    return Package(file, sha256(file), sizes, structure_of(content_of(file, STRUCTURE, MOST_STRUCTURE), where, brought))
+    structure = structure_of(content_of(file, STRUCTURE, MOST_STRUCTURE), where, brought)
+    return Package(file, sha256(file), sizes, structure, scheme=_scheme(structure, where))
+
+
+def _scheme(structure: Structure, where: str) -> Scheme:
+    """Of the coupling, where an annotation says it."""
+    for note in structure.system.annotations:
+        if note.type == SCHEME and note.content:
+            name = xml_of(note.content.encode(), f"{where}: annotation {SCHEME}").get("name", "")
+            if name not in get_args(Scheme):
+                known = " or ".join(get_args(Scheme))
+                raise InputRefused(f"{where}: annotation {SCHEME}: '{name}'; expected {known}")
+            return cast(Scheme, name)
+    return "gauss_seidel"

@@ -7,21 +7,31 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.description import described
 from twin.kernel.ssp.package import Package, loose_package, read_package
 from twin.kernel.ssp.structure import SspComponent, SspSystem, Structure
+from twin.studies.systems.multi_model import multi_model
 from twin.studies.systems.naming import SINGLE, word
+from twin.studies.systems.osp import NAME, osp_system
+
+EXPECTED = "an SSP archive, an FMU, an OspSystemStructure.xml or a multi-model (JSON)"
 
 
 def read_system(file: Path) -> Package:
-    """The system that `file` says: an SSP archive, or an FMU by itself.
+    """The system that `file` says: an SSP archive, an FMU by itself, an OspSystemStructure.xml or the folder that has
+    one, or a multi-model of Maestro.
 
     Raises:
         InputRefused: no such file, or not a whole one of its kind.
     """
+    if os.path.isdir(file) and os.path.isfile(file / NAME):
+        file = file / NAME
     # not Path.is_file, which raises for a name that is too long
     if not os.path.isfile(file):
-        raise InputRefused(f"{file}: no such file; expected an SSP archive or an FMU")
-    if file.suffix.lower() == ".fmu":
+        raise InputRefused(f"{file}: no such file; expected {EXPECTED}")
+    kind = file.suffix.lower()
+    if kind == ".fmu":
         return single(file)
-    return read_package(file)
+    if kind == ".xml":
+        return osp_system(file)
+    return multi_model(file) if kind == ".json" else read_package(file)
 
 
 def single(file: Path) -> Package:

@@ -215,6 +215,44 @@ def recorded_system(
     return system_result(came)
 
 
+def written_system(
+    system: Path,
+    choice: MasterChoice = MasterChoice(),  # noqa: B008, it is frozen
+    out: Path | None = None,
+    compiled: bool = False,
+    additions: Additions = Additions(),  # noqa: B008, likewise
+) -> Result:
+    """Write a system as an SSP archive, and run nothing; arguments as of `recorded_system`.
+
+    Args:
+        out: the file; None: NAME.ssp here.
+
+    Raises:
+        InputRefused: the system cannot be run, SSP has no word for what is asked, or the file is there already.
+        NotWritten: the disk refuses.
+    """
+    from twin.studies.systems.to_ssp import ssp_of
+
+    if additions.recorded:
+        raise InputRefused("--record: an SSP archive has no word for it; choose when it is run")
+    package, scratch = read_system(system), tempfile.mkdtemp()
+    file = out or Path(f"{package.structure.system.name}.ssp")
+    if file.exists():
+        raise InputRefused(f"{file}: is there already; name another file with --out")
+    with _named(package, scratch):
+        try:
+            plan = _planned(package, Path(scratch), choice, compiled, additions, Beside())
+            content = ssp_of(plan)
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
+    made_folder(file.parent)
+    write_bytes(file, content)
+    rows = [note("system", f"{_form({'form': package.form, 'ssp': package.structure.version})}{len(plan.parts)} FMUs")]
+    rows += [note("unsaid", sentence) for sentence in package.unsaid]
+    told = {"system": str(package.file), "unsaid": list(package.unsaid), "ssp": str(file)}
+    return Result(f"{package.file.stem} written as SSP 1.0", rows, told, {"ssp": str(file)})
+
+
 @contextmanager
 def opened(
     package: Package,
@@ -275,6 +313,8 @@ def _named(package: Package, scratch: str) -> Iterator[None]:
     except TwinError as error:
         # how to build a file that the archive holds
         text = re.sub(rf"twin drive info {re.escape(scratch)}/\S+ --compile builds", "--compile builds", str(error))
+        for entry, path in package.loose.items():
+            text = text.replace(f"{scratch}/{entry}", str(path))
         error.args = (text.replace(f"{scratch}/", f"{package.file}: "),)
         raise
 

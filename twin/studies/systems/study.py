@@ -21,6 +21,12 @@ class CouplingScheme(StrEnum):
     JACOBI = "jacobi"
 
 
+class SystemForm(StrEnum):
+    """What a system can be written as."""
+
+    SSP = "ssp"
+
+
 class FmuKindSolver(StrEnum):
     """What solves the equations of FMUs for model exchange."""
 
@@ -50,7 +56,10 @@ def _check_times(asked: Asked) -> None:
 
 @study(isolated=True, limited=True, before=[_check_times, _check_master])
 def cosim(
-    system: Annotated[Path, Argument("An SSP archive (1.0, 2.0), or an FMU.", "SYSTEM")],
+    system: Annotated[
+        Path,
+        Argument("An SSP archive (1.0, 2.0), an FMU, an OspSystemStructure.xml, or a multi-model (JSON).", "SYSTEM"),
+    ],
     reporter: "Reporter",
     settings: Annotated[
         Sequence[str],
@@ -103,8 +112,11 @@ def cosim(
         str | None,
         Option("Go on from a state of a run with the same options.", "RUN[@SECONDS]", "--from"),
     ] = None,
-    out: Annotated[Path | None, Option("Folder of the run; default: results/cosim/SYSTEM/TIME.", "DIR")] = None,
+    out: Annotated[
+        Path | None, Option("Folder of the run; default: results/cosim/SYSTEM/TIME. With --to: the file.", "DIR")
+    ] = None,
     compiled: Compile = False,
+    to: Annotated[SystemForm | None, Option("Run nothing, and write the system as SSP 1.0 to --out FILE.")] = None,
 ) -> Result:
     """Run one FMU, or a system of FMUs (SSP), and record the outputs of each.
 
@@ -118,7 +130,9 @@ def cosim(
     """
     from twin.studies.systems.additions import Additions
     from twin.studies.systems.choice import chosen
-    from twin.studies.systems.recorded import recorded_system
+    from twin.studies.systems.recorded import recorded_system, written_system
 
     choice, added = chosen(locals()), Additions(settings, parameters, inputs, records)
+    if to is not None:
+        return written_system(system, choice, out, compiled, added)
     return recorded_system(reporter, system, choice, out, compiled, state_every_s, start_from, added)
