@@ -122,9 +122,8 @@ def test_what_is_written_as_ssp_runs_with_the_same_bits(kind: str, tmp_path: Pat
     }[kind]()
     first = "omega_ref" if kind == "fmu" else "a.omega_ref"
     asked = Additions([f"{first}=0.1"])
-    choice = MasterChoice(
-        0.0005, None, 0.012, "jacobi" if kind == "ssp" else None, order=["b"] if kind == "ssp" else []
-    )
+    other = {"scheme": "jacobi", "order": ["b"]} if kind == "ssp" else {}
+    choice = MasterChoice(0.0005, None, 0.012, **other)  # type: ignore[arg-type]
     recording, facts = run(file, tmp_path / "run", choice, additions=asked)
     written = tmp_path / "written.ssp"
     told = written_system(file, choice, written, additions=asked)
@@ -190,7 +189,10 @@ def test_sources_that_are_no_files_are_refused(tmp_path: Path):
 BAD_MODELS: dict[str, tuple[dict[str, Any], str]] = {
     "no FMUs": ({"fmus": {}}, 'no "fmus"; expected a multi-model of Maestro'),
     "no file": ({"fmus": {"{x}": "none.fmu"}}, "{x}: no such FMU: none.fmu"),
-    "a name": ({"connections": {"x.a.omega_m": []}}, "'x.a.omega_m'; expected {fmu}.instance.variable"),
+    "a name": (
+        {"connections": {"x.a.omega_m": ["{y}.b.omega_ref"]}},
+        "'x.a.omega_m'; expected {fmu}.instance.variable",
+    ),
     "a key": ({"parameters": {"{z}.a.k": 1}}, "'{z}.a.k': no FMU {z}; it has {x}, {y}"),
     "a value": ({"parameters": {"{x}.a.omega_ref": None}}, "{x}.a.omega_ref = None; expected a number, true, false"),
     "a step": ({"algorithm": {"type": "fixed-step", "size": 0}}, "algorithm size = 0; expected a number > 0"),

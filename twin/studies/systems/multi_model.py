@@ -71,10 +71,8 @@ def multi_model(file: Path) -> Package:
     lonely = [key for key in files if key not in reader.used]
     unsaid += [f"FMUs without an instance: {', '.join(lonely)}"] if lonely else []
     notes = (Annotation("org.into-cps", f'<Algorithm stepSize="{step!r}"/>'),) if step is not None else ()
-    begin, end = (_time(content, name, where) for name in ("startTime", "endTime"))
-    structure = Structure(
-        file.stem, SspSystem(file.stem, parts, tuple(wires)), "", experiment=DefaultExperiment(begin, end, notes)
-    )
+    times = DefaultExperiment(_time(content, "startTime", where), _time(content, "endTime", where), notes)
+    structure = Structure(file.stem, SspSystem(file.stem, parts, tuple(wires)), "", experiment=times)
     loose = {entry: path for path, entry in entries.items()}
     return loose_package(file, structure, loose, FORM, "jacobi", tuple(unsaid))
 
