@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
+from twin.kernel.cosim.adaptive import NAME as MASTER
 from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.cosim.port import Port
 from twin.kernel.errors import InputRefused, nearest
@@ -351,7 +352,8 @@ class _Planner:
         self._descriptions: dict[str, FmuDescription] = {}
         self._given: dict[str, dict[str, Value]] = {}
         # /events is in every recording
-        names = distinct([EVENTS, *(topic(path) for path in flat.components)])[1:]
+        taken = [EVENTS, *([MASTER] if choice.tolerance is not None else [])]
+        names = distinct([*taken, *(topic(path) for path in flat.components)])[len(taken) :]
         self._names = dict(zip(flat.components, names, strict=True))
         for path, entry in fmu_sources(package, flat).items():
             plain = _of_kind(files[entry], flat.components[path].implementation, path, choice)

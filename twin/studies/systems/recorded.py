@@ -14,6 +14,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from twin.kernel.cosim import adaptive
 from twin.kernel.cosim.observers import Messages, ProgressObserver, Simulated, TickEvent
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.fmi.description import build
@@ -40,7 +41,7 @@ from twin.kernel.ssp.ssd import Package, read_package
 from twin.kernel.writing import made_folder, write_bytes
 from twin.studies.result import Result, counted, note, some
 from twin.studies.systems.choice import MasterChoice
-from twin.studies.systems.coupling import PreparedSystem, coupled, folders_of
+from twin.studies.systems.coupling import PreparedSystem, coupled, folders_of, unvarying
 from twin.studies.systems.plan import SystemPart, SystemPlan, distinct, element, field, fmu_sources, planned
 
 MOST = 6
@@ -92,6 +93,7 @@ def facts(
         # the name of 1.0
         "kept": unfed,
         "ignored": list(plan.ignored),
+        "steps": _steps(plan, done),
         "settled": made.settled,
         "loops": [
             {"path": loop.path, "solved": plan.choice.loops == "solve", "unstated": list(loop.silent)}
@@ -102,6 +104,16 @@ def facts(
         ],
         "recording": str(recording),
     }
+
+
+def _steps(plan: SystemPlan, done: Simulated) -> dict[str, Any]:
+    """How long they were: of one length, and why although there is a tolerance; or how many and how exact."""
+    control = done.simulation.control
+    if control is None:
+        why = unvarying(plan) if plan.choice.tolerance is not None else ""
+        return {"varying": False, "tolerance": plan.choice.tolerance, "why": why}
+    made = {"varying": True, "tolerance": plan.choice.tolerance, "error_total": float(control.memory["total"][0])}
+    return made | control.counts
 
 
 def _start(part: SystemPart, variable: Variable) -> Any:
@@ -124,6 +136,7 @@ def system_result(came: Mapping[str, Any]) -> Result:
         note("system", f"SSP {came['ssp']}, {counted(came['connections'], 'connection')}", True),
         note("coupling", f"{SCHEMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"),
         *([note("end", f"{came['stop_s']:g} s by {came['stop_from']}")] if came["stop_from"] else []),
+        *_steps_told(came["steps"], round(came["simulated_s"] / came["tick_s"])),
         *(note(path, _component(one, came["tick_s"]), True) for path, one in came["components"].items()),
         *([note("late", late, True)] if came["late"] else []),
         *(note("loop", _loop(one), True) for one in came["loops"]),
@@ -137,6 +150,16 @@ def system_result(came: Mapping[str, Any]) -> Result:
         f"{Path(came['system']).stem}  {came['simulated_s']:g} s{start} at {came['real_time_factor']:.3g} x real time"
     )
     return Result(headline, parts, came, {"recording": came["recording"]})
+
+
+def _steps_told(steps: Mapping[str, Any], ticks: int) -> list[Any]:
+    if not steps["varying"]:
+        return [note("steps", f"of one length: {steps['why']}", True)] if steps["why"] else []
+    told = (
+        f"{counted(steps['steps'], 'step')} for {counted(ticks, 'tick')}, {steps['rejected']} rejected; errors add up"
+    )
+    loose = f"; in {counted(steps['loose'], 'pair')} of ticks it is missed, take shorter ones" if steps["loose"] else ""
+    return [note("steps", f"{told} to {steps['error_total']:.2g}, tolerance {steps['tolerance']:g}{loose}", True)]
 
 
 def _loop(one: Mapping[str, Any]) -> str:
@@ -153,9 +176,14 @@ def _component(one: Mapping[str, Any], tick: float) -> str:
     return f"{one['fmu']}  FMI {one['fmi']}{kind}  sha256 {one['sha256'][:12]}  {cost}"
 
 
+OF_MASTER = Topic(adaptive.NAME, tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in adaptive.OUTPUTS), 1)
+"""In a recording of steps of varying length."""
+
+
 def streams(plan: SystemPlan, made: PreparedSystem) -> list[RowStream]:
     """In the order of the components; none of one that has no outputs."""
-    return [RowStream(topic, made.columns[topic.name]) for topic in topics(plan)]
+    own = [] if unvarying(plan) else [OF_MASTER]
+    return [RowStream(topic, made.columns[topic.name]) for topic in (*topics(plan), *own)]
 
 
 def topics(plan: SystemPlan) -> list[Topic]:
