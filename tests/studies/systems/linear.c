@@ -1,19 +1,19 @@
 /* dx/dt = A x + B u, y = C x + D u as an FMI 2.0 FMU of both kinds, for tests: up to 4 states, 2 inputs, 2 outputs.
  * Co-simulation solves it exactly for inputs that are held over a step. It asks to end at `ends_at`. Its numbers stand
- * in its guid. */
+ * in its guid. Inputs may have a slope over the next step. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #define EXPORT __attribute__((visibility("default")))
 #define F(name) EXPORT int fmi2##name
-enum { N = 4, M = 2, P = 2, W = N + M };
+enum { N = 4, M = 2, P = 2, W = N + 2 * M };
 /* value references: inputs, outputs, states, start of the states, A, B, C, D, ends_at, calls of doStep */
 enum { U = 0, Y = 2, X = 4, X0 = 8, A = 12, B = 28, C = 36, D = 44, ENDS_AT = 48, STEPS = 49, DX = 50, SIZE = 54 };
 enum { OK = 0, DISCARD = 2, BAD = 3 };
 
 typedef struct {
-    double r[SIZE], time;
+    double r[SIZE], time, slope[M];
     int ended;
 } Model;
 
@@ -50,15 +50,18 @@ static void product(const double a[W][W], const double b[W][W], double c[W][W])
     memcpy(c, t, sizeof t);
 }
 
-/* x(t + h): the exponential of [A B; 0 0] h, by its series for a small part of h, squared again and again */
+/* x(t + h): the exponential of [A B 0; 0 0 1; 0 0 0] h, by its series for a small part of h, squared again and again */
 static void advance(Model *m, double h)
 {
     double g[W][W] = {{0}}, e[W][W] = {{0}}, term[W][W] = {{0}}, norm = 0.0;
     for (int i = 0; i < N; i++)
         for (int j = 0; j < W; j++) {
-            g[i][j] = h * (j < N ? m->r[A + i * N + j] : m->r[B + i * M + j - N]);
+            g[i][j] = j < N + M ? h * (j < N ? m->r[A + i * N + j] : m->r[B + i * M + j - N]) : 0.0;
             norm = fmax(norm, fabs(g[i][j]));
         }
+    for (int j = 0; j < M; j++)
+        g[N + j][N + M + j] = h;
+    norm = fmax(norm, h);
     int halvings = norm > 0.0 ? (int)fmax(0.0, ceil(log2(norm)) + 6) : 0;
     for (int i = 0; i < W; i++)
         for (int j = 0; j < W; j++) {
@@ -79,9 +82,13 @@ static void advance(Model *m, double h)
     for (int i = 0; i < N; i++) {
         x[i] = 0.0;
         for (int j = 0; j < W; j++)
-            x[i] += e[i][j] * (j < N ? m->r[X + j] : m->r[U + j - N]);
+            x[i] += e[i][j] * (j < N ? m->r[X + j] : j < N + M ? m->r[U + j - N] : m->slope[j - N - M]);
     }
     memcpy(m->r + X, x, sizeof x);
+    for (int j = 0; j < M; j++) {
+        m->r[U + j] += h * m->slope[j];
+        m->slope[j] = 0.0;
+    }
 }
 
 EXPORT const char *fmi2GetTypesPlatform(void) { return "default"; }
@@ -107,6 +114,12 @@ F(GetReal)(Model *m, const unsigned vr[], size_t n, double v[])
     return OK;
 }
 F(SetReal)(Model *m, const unsigned vr[], size_t n, const double v[]) { for (size_t k = 0; k < n; k++) m->r[vr[k]] = v[k]; return OK; }
+F(SetRealInputDerivatives)(Model *m, const unsigned vr[], size_t n, const int order[], const double v[])
+{
+    for (size_t k = 0; k < n; k++)
+        m->slope[vr[k] - U] = v[k];
+    return OK;
+}
 F(DoStep)(Model *m, double t, double h, int final)
 {
     m->r[STEPS] += 1.0;
@@ -148,7 +161,7 @@ F(GetEventIndicators)(void *c, double z[], size_t n) { return OK; }
 #define NOT_OFFERED(name) F(name)(void) { return BAD; }
 NOT_OFFERED(GetInteger) NOT_OFFERED(GetBoolean) NOT_OFFERED(GetString) NOT_OFFERED(SetInteger) NOT_OFFERED(SetBoolean)
 NOT_OFFERED(SetString) NOT_OFFERED(SetDebugLogging) NOT_OFFERED(GetDirectionalDerivative)
-NOT_OFFERED(SetRealInputDerivatives) NOT_OFFERED(GetRealOutputDerivatives) NOT_OFFERED(GetStatus)
+NOT_OFFERED(GetRealOutputDerivatives) NOT_OFFERED(GetStatus)
 NOT_OFFERED(GetIntegerStatus) NOT_OFFERED(GetStringStatus)
 #ifndef LACKING
 NOT_OFFERED(CancelStep)

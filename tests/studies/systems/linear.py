@@ -28,6 +28,7 @@ class Linear:
     Attributes:
         kinds: that the FMU offers.
         state: whether it can be set back.
+        lines: whether it takes inputs as lines.
         stated: whether it says on which inputs its outputs depend.
         experiment: attributes of its DefaultExperiment.
         ends_at: when it asks to end (s).
@@ -41,6 +42,7 @@ class Linear:
     x0: Sequence[float] = ()
     kinds: Sequence[str] = ("CoSimulation", "ModelExchange")
     state: bool = True
+    lines: bool = False
     stated: bool = True
     experiment: str = 'stepSize="0.01"'
     ends_at: float | None = None
@@ -91,7 +93,7 @@ class Linear:
             repr(float(number)) for number in (*numbers, math.inf if self.ends_at is None else self.ends_at)
         )
         can = 'canGetAndSetFMUstate="true" canSerializeFMUstate="true"' if self.state else ""
-        varies = 'canHandleVariableCommunicationStepSize="true"'
+        varies = 'canHandleVariableCommunicationStepSize="true"' + ' canInterpolateInputs="true"' * self.lines
         kinds = "".join(
             f'<{kind} modelIdentifier="linear" {can} {varies if kind == "CoSimulation" else ""}/>'
             for kind in sorted(self.kinds, reverse=True)

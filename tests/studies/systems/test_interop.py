@@ -191,7 +191,7 @@ BAD_MODELS: dict[str, tuple[dict[str, Any], str]] = {
     "no file": ({"fmus": {"{x}": "none.fmu"}}, "{x}: no such FMU: none.fmu"),
     "a name": (
         {"connections": {"x.a.omega_m": ["{y}.b.omega_ref"]}},
-        "'x.a.omega_m'; expected {fmu}.instance.variable",
+        "'x.a.omega_m'; expected {fmu}.instance",
     ),
     "a key": ({"parameters": {"{z}.a.k": 1}}, "'{z}.a.k': no FMU {z}; it has {x}, {y}"),
     "a value": ({"parameters": {"{x}.a.omega_ref": None}}, "{x}.a.omega_ref = None; expected a number, true, false"),

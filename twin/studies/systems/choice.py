@@ -87,6 +87,7 @@ def chosen(asked: Mapping[str, Any]) -> MasterChoice:
         steps=steps(asked["step"]),
         order=order(asked["order"]),
         loops=asked["loops"].value,
+        tolerance=asked["tolerance"],
     )
 
 

@@ -1,5 +1,6 @@
 """A planned system made: FMUs initialised together, loops found and solved, components in the master."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -8,6 +9,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from twin.kernel.cosim import adaptive
+from twin.kernel.cosim.adaptive import StepControl
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.delay import columns, play
 from twin.kernel.cosim.loop import BOUND, LEAST, MOST_PASSES, NUDGE, LoopComponent
@@ -15,13 +18,17 @@ from twin.kernel.cosim.port import Port, width
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent, opened
-from twin.kernel.fmi.description import refuse_step
+from twin.kernel.fmi.description import clocks, feedthrough, refuse_step
+from twin.kernel.fmi.groups import AT_END
+from twin.kernel.fmi.solvers import USUAL_TOLERANCE
 from twin.kernel.fmi.stepping import FmuPort, Instance
 from twin.kernel.fmi.unpacked import unpacked
-from twin.kernel.fmi.variable import Setup, stop_time
+from twin.kernel.fmi.variable import Setup, number, stop_time
 from twin.studies.systems.loops import AlgebraicLoop, loops
 from twin.studies.systems.plan import SystemPart, SystemPlan
 
+OWN_SHARE = 1e-3
+"""Of the tolerance of a system in steps of varying length: what its FMUs are told to keep themselves."""
 _T = TypeVar("_T")
 Led = tuple[Instance, FmuPort, Instance, FmuPort]
 """An output of an instance, and the input that it feeds."""
@@ -75,7 +82,7 @@ def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedS
             instances[part.name] = _instance(plan, part, folders[part.description.sha256])
             made.callback(instances[part.name].close)
         settled = _Settling(plan, instances, solved).settled()
-        components: dict[str, Component] = {one.name: one for one in plan.beside.components}
+        components: dict[str, FmuComponent] = {}
         for part in plan.parts:
             instance = instances[part.name]
             instance.begin()
@@ -93,25 +100,89 @@ def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedS
             component.period = timing.periods[part.path]
             made.callback(component.close)
             components[part.name] = component
+        if not unvarying(plan):
+            yield _varying(plan, components, settled, found)
+            return
         wires = [*plan.wires]
+        together = {**{one.name: one for one in plan.beside.components}, **components}
         columns: dict[str, tuple[str, int]] = {name: (name, 0) for name in components}
         for one in solved:
-            wires = one.put_together(components, wires, columns)
-        together = list(components.values())
+            wires = one.put_together(together, wires, columns)
+        ordered = list(together.values())
         if plan.beside.order:
-            together.sort(key=lambda component: plan.beside.order.index(component.name.partition("+")[0]))
-        system = System(together, wires, timing.tick, plan.scheme)
+            ordered.sort(key=lambda component: plan.beside.order.index(component.name.partition("+")[0]))
+        system = System(ordered, wires, timing.tick, plan.scheme)
         system.first_tick = timing.first
         yield PreparedSystem(system, settled, _columns(plan, system, columns), found)
 
 
+def unvarying(plan: SystemPlan) -> str:
+    """Why the steps of a system are of one length; "" if they are not."""
+    if plan.choice.tolerance is None:
+        return "no tolerance is asked for"
+    if plan.beside.components:
+        return f"{plan.beside.components[0].name} is no FMU, and is sampled in steps of one length"
+    for part in plan.parts:
+        description = part.description
+        if not _can_go_back(part):
+            return f"{part.path} has no FMU state to go back to (canGetAndSetFMUstate)"
+        varies = getattr(description.interface, "canHandleVariableCommunicationStepSize", False)
+        if description.kind == "co_simulation" and not varies:
+            return f"{part.path} takes steps of one size only (canHandleVariableCommunicationStepSize)"
+        if clocks(description):
+            return f"{part.path} has clocks, which tick in whole steps"
+    return ""
+
+
+def _varying(
+    plan: SystemPlan, components: Mapping[str, FmuComponent], settled: bool, found: Sequence[AlgebraicLoop]
+) -> PreparedSystem:
+    """A system whose macro steps are as long as the tolerance allows."""
+    nominal: list[float] = [0.0] * len(adaptive.OUTPUTS)
+    direct, moving, wires = [False] * len(adaptive.OUTPUTS), [], [*plan.wires]
+    for part in plan.parts:
+        depends, _ = feedthrough(part.description)
+        stated = {v.name: number(v.nominal) for v in part.description.model.modelVariables}
+        for port in part.outputs:
+            one = stated.get(port.variable.name, math.nan)
+            size = one if 0.0 < one < math.inf else 1.0
+            fed = set(depends.get(port.variable.name, ())) & {one.variable.name for one in part.inputs}
+            direct += [bool(fed)] * port.port.size
+            nominal += [size if _moves(port) else 0.0] * port.port.size
+        ports = components[part.name].ports[0]
+        moving += [_moves(port) for port in ports for _ in range(port.port.size)]
+        ends = {port.port.name for port in ports if port.port.instant == "end"}
+        wires += [(s, f"{t}{AT_END}") for s, t in plan.wires if f"{t}{AT_END}" in {f"{part.name}.{e}" for e in ends}]
+    # as for repeated steps: outputs of three instants, and ways back
+    parts = [StepControl(), *components.values()]
+    system = System(parts, wires, plan.timing.tick, plan.scheme, inputs="linear", iterations=2)
+    system.first_tick = plan.timing.first
+    moves = [moving[j] and nominal[source] > 0.0 for j, source in enumerate(system.sources)]
+    tolerance = plan.choice.tolerance
+    assert tolerance is not None
+    system.control = lambda loop, y, u: adaptive.Control(system, loop, y, u, tolerance, nominal, direct, moves)
+    columns = _columns(plan, system, {name: (name, 0) for name in components})
+    columns[adaptive.NAME] = slice(0, len(adaptive.OUTPUTS))
+    return PreparedSystem(system, settled, columns, found)
+
+
+def _moves(port: FmuPort) -> bool:
+    """Whether its values lie on a line in between."""
+    return port.port.kind == "double" and port.variable.variability == "continuous"
+
+
 def _instance(plan: SystemPlan, part: SystemPart, folder: Path) -> Instance:
     timing, description = plan.timing, part.description
+    tolerance = description.tolerance
+    if not unvarying(plan):
+        # an error of the FMU's own would be taken for one of the coupling
+        tolerance = min(tolerance or USUAL_TOLERANCE, OWN_SHARE * (plan.choice.tolerance or 1.0))
     setup = Setup(
-        description.tolerance,
+        tolerance,
         stop_time(timing.ticks, timing.tick, 1),
         timing.tick * timing.periods[part.path],
         waiting=True,
+        ramped=not unvarying(plan),
         start=timing.first * timing.tick,
     )
     return opened(part.path, description, folder, part.settings, (), setup)
@@ -215,7 +286,11 @@ class _Solved:
 
 
 def _can_be_asked_again(part: SystemPart) -> bool:
-    return part.description.kind == "model_exchange" or bool(part.description.interface.canGetAndSetFMUstate)
+    return part.description.kind == "model_exchange" or _can_go_back(part)
+
+
+def _can_go_back(part: SystemPart) -> bool:
+    return bool(getattr(part.description.interface, "canGetAndSetFMUstate", False))
 
 
 class _Settling:
@@ -301,10 +376,10 @@ class _Settling:
         """Hand on what is known, again and again until nothing changes; False: it never ends."""
         for _ in range(len(self._plan.parts) + 2):
             changed = False
-            for number, (source, output, target, port) in enumerate(self._led):
+            for n, (source, output, target, port) in enumerate(self._led):
                 value = np.asarray(port.in_fmu(_read(source, output)), dtype=float)
-                if np.all(np.isfinite(value)) and self._last.get(number) != value.tobytes():
-                    self._last[number], changed = value.tobytes(), True
+                if np.all(np.isfinite(value)) and self._last.get(n) != value.tobytes():
+                    self._last[n], changed = value.tobytes(), True
                     _write(target, port, value)
             if not changed:
                 return True

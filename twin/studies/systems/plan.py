@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from twin.kernel.cosim.adaptive import NAME as MASTER
 from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.fmi.description import KIND_NAMES, FmuDescription, Kind, described
@@ -205,7 +206,7 @@ class _Planner:
         self._descriptions: dict[str, FmuDescription] = {}
         self._given: dict[str, dict[str, Value]] = {}
         # /events is in every recording
-        taken = [EVENTS, *(component.name for component in beside.components)]
+        taken = [EVENTS, *([MASTER] if choice.tolerance is not None else []), *(one.name for one in beside.components)]
         names = distinct([*taken, *(topic(path) for path in flat.components)])[len(taken) :]
         self._names = dict(zip(flat.components, names, strict=True))
         for path, entry in fmu_sources(package, flat).items():

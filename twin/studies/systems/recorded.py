@@ -44,7 +44,7 @@ from twin.studies.systems.additions import (
 )
 from twin.studies.systems.beside import Beside
 from twin.studies.systems.choice import MasterChoice
-from twin.studies.systems.coupling import PreparedSystem, coupled, folders_of
+from twin.studies.systems.coupling import PreparedSystem, coupled, folders_of, unvarying
 from twin.studies.systems.plan import SystemPart, SystemPlan, fmu_sources, planned
 from twin.studies.systems.reading import read_system
 from twin.studies.systems.topics import streams, topics
@@ -101,6 +101,7 @@ def facts(
         # the name of 1.0
         "kept": unfed,
         "ignored": list(plan.ignored),
+        "steps": _steps(plan, done),
         "settled": made.settled,
         "loops": [
             {"path": loop.path, "solved": plan.choice.loops == "solve", "unstated": list(loop.silent)}
@@ -111,6 +112,16 @@ def facts(
         ],
         "recording": str(recording),
     }
+
+
+def _steps(plan: SystemPlan, done: Simulated) -> dict[str, Any]:
+    """How long they were: of one length, and why although there is a tolerance; or how many and how exact."""
+    control = done.simulation.control
+    if control is None:
+        why = unvarying(plan) if plan.choice.tolerance is not None else ""
+        return {"varying": False, "tolerance": plan.choice.tolerance, "why": why}
+    made = {"varying": True, "tolerance": plan.choice.tolerance, "error_total": float(control.memory["total"][0])}
+    return made | control.counts
 
 
 def _start(part: SystemPart, variable: Variable) -> Any:
@@ -133,6 +144,7 @@ def system_result(came: Mapping[str, Any]) -> Result:
         note("system", f"{_form(came)}{counted(came['connections'], 'connection')}", True),
         note("coupling", f"{SCHEMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"),
         *([note("end", f"{came['stop_s']:g} s by {came['stop_from']}")] if came["stop_from"] else []),
+        *_steps_told(came["steps"], round(came["simulated_s"] / came["tick_s"])),
         *(note(path, _component(one, came["tick_s"]), True) for path, one in came["components"].items()),
         *(note("input", f"{name} = {about}") for name, about in came["inputs"].items()),
         *([note("late", late, True)] if came["late"] else []),
@@ -148,6 +160,16 @@ def system_result(came: Mapping[str, Any]) -> Result:
         f"{Path(came['system']).stem}  {came['simulated_s']:g} s{start} at {came['real_time_factor']:.3g} x real time"
     )
     return Result(headline, parts, came, {"recording": came["recording"]})
+
+
+def _steps_told(steps: Mapping[str, Any], ticks: int) -> list[Any]:
+    if not steps["varying"]:
+        return [note("steps", f"of one length: {steps['why']}", True)] if steps["why"] else []
+    told = (
+        f"{counted(steps['steps'], 'step')} for {counted(ticks, 'tick')}, {steps['rejected']} rejected; errors add up"
+    )
+    loose = f"; in {counted(steps['loose'], 'pair')} of ticks it is missed, take shorter ones" if steps["loose"] else ""
+    return [note("steps", f"{told} to {steps['error_total']:.2g}, tolerance {steps['tolerance']:g}{loose}", True)]
 
 
 def _loop(one: Mapping[str, Any]) -> str:
