@@ -24,6 +24,7 @@ from twin.studies.sweep.plan import read_definition
 from twin.studies.sweep.rows import FACTS, ROWS, stored_sweep
 from twin.studies.sweep.show.parts import Asked, parts, sweep_text
 from twin.studies.sweep.statistics.ranking import bands, usual_metric
+from twin.studies.systems.choice import MasterChoice
 from twin.studies.systems.plan import fmu_sources, planned
 
 Attack = Callable[[int], object]
@@ -163,9 +164,8 @@ def system_structure(root: Path, tmp_path: Path) -> Attack:
         changed = text if seed is None else mutated(text, seed)
         package = read_package(archive(tmp_path / "x.ssp", changed, {"a.fmu": fmu}))
         flat = flattened(package.structure, "x.ssp")
-        return planned(
-            package, flat, dict.fromkeys(fmu_sources(package, flat).values(), fmu), None, None, "jacobi"
-        ).late
+        files = dict.fromkeys(fmu_sources(package, flat).values(), fmu)
+        return planned(package, flat, files, MasterChoice(scheme="jacobi")).late
 
     attack(None)
     return attack

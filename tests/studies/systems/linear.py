@@ -7,7 +7,7 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,7 @@ class Linear:
         experiment: attributes of its DefaultExperiment.
         ends_at: when it asks to end (s).
         lacking: whether fmi2CancelStep is not there.
+        modes: whether there is a parameter `mode`, an enumeration that does nothing.
     """
 
     a: Sequence[Sequence[float]] = ()
@@ -47,7 +48,7 @@ class Linear:
     experiment: str = 'stepSize="0.01"'
     ends_at: float | None = None
     lacking: bool = False
-    more: str = field(default="", repr=False)
+    modes: bool = False
 
     @property
     def states(self) -> int:
@@ -92,6 +93,14 @@ class Linear:
         guid = " ".join(
             repr(float(number)) for number in (*numbers, math.inf if self.ends_at is None else self.ends_at)
         )
+        types = ""
+        if self.modes:
+            items = '<Item name="slow" value="1"/><Item name="fast" value="2"/>'
+            types = f'<TypeDefinitions><SimpleType name="M"><Enumeration>{items}</Enumeration></SimpleType></TypeDefinitions>'
+            lines.append(
+                f'<ScalarVariable name="mode" valueReference="0" {known}>'
+                '<Enumeration declaredType="M" start="1"/></ScalarVariable>'
+            )
         can = 'canGetAndSetFMUstate="true" canSerializeFMUstate="true"' if self.state else ""
         varies = 'canHandleVariableCommunicationStepSize="true"' + ' canInterpolateInputs="true"' * self.lines
         kinds = "".join(
@@ -100,8 +109,8 @@ class Linear:
         )
         return (
             f'<fmiModelDescription fmiVersion="2.0" modelName="linear" guid="{guid}" '
-            f'numberOfEventIndicators="0">{kinds}<DefaultExperiment {self.experiment}/>'
-            f"<ModelVariables>{''.join(lines)}{self.more}</ModelVariables><ModelStructure><Outputs>{outputs}</Outputs>"
+            f'numberOfEventIndicators="0">{kinds}'
+            f"{types}<DefaultExperiment {self.experiment}/><ModelVariables>{''.join(lines)}</ModelVariables><ModelStructure><Outputs>{outputs}</Outputs>"
             f"{f'<Derivatives>{rates}</Derivatives>' if rates else ''}</ModelStructure></fmiModelDescription>"
         )
 
@@ -148,10 +157,10 @@ def monolith(parts: dict[str, Linear], wires: Sequence[Wire], t: np.ndarray) -> 
     y = np.linalg.solve(np.eye(m) - d @ join, c)
     whole = a + b @ join @ y
     x0 = np.concatenate([np.pad(np.array(p.x0, dtype=float), (0, STATES - len(p.x0))) for p in parts.values()])
-    x, on, states = x0, expm(whole * (t[1] - t[0])), []
+    now, on, states = x0, expm(whole * (t[1] - t[0])), []
     for _ in t:
-        states.append(x)
-        x = on @ x
+        states.append(now)
+        now = on @ now
     rows = np.array(states) @ y.T
     return {
         f"{name}.{output}": rows[:, ENDS * k + i] for k, name in enumerate(names) for i, output in enumerate(OUTPUTS)
