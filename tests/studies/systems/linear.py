@@ -93,12 +93,13 @@ class Linear:
         guid = " ".join(
             repr(float(number)) for number in (*numbers, math.inf if self.ends_at is None else self.ends_at)
         )
-        types = ""
+        types, experiment = "", f"<DefaultExperiment {self.experiment}/>"
         if self.modes:
             items = '<Item name="slow" value="1"/><Item name="fast" value="2"/>'
-            types = f'<TypeDefinitions><SimpleType name="M"><Enumeration>{items}</Enumeration></SimpleType></TypeDefinitions>'
+            types = f'<SimpleType name="M"><Enumeration>{items}</Enumeration></SimpleType>'
+            types = f"<TypeDefinitions>{types}</TypeDefinitions>"
             lines.append(
-                f'<ScalarVariable name="mode" valueReference="0" {known}>'
+                '<ScalarVariable name="mode" valueReference="0" causality="parameter" variability="fixed">'
                 '<Enumeration declaredType="M" start="1"/></ScalarVariable>'
             )
         can = 'canGetAndSetFMUstate="true" canSerializeFMUstate="true"' if self.state else ""
@@ -110,7 +111,8 @@ class Linear:
         return (
             f'<fmiModelDescription fmiVersion="2.0" modelName="linear" guid="{guid}" '
             f'numberOfEventIndicators="0">{kinds}'
-            f"{types}<DefaultExperiment {self.experiment}/><ModelVariables>{''.join(lines)}</ModelVariables><ModelStructure><Outputs>{outputs}</Outputs>"
+            f"{types}{experiment}<ModelVariables>{''.join(lines)}</ModelVariables>"
+            f"<ModelStructure><Outputs>{outputs}</Outputs>"
             f"{f'<Derivatives>{rates}</Derivatives>' if rates else ''}</ModelStructure></fmiModelDescription>"
         )
 
