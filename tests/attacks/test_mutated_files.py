@@ -164,9 +164,8 @@ def system_structure(root: Path, tmp_path: Path) -> Attack:
         changed = text if seed is None else mutated(text, seed)
         package = read_package(archive(tmp_path / "x.ssp", changed, {"a.fmu": fmu}))
         flat = flattened(package.structure, "x.ssp")
-        return planned(
-            package, flat, dict.fromkeys(fmu_sources(package, flat).values(), fmu), MasterChoice(scheme="jacobi")
-        ).late
+        files = dict.fromkeys(fmu_sources(package, flat).values(), fmu)
+        return planned(package, flat, files, MasterChoice(scheme="jacobi")).late
 
     attack(None)
     return attack

@@ -159,7 +159,8 @@ F(GetDerivatives)(Model *m, double dx[], size_t n) { double all[N]; rates(m, all
 F(GetNominalsOfContinuousStates)(Model *m, double x[], size_t n) { for (size_t k = 0; k < n; k++) x[k] = 1.0; return OK; }
 F(GetEventIndicators)(void *c, double z[], size_t n) { return OK; }
 #define NOT_OFFERED(name) F(name)(void) { return BAD; }
-NOT_OFFERED(GetInteger) NOT_OFFERED(GetBoolean) NOT_OFFERED(GetString) NOT_OFFERED(SetInteger) NOT_OFFERED(SetBoolean)
+NOT_OFFERED(GetInteger) NOT_OFFERED(GetBoolean) NOT_OFFERED(GetString) NOT_OFFERED(SetBoolean)
+F(SetInteger)(void *c, const unsigned vr[], size_t n, const int v[]) { return v[0] == 2 ? OK : BAD; }
 NOT_OFFERED(SetString) NOT_OFFERED(SetDebugLogging) NOT_OFFERED(GetDirectionalDerivative)
 NOT_OFFERED(GetRealOutputDerivatives) NOT_OFFERED(GetStatus)
 NOT_OFFERED(GetIntegerStatus) NOT_OFFERED(GetStringStatus)

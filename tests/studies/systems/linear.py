@@ -7,7 +7,7 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,7 @@ class Linear:
         experiment: attributes of its DefaultExperiment.
         ends_at: when it asks to end (s).
         lacking: whether fmi2CancelStep is not there.
+        modes: whether there is a parameter `mode`, an enumeration that does nothing.
     """
 
     a: Sequence[Sequence[float]] = ()
@@ -47,7 +48,7 @@ class Linear:
     experiment: str = 'stepSize="0.01"'
     ends_at: float | None = None
     lacking: bool = False
-    more: str = field(default="", repr=False)
+    modes: bool = False
 
     @property
     def states(self) -> int:
@@ -92,6 +93,15 @@ class Linear:
         guid = " ".join(
             repr(float(number)) for number in (*numbers, math.inf if self.ends_at is None else self.ends_at)
         )
+        types, experiment = "", f"<DefaultExperiment {self.experiment}/>"
+        if self.modes:
+            items = '<Item name="slow" value="1"/><Item name="fast" value="2"/>'
+            types = f'<SimpleType name="M"><Enumeration>{items}</Enumeration></SimpleType>'
+            types = f"<TypeDefinitions>{types}</TypeDefinitions>"
+            lines.append(
+                '<ScalarVariable name="mode" valueReference="0" causality="parameter" variability="fixed">'
+                '<Enumeration declaredType="M" start="1"/></ScalarVariable>'
+            )
         can = 'canGetAndSetFMUstate="true" canSerializeFMUstate="true"' if self.state else ""
         varies = 'canHandleVariableCommunicationStepSize="true"' + ' canInterpolateInputs="true"' * self.lines
         kinds = "".join(
@@ -100,8 +110,9 @@ class Linear:
         )
         return (
             f'<fmiModelDescription fmiVersion="2.0" modelName="linear" guid="{guid}" '
-            f'numberOfEventIndicators="0">{kinds}<DefaultExperiment {self.experiment}/>'
-            f"<ModelVariables>{''.join(lines)}{self.more}</ModelVariables><ModelStructure><Outputs>{outputs}</Outputs>"
+            f'numberOfEventIndicators="0">{kinds}'
+            f"{types}{experiment}<ModelVariables>{''.join(lines)}</ModelVariables>"
+            f"<ModelStructure><Outputs>{outputs}</Outputs>"
             f"{f'<Derivatives>{rates}</Derivatives>' if rates else ''}</ModelStructure></fmiModelDescription>"
         )
 
@@ -126,7 +137,13 @@ Wire = tuple[str, str]
 
 
 def monolith(parts: dict[str, Linear], wires: Sequence[Wire], t: np.ndarray) -> dict[str, np.ndarray]:
-    """The exact outputs (times,) of parts joined by wires ("a.y", "b.u"), loops solved, by "part.output"."""
+    """The exact outputs of parts joined by wires ("a.y", "b.u"), loops solved, by "part.output".
+
+    Args:
+        parts: by name.
+        wires: between them.
+        t: instants from 0 on, one as far from the next as the others (times,), s.
+    """
     names = list(parts)
     n, m = STATES * len(names), ENDS * len(names)
     a, b, c, d = np.zeros((n, n)), np.zeros((n, m)), np.zeros((m, n)), np.zeros((m, m))
@@ -142,7 +159,11 @@ def monolith(parts: dict[str, Linear], wires: Sequence[Wire], t: np.ndarray) -> 
     y = np.linalg.solve(np.eye(m) - d @ join, c)
     whole = a + b @ join @ y
     x0 = np.concatenate([np.pad(np.array(p.x0, dtype=float), (0, STATES - len(p.x0))) for p in parts.values()])
-    rows = np.array([y @ expm(whole * one) @ x0 for one in t])
+    now, on, states = x0, expm(whole * (t[1] - t[0])), []
+    for _ in t:
+        states.append(now)
+        now = on @ now
+    rows = np.array(states) @ y.T
     return {
         f"{name}.{output}": rows[:, ENDS * k + i] for k, name in enumerate(names) for i, output in enumerate(OUTPUTS)
     }

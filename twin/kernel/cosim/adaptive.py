@@ -52,7 +52,7 @@ CONTROL = record(
     own="i8",  # column of the outputs of `StepControl`
     u="i8",  # all inputs
     direct="i8",  # of each output, whether it depends on inputs at once
-    whole="i8",  # of each component, whether it takes lines
+    lines="i8",  # of each component, whether it takes lines
     how="i8",  # of each input, `HELD` or one of the next
     error="f8",  # of the last two steps
     total="f8",  # of all
@@ -136,18 +136,18 @@ def _part_of_step(m, a, part, k, begin, end, length, where):
 def _stepped(m, a, k, length):
     """Step all components from tick `k`; False: one failed, who and how is noted."""
     parts, mark = carray(_parts_at(m.table), m.components), carray(integers_at(m.mark), 2)
-    whole = carray(integers_at(a.whole), m.components)
+    takes_lines = carray(integers_at(a.lines), m.components)
     mark[0] = k
     for c in range(m.sampled, m.components):
         mark[1] = c
         part = parts[c]
         status = 0
-        alone = length == 1 or whole[c] != 0
-        if not alone:
+        lines = takes_lines[c] != 0
+        if length > 1 and not lines:
             # together with the end's in the last tick as much as the middle's in all of them
             status = _part_of_step(m, a, part, k, 0, length - 1, length, (0.5 * length - 1.0) / (length - 1))
         if status == 0 or status == 1:
-            begin, where = (0, 0.5) if alone else (length - 1, 1.0)
+            begin, where = (0, 0.5) if lines else (length - 1, 1.0)
             status = _part_of_step(m, a, part, k, begin, length, length, where)
         if status == 0 or status == 1:
             status = 0
@@ -373,7 +373,7 @@ class Control:
             for port, owner, target, moving in zip(ports, owners, targets, moves, strict=True)
         ]
         lines = [any(port.instant == "end" for port in component.inputs) for component in system.components]
-        self._whole = np.array(lines, dtype=np.uint64)
+        self._lines = np.array(lines, dtype=np.uint64)
         self._how = np.array(how, dtype=np.uint64)
         self._direct = np.array(direct, dtype=np.uint64)
         self._points, self._kept = np.tile(y[:width], (3, 1)), np.zeros((3, width))
@@ -387,7 +387,7 @@ class Control:
             loop=loop.ctypes.data, tolerance=tolerance, first=system.first_tick, n=SHORTEST, made=system.first_tick,
             ticks=self._ticks.ctypes.data, points=self._points.ctypes.data, kept=self._kept.ctypes.data,
             scale=self._scale.ctypes.data, own=own, u=u.ctypes.data, direct=self._direct.ctypes.data,
-            whole=self._whole.ctypes.data, how=self._how.ctypes.data,
+            lines=self._lines.ctypes.data, how=self._how.ctypes.data,
         )  # fmt: skip
         self.address = self.memory.ctypes.data
         self.advance = advance.native.called

@@ -393,6 +393,10 @@ class LoopComponent(Component):
         """That the last step took."""
         return int(self._memory["passes"][0])
 
+    def asks_to_end(self, status: int) -> bool:
+        culprit, bad = int(self._memory["culprit"][0]), int(self._memory["status"][0])
+        return status == MEMBER_FAILED and self.members[culprit].asks_to_end(bad)
+
     def explain(self, status: int) -> str:
         culprit, bad, passes, residual = (
             self._memory[name][0].item() for name in ("culprit", "status", "passes", "residual")

@@ -14,7 +14,7 @@ from twin.kernel.cosim.master import NO_COMPONENT, advance
 from twin.kernel.cosim.port import by_port, named_values, width
 from twin.kernel.cosim.state import SavedState, StatePlaces, SystemState
 from twin.kernel.cosim.system import System
-from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.errors import ComponentFailed, EndRequested, InputRefused
 
 
 def failed_phrase(system: System, u: np.ndarray, y: np.ndarray, culprit: int, status: int, tick: int) -> str:
@@ -262,5 +262,7 @@ class Simulation:
         culprit, status = self._loop[["culprit", "status"]][0].tolist()
         # a continuous component fails in a tick whose row is already written
         tick = self.next_tick - (culprit >= self.system.sampled)
-        self.culprit = self.system.components[culprit].name
-        return ComponentFailed(failed_phrase(self.system, self._u, self._y, culprit, status, tick) + ".")
+        component = self.system.components[culprit]
+        self.culprit = component.name
+        kind = EndRequested if component.asks_to_end(status) else ComponentFailed
+        return kind(failed_phrase(self.system, self._u, self._y, culprit, status, tick) + ".")

@@ -385,11 +385,11 @@ class ExchangeStepping(Stepping):
         outputs: Sequence[FmuPort],
         shift: np.ndarray,
     ):
-        self.instance, self.inputs = instance, list(inputs)
+        self.instance, self.inputs, self.outputs = instance, list(inputs), placed(outputs, shift)
         self._keep: list[Any] = []
         self._moving: list[np.ndarray] = []
         self._shorter = np.zeros(1, dtype=SHORTER)
-        tables = self._grouped(placed(inputs), "Set"), self._grouped(placed(outputs, shift), "Get")
+        tables = self._grouped(placed(inputs), "Set"), self._grouped(self.outputs, "Get")
         self.solver = solver
         self.integrator = Integrator(instance, solver, tables, sum(p.port.size for p in inputs))
         self._moving.append(self.integrator.block)

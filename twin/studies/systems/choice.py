@@ -88,6 +88,7 @@ def chosen(asked: Mapping[str, Any]) -> MasterChoice:
         order=order(asked["order"]),
         loops=asked["loops"].value,
         tolerance=asked["tolerance"],
+        lenient=asked["lenient"],
     )
 
 

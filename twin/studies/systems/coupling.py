@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -43,12 +43,16 @@ class PreparedSystem:
         settled: whether initial values agree with each other: an input has what feeds it, and that follows from it.
         columns: of a row, by the name of a part.
         loops: that were found.
+        solved: whether they are solved, if there are some.
+        forgiven: offences of binaries that were let through.
     """
 
     system: System
     settled: bool
-    columns: Mapping[str, slice] = field(default_factory=dict)
+    columns: Mapping[str, slice]
     loops: Sequence[AlgebraicLoop] = ()
+    solved: bool = False
+    forgiven: Sequence[str] = ()
 
 
 def folders_of(plan: SystemPlan) -> dict[str, Path]:
@@ -100,8 +104,13 @@ def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedS
             component.period = timing.periods[part.path]
             made.callback(component.close)
             components[part.name] = component
+        forgiven = [
+            f"{part.path} lacks {', '.join(instances[part.name].missing)}"
+            for part in plan.parts
+            if instances[part.name].missing
+        ]
         if not unvarying(plan):
-            yield _varying(plan, components, settled, found)
+            yield _varying(plan, components, settled, found, forgiven)
             return
         wires = [*plan.wires]
         together = {**{one.name: one for one in plan.beside.components}, **components}
@@ -113,7 +122,7 @@ def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedS
             ordered.sort(key=lambda component: plan.beside.order.index(component.name.partition("+")[0]))
         system = System(ordered, wires, timing.tick, plan.scheme)
         system.first_tick = timing.first
-        yield PreparedSystem(system, settled, _columns(plan, system, columns), found)
+        yield PreparedSystem(system, settled, _columns(plan, system, columns), found, bool(solved), forgiven)
 
 
 def unvarying(plan: SystemPlan) -> str:
@@ -135,7 +144,11 @@ def unvarying(plan: SystemPlan) -> str:
 
 
 def _varying(
-    plan: SystemPlan, components: Mapping[str, FmuComponent], settled: bool, found: Sequence[AlgebraicLoop]
+    plan: SystemPlan,
+    components: Mapping[str, FmuComponent],
+    settled: bool,
+    found: Sequence[AlgebraicLoop],
+    forgiven: Sequence[str],
 ) -> PreparedSystem:
     """A system whose macro steps are as long as the tolerance allows."""
     nominal: list[float] = [0.0] * len(adaptive.OUTPUTS)
@@ -163,7 +176,7 @@ def _varying(
     system.control = lambda loop, y, u: adaptive.Control(system, loop, y, u, tolerance, nominal, direct, moves)
     columns = _columns(plan, system, {name: (name, 0) for name in components})
     columns[adaptive.NAME] = slice(0, len(adaptive.OUTPUTS))
-    return PreparedSystem(system, settled, columns, found)
+    return PreparedSystem(system, settled, columns, found, False, forgiven)
 
 
 def _moves(port: FmuPort) -> bool:
@@ -183,6 +196,7 @@ def _instance(plan: SystemPlan, part: SystemPart, folder: Path) -> Instance:
         timing.tick * timing.periods[part.path],
         waiting=True,
         ramped=not unvarying(plan),
+        lenient=plan.choice.lenient,
         start=timing.first * timing.tick,
     )
     return opened(part.path, description, folder, part.settings, (), setup)

@@ -1,7 +1,8 @@
 """The plan of a system: FMUs checked, connections and values converted; nothing is loaded."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from twin.kernel.cosim.adaptive import NAME as MASTER
@@ -15,6 +16,7 @@ from twin.kernel.fmi.variable import (
     Variable,
     conversion,
     given_values,
+    number,
     set_to,
 )
 from twin.kernel.recording.writer import EVENTS
@@ -76,6 +78,7 @@ class SystemPlan:
         timing: of the run.
         choice: what is asked of the master.
         ignored: names that get values, and nothing is called so.
+        forgiven: offences of files that were let through.
         beside: what takes part beside the FMUs.
     """
 
@@ -85,6 +88,7 @@ class SystemPlan:
     timing: Timing
     choice: MasterChoice
     ignored: tuple[str, ...]
+    forgiven: tuple[str, ...] = ()
     beside: Beside = field(default_factory=Beside)
 
     @property
@@ -167,7 +171,8 @@ def planned(
         raise InputRefused(f"{package.file}: no FMU has an output that is a number; there is nothing to record")
     when = timing(package, flat, {part.path: part.description for part in parts}, choice)
     ignored = (*flat.ignored, *reader.ignored, *beside.ignored)
-    return SystemPlan(package, parts, tuple(reader.wires()), when, choice, ignored, beside)
+    wires, forgiven = tuple(reader.wires()), tuple(dict.fromkeys(reader.forgiven))
+    return SystemPlan(package, parts, wires, when, choice, ignored, forgiven, beside)
 
 
 def _of_kind(file: Path, stated: str, path: str, choice: MasterChoice) -> FmuDescription:
@@ -190,6 +195,7 @@ class _Planner:
 
     Attributes:
         ignored: names of variables that get values and that their FMU has not.
+        forgiven: offences that are let through.
     """
 
     def __init__(
@@ -203,6 +209,8 @@ class _Planner:
     ):
         self._package, self._flat, self._units, self._beside = package, flat, package.structure.units, beside
         self.ignored: list[str] = []
+        self.forgiven: list[str] = []
+        self._lenient = choice.lenient
         self._descriptions: dict[str, FmuDescription] = {}
         self._given: dict[str, dict[str, Value]] = {}
         # /events is in every recording
@@ -210,7 +218,7 @@ class _Planner:
         names = distinct([*taken, *(topic(path) for path in flat.components)])[len(taken) :]
         self._names = dict(zip(flat.components, names, strict=True))
         for path, entry in fmu_sources(package, flat).items():
-            plain = _of_kind(files[entry], flat.components[path].implementation, path, choice)
+            plain = self._unbracketed(_of_kind(files[entry], flat.components[path].implementation, path, choice))
             self._given[path] = dict(self._values(path, plain))
             self._descriptions[path] = plain.resized(
                 {name: float(value) for name, value in self._given[path].items() if isinstance(value, (int, float))}
@@ -288,20 +296,53 @@ class _Planner:
         self, assigned: Assigned, variable: Variable, description: FmuDescription, path: str, where: str
     ) -> Value:
         values = given_values(assigned.value, where)
+        if self._lenient and not variable.is_text:
+            values = self._counted(values, where)
         if isinstance(values[0], str):
             if any(hop.transformation.table for hop in assigned.hops):
                 raise InputRefused(f"{where}: a transformation of text, which is not supported")
             return values[0] if len(values) == 1 else [str(value) for value in values]
         own = measure(variable.unit, self._connector(path, variable.name), self._units, description, where)
-        start = spelt(assigned.value.unit, (*assigned.units, *self._units))
+        start = spelt(self._unit(assigned.value.unit, where), (*assigned.units, *self._units))
         if start.text and start.conversion is None:
             start = SpeltUnit(start.text, conversion(start.text, description.model.unitDefinitions))
-        led = way(start, assigned.hops or (Hop(),), own, self._units, where)
+        led = way(start, self._hops(assigned.hops or (Hop(),), where), own, self._units, where)
         numbers = [led.end(float(value)) for value in values]
         return numbers[0] if len(numbers) == 1 else numbers
 
+    def _counted(self, values: list[float] | list[str], where: str) -> list[float] | list[str]:
+        """Items of an enumeration that are given by their numbers as text."""
+        numbers = [number(value) for value in values]
+        if not isinstance(values[0], str) or not all(math.isfinite(one) for one in numbers):
+            return values
+        self.forgiven.append(f"{where}: an item of an enumeration by its number, {', '.join(map(str, values))}")
+        return numbers
+
+    def _unbracketed(self, description: FmuDescription) -> FmuDescription:
+        """The same FMU with its variables in units without brackets."""
+        changed = {}
+        for name, variable in description.variables.items():
+            unit = self._unit(variable.unit, f"{description.path}: {name}")
+            if unit != variable.unit:
+                read = conversion(unit, description.model.unitDefinitions)
+                changed[name] = replace(variable, unit=unit, conversion=read)
+        return replace(description, variables=description.variables | changed)
+
+    def _unit(self, unit: str, where: str) -> str:
+        """A unit without brackets around it, which no standard knows."""
+        if not (self._lenient and unit.startswith("[") and unit.endswith("]")):
+            return unit
+        self.forgiven.append(f"{where}: the unit '{unit}' taken as '{unit[1:-1]}'")
+        return unit[1:-1]
+
+    def _hops(self, hops: Iterable[Hop], where: str) -> list[Hop]:
+        return [hop._replace(unit=self._unit(hop.unit, where)) for hop in hops]
+
     def _connector(self, path: str, name: str) -> Connector | None:
-        return self._flat.components[path].connector_of.get(name)
+        found = self._flat.components[path].connector_of.get(name)
+        if found is None:
+            return None
+        return replace(found, unit=self._unit(found.unit, f"{self._package.file}: connector {path}.{name}"))
 
     def _variable(self, path: str, name: str, causes: Sequence[str], what: str) -> Variable:
         description = self._descriptions[path]
@@ -366,7 +407,7 @@ class _Planner:
             if start.conversion is None:
                 units = self._descriptions[path].model.unitDefinitions
                 start = SpeltUnit(feed.unit, conversion(feed.unit, units))
-        led = way(start, feed.hops or (Hop(),), own, self._units, feed.by)
+        led = way(start, self._hops(feed.hops or (Hop(),), feed.by), own, self._units, feed.by)
         return FmuPort(port_of(end, path), end, led.gain, led.shift)
 
     def _input(self, lead: Lead) -> FmuPort:
@@ -379,7 +420,7 @@ class _Planner:
             measure(v.unit, self._connector(*at), self._units, self._descriptions[at.element], where)
             for v, at in ((start, lead.start), (end, lead.end))
         ]
-        led = way(measures[0], lead.hops, measures[1], self._units, where)
+        led = way(measures[0], self._hops(lead.hops, where), measures[1], self._units, where)
         ranks = [rank(variable) for variable in (start, end)]
         if ranks[0] > ranks[1] or (ranks[1] < 2 and led != (1.0, 0.0)):
             raise InputRefused(f"{where}: a {start.type} into a {end.type}; expected the same type, or a Real input")

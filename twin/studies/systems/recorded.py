@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.kernel.cosim.observers import Messages, ProgressObserver, Simulated, TickEvent
-from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
+from twin.kernel.errors import ComponentFailed, EndRequested, InputRefused, TwinError
 from twin.kernel.fmi.description import build
 from twin.kernel.fmi.variable import Variable, to_json
 from twin.kernel.process.reporter import Reporter
@@ -65,7 +65,8 @@ def facts(
     recording: Path,
 ) -> dict[str, Any]:
     """For programs."""
-    end = min(done.simulation.next_tick, plan.timing.ticks)
+    # the last row, also where a component asked for the end
+    end = done.simulation.next_tick - 1
     simulated = (end - plan.timing.first) * plan.timing.tick
     return {
         "system": str(plan.package.file),
@@ -103,6 +104,8 @@ def facts(
         "ignored": list(plan.ignored),
         "steps": _steps(plan, done),
         "settled": made.settled,
+        "ended": str(done.failure or ""),
+        "forgiven": [*plan.forgiven, *made.forgiven],
         "loops": [
             {"path": loop.path, "solved": plan.choice.loops == "solve", "unstated": list(loop.silent)}
             for loop in made.loops
@@ -153,6 +156,8 @@ def system_result(came: Mapping[str, Any]) -> Result:
         *([note("ignored", ignored, True)] if came["ignored"] else []),
         *(note("unsaid", sentence) for sentence in came["unsaid"]),
         *([] if came["settled"] else [note("start", UNSETTLED)]),
+        *(note("forgiven", one, True) for one in came["forgiven"]),
+        *([note("end", f"regular, before its time: {came['ended']}", True)] if came["ended"] else []),
         *(note("event", f"{e['t_s']:.3f} s  {e['source']}: {e['text']}") for e in came["events"][:MOST_EVENTS]),
         *([note("event", f"and {more} more, see the recording")] if more > 0 else []),
     ]
@@ -365,7 +370,7 @@ def _recorded(
     state_every: float | None,
     state: StoredState | None,
 ) -> tuple[Simulated, list[TickEvent], float]:
-    rows, last, tick, described = streams(plan, made), plan.timing.ticks, plan.timing.tick, _provenance(plan)
+    rows, last, tick, described = streams(plan, made), plan.timing.ticks, plan.timing.tick, _provenance(plan, made)
     files = {part.path: part.description.sha256 for part in plan.parts}
     # what the archive is called, or when it was packed, changes no bit
     made_of = {key: text for key, text in described["system"].items() if key not in ("file", "sha256")}
@@ -382,16 +387,31 @@ def _recorded(
         states = RunStates(asked_ticks((), state_every, tick, last), last, tick, about, lasting)
         observers = [Messages(made.system), recorder, ProgressObserver(reporter.progress, last + 1)]
         done = simulate_saving(made, last, observers, BLOCK_TICKS, states, saved, lasting)
-        if done.failure:
+        if isinstance(done.failure, EndRequested):
+            recorder.end(done.failure)
+        elif done.failure:
             raise ComponentFailed(recorder.abandon(done.failure))
         recorder.finish()
     return done, recorder.events, recorder.writing
 
 
-def _provenance(plan: SystemPlan) -> dict[str, dict[str, str]]:
+def _provenance(plan: SystemPlan, made: PreparedSystem) -> dict[str, dict[str, str]]:
     """What a recording says of its origin; nothing in it depends on when, where or by whom it was made."""
+    choice, timing = plan.choice, plan.timing
+    periods = {path: period for path, period in timing.periods.items() if period > 1}
+    kinds = {part.path: part.description.kind for part in plan.parts if part.description.kind != "co_simulation"}
+    # what is as usual is not told
+    asked = {
+        **({"first": str(timing.first)} if timing.first else {}),
+        **({"periods": json.dumps(periods)} if periods else {}),
+        **({"kinds": json.dumps(kinds), "solver": choice.solver.method} if kinds else {}),
+        **({"loops": choice.loops, "solved": json.dumps([one.path for one in made.loops])} if made.solved else {}),
+        **({"tolerance": repr(choice.tolerance), "steps": unvarying(plan) or "varying"} if choice.tolerance else {}),
+        **({"forgiven": json.dumps([*plan.forgiven, *made.forgiven])} if choice.lenient else {}),
+    }
     return {
-        "system": {
+        "system": asked
+        | {
             "file": plan.package.file.name,
             "sha256": plan.package.sha256,
             "name": plan.package.structure.system.name,

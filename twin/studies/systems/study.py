@@ -110,6 +110,10 @@ def cosim(
         Sequence[str], Option("Longer step of a component, whole ticks; may be repeated.", "COMPONENT=MS")
     ] = (),
     order: Annotated[str, Option("Components that step first; the others follow.", "A,B")] = "",
+    lenient: Annotated[
+        bool,
+        Option("Let through, and list: enumerations by number, units in brackets, missing functions."),
+    ] = False,
     state_every_s: Annotated[float | None, Option("Save the state as often as this, for --from.", "S")] = None,
     start_from: Annotated[
         str | None,
