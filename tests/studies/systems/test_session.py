@@ -15,7 +15,7 @@ from twin.studies.systems.additions import Additions
 
 SERVO, MOTOR = "fmus/velocity_servo/velocity_servo.fmu", "fmus/pmsm_foc/pmsm_foc.fmu"
 WIRES = [("leader.omega_m", "follower.omega_ref"), ("follower.tau_motor", "leader.tau_load")]
-Coupled = Callable[..., twin.Cosim]
+Coupled = Callable[..., twin.Cosimulation]
 
 
 class Gain:
@@ -33,8 +33,8 @@ class Gain:
 def coupled(root: Path) -> Coupled:
     """A servo and a motor that follows it, not yet running."""
 
-    def make(between: Gain | None = None, **asked) -> twin.Cosim:
-        cosim = twin.Cosim(tick=1e-3, stop=0.2, **asked)
+    def make(between: Gain | None = None, **asked) -> twin.Cosimulation:
+        cosim = twin.Cosimulation(tick=1e-3, stop=0.2, **asked)
         cosim.load("leader", root / SERVO, omega_ref=2.0)
         if between is not None:
             cosim.add("gain", between)
@@ -78,7 +78,7 @@ def test_a_component_in_python_gives_the_bits_of_what_it_stands_for(coupled: Cou
 def test_a_system_of_a_file_gives_the_bits_of_the_command(ran: Ran, root: Path, tmp_path: Path):
     additions = Additions(["leader.T_m=0.02"], inputs=["leader.omega_ref=sin(20*t)"])
     recording, _ = ran(*archived(root), tick=1e-3, additions=additions)
-    with twin.Cosim.read(tmp_path / "1.ssp", tick=1e-3) as cosim:
+    with twin.Cosimulation.read(tmp_path / "1.ssp", tick=1e-3) as cosim:
         cosim.set("leader.T_m", 0.02)
         cosim.feed("leader.omega_ref", "sin(20*t)")
         series = cosim.observe("*.omega_m")
@@ -102,7 +102,7 @@ def test_it_goes_on_as_it_would_have_from_a_state_and_what_is_observed_has_each_
 
 
 def test_an_input_that_nothing_feeds_holds_what_it_is_set_to(root: Path):
-    with twin.Cosim(tick=1e-3, stop=1.0) as cosim:
+    with twin.Cosimulation(tick=1e-3, stop=1.0) as cosim:
         cosim.load("shaft", root / "fmus/ideal_velocity/ideal_velocity.fmu", {"theta_m": 0.5})
         cosim.set("shaft.omega_ref", 1.0)
         cosim.step()
@@ -140,7 +140,7 @@ BAD = {
     "too far": (lambda c, r: c.step(202), "202 steps at t = 0 s; expected 1 .. 201, until stop"),
     "no pattern": (lambda c, r: c.observe("*.omega"), "no output is called *.omega; did you mean"),
     "too late": (lambda c, r: (c.step(), c.wire(*WIRES[0])), "the system runs already; give it its wires before"),
-    "no end": (lambda c, r: (twin.Cosim(tick=1e-3).step()), "Cosim: no end is given; expected stop=SECONDS"),
+    "no end": (lambda c, r: (twin.Cosimulation(tick=1e-3).step()), "no end is given; expected stop=SECONDS"),
     "a factor": (
         lambda c, r: (c.add("gain", Gain()), c.wire("gain.y", "follower.omega_ref", 2.0), c.step()), "leave that",
     ),

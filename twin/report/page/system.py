@@ -56,8 +56,8 @@ def _sentence(run: ReportRun, before: str) -> str:
     parts = len(run.recording.metadata.get("components", {}))
     ended = "" if run.recording.complete else f" It did not get to its end: {run.recording.note}."
     worst = [event for event in run.recording.events if event.level in ("warning", "error")]
-    told = f"{len(worst)} warnings or errors" if worst else "no warnings"
-    return f"{before}{parts} component{'s' * (parts != 1)}, {run.end:g} s, {told}.{ended}"
+    warned = f"{len(worst)} warnings or errors" if worst else "no warnings"
+    return f"{before}{parts} component{'s' * (parts != 1)}, {run.end:g} s, {warned}.{ended}"
 
 
 def _signals(run: ReportRun) -> Markup:

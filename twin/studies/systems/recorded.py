@@ -276,8 +276,8 @@ def written_system(
     write_bytes(file, content)
     rows = [note("system", f"{_form({'form': package.form, 'ssp': package.structure.version})}{len(plan.parts)} FMUs")]
     rows += [note("unsaid", sentence) for sentence in package.unsaid]
-    told = {"system": str(package.file), "unsaid": list(package.unsaid), "ssp": str(file)}
-    return Result(f"{package.file.stem} written as SSP 1.0", rows, told, {"ssp": str(file)})
+    found = {"system": str(package.file), "unsaid": list(package.unsaid), "ssp": str(file)}
+    return Result(f"{package.file.stem} written as SSP 1.0", rows, found, {"ssp": str(file)})
 
 
 @contextmanager

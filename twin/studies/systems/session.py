@@ -46,7 +46,7 @@ FORM = "Python"
 _PORT = re.compile(r"(?P<name>[^\[]+)(\[\d+\])?")
 
 
-class Series:
+class ObservedSeries:
     """Observed signals: `series["motor.omega"]` is an array (n,), or (n, size); `series.t` its times (s), (n,)."""
 
     def __init__(self, columns: Mapping[str, slice], tick: float):
@@ -90,12 +90,12 @@ class Series:
         self._next = first + len(rows)
 
 
-class Cosim:
+class Cosimulation:
     """A co-simulation of FMUs, and of components in Python between them.
 
     Args:
         tick: length of a step (s); None: as `read` finds it, or the shortest that an FMU states.
-        stop: when the run ends at the latest (s); FMUs are told.
+        stop: when the run ends at the latest (s); FMUs get it, too.
         scheme: "gauss_seidel": components step one after the other as they were loaded, each sees the newest values of
             those before it; "jacobi": all see the values from the start of the step.
     """
@@ -109,7 +109,7 @@ class Cosim:
         self._settings: dict[str, str] = {}
         self._inputs: list[str] = []
         self._system: Path | None = None
-        self._watched: list[tuple[Series, np.ndarray]] = []
+        self._watched: list[tuple[ObservedSeries, np.ndarray]] = []
         self._open = ExitStack()
         self._running: tuple[SystemPlan, PreparedSystem, Simulation] | None = None
 
@@ -256,7 +256,7 @@ class Cosim:
             raise InputRefused(f"{name} is a {its}; inputs and tunable parameters can be set now")
         component.instance.write([(found, set_to(component.instance.description.path, found, value))])
 
-    def observe(self, *patterns: str) -> Series:
+    def observe(self, *patterns: str) -> ObservedSeries:
         """What outputs that match one of `patterns` are from now on, a row for each tick that is over; all if none is
         given.
 
@@ -277,7 +277,7 @@ class Cosim:
         for name in names:
             size = known[name].stop - known[name].start
             columns[name], place = slice(place, place + size), place + size
-        series = Series(columns, made.system.tick)
+        series = ObservedSeries(columns, made.system.tick)
         self._watched.append((series, chosen))
         return series
 
@@ -333,7 +333,7 @@ class Cosim:
                     raise InputRefused(f"{self._system}: a system of a file takes no more components or wires")
             else:
                 if self._stop is None:
-                    raise InputRefused("Cosim: no end is given; expected stop=SECONDS")
+                    raise InputRefused("Cosimulation: no end is given; expected stop=SECONDS")
                 package = loose_package(Path(FORM), self._structure(), self._entries(), FORM)
                 beside = self._beside()
             plan, made = self._open.enter_context(
