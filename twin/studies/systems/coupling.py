@@ -19,7 +19,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent, opened
 from twin.kernel.fmi.description import clocks, feedthrough, refuse_step
 from twin.kernel.fmi.groups import AT_END
-from twin.kernel.fmi.solvers import USUAL_TOLERANCE
+from twin.kernel.fmi.solvers import USUAL_TOLERANCE, Solver
 from twin.kernel.fmi.stepping import FmuPort, Instance
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setup, number, stop_time
@@ -98,7 +98,7 @@ def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedS
                 part.settings,
                 setup=instance.setup,
                 instance=instance,
-                solver=plan.choice.solver,
+                solver=Solver(plan.choice.solver),
             )
             component.period = timing.periods[part.path]
             made.callback(component.close)

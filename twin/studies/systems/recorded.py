@@ -62,6 +62,7 @@ def facts(
     """For programs."""
     # the last row, also where a component asked for the end
     end = done.simulation.next_tick - 1
+    together = {name for loop in made.loops for name in loop.parts} if made.solved else set()
     simulated = (end - plan.timing.first) * plan.timing.tick
     return {
         "system": str(plan.package.file),
@@ -84,7 +85,7 @@ def facts(
                 "kind": part.description.kind,
                 "step_s": plan.timing.periods[part.path] * plan.timing.tick,
                 "sha256": part.description.sha256,
-                "microseconds_per_step": 1e6 * done.costs.get(part.name, 0.0),
+                "microseconds_per_step": None if part.name in together else 1e6 * done.costs.get(part.name, 0.0),
             }
             for part in plan.parts
         },
@@ -99,7 +100,8 @@ def facts(
         "ended": str(done.failure or ""),
         "forgiven": [*plan.forgiven, *made.forgiven],
         "loops": [
-            {"path": loop.path, "solved": plan.choice.loops == "solve", "unstated": list(loop.silent)}
+            {"path": loop.path, "solved": made.solved, "unstated": list(loop.silent)}
+            | ({"microseconds_per_step": 1e6 * done.costs.get("+".join(loop.parts), 0.0)} if made.solved else {})
             for loop in made.loops
         ],
         "events": [
@@ -168,7 +170,11 @@ def _steps_told(steps: Mapping[str, Any], ticks: int) -> list[Any]:
 
 
 def _loop(one: Mapping[str, Any]) -> str:
-    done = "solved in every step" if one["solved"] else "not solved, one value late by a step; --loops solve"
+    done = (
+        f"solved, {one['microseconds_per_step']:.2f} us"
+        if one["solved"]
+        else "not solved, one value late by a step; --loops solve"
+    )
     unstated = some(one["unstated"], MOST)
     why = f" (perhaps: {unstated} does not state what its outputs depend on)" if unstated else ""
     return f"{one['path']}, {done}{why}"
@@ -177,7 +183,8 @@ def _loop(one: Mapping[str, Any]) -> str:
 def _component(one: Mapping[str, Any], tick: float) -> str:
     every = f", every {1e3 * one['step_s']:g} ms" if one["step_s"] != tick else ""
     kind = " model exchange" if one["kind"] == "model_exchange" else ""
-    cost = f"{one['microseconds_per_step']:.2f} us{every}"
+    own = one["microseconds_per_step"]
+    cost = f"{'in a loop' if own is None else f'{own:.2f} us'}{every}"
     return f"{one['fmu']}  FMI {one['fmi']}{kind}  sha256 {one['sha256'][:12]}  {cost}"
 
 
@@ -378,7 +385,7 @@ def _provenance(plan: SystemPlan, made: PreparedSystem) -> dict[str, dict[str, s
     asked = {
         **({"first": str(timing.first)} if timing.first else {}),
         **({"periods": json.dumps(periods)} if periods else {}),
-        **({"kinds": json.dumps(kinds), "solver": choice.solver.method} if kinds else {}),
+        **({"kinds": json.dumps(kinds), "solver": choice.solver} if kinds else {}),
         **({"loops": choice.loops, "solved": json.dumps([one.path for one in made.loops])} if made.solved else {}),
         **({"tolerance": repr(choice.tolerance), "steps": unvarying(plan) or "varying"} if choice.tolerance else {}),
         **({"forgiven": json.dumps([*plan.forgiven, *made.forgiven])} if choice.lenient else {}),
