@@ -27,7 +27,7 @@ from twin.studies.systems.loops import AlgebraicLoop, loops
 from twin.studies.systems.plan import SystemPart, SystemPlan
 
 OWN_SHARE = 1e-3
-"""Of the tolerance of a system in steps of varying length: what its FMUs are told to keep themselves."""
+"""Of the tolerance of a system in steps of varying length: what its FMUs are given for themselves."""
 _T = TypeVar("_T")
 Led = tuple[Instance, FmuPort, Instance, FmuPort]
 """An output of an instance, and the input that it feeds."""
@@ -284,9 +284,9 @@ class _Solved:
         for member in members:
             columns[member.name] = name, offset
             offset += len(member.initial_outputs)
-        kept = [(name, loop) if one == self._names[0] else (one, c) for one, c in components.items()]
+        remaining = [(name, loop) if one == self._names[0] else (one, c) for one, c in components.items()]
         components.clear()
-        components.update((one, c) for one, c in kept if one not in self._names)
+        components.update((one, c) for one, c in remaining if one not in self._names)
         return outer
 
 

@@ -141,7 +141,7 @@ def system_result(came: Mapping[str, Any]) -> Result:
         note("system", f"SSP {came['ssp']}, {counted(came['connections'], 'connection')}", True),
         note("coupling", f"{SCHEMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"),
         *([note("end", f"{came['stop_s']:g} s by {came['stop_from']}")] if came["stop_from"] else []),
-        *_steps_told(came["steps"], round(came["simulated_s"] / came["tick_s"])),
+        *_steps_text(came["steps"], round(came["simulated_s"] / came["tick_s"])),
         *(note(path, _component(one, came["tick_s"]), True) for path, one in came["components"].items()),
         *([note("late", late, True)] if came["late"] else []),
         *(note("loop", _loop(one), True) for one in came["loops"]),
@@ -159,14 +159,14 @@ def system_result(came: Mapping[str, Any]) -> Result:
     return Result(headline, parts, came, {"recording": came["recording"]})
 
 
-def _steps_told(steps: Mapping[str, Any], ticks: int) -> list[Any]:
+def _steps_text(steps: Mapping[str, Any], ticks: int) -> list[Any]:
     if not steps["varying"]:
         return [note("steps", f"of one length: {steps['why']}", True)] if steps["why"] else []
-    told = (
+    text = (
         f"{counted(steps['steps'], 'step')} for {counted(ticks, 'tick')}, {steps['rejected']} rejected; errors add up"
     )
     loose = f"; in {counted(steps['loose'], 'pair')} of ticks it is missed, take shorter ones" if steps["loose"] else ""
-    return [note("steps", f"{told} to {steps['error_total']:.2g}, tolerance {steps['tolerance']:g}{loose}", True)]
+    return [note("steps", f"{text} to {steps['error_total']:.2g}, tolerance {steps['tolerance']:g}{loose}", True)]
 
 
 def _loop(one: Mapping[str, Any]) -> str:
@@ -381,7 +381,7 @@ def _provenance(plan: SystemPlan, made: PreparedSystem) -> dict[str, dict[str, s
     choice, timing = plan.choice, plan.timing
     periods = {path: period for path, period in timing.periods.items() if period > 1}
     kinds = {part.path: part.description.kind for part in plan.parts if part.description.kind != "co_simulation"}
-    # what is as usual is not told
+    # what is as usual is left out
     asked = {
         **({"first": str(timing.first)} if timing.first else {}),
         **({"periods": json.dumps(periods)} if periods else {}),
