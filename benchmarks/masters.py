@@ -15,7 +15,6 @@ from tests.kernel.fmi.exchange.fmus import NoCompiler, exchange_fmu
 from tests.studies.systems.archives import archive, component, connection, connector, structure, system
 from twin.kernel.cosim.observers import simulate
 from twin.kernel.errors import ComponentFailed
-from twin.kernel.fmi.solvers import Solver
 from twin.kernel.ssp.package import read_package
 from twin.robot.assembly.drives import planned
 from twin.robot.experiment.schema import Drive
@@ -103,7 +102,7 @@ def _exchange(folder: Path) -> list[Measurement]:
         servo = exchange_fmu(folder, "servo", 2)
     except NoCompiler as problem:
         return [Measurement(title, None, "x", at_most=1.2, remark=str(problem))]
-    file, choice = ring(folder / "servos.ssp", servo), MasterChoice(tick=TICK, solver=Solver("rk4"))
+    file, choice = ring(folder / "servos.ssp", servo), MasterChoice(tick=TICK, solver="rk4")
     plan = planned(Drive.model_validate({"fmu": str(servo), "solver": "rk4"}))
     rounds = Rounds(
         {"system": lambda: twin_seconds(file, choice), "drives": lambda: master_seconds(plan, TICKS + 1)[0] / TICKS},

@@ -9,7 +9,7 @@ import yaml
 
 MOST_OF_A_HOW_TO = 600
 MOST_BY_HAND = 54_000
-"""Words of all pages but what is generated: 50,000, and 2,000 each for the page of states and the kernel as a tool."""
+"""Words of all pages but what is generated: 50,000, 2,000 for the page of states, and as many for systems of FMUs."""
 WRITTEN = "<!-- from here on written by "
 """Marks the rest of a page as the output of a command."""
 GENERATED = ("compatibility.md",)

@@ -38,7 +38,7 @@ class ComponentFailed(TwinError):
 
 
 class EndRequested(ComponentFailed):
-    """A component asked for the end of the simulation: regular, where whoever runs it takes it as that."""
+    """A component asked for the end of the simulation: regular, where the caller takes it as that."""
 
 
 class SafetyTrip(TwinError):

@@ -12,7 +12,6 @@ from tests.studies.systems.archives import component, connection, structure, sys
 from tests.studies.systems.conftest import Ran
 from tests.studies.systems.linear import Linear, monolith
 from twin.kernel.errors import InputRefused
-from twin.kernel.fmi.solvers import Solver
 
 SPRING = Linear(a=[[0, 1], [-4, 0]], b=[[0], [1]], c=[[1, 0], [0, 1]], x0=[1, 0])
 LAG = Linear(a=[[-2]], b=[[1]], c=[[1]])
@@ -65,7 +64,7 @@ def test_one_that_is_for_model_exchange_alone_is_solved_and_cannot_be_asked_for_
 def test_equations_in_a_system_have_the_solution_of_the_whole(ran: Ran, fmus: dict[str, Path], solver: str):
     errors = []
     for tick in (0.02, 0.01):
-        run, _ = ran(ssd(2.0), fmus, kinds={"": "model_exchange"}, solver=Solver(solver), tick=tick)  # type: ignore[arg-type]
+        run, _ = ran(ssd(2.0), fmus, kinds={"": "model_exchange"}, solver=solver, tick=tick)
         exact = monolith({"spring": SPRING, "lag": LAG}, [("spring.y", "lag.u")], run.time("lag"))
         # an oscillator alone: what the solver leaves, CVODE at its usual tolerance
         assert np.abs(run["spring.y"] - exact["spring.y"]).max() < 2e-5

@@ -14,7 +14,7 @@ from twin.kernel.errors import InputRefused
 from twin.studies.reference.outcome import Trial, outcome_of
 from twin.studies.systems.recorded import system_result
 
-RAMP = {"a": [[0, 1], [0, 0]], "c": [[1]], "x0": [0, 1]}
+RAMP: dict[str, Any] = {"a": [[0, 1], [0, 0]], "c": [[1]], "x0": [0, 1]}
 ENDS = Linear(**RAMP, ends_at=0.5)
 PARTS = [component("a", "r.fmu"), component("b", "r.fmu")]
 ASKED: list[dict[str, Any]] = [

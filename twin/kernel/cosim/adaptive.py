@@ -47,7 +47,7 @@ CONTROL = record(
     made="i8",  # tick at which all components stand
     ticks="i8",  # of the ends of the last steps, (3,)
     points="i8",  # outputs there, (3, outputs)
-    kept="i8",  # outputs valid now and before, and of the long step, (3, outputs)
+    saved="i8",  # outputs valid now and before, and of the long step, (3, outputs)
     scale="i8",  # of each output; 0: it is no number that lies on a line
     own="i8",  # column of the outputs of `StepControl`
     u="i8",  # all inputs
@@ -190,14 +190,14 @@ def _publish(m, a, length):
 def _compared(m, a, ticks):
     """(error over its share, error) of two steps, which cover so many `ticks`, by the long one."""
     width, y = m.width, carray(doubles_at(m.y), 3 * m.width)
-    kept, points = carray(doubles_at(a.kept), (3, width)), carray(doubles_at(a.points), (3, width))
+    saved, points = carray(doubles_at(a.saved), (3, width)), carray(doubles_at(a.points), (3, width))
     scale, direct = carray(doubles_at(a.scale), width), carray(integers_at(a.direct), width)
     share, worst, largest = a.tolerance * ticks / (m.last - a.first), 0.0, 0.0
     for i in range(width):
         if scale[i] > 0.0:
             newest = y[width + i]
             size = max(scale[i], abs(newest))
-            error = abs(kept[2, i] - newest) / (size * (2**ORDER - 1))
+            error = abs(saved[2, i] - newest) / (size * (2**ORDER - 1))
             bend = abs(points[0, i] - 2.0 * y[i] + newest) / (8.0 * size)
             # a bend grows with the square of the step, as an error does beside its share
             worst = max(worst, bend / a.tolerance)
@@ -234,8 +234,8 @@ def _went_on(m, a):
     width, size, k = m.width, 8 * m.width, a.made
     points, ticks = carray(doubles_at(a.points), (3, width)), carray(integers_at(a.ticks), 3)
     copy(a.points, m.y, size)
-    copy(a.kept, m.y, size)
-    copy(a.kept + size, m.y + 2 * size, size)
+    copy(a.saved, m.y, size)
+    copy(a.saved + size, m.y + 2 * size, size)
     lately = a.lately
     if not _all(m, False):
         return False
@@ -245,7 +245,7 @@ def _went_on(m, a):
         if not fine and _fatal(m):
             return False
         if fine:
-            copy(a.kept + 2 * size, m.y + size, size)
+            copy(a.saved + 2 * size, m.y + size, size)
             if not _all(m, True):
                 return False
             fine = _stepped(m, a, k, n)
@@ -270,8 +270,8 @@ def _went_on(m, a):
         elif _fatal(m):
             return False
         a.rejected += 2
-        copy(m.y, a.kept, size)
-        copy(m.y + 2 * size, a.kept + size, size)
+        copy(m.y, a.saved, size)
+        copy(m.y + 2 * size, a.saved + size, size)
         a.lately = lately
         if not _all(m, True):
             return False
@@ -376,7 +376,7 @@ class Control:
         self._lines = np.array(lines, dtype=np.uint64)
         self._how = np.array(how, dtype=np.uint64)
         self._direct = np.array(direct, dtype=np.uint64)
-        self._points, self._kept = np.tile(y[:width], (3, 1)), np.zeros((3, width))
+        self._points, self._saved = np.tile(y[:width], (3, 1)), np.zeros((3, width))
         own = system.columns(f"{NAME}.{OUTPUTS[0].name}").start
         self._scale = np.array(nominal, dtype=float)
         self._scale = np.where(self._scale > 0.0, np.maximum(self._scale, np.abs(y[:width])), 0.0)
@@ -385,7 +385,7 @@ class Control:
         self.memory = memory_of(
             CONTROL,
             loop=loop.ctypes.data, tolerance=tolerance, first=system.first_tick, n=SHORTEST, made=system.first_tick,
-            ticks=self._ticks.ctypes.data, points=self._points.ctypes.data, kept=self._kept.ctypes.data,
+            ticks=self._ticks.ctypes.data, points=self._points.ctypes.data, saved=self._saved.ctypes.data,
             scale=self._scale.ctypes.data, own=own, u=u.ctypes.data, direct=self._direct.ctypes.data,
             lines=self._lines.ctypes.data, how=self._how.ctypes.data,
         )  # fmt: skip

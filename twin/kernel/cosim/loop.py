@@ -176,11 +176,11 @@ def _differentiated(m, t, h):
         here[i] = work[0, i]
     residual = m.residual
     for j in range(n):
-        kept, nudge = z[j], NUDGE * max(scale[j], abs(here[j]))
-        z[j] = kept + nudge
+        before, nudge = z[j], NUDGE * max(scale[j], abs(here[j]))
+        z[j] = before + nudge
         if not _passed(m, t, h):
             return False
-        z[j] = kept
+        z[j] = before
         for i in range(n):
             # of z - g(z)
             matrix[i, j] = (here[i] - work[0, i]) / nudge

@@ -3,14 +3,17 @@
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.fmi.description import KIND_NAMES, Kind
-from twin.kernel.fmi.solvers import Solver
+
+if TYPE_CHECKING:
+    from twin.kernel.cosim.interpolation import Scheme
+    from twin.kernel.fmi.description import Kind
 
 Loops = Literal["delay", "solve"]
+Method = Literal["cvode", "rk4"]
+KINDS: "tuple[Kind, ...]" = ("co_simulation", "model_exchange")
 LOOSEST = 0.1
 """Relative tolerance; what is looser is an error of another kind."""
 
@@ -34,9 +37,9 @@ class MasterChoice:
     tick: float | None = None
     start: float | None = None
     stop: float | None = None
-    scheme: Scheme | None = None
-    kinds: Mapping[str, Kind] = field(default_factory=dict)
-    solver: Solver = Solver()  # noqa: RUF009, it is frozen
+    scheme: "Scheme | None" = None
+    kinds: "Mapping[str, Kind]" = field(default_factory=dict)
+    solver: Method = "cvode"
     steps: Mapping[str, float] = field(default_factory=dict)
     order: Sequence[str] = ()
     loops: Loops = "delay"
@@ -83,7 +86,7 @@ def chosen(asked: Mapping[str, Any]) -> MasterChoice:
         stop=asked["stop_s"],
         scheme=asked["scheme"].value if asked["scheme"] else None,
         kinds=kinds(asked["kind"]),
-        solver=Solver(asked["solver"].value),
+        solver=asked["solver"].value,
         steps=steps(asked["step"]),
         order=order(asked["order"]),
         loops=asked["loops"].value,
@@ -92,19 +95,20 @@ def chosen(asked: Mapping[str, Any]) -> MasterChoice:
     )
 
 
-def kinds(texts: Sequence[str]) -> dict[str, Kind]:
+def kinds(texts: Sequence[str]) -> "dict[str, Kind]":
     """Of `--kind [NAME=]KIND`, by name, "" for all.
 
     Raises:
         InputRefused: no kind, or two for one name.
     """
     found: dict[str, Kind] = {}
+    known = {str(kind): kind for kind in KINDS}
     for text in texts:
         name, _, value = text.rpartition("=")
-        if value not in KIND_NAMES:
-            raise InputRefused(f"--kind {text}: {nearest(value, KIND_NAMES, 'expected {}')}")
+        if value not in known:
+            raise InputRefused(f"--kind {text}: {nearest(value, known, 'expected {}')}")
         _once(found, name, "--kind")
-        found[name] = value
+        found[name] = known[value]
     return found
 
 

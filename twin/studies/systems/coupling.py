@@ -20,7 +20,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent, opened
 from twin.kernel.fmi.description import clocks, feedthrough, refuse_step
 from twin.kernel.fmi.groups import AT_END
-from twin.kernel.fmi.solvers import USUAL_TOLERANCE
+from twin.kernel.fmi.solvers import USUAL_TOLERANCE, Solver
 from twin.kernel.fmi.stepping import FmuPort, Instance
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setup, number, stop_time
@@ -28,7 +28,7 @@ from twin.studies.systems.loops import AlgebraicLoop, loops
 from twin.studies.systems.plan import SystemPart, SystemPlan
 
 OWN_SHARE = 1e-3
-"""Of the tolerance of a system in steps of varying length: what its FMUs are told to keep themselves."""
+"""Of the tolerance of a system in steps of varying length: what its FMUs are given for themselves."""
 _T = TypeVar("_T")
 Led = tuple[Instance, FmuPort, Instance, FmuPort]
 """An output of an instance, and the input that it feeds."""
@@ -99,7 +99,7 @@ def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedS
                 part.settings,
                 setup=instance.setup,
                 instance=instance,
-                solver=plan.choice.solver,
+                solver=Solver(plan.choice.solver),
             )
             component.period = timing.periods[part.path]
             made.callback(component.close)
@@ -293,9 +293,9 @@ class _Solved:
         for member in members:
             columns[member.name] = name, offset
             offset += len(member.initial_outputs)
-        kept = [(name, loop) if one == self._names[0] else (one, c) for one, c in components.items()]
+        remaining = [(name, loop) if one == self._names[0] else (one, c) for one, c in components.items()]
         components.clear()
-        components.update((one, c) for one, c in kept if one not in self._names)
+        components.update((one, c) for one, c in remaining if one not in self._names)
         return outer
 
 

@@ -67,6 +67,7 @@ def facts(
     """For programs."""
     # the last row, also where a component asked for the end
     end = done.simulation.next_tick - 1
+    together = {name for loop in made.loops for name in loop.parts} if made.solved else set()
     simulated = (end - plan.timing.first) * plan.timing.tick
     return {
         "system": str(plan.package.file),
@@ -90,7 +91,7 @@ def facts(
                 "kind": part.description.kind,
                 "step_s": plan.timing.periods[part.path] * plan.timing.tick,
                 "sha256": part.description.sha256,
-                "microseconds_per_step": 1e6 * done.costs.get(part.name, 0.0),
+                "microseconds_per_step": None if part.name in together else 1e6 * done.costs.get(part.name, 0.0),
             }
             for part in plan.parts
         },
@@ -107,7 +108,8 @@ def facts(
         "ended": str(done.failure or ""),
         "forgiven": [*plan.forgiven, *made.forgiven],
         "loops": [
-            {"path": loop.path, "solved": plan.choice.loops == "solve", "unstated": list(loop.silent)}
+            {"path": loop.path, "solved": made.solved, "unstated": list(loop.silent)}
+            | ({"microseconds_per_step": 1e6 * done.costs.get("+".join(loop.parts), 0.0)} if made.solved else {})
             for loop in made.loops
         ],
         "events": [
@@ -147,7 +149,7 @@ def system_result(came: Mapping[str, Any]) -> Result:
         note("system", f"{_form(came)}{counted(came['connections'], 'connection')}", True),
         note("coupling", f"{SCHEMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"),
         *([note("end", f"{came['stop_s']:g} s by {came['stop_from']}")] if came["stop_from"] else []),
-        *_steps_told(came["steps"], round(came["simulated_s"] / came["tick_s"])),
+        *_steps_text(came["steps"], round(came["simulated_s"] / came["tick_s"])),
         *(note(path, _component(one, came["tick_s"]), True) for path, one in came["components"].items()),
         *(note("input", f"{name} = {about}") for name, about in came["inputs"].items()),
         *([note("late", late, True)] if came["late"] else []),
@@ -167,18 +169,22 @@ def system_result(came: Mapping[str, Any]) -> Result:
     return Result(headline, parts, came, {"recording": came["recording"]})
 
 
-def _steps_told(steps: Mapping[str, Any], ticks: int) -> list[Any]:
+def _steps_text(steps: Mapping[str, Any], ticks: int) -> list[Any]:
     if not steps["varying"]:
         return [note("steps", f"of one length: {steps['why']}", True)] if steps["why"] else []
-    told = (
+    text = (
         f"{counted(steps['steps'], 'step')} for {counted(ticks, 'tick')}, {steps['rejected']} rejected; errors add up"
     )
     loose = f"; in {counted(steps['loose'], 'pair')} of ticks it is missed, take shorter ones" if steps["loose"] else ""
-    return [note("steps", f"{told} to {steps['error_total']:.2g}, tolerance {steps['tolerance']:g}{loose}", True)]
+    return [note("steps", f"{text} to {steps['error_total']:.2g}, tolerance {steps['tolerance']:g}{loose}", True)]
 
 
 def _loop(one: Mapping[str, Any]) -> str:
-    done = "solved in every step" if one["solved"] else "not solved, one value late by a step; --loops solve"
+    done = (
+        f"solved, {one['microseconds_per_step']:.2f} us"
+        if one["solved"]
+        else "not solved, one value late by a step; --loops solve"
+    )
     unstated = some(one["unstated"], MOST)
     why = f" (perhaps: {unstated} does not state what its outputs depend on)" if unstated else ""
     return f"{one['path']}, {done}{why}"
@@ -191,7 +197,8 @@ def _form(came: Mapping[str, Any]) -> str:
 def _component(one: Mapping[str, Any], tick: float) -> str:
     every = f", every {1e3 * one['step_s']:g} ms" if one["step_s"] != tick else ""
     kind = " model exchange" if one["kind"] == "model_exchange" else ""
-    cost = f"{one['microseconds_per_step']:.2f} us{every}"
+    own = one["microseconds_per_step"]
+    cost = f"{'in a loop' if own is None else f'{own:.2f} us'}{every}"
     return f"{one['fmu']}  FMI {one['fmi']}{kind}  sha256 {one['sha256'][:12]}  {cost}"
 
 
@@ -400,11 +407,11 @@ def _provenance(plan: SystemPlan, made: PreparedSystem) -> dict[str, dict[str, s
     choice, timing = plan.choice, plan.timing
     periods = {path: period for path, period in timing.periods.items() if period > 1}
     kinds = {part.path: part.description.kind for part in plan.parts if part.description.kind != "co_simulation"}
-    # what is as usual is not told
+    # what is as usual is left out
     asked = {
         **({"first": str(timing.first)} if timing.first else {}),
         **({"periods": json.dumps(periods)} if periods else {}),
-        **({"kinds": json.dumps(kinds), "solver": choice.solver.method} if kinds else {}),
+        **({"kinds": json.dumps(kinds), "solver": choice.solver} if kinds else {}),
         **({"loops": choice.loops, "solved": json.dumps([one.path for one in made.loops])} if made.solved else {}),
         **({"tolerance": repr(choice.tolerance), "steps": unvarying(plan) or "varying"} if choice.tolerance else {}),
         **({"forgiven": json.dumps([*plan.forgiven, *made.forgiven])} if choice.lenient else {}),
