@@ -281,7 +281,12 @@ def written_system(
             shutil.rmtree(scratch, ignore_errors=True)
     made_folder(file.parent)
     write_bytes(file, content)
-    rows = [note("system", f"{_form({'form': package.form, 'ssp': package.structure.version})}{len(plan.parts)} FMUs")]
+    rows = [
+        note(
+            "system",
+            f"{_form({'form': package.form, 'ssp': package.structure.version})}{counted(len(plan.parts), 'FMU')}",
+        )
+    ]
     rows += [note("unsaid", sentence) for sentence in package.unsaid]
     found = {"system": str(package.file), "unsaid": list(package.unsaid), "ssp": str(file)}
     return Result(f"{package.file.stem} written as SSP 1.0", rows, found, {"ssp": str(file)})
