@@ -31,7 +31,7 @@ NAMES = ("drive_0", "drive_1", "drive_2")
 
 
 def ring(file: Path, fmu: Path) -> Path:
-    """The archive: each drive gets the angle of the one before and bears its speed, which means nothing."""
+    """The archive: each drive is fed the angle and the speed of the one before, which means nothing."""
     more = 'suppressUnitConversion="true"'
     wires = []
     for i, name in enumerate(NAMES):
