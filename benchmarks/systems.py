@@ -7,7 +7,7 @@ from benchmarks.figure_4 import stepped
 from benchmarks.measurement import Measurement, Rounds
 from twin.kernel.cosim.observers import simulate
 from twin.kernel.errors import InputRefused
-from twin.kernel.ssp.ssd import read_package
+from twin.kernel.ssp.package import read_package
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import SLICE_TICKS
 from twin.studies.build.system import build_ssp

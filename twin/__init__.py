@@ -1,6 +1,7 @@
 """Co-simulation digital twin of a 3-DOF delta-like massage robot with series elastic joints.
 
-For programs, notebooks and tests: `load`, `run`, `read`, `check` and the types `Experiment` and `Run` (docs/python.md).
+For programs, notebooks and tests: `load`, `run`, `read`, `check` and the types `Experiment` and `Run` (docs/python.md);
+`Cosimulation` for FMUs without the robot (docs/kernel.md).
 What they need is imported when they are asked for.
 """
 
@@ -10,6 +11,7 @@ from typing import Any
 __version__ = "1.0.0"
 
 _PUBLIC = {
+    "Cosimulation": "twin.studies.systems.session:Cosimulation",
     "Experiment": "twin.robot.experiment.experiment:Experiment",
     "Run": "twin.robot.run.run:Run",
     "check": "twin.studies.check.job:check",

@@ -14,7 +14,7 @@ from tests.studies.systems.archives import archive, component, connection, conne
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.reader import read_log
 from twin.kernel.ssp.flat import flattened
-from twin.kernel.ssp.ssd import read_package
+from twin.kernel.ssp.package import read_package
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.json_schema import commented_experiment
@@ -24,6 +24,7 @@ from twin.studies.sweep.plan import read_definition
 from twin.studies.sweep.rows import FACTS, ROWS, stored_sweep
 from twin.studies.sweep.show.parts import Asked, parts, sweep_text
 from twin.studies.sweep.statistics.ranking import bands, usual_metric
+from twin.studies.systems.choice import MasterChoice
 from twin.studies.systems.plan import fmu_sources, planned
 
 Attack = Callable[[int], object]
@@ -163,9 +164,8 @@ def system_structure(root: Path, tmp_path: Path) -> Attack:
         changed = text if seed is None else mutated(text, seed)
         package = read_package(archive(tmp_path / "x.ssp", changed, {"a.fmu": fmu}))
         flat = flattened(package.structure, "x.ssp")
-        return planned(
-            package, flat, dict.fromkeys(fmu_sources(package, flat).values(), fmu), None, None, "jacobi"
-        ).late
+        files = dict.fromkeys(fmu_sources(package, flat).values(), fmu)
+        return planned(package, flat, files, MasterChoice(scheme="jacobi")).late
 
     attack(None)
     return attack

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 MOST_OF_A_HOW_TO = 600
-MOST_BY_HAND = 54_000
-"""Words of all pages but what is generated: 50,000, and 2,000 each for the page of states and for the explorer."""
+MOST_BY_HAND = 60_000
+"""Words of all pages but what is generated: 50,000, and 2,000 for each of states, explorer, shadow, systems, safety."""
 WRITTEN = "<!-- from here on written by "
 """Marks the rest of a page as the output of a command."""
 GENERATED = ("compatibility.md",)

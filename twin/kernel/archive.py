@@ -1,11 +1,13 @@
 """FMU and SSP archives: zip files, checked for tricks and damage before any content is used."""
 
 import hashlib
+import io
 import posixpath
 import re
 import stat
 import zipfile
 import zlib
+from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
 from urllib.parse import unquote
 
@@ -95,3 +97,19 @@ def content_of(file: Path, entry: str, limit: int = LIMIT) -> bytes:
                 f"{file}: {entry}: {info.file_size / 2**20:.0f} MB; expected at most {limit / 2**20:g} MB"
             )
         return archive.read(info)
+
+
+EPOCH = (1980, 1, 1, 0, 0, 0)
+"""The earliest date that an archive can hold; the true one would make every build another file."""
+
+
+def zipped(entries: Mapping[str, bytes]) -> bytes:
+    """A zip of contents by name; the same contents give the same bytes."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as packing:
+        for name, content in sorted(entries.items()):
+            entry = zipfile.ZipInfo(name, date_time=EPOCH)
+            entry.compress_type = zipfile.ZIP_DEFLATED
+            entry.external_attr = 0o644 << 16
+            packing.writestr(entry, content)
+    return file.getvalue()

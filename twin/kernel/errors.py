@@ -37,6 +37,10 @@ class ComponentFailed(TwinError):
     exit_code = 3
 
 
+class EndRequested(ComponentFailed):
+    """A component asked for the end of the simulation: regular, where the caller takes it as that."""
+
+
 class SafetyTrip(TwinError):
     """The safety monitor tripped in a run in which nothing was to go wrong."""
 

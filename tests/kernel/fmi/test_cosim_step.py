@@ -16,11 +16,11 @@ from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.fmi.component import FmuComponent, FmuPort
+from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.cosim_step import MEMORY, step
 from twin.kernel.fmi.description import described
 from twin.kernel.fmi.groups import DO_STEP, TERMINATE, _load, _store
-from twin.kernel.fmi.stepping import Stepping
+from twin.kernel.fmi.stepping import FmuPort, Stepping
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import ITEM_SIZES, KINDS
 from twin.robot.assembly.assemble import assemble

@@ -17,10 +17,10 @@ from tests.studies.systems.archives import (
     values,
 )
 from twin.kernel.errors import InputRefused
-from twin.kernel.ssp import ssd as package
+from twin.kernel.ssp import package
 from twin.kernel.ssp import structure as elements
 from twin.kernel.ssp.flat import FlatSystem, Hop, flattened
-from twin.kernel.ssp.ssd import read_package
+from twin.kernel.ssp.package import read_package
 from twin.kernel.ssp.structure import (
     Connection,
     Connector,

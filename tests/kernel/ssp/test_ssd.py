@@ -24,13 +24,13 @@ from tests.studies.systems.archives import (
 )
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import xml_of
-from twin.kernel.ssp import ssd as package_module
+from twin.kernel.ssp import package as package_module
+from twin.kernel.ssp.package import read_package
 from twin.kernel.ssp.ssd import (
     Resource,
     mapping_of,
     parameter_set,
     parameter_set_xml,
-    read_package,
     structure_of,
     structure_xml,
 )

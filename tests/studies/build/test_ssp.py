@@ -18,7 +18,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.variable import FilePath
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import read
-from twin.kernel.ssp.ssd import read_package
+from twin.kernel.ssp.package import read_package
 from twin.kernel.ssp.structure import Endpoint, SspComponent, Transformation
 from twin.robot.assembly.build import planned_drives
 from twin.robot.assembly.load import load_experiment
@@ -26,6 +26,7 @@ from twin.robot.run.trace import run_in_memory
 from twin.studies.build import linking, structure
 from twin.studies.build.structure import travelling_drives
 from twin.studies.build.system import build_ssp
+from twin.studies.systems.choice import MasterChoice
 from twin.studies.systems.recorded import recorded_system
 
 VELOCITY_SERVO = ROOT / "fmus" / "velocity_servo" / "velocity_servo.fmu"
@@ -58,7 +59,9 @@ def differences(
     """How far what `twin cosim` makes of an archive is from the run of its experiment: by signal, of its range."""
     loaded = load_experiment(experiment, settings, drive)
     run = run_in_memory(loaded)
-    came = recorded_system(DirectReporter(lambda note: None), file, scheme=loaded.cosim.scheme, out=folder).facts
+    came = recorded_system(
+        DirectReporter(lambda note: None), file, MasterChoice(scheme=loaded.cosim.scheme), folder
+    ).facts
     assert came["settled"] and came["tick_s"] == loaded.cosim.tick and not came["ignored"]
     theirs = read(folder / "run.mcap")
     angles = {

@@ -1,6 +1,7 @@
 """Small systems of the drives in fmus/, run in this process."""
 
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,10 @@ import pytest
 from tests.studies.systems.archives import archive
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import Recording, read
+from twin.studies.systems.choice import MasterChoice
 from twin.studies.systems.recorded import recorded_system
 
+OF_MASTER = {one.name for one in fields(MasterChoice)}
 Ran = Callable[..., tuple[Recording, dict[str, Any]]]
 
 
@@ -30,7 +33,8 @@ def ran(tmp_path: Path, ideal: Path) -> Ran:
         count += 1
         file = archive(tmp_path / f"{count}.ssp", ssd, {"a.fmu": ideal} | (resources or {}))
         out = tmp_path / f"run_{count}"
-        came = recorded_system(DirectReporter(lambda note: None), file, out=out, **asked)
+        choice = MasterChoice(**{name: asked.pop(name) for name in OF_MASTER & set(asked)})
+        came = recorded_system(DirectReporter(lambda note: None), file, choice, out, **asked)
         return read(out / "run.mcap"), came.facts
 
     return run

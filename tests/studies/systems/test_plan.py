@@ -8,16 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.kernel.fmi.archives import DESCRIPTION, altered, redescribed
+from tests.kernel.fmi.archives import redescribed
 from tests.studies.systems.archives import archive, component, connection, connector, line, structure, system, values
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.ssp.flat import Hop
 from twin.kernel.ssp.structure import Transformation, UnitDefinition
 from twin.kernel.units import Dimension
-from twin.studies.systems import recorded as coupled
-from twin.studies.systems.plan import Way, spelt, way
+from twin.studies.systems import coupling
 from twin.studies.systems.recorded import recorded_system
+from twin.studies.systems.ways import Way, spelt, way
 
 Change = tuple[str, str]
 A, B = component("a", "a.fmu"), component("b", "a.fmu")
@@ -27,8 +27,14 @@ STRANGE = ('unit="N.m" />\n    </ScalarVariable>', 'unit="furlong" />\n    </Sca
 WHOLE = ('<Real start="0.0" unit="N.m" />', '<Integer start="0" />')
 ONCE = ('<CoSimulation modelIdentifier="ideal_velocity"', '<CoSimulation modelIdentifier="ideal_velocity" '
         'canBeInstantiatedOnlyOncePerProcess="true"')  # fmt: skip
-EXCHANGE = ("CoSimulation", "ModelExchange")
 STEPLESS = (' stepSize="0.001"', "")
+ENDLESS = (' stopTime="1.0"', "")
+SILENT = ('<DefaultExperiment startTime="0.0" stopTime="1.0" stepSize="0.001" />', "")
+ORDERED = system([A, B]).replace(
+    "<ssd:Elements>",
+    '<ssd:Annotations><ssc:Annotation type="twin.order"><order><component name="%"/></order></ssc:Annotation>'
+    "</ssd:Annotations><ssd:Elements>",
+)
 MAP = (
     '<ssc:BooleanMappingTransformation><ssc:MapEntry source="true" target="false"/></ssc:BooleanMappingTransformation>'
 )
@@ -47,11 +53,14 @@ BAD: dict[str, tuple[str, Change | None, str]] = {
         ssd(component("a", "a.fmu", more='type="application/x-ssp-package"')), None,
         "component 'a' is of type application/x-ssp-package, which is not supported",
     ),
-    "for model exchange": (
-        ssd(component("a", "a.fmu", more='implementation="ModelExchange"')), None,
-        "component 'a' is to be used for ModelExchange, which is not supported",
+    "for scheduled execution": (
+        ssd(component("a", "a.fmu", more='implementation="ScheduledExecution"')), None,
+        "component 'a' is to be used for ScheduledExecution, which is not supported",
     ),
-    "model exchange": (ssd(), EXCHANGE, "x.ssp: a.fmu: offers model exchange alone; export it for co-simulation"),
+    "for the other kind": (
+        ssd(component("a", "a.fmu", more='implementation="ModelExchange"')), None,
+        "x.ssp: a.fmu: offers co-simulation alone, and its component a is to be used for model exchange; export it",
+    ),
     "no FMU": (ssd(component("a", "x.txt")), None, "x.ssp: x.txt: not a complete FMU"),
     "no variable": (
         ssd(wires=(connection("a.omega", "b.omega_ref"),)), None,
@@ -80,13 +89,27 @@ BAD: dict[str, tuple[str, Change | None, str]] = {
     "a second instance": (ssd(), ONCE, "x.ssp: a.fmu: can be instantiated only once in a process"),
     "no such value": (ssd(bound=values("a.omega_ref=1 N.m")), None, "from 'N.m' to 'rad/s', which have different"),
     "a unit of a value": (ssd(bound=values("a.omega_ref=1 furlong")), None, "the unit 'furlong' is not defined"),
-    "no step": (ssd(A), STEPLESS, "neither the structure nor an FMU states a step size; give --tick-ms"),
-    "no stop": (ssd(stop=None), None, "states no stop time (DefaultExperiment); give --stop-s"),
+    "no step": (ssd(A), STEPLESS, "neither the structure nor an FMU states a step size (give --tick-ms)"),
+    "no stop": (ssd(stop=None), ENDLESS, "neither the structure nor an FMU states a stop time (give --stop-s)"),
+    "neither": (
+        ssd(A, stop=None), SILENT,
+        "neither the structure nor an FMU states a step size (give --tick-ms) and a stop time (give --stop-s)",
+    ),
     "no whole step": (ssd(stop=0.0105), None, "0.0105 s is not a whole number of steps of 1 ms"),
-    "steps without end": (ssd(stop=1e300), None, "1e+300 s in steps of 0.001 s; expected at least one step, and"),
-    "an end long before": (ssd(stop=-1e308), None, "-1e+308 s in steps of 0.001 s; expected at least one step, and"),
-    "another start": (
-        ssd().replace('startTime="0.0"', 'startTime="5"'), None, "its experiment starts at 5 s; here runs begin at 0 s",
+    "steps without end": (ssd(stop=1e300), None, "from 0 to 1e+300 s in steps of 0.001 s; expected at least"),
+    "an end long before": (ssd(stop=-1e308), None, "from 0 to -1e+308 s in steps of 0.001 s; expected at"),
+    "a start behind the end": (
+        ssd().replace('startTime="0.0"', 'startTime="5"'), None, "from 5 to 0.01 s in steps of 0.001 s; expected at",
+    ),
+    "a start before 0": (
+        ssd().replace('startTime="0.0"', 'startTime="-1"'), None, "starts at -1 s; expected 0 or later: give --start-s",
+    ),
+    "a start within a step": (
+        ssd().replace('startTime="0.0"', 'startTime="0.0005"'), None,
+        "the start at 0.0005 s is not a whole number of steps of 1 ms; set --start-s or --tick-ms",
+    ),
+    "an order of strangers": (
+        structure(ORDERED.replace("%", "c"), 0.01), None, "annotation twin.order: 'c' is not a component of the system",
     ),
 }  # fmt: skip
 
@@ -94,13 +117,7 @@ BAD: dict[str, tuple[str, Change | None, str]] = {
 @pytest.fixture
 def fmu(ideal: Path, tmp_path: Path) -> Callable[[Change | None], Path]:
     def changed(change: Change | None) -> Path:
-        if change != EXCHANGE:
-            return redescribed(ideal, tmp_path / "changed.fmu", *change) if change else ideal
-
-        def exchanged(name: str, content: bytes) -> tuple[str, bytes]:
-            return name, content.replace(b"CoSimulation", b"ModelExchange") if name == DESCRIPTION else content
-
-        return altered(ideal, tmp_path / "changed.fmu", exchanged)
+        return redescribed(ideal, tmp_path / "changed.fmu", *change) if change else ideal
 
     return changed
 
@@ -111,7 +128,7 @@ def test_what_cannot_be_run_is_refused_before_anything_is_loaded(
 ):
     text, change, told = BAD[bad]
     file = archive(tmp_path / "x.ssp", text, {"a.fmu": fmu(change), "x.txt": "x"})
-    monkeypatch.setattr(coupled, "Instance", None)
+    monkeypatch.setattr(coupling, "opened", None)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputRefused) as refused:
         recorded_system(DirectReporter(lambda note: None), Path("x.ssp"))

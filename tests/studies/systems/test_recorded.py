@@ -14,8 +14,8 @@ from tests.studies.systems.archives import archive, component, connection, conne
 from tests.studies.systems.conftest import Ran
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
-from twin.kernel.ssp.ssd import read_package
-from twin.report.page.page import write_report
+from twin.kernel.ssp.package import read_package
+from twin.studies.systems.choice import MasterChoice
 from twin.studies.systems.recorded import opened, system_result
 
 A = component("a", "a.fmu", bindings=values("omega_ref=1"))
@@ -132,7 +132,7 @@ def test_values_at_the_start_go_from_one_fmu_to_the_next_before_the_first_step(t
     wires = [connection("b.theta_m", "a.tau_load", more='suppressUnitConversion="true"')]
     whole = system([component("a", "a.fmu"), component("b", "a.fmu", bindings=values("theta_m=0.25"))], wires)
     package = read_package(archive(tmp_path / "x.ssp", structure(whole, 0.01), {"a.fmu": ideal}))
-    with opened(package, scheme="jacobi") as (plan, made):
+    with opened(package, MasterChoice(scheme="jacobi")) as (plan, made):
         first = made.system.components[0]
         assert isinstance(first, FmuComponent) and made.settled
         assert first.instance.read([plan.parts[0].inputs[0].variable]) == [0.25]
@@ -154,12 +154,6 @@ def test_the_step_is_that_of_an_annotation_or_else_the_shortest_that_an_fmu_want
         run, facts = ran(ssd, **asked)
         assert (facts["tick_s"], facts["tick_from"]) == (tick, told)
         assert run.time("a")[1] == tick and run.time("a")[-1] == asked.get("stop", 0.01)
-
-
-def test_a_recording_of_a_system_has_no_report_page(ran: Ran, tmp_path: Path):
-    run, _ = ran(structure(system([A]), 0.002))
-    with pytest.raises(InputRefused, match="records a system of FMUs"):
-        write_report([run.path])
 
 
 def test_a_system_goes_on_from_a_state_of_its_run(ran: Ran, tmp_path: Path):

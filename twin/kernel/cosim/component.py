@@ -237,6 +237,10 @@ class Component:
         """What a bad `status` of this component's step means, as the verb phrase of a sentence."""
         return f"returned status {status}"
 
+    def asks_to_end(self, status: int) -> bool:
+        """Whether a bad `status` of its step says that the run is to end here, regularly."""
+        return False
+
     def pieces(self) -> dict[str, np.ndarray]:
         """What its steps change in this process's memory, by name: views, always in the same order."""
         return {}
@@ -265,6 +269,11 @@ class Component:
         if self.lacks_state(portable=False) or self.holders():
             return None
         return pieces_rewind(self.pieces())
+
+    def reaction(self) -> int:
+        """Address of a function of a step's signature that gives the outputs for other inputs at the time that it has
+        come to; 0: it has none, and has to make its step again."""
+        return 0
 
     def keep_time(self, clock: np.ndarray) -> None:
         """Take note of the clock of the simulation it is part of: `clock[0]` is the tick being stepped."""

@@ -174,7 +174,7 @@ def simulate(
     adopt: Callable[[Simulation, SavedState], None] | None = None,
     start: Callable[[Simulation], None] | None = None,
 ) -> Simulated:
-    """Step a system from tick 0 until `last_tick`, a component fails, or one of the `observers` has seen enough.
+    """Step a system from its first tick to `last_tick`, or until a component fails or an observer has seen enough.
 
     Args:
         assembly: freshly made.

@@ -14,7 +14,7 @@ from twin.kernel.cosim.master import NO_COMPONENT, advance
 from twin.kernel.cosim.port import by_port, named_values, width
 from twin.kernel.cosim.state import SavedState, StatePlaces, SystemState
 from twin.kernel.cosim.system import System
-from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.errors import ComponentFailed, EndRequested, InputRefused
 
 
 def failed_phrase(system: System, u: np.ndarray, y: np.ndarray, culprit: int, status: int, tick: int) -> str:
@@ -73,7 +73,7 @@ def let_watch(witness: Witness) -> None:
 
 
 class Simulation:
-    """Runs a `System` tick by tick from 0 to `last_tick`; `failure` and `culprit` say what ended it too early, if so.
+    """Runs a `System` from its first tick to `last_tick`; `failure` and `culprit` say what ended it too early, if so.
 
     Args:
         system: what to run.
@@ -94,7 +94,7 @@ class Simulation:
     ):
         self.system = system
         self.last_tick = last_tick
-        self.next_tick = 0
+        self.next_tick = system.first_tick
         if memory is None and _witness:
             memory = _witness[0](system, last_tick)
         memory = memory or SimulationMemory(np.array([0, NO_COMPONENT]), np.zeros(system.inputs_width))
@@ -114,6 +114,9 @@ class Simulation:
         # no ticks: compiles, or loads from the cache, before anyone's clock runs
         self._address = self._loop.ctypes.data
         self._advance = advance.native.called
+        self.control = system.control(self._loop, self._y, self._u) if system.control else None
+        if self.control is not None:
+            self._address, self._advance = self.control.address, self.control.advance
         self._advance(self._address, 0, 0, 0)
 
     @property
@@ -299,5 +302,7 @@ class Simulation:
         culprit, status = self._loop[["culprit", "status"]][0].tolist()
         # a continuous component fails in a tick whose row is already written
         tick = self.next_tick - (culprit >= self.system.sampled)
-        self.culprit = self.system.components[culprit].name
-        return ComponentFailed(failed_phrase(self.system, self._u, self._y, culprit, status, tick) + ".")
+        component = self.system.components[culprit]
+        self.culprit = component.name
+        kind = EndRequested if component.asks_to_end(status) else ComponentFailed
+        return kind(failed_phrase(self.system, self._u, self._y, culprit, status, tick) + ".")

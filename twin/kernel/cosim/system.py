@@ -4,12 +4,13 @@ Wires value by value: which output feeds which input, for code that builds a sys
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from twin.kernel.cosim.adaptive import Control
 from twin.kernel.cosim.component import Component, Rewind
 from twin.kernel.cosim.interpolation import VALID, Inputs, Scheme, input_weights
 from twin.kernel.cosim.master import LOOP, TABLE
@@ -110,6 +111,8 @@ class System:
 
     Attributes:
         changes: what every simulation of it changes on the way, by ascending ticks; none unless somebody sets them.
+        first_tick: at which simulations of it begin.
+        control: makes what steps a simulation, of its loop, outputs and inputs; None: it is stepped tick by tick.
 
     Raises:
         InputRefused: unknown or doubly named component or port, sizes that differ, an input with no wire or two; a
@@ -117,6 +120,8 @@ class System:
     """
 
     changes: tuple[MemoryChange, ...] = ()
+    first_tick: int = 0
+    control: Callable[[np.ndarray, np.ndarray, np.ndarray], Control] | None = None
 
     def __init__(
         self,
@@ -251,7 +256,7 @@ class System:
                 raise InputRefused(f"wire {source} -> {target}: {from_.size} values into {to.size}")
             if np.any(sources[to.start : to.start + to.size] >= 0):
                 raise InputRefused(f"input {target} is fed by two wires; remove one ({source})")
-            newest = self.outputs_width * (apart and self._sees_newest(from_.component, to.component))
+            newest = self.outputs_width * (apart and self.sees_newest(from_.component, to.component))
             sources[to.start : to.start + to.size] = newest + from_.start + np.arange(from_.size)
         for c, component in enumerate(self.components):
             start = self.u_start[c]
@@ -277,7 +282,7 @@ class System:
             weights = [
                 np.array([VALID, VALID])
                 if owner < self.sampled
-                else input_weights(port, self._sees_newest(int(owner), c), self.inputs)
+                else input_weights(port, self.sees_newest(int(owner), c), self.inputs)
                 for port, owner in zip(ports, owners, strict=True)
             ]
             found.append(np.ascontiguousarray(np.reshape(weights, (-1, 2, 3)).swapaxes(0, 1)))
@@ -295,7 +300,8 @@ class System:
             rewinds.append(rewind)
         return rewinds
 
-    def _sees_newest(self, source: int, target: int) -> bool:
+    def sees_newest(self, source: int, target: int) -> bool:
+        """Whether the component number `target` sees what `source` comes to in the same step."""
         return self.scheme == "gauss_seidel" and self.sampled <= source < target
 
     def _position(self, name: str, end: str) -> int:

@@ -15,6 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
 from fmpy import platform, read_model_description, sharedLibraryExtension
+from fmpy.model_description import Unknown
 
 from twin.kernel.archive import entries, sha256
 from twin.kernel.errors import InputRefused, nearest
@@ -38,6 +39,7 @@ def complete(model: Any, file: Path) -> None:
     with zipfile.ZipFile(file) as archive:
         root = xml_of(archive.read(DESCRIPTION), f"{file}: {DESCRIPTION}")
     if model.fmiVersion == "1.0":
+        _complete_outputs(model, root)
         # FMI 1.0 for Co-Simulation, 4.3.1
         if model.coSimulation is not None:
             model.coSimulation.needsExecutionTool = root.find("Implementation/CoSimulation_Tool") is not None
@@ -53,6 +55,36 @@ def complete(model: Any, file: Path) -> None:
             variable.min, variable.max = variable.min or element.get("min"), variable.max or element.get("max")
             for name in NUMBERS if variable.type == "Clock" else ():
                 setattr(variable, name, element.get(name))
+
+
+def _complete_outputs(model: Any, root: Any) -> None:
+    """FMI 1.0 says at each output on which inputs it depends; FMPy keeps that where FMI 2.0 has it."""
+    by_name = {variable.name: variable for variable in model.modelVariables}
+    for element in root.iterfind("ModelVariables/ScalarVariable"):
+        stated = element.find("DirectDependency")
+        if element.get("causality") == "output" and stated is not None:
+            names = [name.text for name in stated.iterfind("Name")]
+            model.outputs.append(
+                Unknown(variable=by_name[element.get("name")], dependencies=[by_name[n] for n in names if n in by_name])
+            )
+
+
+def feedthrough(description: "FmuDescription") -> tuple[dict[str, frozenset[str]], frozenset[str]]:
+    """On which inputs each output depends at one instant, by ModelStructure (FMI 2.0.4, 2.2.8; FMI 3.0, 2.4.8).
+
+    Returns:
+        Names of inputs by names of outputs; and the outputs of which nothing is said, which may depend on all inputs.
+    """
+    inputs = frozenset(v.name for v in description.offered("input"))
+    stated = {
+        unknown.variable.name: frozenset(v.name for v in unknown.dependencies) & inputs
+        for unknown in description.model.outputs
+        if unknown.variable is not None and unknown.dependencies is not None
+    }
+    silent = frozenset(
+        name for name, v in description.variables.items() if v.causality in ("output", "local") and name not in stated
+    )
+    return stated | dict.fromkeys(silent, inputs), silent
 
 
 def _true(text: str | None) -> bool:
@@ -420,6 +452,7 @@ def refuse_step(description: FmuDescription, tick: float, substeps: int) -> None
 
 def stated_step(description: FmuDescription) -> float:
     """The step that it has inside or prefers (s); NaN: it does not say."""
-    fixed = number(description.model.coSimulation.fixedInternalStepSize)
+    # an FMU for model exchange has none
+    fixed = number(getattr(description.interface, "fixedInternalStepSize", None))
     preferred = number(getattr(description.model.defaultExperiment, "stepSize", None))
     return preferred if math.isnan(fixed) else fixed

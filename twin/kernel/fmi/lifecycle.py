@@ -10,7 +10,7 @@ import os
 import weakref
 from collections.abc import Mapping
 from contextlib import suppress
-from ctypes import byref, c_char_p, c_double, c_int, c_uint
+from ctypes import CFUNCTYPE, byref, c_char_p, c_double, c_int, c_uint
 from typing import Any, ClassVar
 from weakref import proxy
 
@@ -30,6 +30,9 @@ from twin.kernel.fmi.variable import KINDS, Variable
 
 MOST_RETURNED = 40
 """Bytes of what functions of event mode return."""
+
+ERROR = 3
+"""fmi2Error, and what the others call so."""
 
 NOT_YET_KNOWN = 0
 """fmi3IntervalNotYetKnown."""
@@ -51,6 +54,36 @@ class _Asked(dict[str, Any]):
         return found
 
 
+_NEVER_CALLED = CFUNCTYPE(c_int)
+
+
+class _Completed:
+    """A library whose missing functions are there and return an error, if they are ever called.
+
+    Args:
+        library: of ctypes.
+        missing: to which their names are added.
+    """
+
+    def __init__(self, library: Any, missing: list[str]):
+        self._library, self._missing = library, missing
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            found = getattr(self._library, name)
+        except AttributeError:
+            if name.startswith("_"):
+                raise
+            self._missing.append(name)
+            found = _NEVER_CALLED(lambda: ERROR)
+        vars(self)[name] = found
+        return found
+
+
+_forgiven: list[list[str]] = []
+"""To whose last names of functions are added that the binary which is being loaded does not have; empty: it has to."""
+
+
 class _Remembering:
     """Gives the functions of a binary the signatures that FMPy has worked out for the first one of this process.
 
@@ -67,6 +100,8 @@ class _Remembering:
 
     def _loadFunctions(self) -> None:
         known = type(self)._signatures
+        if _forgiven:
+            self.dll = _Completed(self.dll, _forgiven[-1])
         if not known:
             super()._loadFunctions()  # type: ignore[misc]
             known.update({name: self._signature(name, f) for name, f in self._functions.items()})
@@ -75,7 +110,8 @@ class _Remembering:
                 self._functions[name] = self._function(name)
         else:
             self._functions = _Asked(self)
-        _complete.add(self.dll._name)
+        if not _forgiven:
+            _complete.add(self.dll._name)
 
     def _function(self, name: str) -> Any:
         """The function `name` of FMPy's, with its signature."""
@@ -173,6 +209,22 @@ class Fmi2:
     def __init__(self, slave: type = FMU2Drive):
         self.slave = slave
 
+    def loaded(self, instance: Instance) -> Any:
+        """FMPy's instance with the binary; what that lacks is noted if it is forgiven."""
+        description = instance.description
+        if instance.setup.lenient:
+            _forgiven.append(instance.missing)
+        try:
+            return self.slave(
+                guid=description.model.guid,
+                unzipDirectory=str(instance.folder),
+                modelIdentifier=description.identifier,
+                instanceName=instance.name,
+            )
+        finally:
+            if instance.setup.lenient:
+                _forgiven.pop()
+
     def instantiate(self, instance: Instance) -> None:
         """Make the FMU's own instance; it is NULL if it refuses."""
         callbacks = self._callbacks(fmi2, "fmi2CallbackFunctions", _logged_2)
@@ -196,7 +248,7 @@ class Fmi2:
         instance.write(instance.settings)
         with instance.calling("SetupExperiment"):
             instance.fmu.setupExperiment(
-                tolerance=instance.setup.tolerance, startTime=0.0, stopTime=instance.setup.stop
+                tolerance=instance.setup.tolerance, startTime=instance.setup.start, stopTime=instance.setup.stop
             )
         with instance.calling("EnterInitializationMode"):
             instance.fmu.enterInitializationMode()
@@ -256,7 +308,7 @@ class Fmi1(Fmi2):
 
     def leave(self, instance: Instance) -> None:
         with instance.calling("InitializeSlave"):
-            instance.fmu.initialize(tStart=0.0, stopTime=instance.setup.stop)
+            instance.fmu.initialize(tStart=instance.setup.start, stopTime=instance.setup.stop)
 
     def free(self, instance: Instance) -> None:
         with instance.calling("TerminateSlave"), suppress(Exception):
@@ -313,7 +365,9 @@ class Fmi3(Fmi2):
                 fmu.exitConfigurationMode()
         instance.write([setting for setting in instance.settings if setting[0].causality != STRUCTURAL])
         with instance.calling("EnterInitializationMode"):
-            fmu.enterInitializationMode(tolerance=instance.setup.tolerance, startTime=0.0, stopTime=instance.setup.stop)
+            fmu.enterInitializationMode(
+                tolerance=instance.setup.tolerance, startTime=instance.setup.start, stopTime=instance.setup.stop
+            )
         # what belongs to a clock may be set only while that ticks
         instance.write([setting for setting in instance.inputs if not setting[0].clocks])
 
@@ -350,7 +404,7 @@ def _leave_event_mode(instance: Instance) -> None:
     # compiled before the call is announced: the FMU is not to be charged with it
     settled = settle.native.called
     with instance.calling("UpdateDiscreteStates"):
-        status = settled(instance.events.ctypes.data, 0, -1, 0.0)
+        status = settled(instance.events.ctypes.data, 0, -1, instance.setup.start)
     if status != 0:
         clock = instance.clock_name(int(e["culprit"]))
         raise InputRefused(explain_status(status, "fmi3", {}, float(e["value"]), clock, ""))
@@ -386,6 +440,8 @@ def clock_table(instance: Instance) -> np.ndarray:
                 instance.fmu.setIntervalDecimal((c_uint * 1)(clock.valueReference), (c_double * 1)(interval))
             row["period"] = _steps(instance, clock, interval, 1)
             row["next"] = _steps(instance, clock, shift, 0)
+    # steps count from 0 s, clocks from the start of the run
+    table["next"][table["next"] < NEVER] += round(instance.setup.start / (instance.setup.step or 1.0))
     return table
 
 

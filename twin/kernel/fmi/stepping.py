@@ -54,6 +54,7 @@ class Instance:
     Attributes:
         handle: address of the instance.
         messages: the last things it logged as warnings or errors.
+        missing: functions that its binary lacks, which was forgiven.
         clock: its first element is the tick at which it is stepped.
         folder, settings, inputs, setup: the arguments.
         standard: how its version of the FMI is spoken, a `lifecycle.Fmi2` or one derived from it.
@@ -80,6 +81,7 @@ class Instance:
         self.description = description
         self.name = name
         self.messages: list[str] = []
+        self.missing: list[str] = []
         self.clock = np.zeros(1, dtype=np.int64)
         self._unheard: list[tuple[int, str]] = []
         self.folder, self.settings, self.inputs, self.setup = folder, settings, inputs, setup
@@ -228,12 +230,7 @@ class Instance:
         description, here = self.description, os.getcwd()
         try:
             with announced(description.path.name, self.name, "the loading of its binary"):
-                return self.standard.slave(
-                    guid=description.model.guid,
-                    unzipDirectory=str(self.folder),
-                    modelIdentifier=description.identifier,
-                    instanceName=self.name,
-                )
+                return self.standard.loaded(self)
         # FMPy raises bare Exception for a library that does not load or lacks a function, ctypes AttributeError
         except Exception as problem:
             raise InputRefused(f"{description.path}: its binary does not load: {problem}") from None

@@ -238,6 +238,8 @@ class Setup(NamedTuple):
         step: length of its steps (s), in which its clocks tick; None: not known, and clocks are refused.
         ramped: whether those of its inputs that can be are given as lines over a step.
         waiting: whether it is left in initialisation mode, where what others come to can still be set, until `begin`.
+        lenient: whether functions that it lacks are missed only when they are called.
+        start: time of the first step's beginning (s), a whole number of steps.
     """
 
     tolerance: float | None = None
@@ -245,6 +247,8 @@ class Setup(NamedTuple):
     step: float | None = None
     ramped: bool = False
     waiting: bool = False
+    start: float = 0.0
+    lenient: bool = False
 
 
 Value = float | str | Sequence[float] | Sequence[str]

@@ -147,9 +147,10 @@ class RunStates(Observer):
             self._write(tick, self._content())
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        if self.lacking and self._asked and first == self._simulation.next_tick - len(rows) and first == 0:
+        begun = first == self._simulation.system.first_tick
+        if self.lacking and self._asked and first == self._simulation.next_tick - len(rows) and begun:
             text = f"no state is saved: {self.lacking}; twin run --from runs again from the start"
-            events.append(TickEvent(0, "WARNING", text, "states"))
+            events.append(TickEvent(first, "WARNING", text, "states"))
             events.sort(key=lambda event: event.tick)
 
     def interrupted(self) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import of_plain, plain
-from twin.kernel.errors import ComponentFailed
+from twin.kernel.errors import ComponentFailed, EndRequested
 from twin.kernel.recording.messages import Topic
 from twin.kernel.recording.writer import Writer
 
@@ -161,6 +161,12 @@ class Recorder(EventLog):
         recording = self._writer.finish()
         self.writing += time.perf_counter() - began
         return recording
+
+    def end(self, request: EndRequested) -> None:
+        """A component's request for the end, which becomes an event; the recording is to be finished."""
+        event = TickEvent(max(0, self._simulation.next_tick - 1), "INFO", str(request), self._simulation.culprit)
+        self.events.append(event)
+        self._writer.write_event(event.tick, event.level, event.text, event.source)
 
     def abandon(self, failure: ComponentFailed) -> str:
         """`failure`, which becomes the last event of the recording, and how far that goes."""

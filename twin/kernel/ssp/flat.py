@@ -1,7 +1,7 @@
 """A flattened SSP system: components by path, connections, parameter values."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from twin.kernel.errors import InputRefused
@@ -73,12 +73,14 @@ class FlatSystem:
         leads: one at most for each input.
         assigned: by component, by variable; what counts if several values are given.
         ignored: names that parameter sets give values to, and nothing is called so.
+        entrances: by each connector through which values may come into the outermost system where they get to, and how.
     """
 
     components: dict[str, SspComponent]
     leads: tuple[Lead, ...]
     assigned: dict[str, dict[str, Assigned]]
     ignored: tuple[str, ...]
+    entrances: dict[str, tuple[tuple[Endpoint, tuple[Hop, ...]], ...]] = field(default_factory=dict)
 
 
 def flattened(structure: Structure, where: str) -> FlatSystem:
@@ -113,7 +115,13 @@ class _Flat:
         leads = [self._lead(end) for end in self._into if end.element in self._components]
         self._assign(self._systems[""], "")
         ignored = tuple(self._ignored)
-        return FlatSystem(self._components, tuple(lead for lead in leads if lead), self._assigned, ignored)
+        entrances = {
+            one.name: tuple(self._forward(Endpoint("", one.name), (Hop(unit=one.unit),)))
+            for one in self._systems[""].connectors
+            # from those that are not fed themselves every way is another one
+            if one.kind in ("input", "inout") and Endpoint("", one.name) not in self._into
+        }
+        return FlatSystem(self._components, tuple(lead for lead in leads if lead), self._assigned, ignored, entrances)
 
     def _visit(self, system: SspSystem, path: str) -> None:
         for part in system.elements:

@@ -323,6 +323,8 @@ def transformation_of(element: ET.Element, where: str) -> Transformation:
 STRUCTURE = "SystemStructure.ssd"
 """Entry of an SSP archive."""
 FMU = "application/x-fmu-sharedlibrary"
+TABLE = "application/table"
+"""Type of OMSimulator's components that are tables of values over time."""
 
 ConnectorKind = Literal[
     "input", "output", "inout", "parameter", "calculatedParameter", "structuralParameter", "constant", "local"

@@ -12,6 +12,7 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from twin.kernel.errors import InputRefused
 from twin.kernel.process.job import seen_from_here
 from twin.kernel.writing import finite, made_folder, write_text
 from twin.report.page.markup import DataBlock, Markup, dark_filter, element, joined, section, table
@@ -27,6 +28,7 @@ from twin.report.page.run import (
     report_runs,
     verdict,
 )
+from twin.report.page.system import is_system, system_sections
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.experiment.recorded import (
     FROM_ROBOT,
@@ -404,7 +406,15 @@ def write_report(
     """
     shown = report_runs(runs)
     path = out or (shown[0].recording.path.parent if len(shown) == 1 else SEVERAL) / REPORT
-    html, headline = report_page(shown, [_budget(run, say) for run in shown] if budget else ())
+    if any(is_system(run.recording) for run in shown):
+        if budget:
+            raise InputRefused(f"{runs[0]}: records a system of FMUs, which has no force error; leave --budget out")
+        headline, found = system_sections(shown)
+        title = shown[0].label if len(shown) == 1 else f"{len(shown)} runs of systems"
+        links = [(key, name) for key, name, _ in found]
+        html = plain_page(title, " | ".join(run.label for run in shown), found, links)
+    else:
+        html, headline = report_page(shown, [_budget(run, say) for run in shown] if budget else ())
     made_folder(path.parent)
     write_text(path, html)
     page = seen_from_here(path)

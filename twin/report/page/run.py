@@ -239,7 +239,9 @@ class ReportRun:
 
     @property
     def name(self) -> str:
-        """Of the experiment."""
+        """Of the experiment, or of the file of a system."""
+        if "system" in self.recording.metadata:
+            return Path(self.recording.metadata["system"]["file"]).stem
         return recorded_name(self.recording.metadata, self.recording.path)
 
     @property
@@ -326,18 +328,13 @@ def report_runs(paths: Sequence[Path]) -> list[ReportRun]:
 
     Raises:
         RecordingRefused: one is missing, empty, damaged or foreign.
-        InputRefused: one holds no samples, is not of the robot, or is given twice.
+        InputRefused: one holds no samples, or is given twice.
     """
     recordings = [read(recording_in(path)) for path in paths]
     for path, recording in zip(paths, recordings, strict=True):
         if not any(len(stream.records) for stream in recording.streams.values()):
             note = f" ({recording.note})" if recording.note else ""
             raise InputRefused(f"{path}: holds no samples{note}; there is nothing to report, run it again")
-        if "system" in recording.metadata:
-            raise InputRefused(
-                f"{path}: records a system of FMUs (twin cosim), and the page shows the robot; use twin export "
-                "--csv, twin compare or an MCAP viewer"
-            )
     places = [recording.path.resolve() for recording in recordings]
     twice = next((path for path, place in zip(paths, places, strict=True) if places.count(place) > 1), None)
     if twice is not None:

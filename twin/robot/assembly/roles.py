@@ -4,7 +4,8 @@ An FMU and a Python class take their place in the same way; downstream only the 
 """
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
@@ -12,8 +13,9 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.port import Port
+from twin.kernel.cosim.port import Port, places
 from twin.kernel.cosim.python_class import NamedPorts, PythonComponent, PythonSource, Wanted, made, wanted_of
+from twin.kernel.cosim.selection import Selection
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import FmuDescription, described
@@ -48,6 +50,7 @@ class SampledFmu:
         bindings: a variable for each port, or for each value of a port.
         inputs, outputs: ports that it has, whole.
         tolerance: of its solver; None: nothing is said.
+        unheard, zero: values of its inputs and of its outputs that no variable is, counted from 0; these are 0.
     """
 
     description: FmuDescription
@@ -56,6 +59,8 @@ class SampledFmu:
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
     tolerance: float | None
+    unheard: tuple[str, ...] = ()
+    zero: tuple[str, ...] = ()
 
     def component(self, name: str, tick: float, period: int, ticks: int) -> FmuComponent:
         """The FMU in step mode, called every `period` ticks of `tick` (s) from tick 0 to tick `ticks`.
@@ -73,10 +78,32 @@ class SampledFmu:
         folder = unpacked(self.description.path, self.description.sha256)
         setup = Setup(self.tolerance, stop, period * tick)
         made = FmuComponent(name, self.description, folder, inputs, outputs, self.settings, setup=setup, sampled=True)
-        made.inputs, made.outputs, made.period = self.inputs, self.outputs, period
+        made.period = period
+        if not self.unheard and not self.zero:
+            made.inputs, made.outputs = self.inputs, self.outputs
         return made
 
+    def part(self, name: str, tick: float, period: int, ticks: int) -> Component:
+        """The same behind the whole ports of the part, values that it does not have being 0."""
+        made = self.component(name, tick, period, ticks)
+        if not self.unheard and not self.zero:
+            return made
+        return Selection(made, self.inputs, self.outputs, *(self._slots(side) for side in _SIDES))
 
+    def _slots(self, side: "Side") -> list[int]:
+        """Which of the values of all its ports each of the FMU's is."""
+        at = places(self.inputs if side == "input" else self.outputs)
+        found: list[int] = []
+        for binding in self.bindings:
+            if binding.role.causality == side:
+                begin, index = at[port_of(binding)].start, _ELEMENT.search(binding.role.port.name)
+                first = begin + (int(index[1]) - 1 if index else 0)
+                found += range(first, first + binding.variable.size)
+        return found
+
+
+_ELEMENT = re.compile(r"\[(\d+)\]$")
+"""At the end of a name. A user counts the values of a port from 0, as recordings do; roles count from 1, as FMUs do."""
 Side = Literal["input", "output"]
 _SIDES: tuple[Side, Side] = ("input", "output")
 
@@ -115,24 +142,51 @@ def sampled_fmu(
         named[1],
     )
     found: tuple[Binding, ...] = ()
+    lacking: dict[str, list[str]] = {}
     whole: dict[str, tuple[Port, ...]] = {}
     for side, offered, given in zip(_SIDES, ports, named, strict=True):
         for name in given:
-            if name not in [port.name for port in offered]:
-                there = [port.name for port in offered]
-                raise InputRefused(f"{file}: [{table}.{side}s] no {side} '{name}'; {nearest(name, there, 'it has {}')}")
+            _refuse_unknown(file, table, side, name, given, offered)
         known = {role: name for port in offered for role, name in _roles(file, free, port, side, given)}
         wired = {role.port.name: name for role, name in known.items() if name}
         if side == "output":
-            _refuse_lacking(file, table, description, [port for port in offered if port.name in required], wired)
+            lone = {_ELEMENT.sub("", name) for name in given} - given.keys()
+            needed = [port for port in offered if port.name in required and port.name not in lone]
+            _refuse_lacking(file, table, description, needed, wired)
         wiring = Wiring(inputs=wired) if side == "input" else Wiring(outputs=wired)
         mine = filled(str(file), free, wiring, tuple(known), table)
-        whole[side] = tuple(_whole(file, table, mine, side, offered))
+        single = {_ELEMENT.sub("", name) for name in given if name not in {port.name for port in offered}}
+        whole[side] = tuple(_whole(file, table, mine, side, offered, single))
+        lacking[side] = _lacking(mine, [port for port in whole[side] if port.name in single])
         found += mine
     _refuse_odd_units(file, found)
     _refuse_unfed(file, table, description, found, settings)
     own = description.tolerance if tolerance is None else tolerance
-    return SampledFmu(description, settings, found, whole["input"], whole["output"], own)
+    unheard, zero = (tuple(lacking[side]) for side in _SIDES)
+    return SampledFmu(description, settings, found, whole["input"], whole["output"], own, unheard, zero)
+
+
+def _refuse_unknown(file: Path, table: str, side: Side, name: str, given: Names, offered: Sequence[Port]) -> None:
+    """`name` of a mapping, which is a port's or that of one of its values, `F_ee_B[2]`, counted from 0."""
+    sizes = {port.name: port.size for port in offered}
+    port, index = _ELEMENT.sub("", name), _ELEMENT.search(name)
+    if port not in sizes:
+        raise InputRefused(f"{file}: [{table}.{side}s] no {side} '{name}'; {nearest(port, sizes, 'it has {}')}")
+    if index is None:
+        return
+    where = f"{file}: [{table}.{side}s] '{name}'"
+    if int(index[1]) >= sizes[port]:
+        raise InputRefused(f"{where}: {port} has {sizes[port]} values, counted from 0")
+    if port in given:
+        raise InputRefused(f"{where}: {port} is mapped as a whole, too; remove one of both")
+    if not isinstance(given[name], str):
+        raise InputRefused(f"{where}: it is one value; expected one variable")
+
+
+def _lacking(found: Sequence[Binding], ports: Sequence[Port]) -> list[str]:
+    """Values of `ports` that nothing of `found` is, counted from 0."""
+    there = {binding.role.port.name for binding in found}
+    return [f"{port.name}[{i}]" for port in ports for i in range(port.size) if f"{port.name}[{i + 1}]" not in there]
 
 
 def _roles(
@@ -144,6 +198,7 @@ def _roles(
 ) -> Iterator[tuple[Role, str]]:
     """Roles of a port, and the variable that plays each; "" where that is not known."""
     named = given.get(port.name)
+    single = {i: of for i in range(port.size) if (of := given.get(f"{port.name}[{i}]")) is not None}
     unit = known_unit(port.unit)
     # as FMUs leave the radian out
     dimension = unit.dimension._replace(rad=0) if unit else NUMBER
@@ -151,7 +206,11 @@ def _roles(
         named = tuple(f"{named}[{i + 1}]" for i in range(port.size))
     if isinstance(named, tuple) and len(named) != port.size:
         raise InputRefused(f"{file}: {port.name} has {port.size} values; {len(named)} variables are given for it")
-    if isinstance(named, str) or port.size == 1:
+    if single:
+        for i, variable in single.items():
+            one = Port(f"{port.name}[{i + 1}]", 1, port.unit, port.meaning, port.kind)
+            yield Role(one, side, dimension, False, ()), str(variable)
+    elif isinstance(named, str) or port.size == 1:
         yield Role(port, side, dimension, False, ()), named[0] if isinstance(named, tuple) else named or ""
     elif named is None and port.name in variables and variables[port.name].size == port.size:
         yield Role(port, side, dimension, False, ()), port.name
@@ -194,14 +253,16 @@ def port_of(binding: Binding) -> str:
     return binding.role.port.name.partition("[")[0]
 
 
-def _whole(file: Path, table: str, found: Sequence[Binding], side: str, offered: Sequence[Port]) -> Iterator[Port]:
-    """The ports that the FMU has, each with all of its values."""
+def _whole(
+    file: Path, table: str, found: Sequence[Binding], side: str, offered: Sequence[Port], single: Collection[str]
+) -> Iterator[Port]:
+    """The ports that the FMU has, each with all of its values; of those in `single` some may lack."""
     mine = [binding for binding in found if binding.role.causality == side]
     sizes = {name: sum(binding.variable.size for binding in group) for name, group in groupby(mine, port_of)}
     for port in offered:
         if port.name not in sizes:
             continue
-        if sizes[port.name] != port.size:
+        if sizes[port.name] != port.size and port.name not in single:
             names = ", ".join(f'"{b.mapped_name}"' for b in mine if port_of(b) == port.name)
             raise InputRefused(
                 f"{file}: {port.name} has {port.size} values, and {names} {sizes[port.name]}; give one for each: "
@@ -287,7 +348,9 @@ class OtherPart:
     def sentence(self) -> str:
         """What it is, for the reader of a run."""
         own = "twin's own, which has the law of the paper," if self.role == "controller" else "twin's own"
-        return f"{self.role}: {self.label} (sha256 {self.sha256[:12]}); {own} did not run"
+        zero = self.facts.get("zero")
+        lacking = f"; it does not give {', '.join(zero)}, taken as 0" if zero else ""
+        return f"{self.role}: {self.label} (sha256 {self.sha256[:12]}); {own} did not run{lacking}"
 
 
 def other_part(role: str, table: StandIn) -> OtherPart:
@@ -371,11 +434,15 @@ def _fmu_part(role: str, table: StandIn) -> OtherPart:
         "generation_tool": fmu.model.generationTool,
         "tolerance": plan.tolerance,
         "set": {variable.name: to_json(value) for variable, value in plan.settings},
-        "mapped": [*_mapped(plan, plan.inputs, "input", "<-"), *_mapped(plan, plan.outputs, "output", "->")],
-    }
+        "mapped": [
+            *_mapped(plan, plan.inputs, "input", "<-"),
+            *_mapped(plan, plan.outputs, "output", "->"),
+            *(f"{name} = 0, as it does not give it" for name in plan.zero),
+        ],
+    } | ({"zero": list(plan.zero)} if plan.zero else {})
 
     def make(tick: float, period: int, ticks: int) -> Component:
-        return plan.component(role, tick, period, ticks)
+        return plan.part(role, tick, period, ticks)
 
     return OtherPart(role, fmu.path.name, plan.inputs, plan.outputs, make, fmu.sha256, facts, fmu)
 
@@ -386,7 +453,11 @@ def _mapped(plan: SampledFmu, ports: Sequence[Port], side: str, arrow: str) -> l
     for port in ports:
         mine = [b for b in plan.bindings if b.role.causality == side and port_of(b) == port.name]
         unit = mine[0].variable.unit or "unit not stated"
-        lines.append(f"{port.name} {arrow} {', '.join(b.mapped_name for b in mine)} [{unit}]")
+        # which of its values, where not all of them are there
+        alone = [m for b in mine if (m := _ELEMENT.search(b.role.port.name))]
+        some = alone and len(alone) < port.size
+        name = f"{port.name}[{', '.join(str(int(m[1]) - 1) for m in alone)}]" if some else port.name
+        lines.append(f"{name} {arrow} {', '.join(b.mapped_name for b in mine)} [{unit}]")
     return lines
 
 

@@ -3,13 +3,12 @@
 modelDescription.xml of a part, for FMI 2.0 and 3.0.
 """
 
-import io
 import xml.etree.ElementTree as ET
-import zipfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from twin.kernel.archive import zipped
 from twin.kernel.fmi.unpacked import fmi_headers
 from twin.kernel.units import Unit, known_unit
 from twin.kernel.writing import made_folder, refuse_unwritable, write_bytes
@@ -155,10 +154,6 @@ def _append_structure(structure: ET.Element, variables: Sequence[ExportedVariabl
             ET.SubElement(unknowns, "Unknown", {"index": str(reference + 1)} | more)
 
 
-EPOCH = (1980, 1, 1, 0, 0, 0)
-"""The earliest date that an archive can hold; the true one would make every build another file."""
-
-
 def packed(
     part: RobotPart,
     layout: Layout,
@@ -206,25 +201,13 @@ def packed(
     say("linking")
     with ThreadPoolExecutor() as threads:
         libraries = dict(zip(platforms, threads.map(library, platforms), strict=True))
-    return archive(
+    return zipped(
         {
             "modelDescription.xml": description(guid),
             "documentation/README.md": readme.encode(),
             **_binaries(part.name, fmi, libraries),
         }
     )
-
-
-def archive(entries: dict[str, bytes]) -> bytes:
-    """A zip of contents by name; the same contents give the same bytes."""
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as packing:
-        for name, content in sorted(entries.items()):
-            entry = zipfile.ZipInfo(name, date_time=EPOCH)
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            entry.external_attr = 0o644 << 16
-            packing.writestr(entry, content)
-    return file.getvalue()
 
 
 def _binaries(name: str, fmi: str, libraries: dict[Platform, bytes]) -> dict[str, bytes]:

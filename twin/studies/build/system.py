@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.kernel.archive import zipped
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.ssp.ssd import parameter_set_xml, structure_xml
@@ -31,7 +32,7 @@ from twin.robot.assembly.build import have_lines
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.run import named_files
-from twin.studies.build.fmu import HOME, about, archive, packed, readme
+from twin.studies.build.fmu import HOME, about, packed, readme
 from twin.studies.build.layout import ExportedVariable, Kind, laid_out
 from twin.studies.build.linking import Platform, names_of, platforms_named, refuse_platform, summary
 from twin.studies.build.part import RobotPart, fixed, parameters, part_of
@@ -331,7 +332,7 @@ class _Makers:
         self._files["resources/experiment.json"] = (json_text(facts, indent=2) + "\n").encode()
         whole = structure(experiment, self.members, drives, self.hashes, self._metadata)
         text = system_readme(experiment, self.members, whole.system.connections, self.hashes, self._platforms)
-        return archive(self._files | {STRUCTURE: structure_xml(whole), "documentation/README.md": text.encode()})
+        return zipped(self._files | {STRUCTURE: structure_xml(whole), "documentation/README.md": text.encode()})
 
     def _add(self, member: Member) -> None:
         if member.values is not None and not member.values.parameters:

@@ -18,7 +18,7 @@ from twin.kernel.files import open_regular
 from twin.kernel.fmi.description import FmuDescription, described
 from twin.kernel.fmi.variable import Variable
 from twin.kernel.places import CARRIED
-from twin.kernel.ssp.ssd import Package, read_package
+from twin.kernel.ssp.package import Package, read_package
 from twin.kernel.ssp.structure import NONE, Connection, SspComponent
 from twin.kernel.writing import made_folder, write_bytes, write_text
 from twin.robot.assembly.drives import qualified

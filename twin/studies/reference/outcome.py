@@ -21,7 +21,7 @@ from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.signals import playback
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
-from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
+from twin.kernel.errors import ComponentFailed, EndRequested, InputRefused, TwinError
 from twin.kernel.files import read_bytes, xml_of
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import FmuDescription, described
@@ -276,14 +276,14 @@ class BareRun:
     t: s, (rows,).
     signals: by name, in the FMU's own units, of an array the first value, (rows,).
     unknown: names that were asked for and are no single number of this FMU.
-    failure: what ended it before its time; "" if nothing did.
+    failure: what ended it before its time.
     """
 
     step: float
     t: Curve
     signals: dict[str, Curve]
     unknown: tuple[str, ...]
-    failure: str = ""
+    failure: ComponentFailed | None = None
 
 
 def bare_run(description: FmuDescription, trial: Trial, files: Prepared, ended: Callable[[BareRun], None]) -> None:
@@ -322,9 +322,8 @@ def bare_run(description: FmuDescription, trial: Trial, files: Prepared, ended: 
         while not simulation.finished:
             slices.append(simulation.advance().copy())
         rows = np.concatenate(slices)
-        failure = str(simulation.failure) if simulation.failure else ""
         watched = {p.variable.name: rows[:, system.columns(f"fmu.{p.port.name}").start] for p in outputs}
-        ended(BareRun(step, step * np.arange(len(rows), dtype=float), watched, unknown, failure))
+        ended(BareRun(step, step * np.arange(len(rows), dtype=float), watched, unknown, simulation.failure))
     finally:
         component.close()
 
@@ -540,7 +539,7 @@ def _files(file: Path, trial: Trial) -> tuple[FmuDescription, Prepared]:
 
 def _judged(name: str, run: BareRun, results: Series | None) -> Outcome:
     if not len(run.t):
-        return Outcome(name, "failed", run.failure)
+        return Outcome(name, "failed", str(run.failure))
     how = f"{counted(len(run.t) - 1, 'step')} of {run.step:g} s"
     found = deviations(run, results) if results else []
     others = dict.fromkeys((*(results.others if results else ()), *run.unknown))
@@ -548,9 +547,10 @@ def _judged(name: str, run: BareRun, results: Series | None) -> Outcome:
         how += f"; not compared: {', '.join(others)}"
     if run.failure:
         # some end themselves, and so do their results then
-        if results is None or not found or results.t[-1] > run.t[-1] + (1.0 + 1e-9) * run.step:
-            return Outcome(name, "failed", run.failure)
-        how += f"; then, as its results end: {run.failure}"
+        early = bool(found) and results is not None and results.t[-1] > run.t[-1] + (1.0 + 1e-9) * run.step
+        if early or not (found or isinstance(run.failure, EndRequested)):
+            return Outcome(name, "failed", str(run.failure))
+        how += f"; then, {'as its results end' if found else 'regularly'}: {run.failure}"
     if not found:
         return Outcome(name, "ran", how)
     shares = {one.signal: one.share for one in found}

@@ -1,33 +1,20 @@
-"""The run of an SSP archive: recording, text and facts.
-
-A topic for each component of a system: its outputs, elements of an array as one signal again.
-"""
+"""The run of a system: recording, text and facts."""
 
 import json
 import math
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-import numpy as np
-
-from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.cosim.observers import Messages, ProgressObserver, Simulated, TickEvent
-from twin.kernel.cosim.system import System
-from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
-from twin.kernel.fmi.component import FmuComponent
-from twin.kernel.fmi.description import build, refuse_step
-from twin.kernel.fmi.lifecycle import CosimInstance
-from twin.kernel.fmi.stepping import FmuPort, Instance
-from twin.kernel.fmi.unpacked import unpacked
-from twin.kernel.fmi.variable import Setup, Variable, stop_time, to_json
+from twin.kernel.errors import ComponentFailed, EndRequested, InputRefused, TwinError
+from twin.kernel.fmi.description import build
+from twin.kernel.fmi.variable import Variable, to_json
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.process.states import (
     RunStates,
@@ -41,131 +28,26 @@ from twin.kernel.process.states import (
     stored_state,
 )
 from twin.kernel.recording.folder import RECORDING, claim_run_folder, create_run_folder, recording_in
-from twin.kernel.recording.messages import Field, Topic, message_names
-from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, RowStream, versions
+from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, versions
 from twin.kernel.recording.writer import Writer
 from twin.kernel.ssp.flat import flattened
-from twin.kernel.ssp.ssd import Package, read_package
-from twin.kernel.writing import made_folder, write_bytes
+from twin.kernel.ssp.package import Package
+from twin.kernel.writing import made_folder, write_bytes, write_json
 from twin.studies.result import Result, counted, note, some
-from twin.studies.systems.plan import SystemPart, SystemPlan, distinct, element, field, fmu_sources, planned
-
-_T = TypeVar("_T")
-
-
-@dataclass(frozen=True)
-class PreparedSystem:
-    """A system ready to be run.
-
-    Attributes:
-        system: of components in the order of the plan.
-        settled: whether initial values agree with each other: an input has what feeds it, and that follows from it.
-    """
-
-    system: System
-    settled: bool
-
-
-@contextmanager
-def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedSystem]:
-    """The system of a plan, whose FMUs are freed at the end.
-
-    All FMUs are in initialisation mode together, until their inputs have what feeds them; those of FMI 1.0, which has
-    no such mode, have their start values then.
-
-    Args:
-        plan: of the system.
-        folders: where FMUs are unpacked, by their SHA-256.
-
-    Raises:
-        InputRefused: an FMU cannot be loaded or initialised, or takes no such steps.
-    """
-    tick, ticks = plan.timing.tick, plan.timing.ticks
-    for part in plan.parts:
-        _refuse_step(part, tick)
-    with ExitStack() as made:
-        instances: dict[str, Instance] = {}
-        for part in plan.parts:
-            description = part.description
-            setup = Setup(description.tolerance, stop_time(ticks, tick, 1), tick, waiting=True)
-            folder = folders[description.sha256]
-            instances[part.name] = CosimInstance(part.path, description, folder, part.settings, (), setup)
-            made.callback(instances[part.name].close)
-        settled = _settle(plan, instances)
-        components: list[Component] = []
-        for part in plan.parts:
-            instance = instances[part.name]
-            instance.begin()
-            components.append(
-                FmuComponent(
-                    part.name,
-                    part.description,
-                    instance.folder,
-                    part.inputs,
-                    part.outputs,
-                    part.settings,
-                    setup=instance.setup,
-                    instance=instance,
-                )
-            )
-            made.callback(components[-1].close)
-        yield PreparedSystem(System(components, plan.wires, tick, plan.scheme), settled)
-
-
-def _refuse_step(part: SystemPart, tick: float) -> None:
-    try:
-        refuse_step(part.description, tick, 1)
-    except InputRefused as refusal:
-        raise InputRefused(f"{str(refusal).partition(': choose ')[0]}: choose another --tick-ms") from None
-
-
-def _settle(plan: SystemPlan, instances: dict[str, Instance]) -> bool:
-    """Give every input what feeds it, again and again until nothing changes; False: it never ends."""
-    ports = {
-        f"{part.name}.{port.port.name}": (instances[part.name], port) for part in plan.parts for port in part.outputs
-    }
-    inputs = {
-        f"{part.name}.{port.port.name}": (instances[part.name], port) for part in plan.parts for port in part.inputs
-    }
-    led = [
-        (*ports[source], *inputs[target])
-        for source, target in plan.wires
-        if _readable(*ports[source], inputs[target][1])
-    ]
-    last: dict[int, bytes] = {}
-    for _ in range(len(plan.parts) + 2):
-        changed = False
-        for number, (source, output, target, port) in enumerate(led):
-            value = np.asarray(port.in_fmu(_read(source, output)), dtype=float)
-            if np.all(np.isfinite(value)) and last.get(number) != value.tobytes():
-                last[number], changed = value.tobytes(), True
-                _write(target, port, value)
-        if not changed:
-            return True
-    return False
-
-
-def _readable(source: Instance, output: FmuPort, port: FmuPort) -> bool:
-    """Whether there is something to be read, and to be set, in initialisation mode; a clock has not ticked there."""
-    return source.description.version > 1 and not output.variable.clocks and not port.variable.clocks
-
-
-def _read(instance: Instance, port: FmuPort) -> np.ndarray:
-    return _tried(instance, lambda: instance.read([port.variable]))
-
-
-def _write(instance: Instance, port: FmuPort, value: np.ndarray) -> None:
-    _tried(instance, lambda: instance.write([(port.variable, value if port.variable.size > 1 else float(value[0]))]))
-
-
-def _tried(instance: Instance, call: Callable[[], _T]) -> _T:
-    try:
-        return call()
-    # FMPy's FMICallException and whatever is below it
-    except Exception as problem:
-        quoted = f" (it said: {'; '.join(instance.messages)})" if instance.messages else ""
-        raise InputRefused(f"{instance.description.path}: cannot be initialised: {problem}{quoted}") from None
-
+from twin.studies.systems.additions import (
+    Additions,
+    SystemNames,
+    inputs_beside,
+    tables_beside,
+    with_parameters,
+    with_settings,
+)
+from twin.studies.systems.beside import Beside
+from twin.studies.systems.choice import MasterChoice
+from twin.studies.systems.coupling import PreparedSystem, coupled, folders_of, unvarying
+from twin.studies.systems.plan import SystemPart, SystemPlan, fmu_sources, planned
+from twin.studies.systems.reading import read_system
+from twin.studies.systems.topics import streams, topics
 
 MOST = 6
 """The most rows of a list in the text; JSON has all."""
@@ -183,13 +65,20 @@ def facts(
     recording: Path,
 ) -> dict[str, Any]:
     """For programs."""
-    simulated = plan.timing.ticks * plan.timing.tick
+    # the last row, also where a component asked for the end
+    end = done.simulation.next_tick - 1
+    together = {name for loop in made.loops for name in loop.parts} if made.solved else set()
+    simulated = (end - plan.timing.first) * plan.timing.tick
     return {
         "system": str(plan.package.file),
+        "form": plan.package.form,
         "ssp": plan.package.structure.version,
         "scheme": plan.scheme,
         "tick_s": plan.timing.tick,
         "tick_from": plan.timing.source,
+        "start_s": plan.timing.first * plan.timing.tick,
+        "stop_s": plan.timing.ticks * plan.timing.tick,
+        "stop_from": plan.timing.stop_source,
         "simulated_s": simulated,
         "stepping_s": done.stepping,
         "recording_s": writing,
@@ -199,23 +88,45 @@ def facts(
                 "topic": part.name,
                 "fmu": part.description.path.name,
                 "fmi": part.description.model.fmiVersion,
+                "kind": part.description.kind,
+                "step_s": plan.timing.periods[part.path] * plan.timing.tick,
                 "sha256": part.description.sha256,
-                "microseconds_per_step": 1e6 * done.costs.get(part.name, 0.0),
+                "microseconds_per_step": None if part.name in together else 1e6 * done.costs.get(part.name, 0.0),
             }
             for part in plan.parts
         },
-        "connections": len(plan.wires),
+        "connections": len(plan.wires) - len(plan.beside.feeds),
+        "inputs": plan.beside.about,
+        "unsaid": list(plan.package.unsaid),
         "late": [f"{source}->{target}" for source, target in plan.late],
         "not_fed": (unfed := {f"{part.path}.{v.name}": _start(part, v) for part in plan.parts for v in part.unfed}),
         # the name of 1.0
         "kept": unfed,
         "ignored": list(plan.ignored),
+        "steps": _steps(plan, done),
         "settled": made.settled,
+        "ended": str(done.failure or ""),
+        "forgiven": [*plan.forgiven, *made.forgiven],
+        "loops": [
+            {"path": loop.path, "solved": made.solved, "unstated": list(loop.silent)}
+            | ({"microseconds_per_step": 1e6 * done.costs.get("+".join(loop.parts), 0.0)} if made.solved else {})
+            for loop in made.loops
+        ],
         "events": [
             {"t_s": e.tick * plan.timing.tick, "level": e.level, "text": e.text, "source": e.source} for e in events
         ],
         "recording": str(recording),
     }
+
+
+def _steps(plan: SystemPlan, done: Simulated) -> dict[str, Any]:
+    """How long they were: of one length, and why although there is a tolerance; or how many and how exact."""
+    control = done.simulation.control
+    if control is None:
+        why = unvarying(plan) if plan.choice.tolerance is not None else ""
+        return {"varying": False, "tolerance": plan.choice.tolerance, "why": why}
+    made = {"varying": True, "tolerance": plan.choice.tolerance, "error_total": float(control.memory["total"][0])}
+    return made | control.counts
 
 
 def _start(part: SystemPart, variable: Variable) -> Any:
@@ -233,71 +144,66 @@ def system_result(came: Mapping[str, Any]) -> Result:
             for name, value in came["not_fed"].items()]  # fmt: skip
     ignored, more = f"values that get to no variable: {some(came['ignored'], MOST)}", len(came["events"]) - MOST_EVENTS
     late = f"{counted(len(came['late']), 'connection')} with values of {when}: {some(came['late'], MOST)}"
+    start = f" from {came['start_s']:g} s on" if came["start_s"] else ""
     parts = [
-        note("system", f"SSP {came['ssp']}, {counted(came['connections'], 'connection')}", True),
+        note("system", f"{_form(came)}{counted(came['connections'], 'connection')}", True),
         note("coupling", f"{SCHEMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"),
-        *(note(path, _component(one), True) for path, one in came["components"].items()),
+        *([note("end", f"{came['stop_s']:g} s by {came['stop_from']}")] if came["stop_from"] else []),
+        *_steps_text(came["steps"], round(came["simulated_s"] / came["tick_s"])),
+        *(note(path, _component(one, came["tick_s"]), True) for path, one in came["components"].items()),
+        *(note("input", f"{name} = {about}") for name, about in came["inputs"].items()),
         *([note("late", late, True)] if came["late"] else []),
+        *(note("loop", _loop(one), True) for one in came["loops"]),
         *([note("not fed", some(unfed, MOST), True)] if unfed else []),
         *([note("ignored", ignored, True)] if came["ignored"] else []),
+        *(note("unsaid", sentence) for sentence in came["unsaid"]),
         *([] if came["settled"] else [note("start", UNSETTLED)]),
+        *(note("forgiven", one, True) for one in came["forgiven"]),
+        *([note("end", f"regular, before its time: {came['ended']}", True)] if came["ended"] else []),
         *(note("event", f"{e['t_s']:.3f} s  {e['source']}: {e['text']}") for e in came["events"][:MOST_EVENTS]),
         *([note("event", f"and {more} more, see the recording")] if more > 0 else []),
     ]
-    headline = f"{Path(came['system']).stem}  {came['simulated_s']:g} s at {came['real_time_factor']:.3g} x real time"
+    headline = (
+        f"{Path(came['system']).stem}  {came['simulated_s']:g} s{start} at {came['real_time_factor']:.3g} x real time"
+    )
     return Result(headline, parts, came, {"recording": came["recording"]})
 
 
-def _component(one: Mapping[str, Any]) -> str:
-    return f"{one['fmu']}  FMI {one['fmi']}  sha256 {one['sha256'][:12]}  {one['microseconds_per_step']:.2f} us"
+def _steps_text(steps: Mapping[str, Any], ticks: int) -> list[Any]:
+    if not steps["varying"]:
+        return [note("steps", f"of one length: {steps['why']}", True)] if steps["why"] else []
+    text = (
+        f"{counted(steps['steps'], 'step')} for {counted(ticks, 'tick')}, {steps['rejected']} rejected; errors add up"
+    )
+    loose = f"; in {counted(steps['loose'], 'pair')} of ticks it is missed, take shorter ones" if steps["loose"] else ""
+    return [note("steps", f"{text} to {steps['error_total']:.2g}, tolerance {steps['tolerance']:g}{loose}", True)]
 
 
-def streams(plan: SystemPlan, system: System) -> list[RowStream]:
-    """In the order of the components; none of one that has no outputs."""
-    columns = {
-        part.name: slice(int(system.y_start[c]), int(system.y_start[c + 1])) for c, part in enumerate(plan.parts)
-    }
-    return [RowStream(topic, columns[topic.name]) for topic in topics(plan)]
+def _loop(one: Mapping[str, Any]) -> str:
+    done = (
+        f"solved, {one['microseconds_per_step']:.2f} us"
+        if one["solved"]
+        else "not solved, one value late by a step; --loops solve"
+    )
+    unstated = some(one["unstated"], MOST)
+    why = f" (perhaps: {unstated} does not state what its outputs depend on)" if unstated else ""
+    return f"{one['path']}, {done}{why}"
 
 
-def topics(plan: SystemPlan) -> list[Topic]:
-    """The same before there is a system.
-
-    Raises:
-        InputRefused: two components have names that a recording cannot tell apart.
-    """
-    found = [Topic(part.name, tuple(_fields(part)), 1) for part in plan.parts if part.outputs]
-    try:
-        message_names(found)
-    except ValueError as problem:
-        raise InputRefused(f"{plan.package.file}: {problem}; give components names that are less alike") from None
-    return found
+def _form(came: Mapping[str, Any]) -> str:
+    return f"{came['form']} {came['ssp']}, " if came["form"] == "SSP" else f"{came['form']}, "
 
 
-def _fields(part: SystemPart) -> list[Field]:
-    groups = _arrays(part.outputs)
-    names = distinct(field(element(group[0].variable.name)[0] if len(group) > 1 else group[0].variable.name, part.path)
-                     for group in groups)  # fmt: skip
-    return [
-        Field(name, sum(p.port.size for p in group), group[0].port.kind, group[0].port.unit, group[0].port.meaning)
-        for name, group in zip(names, groups, strict=True)
-    ]
+def _component(one: Mapping[str, Any], tick: float) -> str:
+    every = f", every {1e3 * one['step_s']:g} ms" if one["step_s"] != tick else ""
+    kind = " model exchange" if one["kind"] == "model_exchange" else ""
+    own = one["microseconds_per_step"]
+    cost = f"{'in a loop' if own is None else f'{own:.2f} us'}{every}"
+    return f"{one['fmu']}  FMI {one['fmi']}{kind}  sha256 {one['sha256'][:12]}  {cost}"
 
 
-def _arrays(ports: tuple[FmuPort, ...]) -> list[list[FmuPort]]:
-    """Ports one after the other, `X[1]`, `X[2]` .. of one kind and unit together."""
-    groups: list[list[FmuPort]] = []
-    for port in ports:
-        array, number = element(port.variable.name)
-        last = groups[-1] if groups else []
-        like = last and (last[0].port.kind, last[0].port.unit) == (port.port.kind, port.port.unit)
-        if like and element(last[0].variable.name) == (array, 1) and number == len(last) + 1 and port.port.size == 1:
-            last.append(port)
-        else:
-            groups.append([port])
-    return groups
-
-
+SUMMARY = "summary.json"
+"""What took how long, beside the recording, in which nothing depends on that."""
 HOME = Path("results/cosim")
 """Apart from runs of the robot: a system is often called as the experiment that it was built from."""
 
@@ -305,27 +211,25 @@ HOME = Path("results/cosim")
 def recorded_system(
     reporter: Reporter,
     system: Path,
-    tick: float | None = None,
-    stop: float | None = None,
-    scheme: Scheme = "gauss_seidel",
+    choice: MasterChoice = MasterChoice(),  # noqa: B008, it is frozen
     out: Path | None = None,
     compiled: bool = False,
     state_every: float | None = None,
     start_from: str | None = None,
+    additions: Additions = Additions(),  # noqa: B008, it is frozen
 ) -> Result:
-    """Run the system of an SSP archive and record it.
+    """Run a system of FMUs and record it.
 
     Notes: {"experiment": its name, "folder", "duration" (s)} before the first step.
 
     Args:
-        system: the archive.
-        tick: length of a step (s); None: as the system says.
-        stop: end of the run (s); None: likewise.
-        scheme: "gauss_seidel" in the order of the components in the file, or "jacobi".
+        system: an SSP archive, an FMU, an OspSystemStructure.xml or a multi-model of Maestro.
+        choice: what is asked of the master.
         out: the run's own folder; None: results/NAME/TIME.
         compiled: whether FMUs without a binary for this machine are built from their sources.
         state_every: time from one saved state to the next (s); None: only the last one is saved.
         start_from: a run of this system, and perhaps the time (s) of its state behind an @, to go on from.
+        additions: values, inputs over time, and what is recorded.
 
     Raises:
         InputRefused: the system cannot be run, or there is no such state; nothing has been written.
@@ -333,27 +237,73 @@ def recorded_system(
         NotWritten: the disk is full; likewise.
     """
     reporter.loading()
-    package, state = read_package(system), _state(start_from)
-    with opened(package, tick, stop, scheme, compiled) as (plan, made):
+    package, state = read_system(system), _state(start_from)
+    with opened(package, choice, compiled, additions) as (plan, made):
         folder = _folder(package.file, out)
         # absolute: an FMU may change the working directory
         path = folder.absolute() / RECORDING
-        duration = plan.timing.ticks * plan.timing.tick
-        reporter.note(experiment=package.file.stem, folder=str(path.parent), duration=duration)
+        reporter.note(experiment=package.file.stem, folder=str(path.parent), duration=plan.timing.duration)
         done, events, writing = _recorded(plan, made, path, reporter, state_every, state)
         came = facts(plan, made, done, events, writing, folder / RECORDING)
+    write_json(folder / SUMMARY, came)
     return system_result(came)
+
+
+def written_system(
+    system: Path,
+    choice: MasterChoice = MasterChoice(),  # noqa: B008, it is frozen
+    out: Path | None = None,
+    compiled: bool = False,
+    additions: Additions = Additions(),  # noqa: B008, likewise
+) -> Result:
+    """Write a system as an SSP archive, and run nothing; arguments as of `recorded_system`.
+
+    Args:
+        out: the file; None: NAME.ssp here.
+
+    Raises:
+        InputRefused: the system cannot be run, SSP has no word for what is asked, or the file is there already.
+        NotWritten: the disk refuses.
+    """
+    from twin.studies.systems.to_ssp import ssp_of
+
+    if additions.recorded:
+        raise InputRefused("--record: an SSP archive has no word for it; choose when it is run")
+    package, scratch = read_system(system), tempfile.mkdtemp()
+    file = out or Path(f"{package.structure.system.name}.ssp")
+    if file.exists():
+        raise InputRefused(f"{file}: is there already; name another file with --out")
+    with _named(package, scratch):
+        try:
+            plan = _planned(package, Path(scratch), choice, compiled, additions, Beside())
+            content = ssp_of(plan)
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
+    made_folder(file.parent)
+    write_bytes(file, content)
+    rows = [
+        note(
+            "system",
+            f"{_form({'form': package.form, 'ssp': package.structure.version})}{counted(len(plan.parts), 'FMU')}",
+        )
+    ]
+    rows += [note("unsaid", sentence) for sentence in package.unsaid]
+    found = {"system": str(package.file), "unsaid": list(package.unsaid), "ssp": str(file)}
+    return Result(f"{package.file.stem} written as SSP 1.0", rows, found, {"ssp": str(file)})
 
 
 @contextmanager
 def opened(
     package: Package,
-    tick: float | None = None,
-    stop: float | None = None,
-    scheme: Scheme = "gauss_seidel",
+    choice: MasterChoice = MasterChoice(),  # noqa: B008, it is frozen
     compiled: bool = False,
+    additions: Additions = Additions(),  # noqa: B008, it is frozen
+    beside: Beside = Beside(),  # noqa: B008, likewise
 ) -> Iterator[tuple[SystemPlan, PreparedSystem]]:
-    """The system of an archive, planned and ready to be run; arguments but `package` as of `recorded_system`.
+    """The system of a package, planned and ready to be run; arguments but `package` as of `recorded_system`.
+
+    Args:
+        beside: what takes part beside its FMUs and what `additions` add.
 
     Raises:
         InputRefused: as `recorded_system`.
@@ -361,8 +311,8 @@ def opened(
     scratch = tempfile.mkdtemp()
     with _named(package, scratch):
         try:
-            plan = _planned(package, Path(scratch), tick, stop, scheme, compiled)
-            folders = {one.sha256: unpacked(one.path, one.sha256) for one in (part.description for part in plan.parts)}
+            plan = _planned(package, Path(scratch), choice, compiled, additions, beside)
+            folders = folders_of(plan)
         finally:
             # before anything is loaded: what crashes would leave it
             shutil.rmtree(scratch, ignore_errors=True)
@@ -371,18 +321,24 @@ def opened(
 
 
 def _planned(
-    package: Package, scratch: Path, tick: float | None, stop: float | None, scheme: Scheme, compiled: bool
+    package: Package, scratch: Path, choice: MasterChoice, compiled: bool, additions: Additions, beside: Beside
 ) -> SystemPlan:
-    flat = flattened(package.structure, f"{package.file}")
+    package = with_parameters(package, additions.parameters)
+    flat, tables = tables_beside(package, flattened(package.structure, f"{package.file}"))
     files: dict[str, Path] = {}
-    for entry in fmu_sources(package, flat).values():
+    entries = fmu_sources(package, flat)
+    for entry in entries.values():
         if entry not in files:
             files[entry] = scratch / entry
             made_folder(files[entry].parent)
             write_bytes(files[entry], package.content(entry))
             if compiled:
                 build(files[entry])
-    plan = planned(package, flat, files, tick, stop, scheme)
+    if additions.settings or additions.inputs:
+        names = SystemNames(package, flat, {path: files[entry] for path, entry in entries.items()})
+        flat = with_settings(flat, names, additions.settings)
+        tables = tables + inputs_beside(names, additions.inputs, additions.settings)
+    plan = planned(package, flat, files, choice, tables + beside, additions.recorded)
     # refuses names that a recording cannot hold, before there is one
     topics(plan)
     return plan
@@ -396,6 +352,8 @@ def _named(package: Package, scratch: str) -> Iterator[None]:
     except TwinError as error:
         # how to build a file that the archive holds
         text = re.sub(rf"twin drive info {re.escape(scratch)}/\S+ --compile builds", "--compile builds", str(error))
+        for entry, path in package.loose.items():
+            text = text.replace(f"{scratch}/{entry}", str(path))
         error.args = (text.replace(f"{scratch}/", f"{package.file}: "),)
         raise
 
@@ -424,11 +382,13 @@ def _recorded(
     state_every: float | None,
     state: StoredState | None,
 ) -> tuple[Simulated, list[TickEvent], float]:
-    rows, last, tick, described = streams(plan, made.system), plan.timing.ticks, plan.timing.tick, _provenance(plan)
+    rows, last, tick, described = streams(plan, made), plan.timing.ticks, plan.timing.tick, _provenance(plan, made)
     files = {part.path: part.description.sha256 for part in plan.parts}
     # what the archive is called, or when it was packed, changes no bit
     made_of = {key: text for key, text in described["system"].items() if key not in ("file", "sha256")}
-    about = identity(made.system, described["versions"], files, [made_of, described["components"], last])
+    # kept as it was where nothing is fed
+    fed = [described["inputs"]] if "inputs" in described else []
+    about = identity(made.system, described["versions"], files, [made_of, described["components"], last, *fed])
     saved = state.saved if state else None
     if state and saved:
         refuse_other_run(saved, about, str(state.recording))
@@ -439,16 +399,31 @@ def _recorded(
         states = RunStates(asked_ticks((), state_every, tick, last), last, tick, about, lasting)
         observers = [Messages(made.system), recorder, ProgressObserver(reporter.progress, last + 1)]
         done = simulate_saving(made, last, observers, BLOCK_TICKS, states, saved, lasting)
-        if done.failure:
+        if isinstance(done.failure, EndRequested):
+            recorder.end(done.failure)
+        elif done.failure:
             raise ComponentFailed(recorder.abandon(done.failure))
         recorder.finish()
     return done, recorder.events, recorder.writing
 
 
-def _provenance(plan: SystemPlan) -> dict[str, dict[str, str]]:
+def _provenance(plan: SystemPlan, made: PreparedSystem) -> dict[str, dict[str, str]]:
     """What a recording says of its origin; nothing in it depends on when, where or by whom it was made."""
+    choice, timing = plan.choice, plan.timing
+    periods = {path: period for path, period in timing.periods.items() if period > 1}
+    kinds = {part.path: part.description.kind for part in plan.parts if part.description.kind != "co_simulation"}
+    # what is as usual is left out
+    asked = {
+        **({"first": str(timing.first)} if timing.first else {}),
+        **({"periods": json.dumps(periods)} if periods else {}),
+        **({"kinds": json.dumps(kinds), "solver": choice.solver} if kinds else {}),
+        **({"loops": choice.loops, "solved": json.dumps([one.path for one in made.loops])} if made.solved else {}),
+        **({"tolerance": repr(choice.tolerance), "steps": unvarying(plan) or "varying"} if choice.tolerance else {}),
+        **({"forgiven": json.dumps([*plan.forgiven, *made.forgiven])} if choice.lenient else {}),
+    }
     return {
-        "system": {
+        "system": asked
+        | {
             "file": plan.package.file.name,
             "sha256": plan.package.sha256,
             "name": plan.package.structure.system.name,
@@ -472,4 +447,4 @@ def _provenance(plan: SystemPlan) -> dict[str, dict[str, str]]:
             for part in plan.parts
         },
         "versions": versions(),
-    }
+    } | ({"inputs": plan.beside.about} if plan.beside.about else {})

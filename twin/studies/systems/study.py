@@ -1,6 +1,7 @@
 """`twin cosim`: SSP systems of third-party FMUs, without a robot."""
 
 import math
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,6 +21,32 @@ class CouplingScheme(StrEnum):
     JACOBI = "jacobi"
 
 
+class SystemForm(StrEnum):
+    """What a system can be written as."""
+
+    SSP = "ssp"
+
+
+class FmuKindSolver(StrEnum):
+    """What solves the equations of FMUs for model exchange."""
+
+    CVODE = "cvode"
+    RK4 = "rk4"
+
+
+class LoopCoupling(StrEnum):
+    """What is done about algebraic loops."""
+
+    DELAY = "delay"
+    SOLVE = "solve"
+
+
+def _check_master(asked: Asked) -> None:
+    from twin.studies.systems.choice import chosen
+
+    chosen(asked)
+
+
 def _check_times(asked: Asked) -> None:
     for option in ("tick_ms", "stop_s", "state_every_s"):
         value = asked[option]
@@ -27,35 +54,92 @@ def _check_times(asked: Asked) -> None:
             raise InputRefused(f"--{option.replace('_', '-')} {value:g}: expected a number > 0")
 
 
-@study(isolated=True, limited=True, before=[_check_times])
+@study(isolated=True, limited=True, before=[_check_times, _check_master])
 def cosim(
-    system: Annotated[Path, Argument("An SSP archive, 1.0 or 2.0.", "SYSTEM.ssp")],
+    system: Annotated[
+        Path,
+        Argument("An SSP archive (1.0, 2.0), an FMU, an OspSystemStructure.xml, or a multi-model (JSON).", "SYSTEM"),
+    ],
     reporter: "Reporter",
+    settings: Annotated[
+        Sequence[str],
+        Option(
+            "Value of a parameter or input, such as Gain1.k=2, s.v=60[rpm]; may be repeated.", "NAME=VALUE", "--set"
+        ),
+    ] = (),
+    parameters: Annotated[
+        Sequence[Path], Option("Values of an SSV file; --set wins over them. May be repeated.", "FILE.ssv", "--ssv")
+    ] = (),
+    inputs: Annotated[
+        Sequence[str],
+        Option(
+            "Input over time: u=step(1.0), u=file.csv:COLUMN[UNIT], u=run.mcap:SIGNAL, or a CSV file whose columns "
+            "are called as inputs are; may be repeated.",
+            "NAME=SOURCE",
+            "--input",
+        ),
+    ] = (),
+    records: Annotated[
+        Sequence[str],
+        Option(
+            "Record these variables, also inputs, parameters and locals: '*.y'; may be repeated.", "PATTERN", "--record"
+        ),
+    ] = (),
     scheme: Annotated[
-        CouplingScheme,
+        CouplingScheme | None,
         Option("gauss_seidel: components one after the other, as in the file; jacobi: all at once."),
-    ] = CouplingScheme.GAUSS_SEIDEL,
+    ] = None,
     tick_ms: Annotated[float | None, Option("Communication step; default: the system's own.", "MS")] = None,
     stop_s: Annotated[float | None, Option("Stop time; default: that of the system's default experiment.", "S")] = None,
+    start_s: Annotated[float | None, Option("Start time; default: that of the default experiment.", "S")] = None,
+    kind: Annotated[
+        Sequence[str],
+        Option("Use FMUs that are both as co_simulation or model_exchange; may be repeated.", "[COMPONENT=]KIND"),
+    ] = (),
+    solver: Annotated[
+        FmuKindSolver, Option("Of FMUs for model exchange: cvode holds a tolerance, rk4 goes one step per tick.")
+    ] = FmuKindSolver.CVODE,
+    loops: Annotated[
+        LoopCoupling,
+        Option("Algebraic loops: delay one value by a step, or solve them by Newton's method."),
+    ] = LoopCoupling.DELAY,
+    tolerance: Annotated[
+        float | None, Option("Steps as long as this relative error allows, if all FMUs can go back.", "REL")
+    ] = None,
+    step: Annotated[
+        Sequence[str], Option("Longer step of a component, whole ticks; may be repeated.", "COMPONENT=MS")
+    ] = (),
+    order: Annotated[str, Option("Components that step first; the others follow.", "A,B")] = "",
+    lenient: Annotated[
+        bool,
+        Option("Let through, and list: enumerations by number, units in brackets, missing functions."),
+    ] = False,
     state_every_s: Annotated[float | None, Option("Save the state as often as this, for --from.", "S")] = None,
     start_from: Annotated[
         str | None,
         Option("Go on from a state of a run with the same options.", "RUN[@SECONDS]", "--from"),
     ] = None,
-    out: Annotated[Path | None, Option("Folder of the run; default: results/cosim/SYSTEM/TIME.", "DIR")] = None,
+    out: Annotated[
+        Path | None, Option("Folder of the run; default: results/cosim/SYSTEM/TIME. With --to: the file.", "DIR")
+    ] = None,
     compiled: Compile = False,
+    to: Annotated[SystemForm | None, Option("Run nothing, and write the system as SSP 1.0 to --out FILE.")] = None,
 ) -> Result:
-    """Run a system of co-simulation FMUs (SSP), and record the outputs of each.
+    """Run one FMU, or a system of FMUs (SSP), and record the outputs of each.
 
     Exit code: 0 done, 2 input refused, 3 a component failed while running
     (error, crash, hang), 130 interrupted, 143 terminated.
 
-    Example: twin cosim system.ssp --scheme jacobi --tick-ms 1
+    Example: twin cosim system.ssp --set Gain1.k=2 --input 'Gain1.u=step(1.0)'
 
     Raises:
         InputRefused, ComponentFailed, NotWritten: see `recorded_system`.
     """
-    from twin.studies.systems.recorded import recorded_system
+    from twin.studies.systems.additions import Additions
+    from twin.studies.systems.choice import chosen
+    from twin.studies.systems.recorded import recorded_system, written_system
 
-    tick = None if tick_ms is None else tick_ms / 1000.0
-    return recorded_system(reporter, system, tick, stop_s, scheme.value, out, compiled, state_every_s, start_from)
+    choice, added = chosen(locals()), Additions(settings, parameters, inputs, records)
+    if to is not None:
+        return written_system(system, choice, out, compiled, added)
+    return recorded_system(reporter, system, choice, out, compiled, state_every_s, start_from, added)

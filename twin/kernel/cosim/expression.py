@@ -1,0 +1,208 @@
+"""Expressions of time, such as `2*step(1.0) - 0.5*sin(2*pi*t)`: read without executing anything, run compiled.
+
+The grammar is numbers, `t` (s), `pi`, + - * / **, brackets and the functions of `FUNCTIONS`. Python's parser reads it,
+and what is not in the grammar is refused. What remains is a list of operations on a stack.
+"""
+
+import ast
+import math
+from dataclasses import dataclass
+from typing import NoReturn
+
+import numpy as np
+
+from twin.kernel.compiled.function import carray, njit
+from twin.kernel.compiled.native import entry
+from twin.kernel.cosim.component import doubles_at, integers_at
+from twin.kernel.errors import InputRefused, nearest
+
+LONGEST = 1000
+"""Characters."""
+SLACK = 1e-9
+"""s, and relative: t is a whole number of ticks and rounds; what begins at 0.3 s begins at the tick next to that."""
+NUMBER, TIME, ADD, SUBTRACT, MULTIPLY, DIVIDE, POWER, NEGATE, SIN, COS, EXP, STEP, RAMP, RISE, PULSE, PULSES = range(16)
+OPERATORS = {ast.Add: ADD, ast.Sub: SUBTRACT, ast.Mult: MULTIPLY, ast.Div: DIVIDE, ast.Pow: POWER}
+FUNCTIONS: dict[str, dict[int, int]] = {
+    "sin": {1: SIN},
+    "cos": {1: COS},
+    "exp": {1: EXP},
+    "step": {1: STEP},
+    "ramp": {1: RAMP, 2: RISE},
+    "pulse": {2: PULSE, 3: PULSES},
+}
+"""By name and number of arguments: sin, cos and exp of a number; `step(start)` 1 from there on; `ramp(start)` the time
+since then; `ramp(start, duration)` from 0 to 1; `pulse(start, width)` 1 so long, `pulse(start, width, period)` again
+and again; each 0 before its start."""
+USES = "numbers, t, pi, + - * / ** and " + ", ".join(FUNCTIONS)
+
+
+@dataclass(frozen=True)
+class Expression:
+    """A function of time.
+
+    Attributes:
+        text: as it was written.
+        operations: what is done, (n,) int64, and `numbers`, (n,), what a NUMBER puts onto the stack.
+        depth: of the stack.
+    """
+
+    text: str
+    operations: np.ndarray
+    numbers: np.ndarray
+    depth: int
+
+    def at(self, t: float) -> float:
+        """Its value at `t` (s); NaN where it has none."""
+        stack = np.empty(self.depth)
+        return float(
+            _value(
+                self.operations.ctypes.data, self.numbers.ctypes.data, len(self.operations), stack.ctypes.data, float(t)
+            )
+        )
+
+
+def expression(text: str, where: str) -> Expression:
+    """What `text` says.
+
+    Args:
+        where: for sentences.
+
+    Raises:
+        InputRefused: it is none of the grammar.
+    """
+    if len(text) > LONGEST:
+        raise InputRefused(f"{where}: an expression of {len(text)} characters; expected at most {LONGEST}")
+    try:
+        tree = ast.parse(text.strip(), mode="eval")
+    # of brackets without end
+    except (SyntaxError, ValueError, MemoryError, RecursionError):
+        raise InputRefused(f"{where}: '{text}' is neither a file nor an expression; expected {USES}") from None
+    reader = _Reader(where)
+    try:
+        reader.visit(tree.body)
+    except RecursionError:
+        raise InputRefused(f"{where}: an expression with too many brackets") from None
+    operations, numbers = (np.array(column) for column in zip(*reader.program, strict=True))
+    return Expression(text, operations.astype(np.int64), numbers.astype(float), reader.deepest)
+
+
+class _Reader:
+    """Turns a tree into operations, what an operation takes standing before it."""
+
+    def __init__(self, where: str):
+        self._where = where
+        self.program: list[tuple[int, float]] = []
+        self._depth = self.deepest = 0
+
+    def visit(self, node: ast.expr) -> None:
+        match node:
+            case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+                self._put(NUMBER, 0, self._number(value))
+            case ast.Name(id="t"):
+                self._put(TIME, 0)
+            case ast.Name(id="pi"):
+                self._put(NUMBER, 0, math.pi)
+            case ast.BinOp(op=op) if type(op) in OPERATORS:
+                self.visit(node.left)
+                self.visit(node.right)
+                self._put(OPERATORS[type(op)], 2)
+            case ast.UnaryOp(op=ast.USub()):
+                self.visit(node.operand)
+                self._put(NEGATE, 1)
+            case ast.UnaryOp(op=ast.UAdd()):
+                self.visit(node.operand)
+            case ast.Call(func=ast.Name(id=name), keywords=[]) if name in FUNCTIONS:
+                kinds = FUNCTIONS[name]
+                if len(node.args) not in kinds:
+                    expected = " or ".join(map(str, kinds))
+                    self._refuse(f"{name} of {len(node.args)} arguments; expected {expected}")
+                for one in node.args:
+                    self.visit(one)
+                self._put(kinds[len(node.args)], len(node.args))
+            case ast.Call(func=ast.Name(id=name)) | ast.Name(id=name) if name not in FUNCTIONS:
+                self._refuse(f"'{name}' is not known; {nearest(name, [*FUNCTIONS, 't', 'pi'], f'expected {USES}')}")
+            case _:
+                self._refuse(f"'{ast.unparse(node)}' is not allowed; expected {USES}")
+
+    def _number(self, value: float) -> float:
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            self._refuse("a number beyond the range of numbers")
+        return number
+
+    def _put(self, operation: int, taken: int, number: float = 0.0) -> None:
+        self.program.append((operation, number))
+        self._depth += 1 - taken
+        self.deepest = max(self.deepest, self._depth)
+
+    def _refuse(self, what: str) -> NoReturn:
+        raise InputRefused(f"{self._where}: {what}")
+
+
+@njit(cache=True, error_model="numpy")
+def begun(t, start):
+    """Whether `t` is at `start` or later, as far as ticks round."""
+    return t - start >= -SLACK * max(1.0, abs(start))
+
+
+@njit(cache=True, error_model="numpy")
+def evaluated(operations_at, numbers_at, count, stack_at, t):
+    """The value at `t` of the expression whose operations, numbers and stack are at these addresses."""
+    operations, numbers = carray(integers_at(operations_at), count), carray(doubles_at(numbers_at), count)
+    stack = carray(doubles_at(stack_at), count)
+    top = -1
+    for k in range(count):
+        what = operations[k]
+        if what == NUMBER:
+            top += 1
+            stack[top] = numbers[k]
+        elif what == TIME:
+            top += 1
+            stack[top] = t
+        elif what == NEGATE:
+            stack[top] = -stack[top]
+        elif what == SIN:
+            stack[top] = math.sin(stack[top])
+        elif what == COS:
+            stack[top] = math.cos(stack[top])
+        elif what == EXP:
+            stack[top] = math.exp(stack[top])
+        elif what == STEP:
+            stack[top] = 1.0 if begun(t, stack[top]) else 0.0
+        elif what == RAMP:
+            stack[top] = max(0.0, t - stack[top])
+        else:
+            if what == PULSES:
+                top -= 2
+                start, wide, period = stack[top], stack[top + 1], stack[top + 2]
+                since = t - start
+                # what has begun as far as ticks round is in the new period
+                since -= period * math.floor((since + SLACK * max(1.0, abs(t))) / period)
+                value = 1.0 if begun(t, start) and not begun(since, wide) else 0.0
+                stack[top] = value if period > 0.0 else math.nan
+                continue
+            top -= 1
+            a, b = stack[top], stack[top + 1]
+            if what == ADD:
+                stack[top] = a + b
+            elif what == SUBTRACT:
+                stack[top] = a - b
+            elif what == MULTIPLY:
+                stack[top] = a * b
+            elif what == DIVIDE:
+                stack[top] = a / b
+            elif what == POWER:
+                stack[top] = a**b
+            elif what == RISE:
+                stack[top] = 1.0 if begun(t, a + b) else max(0.0, (t - a) / b)
+            else:
+                stack[top] = 1.0 if begun(t, a) and not begun(t, a + b) else 0.0
+    return stack[0]
+
+
+@entry("double", "int", "int", "int", "int", "double")
+def _value(operations, numbers, count, stack, t):
+    return evaluated(operations, numbers, count, stack, t)

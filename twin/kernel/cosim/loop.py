@@ -1,0 +1,447 @@
+"""An algebraic loop as one component: its members are asked again until inputs and outputs agree.
+
+What a member returns for other inputs is found in one of two ways. One that reacts (model exchange) is asked at the
+time that it has come to. Any other one goes back to the start of the step and makes it again, as co-simulation defines
+no outputs for inputs that are set after a step. The values z of what leads back in the order of the members are to
+agree with what one pass g(z) over the members makes of them. Newton's method finds them,
+
+    z <- z + M (g(z) - z),    M = (I - dg/dz)^-1
+
+with dg/dz by differences when it is needed and corrected by every pass (Broyden 1965, Mathematics of Computation 19).
+A step is made shorter where the residual grows. M is kept from step to step.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twin.kernel.compiled.function import carray, copy, njit, pointer_to
+from twin.kernel.cosim.component import (
+    NOT_FINITE,
+    Component,
+    Holder,
+    address_of,
+    call_step,
+    doubles_at,
+    integers_at,
+    step_function,
+)
+from twin.kernel.cosim.port import Port, record, state, width
+from twin.kernel.errors import InputRefused
+
+MEMBER = record(
+    step="i8",
+    self="i8",
+    react="i8",  # 0: it goes back instead
+    save="i8",
+    restore="i8",
+    rewind="i8",
+    sources="i8",  # indices into all values
+    u="i8",
+    u_size="i8",
+    y="i8",  # within all values
+    y_size="i8",
+    finite="i8",
+)
+"""What the loop knows of a member; addresses and sizes."""
+LOOP = record(
+    members="i8",
+    count="i8",
+    given="i8",  # how many values the loop is given
+    outputs="i8",  # how many its members make
+    size="i8",  # how many lead back
+    values="i8",  # given, outputs, and those that lead back: z
+    led="i8",  # indices of the outputs that z is to agree with
+    inverse="i8",  # M
+    scale="i8",  # the largest that each of z has been
+    work="i8",  # see `_WORK`
+    known=state("i8"),  # whether M is
+    culprit="i8",
+    status="i8",
+    passes="i8",  # of the last step
+    residual="f8",  # of the last pass
+    correction="f8",  # of z, that Newton's method asks for then
+)
+_WORK = 6
+"""Rows of scratch of the size of z: residual, the one before, step, three more; the matrix stands behind them."""
+
+BOUND = 1e-8
+"""Largest residual, of the largest value that has been there: FMUs with solvers of their own are no smoother."""
+FAR, FARTHEST = 1e-4, 1e6
+"""Largest correction that is left out, likewise, and how many times as large as at first values may become: where they
+are larger, a loop has no solution, or many."""
+LEAST = 1e-12
+"""What a value that has always been 0 counts as."""
+NUDGE = 1e-4
+"""Of a value, by which it is changed to see what follows."""
+MOST_PASSES, RENEWALS = 60, (8, 20, 40)
+"""Passes before it is given up, and those at which dg/dz is found anew."""
+MOST_VALUES = 200
+"""Of z; for each a pass is made to find dg/dz."""
+MEMBER_FAILED, NOT_CONVERGED = 2, 3
+
+_members_at = pointer_to(MEMBER)
+
+
+@njit(cache=True)
+def _gather(m, part):
+    u = carray(doubles_at(part.u), part.u_size)
+    sources = carray(integers_at(part.sources), part.u_size)
+    values = carray(doubles_at(m.values), m.given + m.outputs + m.size)
+    for j in range(part.u_size):
+        u[j] = values[sources[j]]
+
+
+@njit(cache=True)
+def _checked(m, c, part, status):
+    """Whether a member went on, with finite outputs; if not, who and why is noted."""
+    if status == 0 or status == 1:
+        status = 0
+        y = carray(doubles_at(part.y), part.y_size)
+        for j in range(part.y_size):
+            if not np.isfinite(y[j]) and part.finite:
+                status = NOT_FINITE
+    if status != 0:
+        m.culprit, m.status = c, status
+    return status == 0
+
+
+@njit(cache=True)
+def _passed(m, t, h):
+    """One pass over the members with the present z; the residual g(z) - z goes to the first row of the scratch."""
+    members = carray(_members_at(m.members), m.count)
+    m.passes += 1
+    for c in range(m.count):
+        part = members[c]
+        _gather(m, part)
+        if part.react != 0:
+            status = call_step(part.react, part.self, t, h, part.u, part.y)
+        else:
+            status = call_step(part.restore, part.rewind, 0.0, 0.0, 0, 0)
+            if status == 0:
+                status = call_step(part.step, part.self, t, h, part.u, part.y)
+        if not _checked(m, c, part, status):
+            return False
+    values = carray(doubles_at(m.values), m.given + m.outputs + m.size)
+    led, f = carray(integers_at(m.led), m.size), carray(doubles_at(m.work), m.size)
+    z = values[m.given + m.outputs :]
+    scale = carray(doubles_at(m.scale), m.size)
+    m.residual = 0.0
+    for i in range(m.size):
+        f[i] = values[led[i]] - z[i]
+        scale[i] = max(scale[i], abs(z[i]))
+        m.residual = max(m.residual, abs(f[i]) / scale[i])
+    return True
+
+
+@njit(cache=True)
+def _invert(a, inverse, n):
+    """The inverse of `a` (n, n), which is lost; False: there is none."""
+    for i in range(n):
+        for j in range(n):
+            inverse[i, j] = 1.0 if i == j else 0.0
+    for column in range(n):
+        pivot = column
+        for i in range(column + 1, n):
+            if abs(a[i, column]) > abs(a[pivot, column]):
+                pivot = i
+        if not abs(a[pivot, column]) > 0.0:
+            return False
+        for j in range(n):
+            a[column, j], a[pivot, j] = a[pivot, j], a[column, j]
+            inverse[column, j], inverse[pivot, j] = inverse[pivot, j], inverse[column, j]
+        factor = a[column, column]
+        for j in range(n):
+            a[column, j] /= factor
+            inverse[column, j] /= factor
+        for i in range(n):
+            factor = a[i, column]
+            if i != column and factor != 0.0:
+                for j in range(n):
+                    a[i, j] -= factor * a[column, j]
+                    inverse[i, j] -= factor * inverse[column, j]
+    return True
+
+
+@njit(cache=True)
+def _differentiated(m, t, h):
+    """Find M where z is, whose residual is known; False: a member failed."""
+    n = m.size
+    work = carray(doubles_at(m.work), (_WORK, n))
+    matrix = carray(doubles_at(m.work + 8 * _WORK * n), (n, n))
+    inverse, scale = carray(doubles_at(m.inverse), (n, n)), carray(doubles_at(m.scale), n)
+    z = carray(doubles_at(m.values), m.given + m.outputs + n)[m.given + m.outputs :]
+    here = work[5]
+    for i in range(n):
+        here[i] = work[0, i]
+    residual = m.residual
+    for j in range(n):
+        before, nudge = z[j], NUDGE * max(scale[j], abs(here[j]))
+        z[j] = before + nudge
+        if not _passed(m, t, h):
+            return False
+        z[j] = before
+        for i in range(n):
+            # of z - g(z)
+            matrix[i, j] = (here[i] - work[0, i]) / nudge
+    for i in range(n):
+        work[0, i] = here[i]
+    m.residual = residual
+    if not _invert(matrix, inverse, n):
+        # a loop without a solution, or with many: small steps may still lead out of there
+        for i in range(n):
+            for j in range(n):
+                inverse[i, j] = 0.5 if i == j else 0.0
+    m.known = 1
+    return True
+
+
+@njit(cache=True)
+def _corrected(m):
+    """Broyden's correction of M by the last step and what it did to the residual."""
+    n = m.size
+    work, inverse = carray(doubles_at(m.work), (_WORK, n)), carray(doubles_at(m.inverse), (n, n))
+    step, change, row = work[2], work[3], work[4]
+    below = 0.0
+    for i in range(n):
+        change[i] = row[i] = 0.0
+        for j in range(n):
+            change[i] += inverse[i, j] * (work[1, j] - work[0, j])
+            row[i] += step[j] * inverse[j, i]
+        below += step[i] * change[i]
+    if below != 0.0:
+        for i in range(n):
+            for j in range(n):
+                inverse[i, j] += (step[i] - change[i]) * row[j] / below
+
+
+@njit(cache=True)
+def _solved(m, t, h):
+    """Passes until the residual is small enough; 0, or a bad status."""
+    n = m.size
+    work, inverse = carray(doubles_at(m.work), (_WORK, n)), carray(doubles_at(m.inverse), (n, n))
+    z = carray(doubles_at(m.values), m.given + m.outputs + n)[m.given + m.outputs :]
+    scale = carray(doubles_at(m.scale), n)
+    best, reach = np.inf, 0.0
+    for number in range(MOST_PASSES):
+        if not _passed(m, t, h):
+            return MEMBER_FAILED
+        for i in range(n):
+            if number == 0:
+                reach = max(reach, scale[i], abs(z[i] + work[0, i]))
+            elif not abs(z[i]) <= FARTHEST * reach:
+                # of what the values were: of those that ran away anything is small
+                m.residual = abs(work[0, i]) / reach
+                return NOT_CONVERGED
+        m.correction = 0.0
+        if m.known != 0:
+            for i in range(n):
+                correction = 0.0
+                for j in range(n):
+                    correction += inverse[i, j] * work[0, j]
+                m.correction = max(m.correction, abs(correction) / scale[i])
+        if m.residual <= BOUND and m.correction <= FAR:
+            return 0
+        grown = m.residual > 2.0 * best
+        if grown and number not in RENEWALS:
+            for i in range(n):
+                work[2, i] *= 0.5
+                z[i] -= work[2, i]
+            continue
+        if m.known == 0 or number in RENEWALS:
+            if not _differentiated(m, t, h):
+                return MEMBER_FAILED
+        elif number > 0:
+            _corrected(m)
+        best = m.residual
+        for i in range(n):
+            work[1, i] = work[0, i]
+            work[2, i] = 0.0
+            for j in range(n):
+                work[2, i] += inverse[i, j] * work[0, j]
+        for i in range(n):
+            z[i] += work[2, i]
+    m.known = 0
+    return NOT_CONVERGED
+
+
+@step_function(LOOP)
+def _step(m, t, h, u, y):
+    members = carray(_members_at(m.members), m.count)
+    copy(m.values, address_of(u), 8 * m.given)
+    m.passes = 0
+    # all inputs are those of the start before any output is that of the end
+    for c in range(m.count):
+        _gather(m, members[c])
+    for c in range(m.count):
+        part = members[c]
+        if part.react != 0:
+            status = call_step(part.step, part.self, t, h, part.u, part.y)
+        else:
+            status = call_step(part.save, part.rewind, 0.0, 0.0, 0, 0)
+        if not _checked(m, c, part, status):
+            return MEMBER_FAILED
+    status = _solved(m, t, h)
+    if status != 0:
+        return status
+    copy(address_of(y), m.values + 8 * m.given, 8 * m.outputs)
+    return 0
+
+
+class LoopComponent(Component):
+    """The members of an algebraic loop as one continuous component.
+
+    Args:
+        name: of the component.
+        inputs: its ports; wires take them as "given.<port>".
+        members: continuous, of period 1, in the order in which a pass asks them.
+        wires: (output, input) as `System` takes them, of whole ports; every input of a member has one.
+        path: the loop, for sentences.
+        cure: what may be done if it does not converge, for sentences.
+
+    Attributes:
+        members: the argument.
+
+    Raises:
+        InputRefused: a member neither reacts nor goes back, or too many values lead back.
+    """
+
+    GIVEN = "given"
+
+    def __init__(
+        self,
+        name: str,
+        inputs: tuple[Port, ...],
+        members: Sequence[Component],
+        wires: Sequence[tuple[str, str]],
+        path: str,
+        cure: str,
+    ):
+        self.members, self._path, self._cure = tuple(members), path, cure
+        given, outputs = width(inputs), sum(width(member.outputs) for member in members)
+        places = _places(self.GIVEN, inputs, members)
+        order = {member.name: number for number, member in enumerate(members)}
+        fed = dict((target, source) for source, target in wires)
+        led: list[int] = []
+        self._sources: list[np.ndarray] = []
+        for member in members:
+            sources: list[int] = []
+            for port in member.inputs:
+                source = fed[f"{member.name}.{port.name}"]
+                first, owner = places[source], source.partition(".")[0]
+                slots = range(first, first + port.size)
+                if order.get(owner, -1) >= order[member.name]:
+                    sources += range(given + outputs + len(led), given + outputs + len(led) + port.size)
+                    led += slots
+                else:
+                    sources += slots
+            self._sources.append(np.array(sources, dtype=np.uint64))
+        if len(led) > MOST_VALUES:
+            raise InputRefused(f"{path}: {len(led)} values lead back, expected at most {MOST_VALUES}; {cure}")
+        n = self.size = len(led)
+        initial = np.concatenate([np.zeros(0), *(member.initial_outputs for member in members)])
+        self._led = np.array(led, dtype=np.uint64)
+        self._values = np.zeros(given + outputs + n)
+        self._values[given : given + outputs] = initial
+        self._values[given + outputs :] = self._values[led]
+        self._inverse, self._work = np.zeros((n, n)), np.zeros(_WORK * n + n * n)
+        self._scale = np.maximum(np.abs(self._values[led]), LEAST)
+        self._u = [np.zeros(width(member.inputs)) for member in members]
+        self._table = np.zeros(len(members), dtype=MEMBER)
+        self._rewinds = []
+        place = self._values.ctypes.data + 8 * given
+        for row, member, u, sources_ in zip(self._table, members, self._u, self._sources, strict=True):
+            row["step"], row["self"], row["finite"] = member.step_address, member.self_address, member.finite
+            row["u"], row["u_size"], row["sources"] = u.ctypes.data, len(u), sources_.ctypes.data
+            row["y"], row["y_size"] = place, width(member.outputs)
+            place += 8 * width(member.outputs)
+            row["react"] = member.reaction()
+            if not row["react"]:
+                rewind = member.rewind()
+                if rewind is None:
+                    raise InputRefused(
+                        f"{member.label or member.name}: cannot go back to the start of a step, so that the loop "
+                        f"{path} cannot be solved; {cure}"
+                    )
+                self._rewinds.append(rewind)
+                row["save"], row["restore"] = rewind.save_address, rewind.restore_address
+                row["rewind"] = rewind.self_address
+        self._memory = np.zeros(1, dtype=LOOP)
+        m = self._memory[0]
+        m["members"], m["count"], m["given"] = self._table.ctypes.data, len(members), given
+        m["outputs"], m["size"], m["values"] = outputs, n, self._values.ctypes.data
+        m["led"], m["inverse"], m["scale"] = self._led.ctypes.data, self._inverse.ctypes.data, self._scale.ctypes.data
+        m["work"] = self._work.ctypes.data
+        super().__init__(
+            name=name,
+            inputs=inputs,
+            outputs=tuple(
+                Port(f"{member.name}__{port.name}", port.size, port.unit, port.meaning, port.kind)
+                for member in members
+                for port in member.outputs
+            ),
+            sampled=False,
+            step_address=_step.address,
+            self_address=self._memory.ctypes.data,
+            initial_outputs=initial,
+            label="the loop",
+            keep=self._memory,
+        )
+
+    @property
+    def passes(self) -> int:
+        """That the last step took."""
+        return int(self._memory["passes"][0])
+
+    def asks_to_end(self, status: int) -> bool:
+        culprit, bad = int(self._memory["culprit"][0]), int(self._memory["status"][0])
+        return status == MEMBER_FAILED and self.members[culprit].asks_to_end(bad)
+
+    def explain(self, status: int) -> str:
+        culprit, bad, passes, residual = (
+            self._memory[name][0].item() for name in ("culprit", "status", "passes", "residual")
+        )
+        if status == NOT_CONVERGED:
+            return (
+                f"{self._path} does not converge: the residual is {residual:.3g} after {passes} passes, expected at "
+                f"most {BOUND:g}; {self._cure}; it failed"
+            )
+        member = self.members[culprit]
+        what = "returned NaN or infinity" if bad == NOT_FINITE else member.explain(bad)
+        return f"{self._path} failed inside: {member.label} ({member.name}) {what}"
+
+    def pieces(self) -> dict[str, np.ndarray]:
+        own = {"values": self._values, "inverse": self._inverse, "scale": self._scale, "known": self._memory["known"]}
+        return own | {f"{c.name}.{name}": array for c in self.members for name, array in c.pieces().items()}
+
+    def holders(self) -> dict[str, Holder]:
+        return {f"{c.name}.{name}": holder for c in self.members for name, holder in c.holders().items()}
+
+    def lacks_state(self, portable: bool = True) -> str:
+        reasons = [(c.label or c.name, why) for c in self.members if (why := c.lacks_state(portable))]
+        return "; ".join(f"has {label}, which {why}" for label, why in reasons)
+
+    def refuse_index(self) -> None:
+        for component in self.members:
+            component.refuse_index()
+
+    def keep_time(self, clock: np.ndarray) -> None:
+        for component in self.members:
+            component.keep_time(clock)
+
+    def take_messages(self) -> list[tuple[int, str]]:
+        return [message for component in self.members for message in component.take_messages()]
+
+    def close(self) -> None:
+        for component in self.members:
+            component.close()
+
+
+def _places(given: str, inputs: tuple[Port, ...], members: Sequence[Component]) -> dict[str, int]:
+    """Where each given value and each output stands among all values, by "component.port"."""
+    found, place = {}, 0
+    for owner, ports in ((given, inputs), *((member.name, member.outputs) for member in members)):
+        for port in ports:
+            found[f"{owner}.{port.name}"] = place
+            place += port.size
+    return found

@@ -1,0 +1,99 @@
+"""A component that has some of the values of its ports in another one, which does the work; the others are 0."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twin.kernel.compiled.function import carray
+from twin.kernel.cosim.component import Component, Holder, Rewind, call_step, doubles_at, integers_at, step_function
+from twin.kernel.cosim.port import Port, record, width
+
+_MEMORY = record(step="i8", self="i8", taken="i8", u="i8", inputs="i8", given="i8", y="i8", outputs="i8", width="i8")
+
+
+@step_function(_MEMORY)
+def _step(m, t, h, u, y):
+    outer, taken, inner = carray(u, 1), carray(integers_at(m.taken), m.inputs), carray(doubles_at(m.u), m.inputs)
+    for i in range(m.inputs):
+        inner[i] = outer[taken[i]]
+    status = call_step(m.step, m.self, t, h, m.u, m.y)
+    out, given, values = carray(y, m.width), carray(integers_at(m.given), m.outputs), carray(doubles_at(m.y), m.outputs)
+    for i in range(m.width):
+        out[i] = 0.0
+    for i in range(m.outputs):
+        out[given[i]] = values[i]
+    return status
+
+
+class Selection(Component):
+    """`inner` behind wider ports.
+
+    Args:
+        inner: what does the work; its ports in the order of its values.
+        inputs, outputs: ports to the outside.
+        taken: by each value of the inner inputs which one of the outer it is.
+        given: by each value of the inner outputs which one of the outer it is; no others come from it.
+    """
+
+    def __init__(
+        self,
+        inner: Component,
+        inputs: tuple[Port, ...],
+        outputs: tuple[Port, ...],
+        taken: Sequence[int],
+        given: Sequence[int],
+    ):
+        self.inner = inner
+        arrays = (
+            np.array(taken, dtype=np.uint64), np.zeros(max(1, len(taken))),
+            np.array(given, dtype=np.uint64), inner.initial_outputs.copy(),
+        )  # fmt: skip
+        self._values = arrays[3]
+        addresses = [one.ctypes.data for one in arrays]
+        memory = np.array(
+            [(inner.step_address, inner.self_address, *addresses[:2], len(taken), *addresses[2:], len(given),
+              width(outputs))],
+            dtype=_MEMORY,
+        )  # fmt: skip
+        initial = np.zeros(width(outputs))
+        initial[list(given)] = inner.initial_outputs
+        super().__init__(
+            name=inner.name,
+            inputs=inputs,
+            outputs=outputs,
+            sampled=inner.sampled,
+            step_address=_step.address,
+            self_address=memory.ctypes.data,
+            initial_outputs=initial,
+            period=inner.period,
+            label=inner.label,
+            finite=inner.finite,
+            keep=(memory, arrays),
+        )
+
+    def explain(self, status: int) -> str:
+        return self.inner.explain(status)
+
+    def pieces(self) -> dict[str, np.ndarray]:
+        return self.inner.pieces() | {"given": self._values}
+
+    def holders(self) -> dict[str, Holder]:
+        return self.inner.holders()
+
+    def refuse_index(self) -> None:
+        self.inner.refuse_index()
+
+    def lacks_state(self, portable: bool = True) -> str:
+        return self.inner.lacks_state(portable)
+
+    def rewind(self) -> Rewind | None:
+        return self.inner.rewind()
+
+    def keep_time(self, clock: np.ndarray) -> None:
+        self.inner.keep_time(clock)
+
+    def take_messages(self) -> list[tuple[int, str]]:
+        return self.inner.take_messages()
+
+    def close(self) -> None:
+        self.inner.close()

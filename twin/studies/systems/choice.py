@@ -1,0 +1,153 @@
+"""What a user asks of the master of a system, beside what the system says itself: the options of `twin cosim`."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+from twin.kernel.errors import InputRefused, nearest
+
+if TYPE_CHECKING:
+    from twin.kernel.cosim.interpolation import Scheme
+    from twin.kernel.fmi.description import Kind
+
+Loops = Literal["delay", "solve"]
+Method = Literal["cvode", "rk4"]
+KINDS: "tuple[Kind, ...]" = ("co_simulation", "model_exchange")
+LOOSEST = 0.1
+"""Relative tolerance; what is looser is an error of another kind."""
+
+
+@dataclass(frozen=True)
+class MasterChoice:
+    """What is asked of the master.
+
+    Attributes:
+        tick, start, stop: length of a step, beginning and end of the run (s); None: as the system says.
+        scheme: "gauss_seidel" in the order of components, or "jacobi"; None: that of the tools that write such files.
+        kinds: as which FMUs are used, by component; by "" those of which the system says nothing.
+        solver: of all FMUs for model exchange.
+        steps: of components (s).
+        order: components that go first, in this order.
+        loops: what is done about algebraic loops.
+        tolerance: relative, of steps of varying length; None: steps of one length.
+        lenient: whether small offences against the standards, which are listed, are let through.
+    """
+
+    tick: float | None = None
+    start: float | None = None
+    stop: float | None = None
+    scheme: "Scheme | None" = None
+    kinds: "Mapping[str, Kind]" = field(default_factory=dict)
+    solver: Method = "cvode"
+    steps: Mapping[str, float] = field(default_factory=dict)
+    order: Sequence[str] = ()
+    loops: Loops = "delay"
+    tolerance: float | None = None
+    lenient: bool = False
+
+    def __post_init__(self) -> None:
+        if self.tolerance is None:
+            return
+        if not 0.0 < self.tolerance <= LOOSEST:
+            raise InputRefused(f"--tolerance {self.tolerance:g}: expected a number above 0, at most {LOOSEST:g}")
+        for option, asked in (("--step", self.steps), ("--loops solve", self.loops == "solve")):
+            if asked:
+                raise InputRefused(
+                    f"--tolerance chooses the steps of all components itself, and does not go with {option}; "
+                    "leave one of them out"
+                )
+
+    def refuse_unknown(self, components: Iterable[str], where: str) -> None:
+        """Refuse names that are no components of the system.
+
+        Raises:
+            InputRefused: the first of them.
+        """
+        known = list(components)
+        for option, names in (("--kind", self.kinds), ("--step", self.steps), ("--order", self.order)):
+            for name in names:
+                if name and name not in known:
+                    raise InputRefused(f"{where}: {option} {name}: no such component; {nearest(name, known)}")
+
+
+def chosen(asked: Mapping[str, Any]) -> MasterChoice:
+    """Of the options of `twin cosim` by their names.
+
+    Raises:
+        InputRefused: one says nothing, or two contradict each other.
+    """
+    start = asked["start_s"]
+    if start is not None and not 0.0 <= start < math.inf:
+        raise InputRefused(f"--start-s {start:g}: expected a number, 0 or more")
+    return MasterChoice(
+        tick=None if asked["tick_ms"] is None else asked["tick_ms"] / 1000.0,
+        start=start,
+        stop=asked["stop_s"],
+        scheme=asked["scheme"].value if asked["scheme"] else None,
+        kinds=kinds(asked["kind"]),
+        solver=asked["solver"].value,
+        steps=steps(asked["step"]),
+        order=order(asked["order"]),
+        loops=asked["loops"].value,
+        tolerance=asked["tolerance"],
+        lenient=asked["lenient"],
+    )
+
+
+def kinds(texts: Sequence[str]) -> "dict[str, Kind]":
+    """Of `--kind [NAME=]KIND`, by name, "" for all.
+
+    Raises:
+        InputRefused: no kind, or two for one name.
+    """
+    found: dict[str, Kind] = {}
+    known = {str(kind): kind for kind in KINDS}
+    for text in texts:
+        name, _, value = text.rpartition("=")
+        if value not in known:
+            raise InputRefused(f"--kind {text}: {nearest(value, known, 'expected {}')}")
+        _once(found, name, "--kind")
+        found[name] = known[value]
+    return found
+
+
+def steps(texts: Sequence[str]) -> dict[str, float]:
+    """Of `--step NAME=MS` (s).
+
+    Raises:
+        InputRefused: no name, no number above 0, or two for one name.
+    """
+    found: dict[str, float] = {}
+    for text in texts:
+        name, _, value = text.rpartition("=")
+        try:
+            milliseconds = float(value)
+        except ValueError:
+            milliseconds = math.nan
+        if not name or not 0.0 < milliseconds < math.inf:
+            raise InputRefused(f"--step {text}: expected COMPONENT=MS with a number above 0")
+        _once(found, name, "--step")
+        found[name] = milliseconds / 1000.0
+    return found
+
+
+def order(text: str) -> list[str]:
+    """Of `--order A,B`.
+
+    Raises:
+        InputRefused: a name twice, or none.
+    """
+    found: dict[str, None] = {}
+    for name in (part.strip() for part in text.split(",") if text):
+        if not name:
+            raise InputRefused(f"--order {text}: expected names of components with commas between them")
+        _once(found, name, "--order")
+        found[name] = None
+    return list(found)
+
+
+def _once(found: Iterable[str], name: str, option: str) -> None:
+    if name in found:
+        raise InputRefused(f"{option}: '{name}' is given twice; expected it once" if name else f"{option} is given "
+                           "twice without a component; expected it once")  # fmt: skip

@@ -1,0 +1,434 @@
+"""A planned system made: FMUs initialised together, loops found and solved, components in the master."""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from twin.kernel.cosim import adaptive
+from twin.kernel.cosim.adaptive import StepControl
+from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.delay import columns, play
+from twin.kernel.cosim.loop import BOUND, LEAST, MOST_PASSES, NUDGE, LoopComponent
+from twin.kernel.cosim.port import Port, width
+from twin.kernel.cosim.system import System
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi.component import FmuComponent, opened
+from twin.kernel.fmi.description import clocks, feedthrough, refuse_step
+from twin.kernel.fmi.groups import AT_END
+from twin.kernel.fmi.solvers import USUAL_TOLERANCE, Solver
+from twin.kernel.fmi.stepping import FmuPort, Instance
+from twin.kernel.fmi.unpacked import unpacked
+from twin.kernel.fmi.variable import Setup, number, stop_time
+from twin.studies.systems.loops import AlgebraicLoop, loops
+from twin.studies.systems.plan import SystemPart, SystemPlan
+
+OWN_SHARE = 1e-3
+"""Of the tolerance of a system in steps of varying length: what its FMUs are given for themselves."""
+_T = TypeVar("_T")
+Led = tuple[Instance, FmuPort, Instance, FmuPort]
+"""An output of an instance, and the input that it feeds."""
+
+
+@dataclass(frozen=True)
+class PreparedSystem:
+    """A system ready to be run.
+
+    Attributes:
+        system: of components in the order of the plan, those of a solved loop together in one.
+        settled: whether initial values agree with each other: an input has what feeds it, and that follows from it.
+        columns: of a row, by the name of a part.
+        loops: that were found.
+        solved: whether they are solved, if there are some.
+        forgiven: offences of binaries that were let through.
+    """
+
+    system: System
+    settled: bool
+    columns: Mapping[str, slice]
+    loops: Sequence[AlgebraicLoop] = ()
+    solved: bool = False
+    forgiven: Sequence[str] = ()
+
+
+def folders_of(plan: SystemPlan) -> dict[str, Path]:
+    """Where the FMUs are unpacked, by their SHA-256."""
+    return {one.sha256: unpacked(one.path, one.sha256) for one in (part.description for part in plan.parts)}
+
+
+@contextmanager
+def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedSystem]:
+    """The system of a plan, whose FMUs are freed at the end.
+
+    All FMUs are in initialisation mode together, until their inputs have what feeds them; those of FMI 1.0, which has
+    no such mode, have their start values then.
+
+    Args:
+        plan: of the system.
+        folders: where FMUs are unpacked, by their SHA-256.
+
+    Raises:
+        InputRefused: an FMU cannot be loaded or initialised, or takes no such steps; a loop that is to be solved
+            cannot be.
+    """
+    timing = plan.timing
+    for part in plan.parts:
+        _refuse_step(part, timing.tick * timing.periods[part.path])
+    found = loops(plan)
+    solved = [_Solved(plan, loop) for loop in found] if plan.choice.loops == "solve" else []
+    with ExitStack() as made:
+        instances: dict[str, Instance] = {}
+        for part in plan.parts:
+            instances[part.name] = _instance(plan, part, folders[part.description.sha256])
+            made.callback(instances[part.name].close)
+        settled = _Settling(plan, instances, solved).settled()
+        components: dict[str, FmuComponent] = {}
+        for part in plan.parts:
+            instance = instances[part.name]
+            instance.begin()
+            component = FmuComponent(
+                part.name,
+                part.description,
+                instance.folder,
+                part.inputs,
+                part.outputs,
+                part.settings,
+                setup=instance.setup,
+                instance=instance,
+                solver=Solver(plan.choice.solver),
+            )
+            component.period = timing.periods[part.path]
+            made.callback(component.close)
+            components[part.name] = component
+        forgiven = [
+            f"{part.path} lacks {', '.join(instances[part.name].missing)}"
+            for part in plan.parts
+            if instances[part.name].missing
+        ]
+        if not unvarying(plan):
+            yield _varying(plan, components, settled, found, forgiven)
+            return
+        wires = [*plan.wires]
+        together = {**{one.name: one for one in plan.beside.components}, **components}
+        columns: dict[str, tuple[str, int]] = {name: (name, 0) for name in components}
+        for one in solved:
+            wires = one.put_together(together, wires, columns)
+        ordered = list(together.values())
+        if plan.beside.order:
+            ordered.sort(key=lambda component: plan.beside.order.index(component.name.partition("+")[0]))
+        system = System(ordered, wires, timing.tick, plan.scheme)
+        system.first_tick = timing.first
+        yield PreparedSystem(system, settled, _columns(plan, system, columns), found, bool(solved), forgiven)
+
+
+def unvarying(plan: SystemPlan) -> str:
+    """Why the steps of a system are of one length; "" if they are not."""
+    if plan.choice.tolerance is None:
+        return "no tolerance is asked for"
+    if plan.beside.components:
+        return f"{plan.beside.components[0].name} is no FMU, and is sampled in steps of one length"
+    for part in plan.parts:
+        description = part.description
+        if not _can_go_back(part):
+            return f"{part.path} has no FMU state to go back to (canGetAndSetFMUstate)"
+        varies = getattr(description.interface, "canHandleVariableCommunicationStepSize", False)
+        if description.kind == "co_simulation" and not varies:
+            return f"{part.path} takes steps of one size only (canHandleVariableCommunicationStepSize)"
+        if clocks(description):
+            return f"{part.path} has clocks, which tick in whole steps"
+    return ""
+
+
+def _varying(
+    plan: SystemPlan,
+    components: Mapping[str, FmuComponent],
+    settled: bool,
+    found: Sequence[AlgebraicLoop],
+    forgiven: Sequence[str],
+) -> PreparedSystem:
+    """A system whose macro steps are as long as the tolerance allows."""
+    nominal: list[float] = [0.0] * len(adaptive.OUTPUTS)
+    direct, moving, wires = [False] * len(adaptive.OUTPUTS), [], [*plan.wires]
+    for part in plan.parts:
+        depends, _ = feedthrough(part.description)
+        stated = {v.name: number(v.nominal) for v in part.description.model.modelVariables}
+        for port in part.outputs:
+            one = stated.get(port.variable.name, math.nan)
+            size = one if 0.0 < one < math.inf else 1.0
+            fed = set(depends.get(port.variable.name, ())) & {one.variable.name for one in part.inputs}
+            direct += [bool(fed)] * port.port.size
+            nominal += [size if _moves(port) else 0.0] * port.port.size
+        ports = components[part.name].ports[0]
+        moving += [_moves(port) for port in ports for _ in range(port.port.size)]
+        ends = {port.port.name for port in ports if port.port.instant == "end"}
+        wires += [(s, f"{t}{AT_END}") for s, t in plan.wires if f"{t}{AT_END}" in {f"{part.name}.{e}" for e in ends}]
+    # as for repeated steps: outputs of three instants, and ways back
+    parts = [StepControl(), *components.values()]
+    system = System(parts, wires, plan.timing.tick, plan.scheme, inputs="linear", iterations=2)
+    system.first_tick = plan.timing.first
+    moves = [moving[j] and nominal[source] > 0.0 for j, source in enumerate(system.sources)]
+    tolerance = plan.choice.tolerance
+    assert tolerance is not None
+    system.control = lambda loop, y, u: adaptive.Control(system, loop, y, u, tolerance, nominal, direct, moves)
+    columns = _columns(plan, system, {name: (name, 0) for name in components})
+    columns[adaptive.NAME] = slice(0, len(adaptive.OUTPUTS))
+    return PreparedSystem(system, settled, columns, found, False, forgiven)
+
+
+def _moves(port: FmuPort) -> bool:
+    """Whether its values lie on a line in between."""
+    return port.port.kind == "double" and port.variable.variability == "continuous"
+
+
+def _instance(plan: SystemPlan, part: SystemPart, folder: Path) -> Instance:
+    timing, description = plan.timing, part.description
+    tolerance = description.tolerance
+    if not unvarying(plan):
+        # an error of the FMU's own would be taken for one of the coupling
+        tolerance = min(tolerance or USUAL_TOLERANCE, OWN_SHARE * (plan.choice.tolerance or 1.0))
+    setup = Setup(
+        tolerance,
+        stop_time(timing.ticks, timing.tick, 1),
+        timing.tick * timing.periods[part.path],
+        waiting=True,
+        ramped=not unvarying(plan),
+        lenient=plan.choice.lenient,
+        start=timing.first * timing.tick,
+    )
+    return opened(part.path, description, folder, part.settings, (), setup)
+
+
+def _columns(plan: SystemPlan, system: System, places: Mapping[str, tuple[str, int]]) -> dict[str, slice]:
+    """Of each part, whose outputs begin at a place among those of a component."""
+    starts = {component.name: int(start) for component, start in zip(system.components, system.y_start, strict=False)}
+    found = {}
+    for component in plan.beside.components:
+        found[component.name] = slice(starts[component.name], starts[component.name] + width(component.outputs))
+    for part in plan.parts:
+        owner, offset = places[part.name]
+        first = starts[owner] + offset
+        found[part.name] = slice(first, first + sum(port.port.size for port in part.outputs))
+    return found
+
+
+def _refuse_step(part: SystemPart, step: float) -> None:
+    try:
+        refuse_step(part.description, step, 1)
+    except InputRefused as refusal:
+        raise InputRefused(f"{str(refusal).partition(': choose ')[0]}: choose another --tick-ms or --step") from None
+
+
+class _Solved:
+    """A loop that is to be solved.
+
+    Args:
+        plan: of the system.
+        loop: of it.
+
+    Attributes:
+        path: of the loop, for sentences.
+        cure: what else may be done, for sentences.
+        leading_back: wires on which values lead back in the order of its parts: those that are looked for.
+
+    Raises:
+        InputRefused: values that lead back are no real numbers, or a part makes longer steps.
+    """
+
+    def __init__(self, plan: SystemPlan, loop: AlgebraicLoop):
+        self._names, self.path = loop.parts, loop.path
+        parts = {part.name: part for part in plan.parts if part.name in loop.parts}
+        stuck = [part for part in parts.values() if not _can_be_asked_again(part)]
+        others = [f"--kind {part.path}=model_exchange" for part in stuck if "model_exchange" in part.description.kinds]
+        self.cure = " or ".join([*others, "--loops delay"]) + " does without"
+        order = {name: number for number, name in enumerate(loop.parts)}
+        self.leading_back = [
+            (source, target)
+            for source, target in plan.wires
+            if (first := source.partition(".")[0]) in order
+            and (second := target.partition(".")[0]) in order
+            and order[first] >= order[second]
+        ]
+        file = plan.package.file
+        for part in parts.values():
+            if plan.timing.periods[part.path] > 1:
+                raise InputRefused(f"{file}: {part.path} of the loop {loop.path} has longer steps; {self.cure}")
+            for port in part.inputs:
+                fed = any(target == f"{part.name}.{port.port.name}" for _, target in self.leading_back)
+                if fed and (port.port.kind != "double" or port.variable.variability != "continuous"):
+                    what = f"{part.path}.{port.variable.name} of the loop {loop.path}"
+                    raise InputRefused(f"{file}: {what} is not continuous; {self.cure}")
+        if stuck:
+            why = "has no FMU state to go back to the start of a step (canGetAndSetFMUstate)"
+            raise InputRefused(f"{file}: {stuck[0].path} of the loop {loop.path} {why}; {self.cure}")
+
+    def put_together(
+        self, components: dict[str, Component], wires: list[tuple[str, str]], columns: dict[str, tuple[str, int]]
+    ) -> list[tuple[str, str]]:
+        """Make one of the parts among `components`, at the place of the first; the wires that there are then."""
+        name = "+".join(self._names)
+        members = [components[part] for part in self._names]
+        places = {f"{one.name}.{port.name}": port for one in members for port in one.inputs}
+        inner, outer, given = [], [], []
+        for source, target in wires:
+            inside = [end.partition(".")[0] in self._names for end in (source, target)]
+            if all(inside):
+                inner.append((source, target))
+                continue
+            if inside[1]:
+                port = places[target]
+                # a wire has no more than two names
+                entry = target.replace(".", "__")
+                given.append(Port(entry, port.size, port.unit, port.meaning, port.kind))
+                inner.append((f"{LoopComponent.GIVEN}.{entry}", target))
+                target = f"{name}.{entry}"
+            if inside[0]:
+                source = f"{name}.{source.replace('.', '__')}"
+            outer.append((source, target))
+        loop = LoopComponent(name, tuple(given), members, inner, self.path, self.cure)
+        offset = 0
+        for member in members:
+            columns[member.name] = name, offset
+            offset += len(member.initial_outputs)
+        remaining = [(name, loop) if one == self._names[0] else (one, c) for one, c in components.items()]
+        components.clear()
+        components.update((one, c) for one, c in remaining if one not in self._names)
+        return outer
+
+
+def _can_be_asked_again(part: SystemPart) -> bool:
+    return part.description.kind == "model_exchange" or _can_go_back(part)
+
+
+def _can_go_back(part: SystemPart) -> bool:
+    return bool(getattr(part.description.interface, "canGetAndSetFMUstate", False))
+
+
+class _Settling:
+    """Gives every input what feeds it, in initialisation mode.
+
+    Args:
+        plan: of the system.
+        instances: of its FMUs, in that mode, by the names of parts.
+        solved: loops whose values are looked for.
+    """
+
+    def __init__(self, plan: SystemPlan, instances: Mapping[str, Instance], solved: Sequence[_Solved]):
+        self._plan, self._solved = plan, solved
+        ports = {
+            f"{part.name}.{port.port.name}": (instances[part.name], port)
+            for part in plan.parts
+            for port in part.outputs
+        }
+        inputs = {
+            f"{part.name}.{port.port.name}": (instances[part.name], port) for part in plan.parts for port in part.inputs
+        }
+        led = {
+            (source, target): (*ports[source], *inputs[target])
+            for source, target in plan.wires
+            if source in ports and target in inputs and _readable(*ports[source], inputs[target][1])
+        }
+        given = _given(plan)
+        for start, end in plan.wires:
+            if start in given and end in inputs and np.all(np.isfinite(given[start])):
+                instance, into = inputs[end]
+                _write(instance, into, np.asarray(into.in_fmu(given[start]), dtype=float))
+        back = {wire for loop in solved for wire in loop.leading_back}
+        self._back = [one for wire, one in led.items() if wire in back]
+        self._led = [one for wire, one in led.items() if wire not in back]
+        self._last: dict[int, bytes] = {}
+
+    def settled(self) -> bool:
+        """Whether all agree in the end; False: it never ends.
+
+        Raises:
+            InputRefused: the values of a loop that is to be solved are not found.
+        """
+        if not self._back:
+            return self._handed_on()
+        z = np.concatenate([_read(source, output) for source, output, _, _ in self._back])
+        step, f = np.zeros_like(z), self._residual(z)
+        scale = np.maximum(np.abs(z), LEAST)
+        for _ in range(MOST_PASSES):
+            scale = np.maximum(scale, np.abs(z))
+            if np.all(np.abs(f) <= BOUND * scale):
+                return True
+            step = self._newton(z, f, scale)
+            # halved until it helps
+            for _ in range(10):
+                tried = self._residual(z + step)
+                if np.all(np.isfinite(tried)) and np.abs(tried).max() <= 2.0 * np.abs(f).max():
+                    break
+                step = 0.5 * step
+            z, f = z + step, self._residual(z + step)
+        paths, cure = ", ".join(loop.path for loop in self._solved), self._solved[0].cure
+        raise InputRefused(
+            f"{self._plan.package.file}: no start values of the loop {paths} are found: the residual is "
+            f"{np.max(np.abs(f) / scale):.3g} after {MOST_PASSES} passes, expected at most {BOUND:g}; give start "
+            f"values nearer to them, or {cure}"
+        )
+
+    def _newton(self, z: np.ndarray, f: np.ndarray, scale: np.ndarray) -> np.ndarray:
+        nudge = NUDGE * np.maximum(scale, 1e-3)
+        moved = [self._residual(z + nudge[i] * np.eye(len(z))[i]) for i in range(len(z))]
+        jacobian = np.array([(one - f) / nudge[i] for i, one in enumerate(moved)]).T
+        return np.asarray(-np.linalg.lstsq(jacobian, f, rcond=None)[0], dtype=float)
+
+    def _residual(self, z: np.ndarray) -> np.ndarray:
+        """What becomes of the values that lead back, less themselves."""
+        place = 0
+        for _, output, target, port in self._back:
+            _write(target, port, np.asarray(port.in_fmu(z[place : place + output.port.size]), dtype=float))
+            place += output.port.size
+        self._handed_on()
+        return np.concatenate([_read(source, output) for source, output, _, _ in self._back]) - z
+
+    def _handed_on(self) -> bool:
+        """Hand on what is known, again and again until nothing changes; False: it never ends."""
+        for _ in range(len(self._plan.parts) + 2):
+            changed = False
+            for n, (source, output, target, port) in enumerate(self._led):
+                value = np.asarray(port.in_fmu(_read(source, output)), dtype=float)
+                if np.all(np.isfinite(value)) and self._last.get(n) != value.tobytes():
+                    self._last[n], changed = value.tobytes(), True
+                    _write(target, port, value)
+            if not changed:
+                return True
+        return False
+
+
+def _given(plan: SystemPlan) -> dict[str, np.ndarray]:
+    """What signals beside the FMUs give at the start, by output."""
+    start = np.array([plan.timing.first * plan.timing.tick])
+    found: dict[str, np.ndarray] = {}
+    for component in plan.beside.components:
+        if component.name in plan.beside.signals:
+            rows, _ = play(component, start, np.array([plan.timing.tick]), np.zeros((1, 0)))
+            found |= {f"{component.name}.{name}": np.atleast_1d(values[0])
+                      for name, values in columns(component, rows).items()}  # fmt: skip
+    return found
+
+
+def _readable(source: Instance, output: FmuPort, port: FmuPort) -> bool:
+    """Whether there is something to be read, and to be set, in initialisation mode; a clock has not ticked there."""
+    return source.description.version > 1 and not output.variable.clocks and not port.variable.clocks
+
+
+def _read(instance: Instance, port: FmuPort) -> np.ndarray:
+    return _tried(instance, lambda: instance.read([port.variable]))
+
+
+def _write(instance: Instance, port: FmuPort, value: np.ndarray) -> None:
+    _tried(instance, lambda: instance.write([(port.variable, value if port.variable.size > 1 else float(value[0]))]))
+
+
+def _tried(instance: Instance, call: Callable[[], _T]) -> _T:
+    try:
+        return call()
+    # FMPy's FMICallException and whatever is below it
+    except Exception as problem:
+        quoted = f" (it said: {'; '.join(instance.messages)})" if instance.messages else ""
+        raise InputRefused(f"{instance.description.path}: cannot be initialised: {problem}{quoted}") from None

@@ -1,0 +1,167 @@
+"""Multi-models of Maestro and the INTO-CPS application (JSON): FMUs, connections, parameters, an algorithm.
+
+Its master hands values over between steps, without converting units: Jacobi.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote, urlparse
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import json_of, read_bytes
+from twin.kernel.ssp.package import MOST_STRUCTURE, Package, loose_package
+from twin.kernel.ssp.structure import (
+    Annotation,
+    Connection,
+    DefaultExperiment,
+    Endpoint,
+    ParameterBinding,
+    ParameterSet,
+    ParameterValue,
+    SspComponent,
+    SspSystem,
+    Structure,
+)
+from twin.studies.systems.naming import distinct
+
+FORM = "Maestro multi-model"
+READ = ("fmus", "connections", "parameters", "algorithm", "startTime", "endTime")
+_NAME = re.compile(r"(?P<fmu>\{[^{}]*\})\.(?P<instance>[^.]+)\.(?P<variable>.+)")
+
+
+def multi_model(file: Path) -> Package:
+    """The system of a multi-model; FMUs are where it says, seen from its folder, else from here.
+
+    Raises:
+        InputRefused: no such file, no multi-model, or an FMU that is not there.
+    """
+    where = f"{file}"
+    content = json_of(read_bytes(file, MOST_STRUCTURE), where)
+    if not isinstance(content, dict) or not isinstance(content.get("fmus"), dict) or not content["fmus"]:
+        raise InputRefused(f'{where}: no "fmus"; expected a multi-model of Maestro')
+    files = {key: _file(file, key, source) for key, source in content["fmus"].items()}
+    entries = dict(zip(dict.fromkeys(files.values()), distinct(f"resources/{path.name}" for path in
+                       dict.fromkeys(files.values())), strict=True))  # fmt: skip
+    led = [
+        (start, end)
+        for start, ends in _table(content, "connections", where).items()
+        for end in (ends if isinstance(ends, list) else [ends])
+    ]
+    parameters = _table(content, "parameters", where)
+    reader = _Instances(files, where, [*(end for pair in led for end in pair), *parameters])
+    wires = [Connection(reader.end(start), reader.end(end), suppress_unit_conversion=True) for start, end in led]
+    values: dict[str, list[ParameterValue]] = {}
+    for name, value in parameters.items():
+        end = reader.end(name)
+        values.setdefault(end.element, []).append(_value(end.connector, value, f"{where}: {name}"))
+    parts = tuple(
+        SspComponent(
+            name,
+            entries[files[key]],
+            bindings=(ParameterBinding(ParameterSet(f"{name} values", tuple(values[name]))),) if name in values else (),
+        )
+        for name, key in reader.parts()
+    )
+    step, unsaid = _algorithm(content, where)
+    others = [key for key in content if key not in READ]
+    unsaid += [f"not read: {', '.join(others)}"] if others else []
+    lonely = [key for key in files if key not in reader.used]
+    unsaid += [f"FMUs without an instance: {', '.join(lonely)}"] if lonely else []
+    notes = (Annotation("org.into-cps", f'<Algorithm stepSize="{step!r}"/>'),) if step is not None else ()
+    times = DefaultExperiment(_time(content, "startTime", where), _time(content, "endTime", where), notes)
+    structure = Structure(file.stem, SspSystem(file.stem, parts, tuple(wires)), "", experiment=times)
+    loose = {entry: path for path, entry in entries.items()}
+    return loose_package(file, structure, loose, FORM, "jacobi", tuple(unsaid))
+
+
+class _Instances:
+    """What names in a multi-model mean, and which instances there are.
+
+    Args:
+        files: of the FMUs, by key.
+        where: for sentences.
+        names: all that the multi-model has.
+
+    Attributes:
+        used: keys of FMUs that have an instance.
+    """
+
+    def __init__(self, files: Mapping[str, Path], where: str, names: Sequence[Any]):
+        self._files, self._where = files, where
+        self._found = dict.fromkeys(self._split(name)[:2] for name in names)
+        self.used = {fmu for fmu, _ in self._found}
+
+    def end(self, text: Any) -> Endpoint:
+        """The component and its variable."""
+        fmu, instance, variable = self._split(text)
+        return Endpoint(self._name(fmu, instance), variable)
+
+    def parts(self) -> list[tuple[str, str]]:
+        """(component, FMU), in the order of the FMUs."""
+        keys = list(self._files)
+        return [(self._name(*one), one[0]) for one in sorted(self._found, key=lambda one: keys.index(one[0]))]
+
+    def _split(self, text: Any) -> tuple[str, str, str]:
+        match = _NAME.fullmatch(text) if isinstance(text, str) else None
+        if match is None:
+            raise InputRefused(f"{self._where}: '{text}'; expected {{fmu}}.instance.variable")
+        if match["fmu"] not in self._files:
+            raise InputRefused(f"{self._where}: '{text}': no FMU {match['fmu']}; it has {', '.join(self._files)}")
+        return match["fmu"], match["instance"], match["variable"]
+
+    def _name(self, fmu: str, instance: str) -> str:
+        # two FMUs may have instances of one name
+        twice = sum(name == instance for _, name in self._found) > 1
+        return f"{fmu[1:-1]}_{instance}" if twice else instance
+
+
+def _table(content: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
+    found = content.get(key) or {}
+    if not isinstance(found, dict):
+        raise InputRefused(f'{where}: "{key}" is no table')
+    return found
+
+
+def _file(file: Path, key: str, source: Any) -> Path:
+    if not isinstance(source, str):
+        raise InputRefused(f"{file}: {key} = {source!r}; expected the path of an FMU")
+    path = Path(unquote(urlparse(source).path)) if source.startswith("file:") else Path(source)
+    found = next((one for one in (file.parent / path, path) if one.is_file()), None)
+    if found is None:
+        raise InputRefused(f"{file}: {key}: no such FMU: {source}")
+    return found
+
+
+def _value(name: str, value: Any, where: str) -> ParameterValue:
+    if isinstance(value, bool):
+        return ParameterValue(name, "Boolean", (float(value),))
+    if isinstance(value, int | float) and math.isfinite(value):
+        return ParameterValue(name, "Real", (float(value),))
+    if isinstance(value, str):
+        return ParameterValue(name, "String", (value,))
+    raise InputRefused(f"{where} = {value!r}; expected a number, true, false or text")
+
+
+def _algorithm(content: Mapping[str, Any], where: str) -> tuple[float | None, list[str]]:
+    """(step (s), what is not said of it)."""
+    algorithm = content.get("algorithm")
+    if not isinstance(algorithm, dict):
+        return None, []
+    if algorithm.get("type") != "fixed-step":
+        return None, [f"algorithm {algorithm.get('type')}; steps of one length instead"]
+    size = algorithm.get("size")
+    if isinstance(size, bool) or not isinstance(size, int | float) or not 0.0 < size < math.inf:
+        raise InputRefused(f"{where}: algorithm size = {size!r}; expected a number > 0")
+    return float(size), []
+
+
+def _time(content: Mapping[str, Any], name: str, where: str) -> float | None:
+    value = content.get(name)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputRefused(f"{where}: {name} = {value!r}; expected a number")
+    return float(value)

@@ -1,0 +1,179 @@
+"""OspSystemStructure.xml of the Open Simulation Platform (schema 0.1), the format of libcosim.
+
+Its master steps all simulators at once and hands values over between steps, without converting units: Jacobi.
+"""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from urllib.parse import unquote, urlparse
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import read_bytes, xml_of
+from twin.kernel.fmi.description import described
+from twin.kernel.ssp.package import MOST_STRUCTURE, Package, loose_package
+from twin.kernel.ssp.structure import (
+    Annotation,
+    Connection,
+    DefaultExperiment,
+    Endpoint,
+    ParameterBinding,
+    ParameterSet,
+    ParameterValue,
+    SspComponent,
+    SspSystem,
+    Structure,
+    Transformation,
+    finite,
+    inside,
+    listed,
+    local,
+    named,
+    number,
+    unique,
+)
+from twin.studies.systems.naming import distinct
+
+FORM = "OSP system structure"
+NAME = "OspSystemStructure.xml"
+STEP = "com.opensimulationplatform"
+UNSUPPORTED = {
+    "Sum": "a sum of signals",
+    "VectorSum": "a sum of signals",
+    "VariableGroupConnection": "a connection of groups, which other files define",
+    "SignalGroupConnection": "a connection of groups, which other files define",
+}
+"""Elements that are not read, and what they are."""
+
+
+def osp_system(file: Path) -> Package:
+    """The system of an OspSystemStructure.xml; FMUs are where their sources say, seen from the file.
+
+    Raises:
+        InputRefused: no such file, an FMU that is not there, or what is not supported.
+    """
+    where = f"{file}"
+    root = xml_of(read_bytes(file, MOST_STRUCTURE), where)
+    if local(root) != "OspSystemStructure":
+        raise InputRefused(f"{where}: <{local(root)}>; expected <OspSystemStructure>")
+    simulators = listed(root, "Simulators", "Simulator")
+    unique((named(one, "name", where) for one in simulators), "simulators", where)
+    files = {one.get("name", ""): _source(file, named(one, "source", where)) for one in simulators}
+    entries = dict(zip(dict.fromkeys(files.values()), distinct(_entry(path) for path in dict.fromkeys(files.values())),
+                       strict=True))  # fmt: skip
+    parts = tuple(_component(one, entries[files[one.get("name", "")]], where) for one in simulators)
+    system = SspSystem(file.parent.name or "system", parts, tuple(_Wiring(root, files, where).connections()))
+    start, stop, step = (_number(root, name, where) for name in ("StartTime", "EndTime", "BaseStepSize"))
+    notes = (Annotation(STEP, f'<Algorithm baseStepSize="{step!r}"/>'),) if step is not None else ()
+    structure = Structure(system.name, system, "0.1", experiment=DefaultExperiment(start, stop, notes))
+    algorithm = next((one.text or "" for one in inside(root, "Algorithm")), "fixedStep").strip()
+    unsaid = [f"algorithm {algorithm}; steps of one length instead"] if algorithm != "fixedStep" else []
+    bonds = [one for one in listed(root, "Connections", "VariableConnection") if one.get("powerBond")]
+    unsaid += ["power bonds, whose connections are taken one by one"] if bonds else []
+    return loose_package(
+        file, structure, {entry: path for path, entry in entries.items()}, FORM, "jacobi", tuple(unsaid)
+    )
+
+
+def _entry(path: Path) -> str:
+    return f"resources/{path.name}"
+
+
+def _source(file: Path, source: str) -> Path:
+    url = urlparse(source)
+    # a drive of Windows is no scheme
+    if url.scheme not in ("", "file") and len(url.scheme) > 1:
+        raise InputRefused(f"{file}: source '{source}' is not a file; expected an FMU on this machine")
+    path = (file.parent / unquote(url.path)) if url.scheme in ("", "file") else Path(source)
+    if not path.is_file():
+        raise InputRefused(f"{file}: source '{source}': no such FMU at {path}")
+    return path
+
+
+def _component(element: ET.Element, entry: str, where: str) -> SspComponent:
+    name = named(element, "name", where)
+    values = []
+    for one in listed(element, "InitialValues", "InitialValue"):
+        variable = named(one, "variable", f"{where}: {name}")
+        if len(one) != 1:
+            raise InputRefused(f"{where}: {name}.{variable}: expected one value")
+        kind, text = local(one[0]), one[0].get("value", "")
+        place = f"{where}: {name}.{variable}"
+        if kind not in ("Real", "Integer", "Boolean", "String"):
+            raise InputRefused(f"{place}: a value of type {kind}; expected Real, Integer, Boolean or String")
+        value: float | str = text
+        if kind == "Boolean":
+            value = float(text.strip() in ("true", "1"))
+        elif kind != "String":
+            value = finite(text, place)
+        values.append(ParameterValue(variable, kind, (value,)))  # type: ignore[arg-type]
+    unique((value.name for value in values), f"values of '{name}'", where)
+    bound = (ParameterBinding(ParameterSet(f"{name} values", tuple(values))),) if values else ()
+    step = number(element, "stepSize", where, 0.0)
+    notes = (Annotation(STEP, f'<Simulator stepSize="{step!r}"/>'),) if step > 0.0 else ()
+    return SspComponent(name, entry, bindings=bound, annotations=notes)
+
+
+def _number(root: ET.Element, name: str, where: str) -> float | None:
+    found = inside(root, name)
+    return finite((found[0].text or "").strip(), f"{where}: <{name}>") if found else None
+
+
+class _Wiring:
+    """Connections of variables, those through a linear transformation as one each."""
+
+    def __init__(self, root: ET.Element, files: dict[str, Path], where: str):
+        self._files, self._where = files, where
+        self._elements = [one for group in inside(root, "Connections") for one in group]
+        functions = [one for group in inside(root, "Functions") for one in group]
+        for one in (*functions, *self._elements):
+            if local(one) in UNSUPPORTED:
+                raise InputRefused(
+                    f"{where}: <{local(one)}>{' ' + one.get('name', '') if one.get('name') else ''}: "
+                    f"{UNSUPPORTED[local(one)]}, which is not supported; connect variables one by one"
+                )
+        self._lines = {
+            named(one, "name", where): Transformation(
+                number(one, "factor", where, 1.0), number(one, "offset", where, 0.0)
+            )
+            for one in functions
+        }
+
+    def connections(self) -> list[Connection]:
+        found, into, out = [], dict[str, Endpoint](), list[tuple[str, Endpoint]]()
+        for one in self._elements:
+            if local(one) == "SignalConnection":
+                signal, variable = inside(one, "Signal"), inside(one, "Variable")
+                if len(signal) != 1 or len(variable) != 1:
+                    raise InputRefused(f"{self._where}: a signal connection without one signal and one variable")
+                function, end = named(signal[0], "function", self._where), self._end(variable[0])
+                if function not in self._lines:
+                    raise InputRefused(f"{self._where}: no function '{function}'")
+                if signal[0].get("name") == "in":
+                    into[function] = end
+                else:
+                    out.append((function, end))
+            else:
+                ends = [self._end(each) for each in inside(one, "Variable")]
+                if len(ends) != 2:
+                    raise InputRefused(f"{self._where}: a connection with {len(ends)} variables; expected 2")
+                found.append(self._directed(ends[0], ends[1]))
+        for function, end in out:
+            if function not in into:
+                raise InputRefused(f"{self._where}: nothing gets into the function '{function}'")
+            found.append(Connection(into[function], end, self._lines[function], True))
+        return found
+
+    def _end(self, element: ET.Element) -> Endpoint:
+        return Endpoint(named(element, "simulator", self._where), named(element, "name", self._where))
+
+    def _directed(self, first: Endpoint, second: Endpoint) -> Connection:
+        """From the one that is no input to the other."""
+        if self._is_input(first) and not self._is_input(second):
+            first, second = second, first
+        return Connection(first, second, suppress_unit_conversion=True)
+
+    def _is_input(self, end: Endpoint) -> bool:
+        if end.element not in self._files:
+            raise InputRefused(f"{self._where}: no simulator '{end.element}'; it has {', '.join(self._files)}")
+        variable = described(self._files[end.element]).variables.get(end.connector)
+        return variable is not None and variable.causality == "input"

@@ -1,0 +1,49 @@
+"""Systems of FMUs from files of any kind: what a file is, is seen from its name."""
+
+import os
+from pathlib import Path
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi.description import described
+from twin.kernel.ssp.package import Package, loose_package, read_package
+from twin.kernel.ssp.structure import SspComponent, SspSystem, Structure
+from twin.studies.systems.multi_model import multi_model
+from twin.studies.systems.naming import SINGLE, word
+from twin.studies.systems.osp import NAME, osp_system
+
+EXPECTED = "an SSP archive, an FMU, an OspSystemStructure.xml or a multi-model (JSON)"
+
+
+def read_system(file: Path) -> Package:
+    """The system that `file` says: an SSP archive, an FMU by itself, an OspSystemStructure.xml or the folder that has
+    one, or a multi-model of Maestro.
+
+    Raises:
+        InputRefused: no such file, or not a whole one of its kind.
+    """
+    if os.path.isdir(file) and os.path.isfile(file / NAME):
+        file = file / NAME
+    # not Path.is_file, which raises for a name that is too long
+    if not os.path.isfile(file):
+        raise InputRefused(f"{file}: no such file; expected {EXPECTED}")
+    kind = file.suffix.lower()
+    if kind == ".fmu":
+        return single(file)
+    if kind == ".xml":
+        return osp_system(file)
+    return multi_model(file) if kind == ".json" else read_package(file)
+
+
+def single(file: Path) -> Package:
+    """A system of one FMU, called as its file is.
+
+    Raises:
+        InputRefused: no FMU that can be used.
+    """
+    name = word(file.stem)
+    structure = Structure(
+        name,
+        SspSystem(name, (SspComponent(name, file.name),)),
+        version=described(file).model.fmiVersion,
+    )
+    return loose_package(file, structure, {file.name: file}, SINGLE)

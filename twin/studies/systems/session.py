@@ -1,0 +1,448 @@
+"""Systems of FMUs from Python: loaded, wired, stepped, asked, set, saved and observed. Here and in `twin cosim` one
+plan and one loop make the run, so both give the same bits."""
+
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.interpolation import Scheme
+from twin.kernel.cosim.port import places
+from twin.kernel.cosim.python_class import PythonComponent, PythonModel
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.cosim.state import SavedState, SystemState
+from twin.kernel.cosim.system import System
+from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.fmi.component import FmuComponent
+from twin.kernel.fmi.description import described
+from twin.kernel.fmi.variable import Value, Variable, set_to
+from twin.kernel.recording.messages import FIELD_NAME
+from twin.kernel.recording.writer import EVENTS
+from twin.kernel.ssp.package import loose_package
+from twin.kernel.ssp.structure import (
+    Connection,
+    DefaultExperiment,
+    Endpoint,
+    SspComponent,
+    SspSystem,
+    Structure,
+    Transformation,
+)
+from twin.studies.systems.additions import INPUTS, Additions
+from twin.studies.systems.beside import Beside, Feed
+from twin.studies.systems.choice import MasterChoice
+from twin.studies.systems.coupling import PreparedSystem
+from twin.studies.systems.naming import matching
+from twin.studies.systems.plan import SystemPlan
+from twin.studies.systems.reading import read_system
+from twin.studies.systems.recorded import opened
+
+FORM = "Python"
+_PORT = re.compile(r"(?P<name>[^\[]+)(\[\d+\])?")
+
+
+class ObservedSeries:
+    """Observed signals: `series["motor.omega"]` is an array (n,), or (n, size); `series.t` its times (s), (n,)."""
+
+    def __init__(self, columns: Mapping[str, slice], tick: float):
+        self._columns, self._tick = columns, tick
+        self._rows: list[np.ndarray] = []
+        self._first = self._next = 0
+
+    @property
+    def names(self) -> list[str]:
+        """What is observed."""
+        return list(self._columns)
+
+    @property
+    def t(self) -> np.ndarray:
+        """Times of the rows (s), (n,)."""
+        return self._tick * np.arange(self._first, self._next)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """Values of an observed signal.
+
+        Raises:
+            InputRefused: it is not observed.
+        """
+        if name not in self._columns:
+            raise InputRefused(f"'{name}' is not observed; {nearest(name, self._columns, 'it has {}')}")
+        place = self._columns[name]
+        values = np.concatenate([np.empty((0, place.stop - place.start)), *(rows[:, place] for rows in self._rows)])
+        return values[:, 0] if place.stop - place.start == 1 else values
+
+    def _take(self, first: int, rows: np.ndarray) -> None:
+        if not self._rows or first < self._first:
+            self._rows, self._first = [], first
+        # what came after a state that was gone back to
+        while self._rows and self._next > first:
+            last = self._rows.pop()
+            self._next -= len(last)
+            if self._next < first:
+                self._rows.append(last[: first - self._next])
+                self._next = first
+        self._rows.append(rows)
+        self._next = first + len(rows)
+
+
+class Cosimulation:
+    """A co-simulation of FMUs, and of components in Python between them.
+
+    Args:
+        tick: length of a step (s); None: as `read` finds it, or the shortest that an FMU states.
+        stop: when the run ends at the latest (s); FMUs get it, too.
+        scheme: "gauss_seidel": components step one after the other as they were loaded, each sees the newest values of
+            those before it; "jacobi": all see the values from the start of the step.
+    """
+
+    def __init__(self, tick: float | None = None, stop: float | None = None, scheme: Scheme | None = None):
+        self._tick, self._stop, self._scheme = tick, stop, scheme
+        self._files: dict[str, Path] = {}
+        self._others: dict[str, Component] = {}
+        self._order: list[str] = []
+        self._wires: list[tuple[str, str, Transformation]] = []
+        self._settings: dict[str, str] = {}
+        self._inputs: list[str] = []
+        self._system: Path | None = None
+        self._watched: list[tuple[ObservedSeries, np.ndarray]] = []
+        self._open = ExitStack()
+        self._running: tuple[SystemPlan, PreparedSystem, Simulation] | None = None
+
+    @classmethod
+    def read(
+        cls, file: str | Path, tick: float | None = None, stop: float | None = None, scheme: Scheme | None = None
+    ) -> Self:
+        """The system of a file, as `twin cosim` takes it; arguments but `file` as of the class.
+
+        Raises:
+            InputRefused: no such file.
+        """
+        made = cls(tick, stop, scheme)
+        made._system = Path(file)
+        read_system(made._system)
+        return made
+
+    def load(self, name: str, fmu: str | Path, start: Mapping[str, Value] | None = None, **more: Value) -> None:
+        """Take an FMU into the system.
+
+        Args:
+            name: of the component: letters, digits and _.
+            fmu: its file.
+            start: values of parameters and inputs before initialisation, in the FMU's units; `more` the same.
+
+        Raises:
+            InputRefused: no FMU that can be used, or a name that is taken. A wrong value is refused at the first step.
+        """
+        self._named(name)
+        described(Path(fmu))
+        self._files[name] = Path(fmu)
+        for variable, value in {**(start or {}), **more}.items():
+            self._settings[f"{name}.{variable}"] = _text(value)
+
+    def add(
+        self, name: str, model: PythonModel | Component, period: int = 1, initial: Sequence[float] | None = None
+    ) -> None:
+        """Take a component of another kind into the system.
+
+        Args:
+            name: of the component.
+            model: an object with `inputs`, `outputs`, `sampled` and `step(t, h, u, y)`; or a `Component`.
+            period: ticks from one step to the next.
+            initial: its outputs before the first step; zeros if not given.
+
+        Raises:
+            InputRefused: a name that is taken.
+        """
+        self._named(name)
+        if isinstance(model, Component):
+            model.name = name
+            self._others[name] = model
+        else:
+            self._others[name] = PythonComponent(name, model, period, initial)
+
+    def wire(self, output: str, input: str, factor: float = 1.0, offset: float = 0.0) -> None:
+        """Connect "component.output" with "component.input"; units are converted.
+
+        Args:
+            output: where the value comes from.
+            input: where it goes to.
+            factor, offset: the input gets factor * value + offset; between FMUs alone.
+
+        Raises:
+            InputRefused: the system runs already.
+        """
+        self._refuse_running("wires")
+        self._wires.append((output, input, Transformation(factor, offset)))
+
+    def feed(self, input: str, signal: str) -> None:
+        """Give an input a signal over time: an expression, `FILE.csv:COLUMN` or `RUN.mcap:SIGNAL`, as `--input` does.
+
+        Raises:
+            InputRefused: the system runs already. A wrong signal is refused at the first step.
+        """
+        self._refuse_running("signals")
+        self._inputs.append(f"{input}={signal}")
+
+    def step(self, ticks: int = 1) -> None:
+        """Go on by so many ticks, the first time from initialisation.
+
+        Raises:
+            InputRefused: the system cannot be made, or it would go beyond `stop`.
+            ComponentFailed: a component failed; what was observed until then stays.
+        """
+        _, _, simulation = self._run()
+        if ticks < 1 or simulation.next_tick + ticks > simulation.last_tick + 1:
+            left = simulation.last_tick + 1 - simulation.next_tick
+            raise InputRefused(f"{ticks} steps at t = {self.t:g} s; expected 1 .. {left}, until stop")
+        self._advance(ticks)
+
+    def run(self) -> None:
+        """Go on until `stop`; the last row is that of `stop`. Errors as of `step`."""
+        _, _, simulation = self._run()
+        self._advance(simulation.last_tick + 1 - simulation.next_tick)
+
+    @property
+    def t(self) -> float:
+        """Where the system stands (s)."""
+        plan, _, simulation = self._run()
+        return min(simulation.next_tick, simulation.last_tick) * plan.timing.tick
+
+    def get(self, name: str) -> float | np.ndarray:
+        """The present value of "component.variable", of an FMU in its own unit: a number, or (size,) of an array.
+
+        Raises:
+            InputRefused: there is none, or it is no number.
+            ComponentFailed: the FMU does not say it.
+        """
+        component, variable = self._place(name)
+        simulation = self._run()[2]
+        if isinstance(component, FmuComponent):
+            found = self._variable(component, variable)
+            if found.kind < 0:
+                raise InputRefused(f"{name} is {found.type}; expected a number")
+            values = component.instance.read([found])
+        else:
+            ports = places(component.outputs)
+            if variable not in ports:
+                raise InputRefused(f"{component.name} has no output '{variable}'; {nearest(variable, ports)}")
+            values = simulation.outputs(component)[ports[variable]].copy()
+        return float(values[0]) if len(values) == 1 else values
+
+    def set(self, name: str, value: Value) -> None:
+        """Set "component.variable": before the first step what may be set then, afterwards an input that nothing feeds,
+        or a tunable parameter. It holds until it is set again.
+
+        Raises:
+            InputRefused: it cannot be set, or not to this value.
+            ComponentFailed: the FMU refuses.
+        """
+        if self._running is None:
+            self._settings[name] = _text(value)
+            return
+        component, variable = self._place(name)
+        if not isinstance(component, FmuComponent):
+            raise InputRefused(f"{component.name} is no FMU; set an attribute of its object")
+        found = self._variable(component, variable)
+        fed = {port.variable.name for port in component.ports[0]}
+        if found.name in fed:
+            raise InputRefused(f"{name} is fed by a connection; remove that, or set what feeds it")
+        if found.causality != "input" and found.variability != "tunable":
+            its = f"{found.variability} {found.causality}"
+            raise InputRefused(f"{name} is a {its}; inputs and tunable parameters can be set now")
+        component.instance.write([(found, set_to(component.instance.description.path, found, value))])
+
+    def observe(self, *patterns: str) -> ObservedSeries:
+        """What outputs that match one of `patterns` are from now on, a row for each tick that is over; all if none is
+        given.
+
+        Raises:
+            InputRefused: a pattern means nothing.
+        """
+        _, made, _ = self._run()
+        known = {name: place for component in made.system.components
+                 for name, place in _columns(made.system, component)}  # fmt: skip
+        names: dict[str, None] = {}
+        for pattern in patterns or ("*",):
+            found = matching(pattern, known)
+            if not found:
+                raise InputRefused(f"no output is called {pattern}; {nearest(pattern, known)}")
+            names |= dict.fromkeys(found)
+        chosen = np.concatenate([np.arange(known[name].start, known[name].stop) for name in names])
+        columns, place = {}, 0
+        for name in names:
+            size = known[name].stop - known[name].start
+            columns[name], place = slice(place, place + size), place + size
+        series = ObservedSeries(columns, made.system.tick)
+        self._watched.append((series, chosen))
+        return series
+
+    def state(self) -> SystemState:
+        """The state here, for `restore`.
+
+        Raises:
+            InputRefused: a component has none.
+            ComponentFailed: an FMU refuses.
+        """
+        return self._run()[2].state()
+
+    def restore(self, state: SystemState | SavedState) -> None:
+        """Go back, or on, to where `state` was taken; rows of what was after it are replaced by those that come now.
+
+        Raises:
+            InputRefused: it is of another system.
+            ComponentFailed: an FMU refuses.
+        """
+        self._run()[2].restore(state)
+
+    def close(self) -> None:
+        """Free the FMUs; safe to call twice."""
+        self._running = None
+        self._open.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _advance(self, ticks: int) -> None:
+        _, _, simulation = self._run()
+        while ticks > 0:
+            first = simulation.next_tick
+            rows = simulation.advance(ticks)
+            for series, chosen in self._watched:
+                series._take(first, rows[:, chosen])
+            ticks -= len(rows)
+            if simulation.failure:
+                raise simulation.failure
+
+    def _run(self) -> tuple[SystemPlan, PreparedSystem, Simulation]:
+        """The running system, made at the first time."""
+        if self._running is None:
+            additions = Additions([f"{name}={text}" for name, text in self._settings.items()], inputs=self._inputs)
+            if self._system is not None:
+                package, beside = read_system(self._system), Beside()
+                if self._order or self._wires:
+                    raise InputRefused(f"{self._system}: a system of a file takes no more components or wires")
+            else:
+                if self._stop is None:
+                    raise InputRefused("Cosimulation: no end is given; expected stop=SECONDS")
+                package = loose_package(Path(FORM), self._structure(), self._entries(), FORM)
+                beside = self._beside()
+            plan, made = self._open.enter_context(
+                opened(package, MasterChoice(self._tick, None, self._stop, self._scheme), False, additions, beside)
+            )
+            self._running = plan, made, Simulation(made.system, plan.timing.ticks)
+        return self._running
+
+    def _entries(self) -> dict[str, Path]:
+        return {f"{name}.fmu": file for name, file in self._files.items()}
+
+    def _structure(self) -> Structure:
+        parts = tuple(SspComponent(name, f"{name}.fmu") for name in self._files)
+        connections = tuple(
+            Connection(start, end, line)
+            for start, end, line in ((self._end(a), self._end(b), line) for a, b, line in self._wires)
+            if start.element in self._files and end.element in self._files
+        )
+        return Structure(FORM, SspSystem(FORM, parts, connections), experiment=DefaultExperiment(stop=self._stop))
+
+    def _beside(self) -> Beside:
+        feeds, drains, wires = [], [], []
+        for output, input, line in self._wires:
+            start, end = self._end(output), self._end(input)
+            inside = [one.element in self._files for one in (start, end)]
+            if all(inside):
+                continue
+            if line != Transformation():
+                raise InputRefused(
+                    f"the wire from {output} to {input}: a factor or an offset; leave that to the Python"
+                )
+            if inside[1]:
+                port = self._port(start, "outputs")
+                size = 1 if "[" in start.connector else port.size
+                unit = "" if port.unit == "1" else port.unit
+                feeds.append(Feed(end, output, f"the wire from {output} to {input}", unit, size=size))
+            elif inside[0]:
+                self._refuse_units(start, self._port(end, "inputs").unit, output, input)
+                drains.append((start, input))
+            else:
+                wires.append((output, input))
+        order = [*([INPUTS] if self._inputs else []), *self._order]
+        return Beside(tuple(self._others.values()), tuple(feeds), tuple(drains), tuple(wires), tuple(order))
+
+    def _refuse_units(self, start: Endpoint, unit: str, output: str, input: str) -> None:
+        """What leaves an FMU is in its own unit."""
+        variable = described(self._files[start.element]).variables.get(start.connector)
+        if variable is not None and unit not in ("1", variable.unit):
+            raise InputRefused(
+                f"the wire from {output} in '{variable.unit}' to {input} in '{unit}'; a component in Python gets what "
+                "the FMU gives: declare that unit"
+            )
+
+    def _end(self, name: str) -> Endpoint:
+        component, _, variable = name.partition(".")
+        if component not in self._order or not variable:
+            raise InputRefused(f"'{name}': no such component; {nearest(component, self._order)}")
+        return Endpoint(component, variable)
+
+    def _port(self, end: Endpoint, side: str) -> Any:
+        match = _PORT.fullmatch(end.connector)
+        ports = {port.name: port for port in getattr(self._others[end.element], side)}
+        name = match["name"] if match else end.connector
+        if name not in ports:
+            raise InputRefused(f"{end.element} has no '{name}' among its {side}; {nearest(name, ports)}")
+        return ports[name]
+
+    def _place(self, name: str) -> tuple[Component, str]:
+        plan, made, _ = self._run()
+        called = {part.path: part.name for part in plan.parts} | {one.name: one.name for one in plan.beside.components}
+        path = max((path for path in called if name.startswith(f"{path}.")), key=len, default="")
+        if not path:
+            raise InputRefused(f"'{name}': no such component; {nearest(name.partition('.')[0], called)}")
+        component = next(one for one in made.system.components if one.name == called[path])
+        return component, name.removeprefix(f"{path}.")
+
+    def _variable(self, component: FmuComponent, name: str) -> Variable:
+        variables = component.instance.description.variables
+        if name not in variables:
+            raise InputRefused(f"{component.name} has no variable '{name}'; {nearest(name, variables)}")
+        return variables[name]
+
+    def _named(self, name: str) -> None:
+        self._refuse_running("components")
+        if not FIELD_NAME.fullmatch(name) or name in (EVENTS, INPUTS):
+            raise InputRefused(f"'{name}': expected a name of letters, digits and _, and not {EVENTS} or {INPUTS}")
+        if name in self._order:
+            raise InputRefused(f"two components are called '{name}'; give each a name of its own")
+        self._order.append(name)
+
+    def _refuse_running(self, what: str) -> None:
+        if self._running is not None:
+            raise InputRefused(f"the system runs already; give it its {what} before the first step")
+
+
+def _columns(system: System, component: Component) -> list[tuple[str, slice]]:
+    begin = int(system.y_start[system.components.index(component)])
+    return [
+        (f"{component.name}.{name}", slice(begin + place.start, begin + place.stop))
+        for name, place in places(component.outputs).items()
+    ]
+
+
+def _text(value: Value) -> str:
+    """A value as `--set` says it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Sequence | np.ndarray):
+        return f"[{', '.join(_text(one) for one in value)}]"
+    return repr(float(value))

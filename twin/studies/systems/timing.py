@@ -1,0 +1,194 @@
+"""How long a system is run, in which steps, and in which order: what is asked, else what its files say."""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import xml_of
+from twin.kernel.fmi.description import FmuDescription, stated_step
+from twin.kernel.fmi.variable import number
+from twin.kernel.ssp.flat import FlatSystem
+from twin.kernel.ssp.package import Package
+from twin.kernel.ssp.structure import Annotation, local
+from twin.studies.systems.choice import MasterChoice
+from twin.studies.systems.naming import SINGLE
+
+MOST_TICKS = 1e12
+SAMPLES = 500
+"""Steps, or some more, of an FMU that states neither how long they are: as many as FMPy takes."""
+STEPS = ("stepSize", "baseStepSize")
+"""What OMSimulator and libcosim call the length of a step in annotations."""
+ORDER = "twin.order"
+"""Type of the annotation of a system that says in which order its components step."""
+CLOSE = 1e-6
+"""Of a step, by which a multiple of it may be missed."""
+
+
+class Timing(NamedTuple):
+    """When a run begins and ends, and in which steps.
+
+    Attributes:
+        tick: length of a step (s).
+        source: who says so.
+        first, ticks: of the run, the first tick and the last one, which gets no step.
+        stop_source: who says when it ends; "": the system or the user.
+        periods: by component, its step in ticks.
+    """
+
+    tick: float
+    source: str
+    first: int
+    ticks: int
+    stop_source: str
+    periods: Mapping[str, int]
+
+    @property
+    def duration(self) -> float:
+        """Of the run (s)."""
+        return (self.ticks - self.first) * self.tick
+
+
+def timing(
+    package: Package, flat: FlatSystem, descriptions: Mapping[str, FmuDescription], choice: MasterChoice
+) -> Timing:
+    """As the user asks, else as the system says, else as its FMUs say.
+
+    Args:
+        package, flat: the system.
+        descriptions: of the FMUs, by component.
+        choice: what is asked.
+
+    Raises:
+        InputRefused: it is not stated, which names all that is missing; or the run does not begin and end with a step
+            of each component.
+    """
+    steps = _steps(package, flat, choice)
+    length, source = (choice.tick, "--tick-ms") if choice.tick is not None else _stated(package, descriptions, steps)
+    experiment, stop_source = package.structure.experiment, ""
+    end = experiment.stop if choice.stop is None else choice.stop
+    if end is None:
+        end, stop_source = _latest_end(descriptions)
+    if length is None and package.form == SINGLE and end is not None and end > 0.0:
+        length, source = _rounded(end / SAMPLES), f"a {SAMPLES}th of the run, as the FMU states none"
+    missing = [
+        *(["step size (give --tick-ms)"] if length is None else []),
+        *(["stop time (give --stop-s)"] if end is None else []),
+    ]
+    if length is None or end is None:
+        raise InputRefused(f"{package.file}: neither the structure nor an FMU states a {' and a '.join(missing)}")
+    begin = choice.start if choice.start is not None else experiment.start
+    begin = _common_start(descriptions) if begin is None else begin
+    if begin < 0.0:
+        raise InputRefused(f"{package.file}: starts at {begin:g} s; expected 0 or later: give --start-s")
+    if not 0.0 < (end - begin) / length < MOST_TICKS or end / length >= MOST_TICKS:
+        raise InputRefused(
+            f"{package.file}: from {begin:g} to {end:g} s in steps of {length:g} s; expected at least one step, and "
+            f"fewer than {MOST_TICKS:g}"
+        )
+    first = _whole(begin, length, f"{package.file}: the start at {begin:g} s", "set --start-s or --tick-ms")
+    last = _whole(end, length, f"{package.file}: {end:g} s", "set --stop-s or --tick-ms")
+    if last <= first:
+        raise InputRefused(f"{package.file}: from {begin:g} to {end:g} s, less than a step of {1e3 * length:g} ms")
+    periods = dict.fromkeys(descriptions, 1)
+    for path, step in steps.items():
+        where = f"{package.file}: the step of {path}, {1e3 * step:g} ms,"
+        periods[path] = max(1, _whole(step, length, where, "set --step or --tick-ms"))
+        if first % periods[path] or last % periods[path]:
+            raise InputRefused(
+                f"{where} does not fit a run from {begin:g} to {end:g} s; expected both to be whole multiples of it"
+            )
+    return Timing(length, source, first, last, stop_source, periods)
+
+
+def _rounded(step: float) -> float:
+    """The next shorter of 1, 2 and 5 times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(step))
+    return next(times * power for times in (5.0, 2.0, 1.0) if times * power <= step * (1.0 + 1e-9))
+
+
+def ordered(package: Package, flat: FlatSystem, choice: MasterChoice) -> list[str]:
+    """The components in the order in which they step: asked for, else annotated, else that of the file.
+
+    Raises:
+        InputRefused: the annotation names what is no component.
+    """
+    asked = list(choice.order) or list(_annotated_order(package, flat))
+    return [*asked, *(path for path in flat.components if path not in asked)]
+
+
+def _annotated_order(package: Package, flat: FlatSystem) -> Iterator[str]:
+    for note in package.structure.system.annotations:
+        if note.type == ORDER and note.content:
+            where = f"{package.file}: annotation {ORDER}"
+            for element in xml_of(note.content.encode(), where).iter():
+                if local(element) == "component":
+                    name = element.get("name", "")
+                    if name not in flat.components:
+                        raise InputRefused(f"{where}: '{name}' is not a component of the system")
+                    yield name
+
+
+def _whole(time: float, step: float, what: str, cure: str) -> int:
+    count = round(time / step)
+    if abs(count * step - time) > CLOSE * step:
+        raise InputRefused(f"{what} is not a whole number of steps of {1e3 * step:g} ms; {cure}")
+    return count
+
+
+def _steps(package: Package, flat: FlatSystem, choice: MasterChoice) -> dict[str, float]:
+    """By component the step that is asked for, or annotated at it (s)."""
+    found = {}
+    for path, component in flat.components.items():
+        noted = next(_noted(component.annotations, f"{package.file}: {path}"), None)
+        step = choice.steps.get(path) or (noted[0] if noted else None)
+        # a run with steps of varying length leaves what is annotated alone
+        if step is not None and choice.tolerance is None:
+            found[path] = step
+    return found
+
+
+def _noted(annotations: tuple[Annotation, ...], where: str) -> Iterator[tuple[float, str]]:
+    """(step (s), type of the annotation) of those that state one."""
+    for note in annotations:
+        for element in xml_of(note.content.encode(), f"{where}: annotation {note.type}").iter() if note.content else ():
+            for name in STEPS:
+                if 0.0 < (step := number(element.get(name))) < math.inf:
+                    yield step, note.type
+
+
+def _stated(
+    package: Package, descriptions: Mapping[str, FmuDescription], own: Mapping[str, float]
+) -> tuple[float | None, str]:
+    """The length of a step (s), and who says so: a tool in the structure, else who wants the shortest."""
+    structure = package.structure
+    notes = (*structure.experiment.annotations, *structure.system.annotations, *structure.annotations)
+    for step, type_ in _noted(notes, f"{package.file}"):
+        return step, f"an annotation of the structure ({type_})"
+    wanted = {path: step for path, one in descriptions.items() if 0.0 < (step := stated_step(one)) < math.inf}
+    wanted |= own
+    if not wanted:
+        return None, ""
+    shortest = min(wanted, key=lambda path: wanted[path])
+    return wanted[shortest], f"what the FMU of {shortest} wants{'' if len(wanted) == 1 else ', the shortest'}"
+
+
+def _latest_end(descriptions: Mapping[str, FmuDescription]) -> tuple[float | None, str]:
+    """The latest stop time (s) that an FMU states, and which one; (None, ""): none does."""
+    ends = {path: _experiment(one, "stopTime") for path, one in descriptions.items()}
+    ends = {path: end for path, end in ends.items() if 0.0 < end < math.inf}
+    if not ends:
+        return None, ""
+    latest = max(ends, key=lambda path: ends[path])
+    return ends[latest], f"the default experiment of {latest}{'' if len(ends) == 1 else ', the longest'}"
+
+
+def _common_start(descriptions: Mapping[str, FmuDescription]) -> float:
+    """The start time (s) of all FMUs that state one; 0 if they differ."""
+    starts = {start for one in descriptions.values() if math.isfinite(start := _experiment(one, "startTime"))}
+    return starts.pop() if len(starts) == 1 else 0.0
+
+
+def _experiment(description: FmuDescription, name: str) -> float:
+    """A number of an FMU's DefaultExperiment; NaN: not stated."""
+    return number(getattr(description.model.defaultExperiment, name, None))

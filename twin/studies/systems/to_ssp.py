@@ -1,0 +1,157 @@
+"""A system as an SSP 1.0 archive: what `twin cosim` has read, in the form that the standard gives it."""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+from twin.kernel.archive import content_of, zipped
+from twin.kernel.cosim.interpolation import Scheme
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi.variable import Variable
+from twin.kernel.ssp.package import MOST_FMU, SCHEME
+from twin.kernel.ssp.ssd import structure_xml
+from twin.kernel.ssp.structure import (
+    REALS,
+    STRUCTURE,
+    WHOLES,
+    Annotation,
+    Connector,
+    ConnectorKind,
+    DefaultExperiment,
+    Implementation,
+    ParameterBinding,
+    ParameterSet,
+    ParameterValue,
+    SspComponent,
+    SspSystem,
+    Structure,
+)
+from twin.studies.systems.plan import SystemPlan
+from twin.studies.systems.timing import ORDER
+
+STEP = "twin.step"
+KINDS: Mapping[str, Implementation] = {"co_simulation": "CoSimulation", "model_exchange": "ModelExchange"}
+
+
+def ssp_of(plan: SystemPlan) -> bytes:
+    """The archive of a system: its structure as it was planned, its FMUs, tables and parameter sets.
+
+    Values, steps, times, kinds and order that were asked for stand in it. The standard has no word for the length of a
+    step, for an order and a scheme: these are annotations, which `twin cosim` reads.
+
+    Raises:
+        InputRefused: signals were fed in, which the standard cannot say.
+    """
+    package = plan.package
+    fed = [feed for feed in plan.beside.feeds if feed.by.startswith("--input")]
+    if fed:
+        raise InputRefused(f"{fed[0].by}: an SSP archive has no word for it; put a table (CSV) into the archive")
+    parts = {part.path: part for part in plan.parts}
+    root = package.structure.system
+    values = [
+        ParameterBinding(ParameterSet("set", tuple(_value(f"{path}.{v.name}", v, value) for v, value in part.settings)))
+        for path, part in parts.items()
+        if part.settings
+    ]
+    connectors = _connectors(plan)
+    kinds = {path: KINDS[part.description.kind] for path, part in parts.items()}
+    timing = plan.timing
+    steps = {path: count * timing.tick for path, count in timing.periods.items() if count > 1}
+    system = replace(
+        _filled(root, "", connectors, kinds, steps),
+        bindings=(*root.bindings, *values),
+        annotations=(*_others(root.annotations), *_annotations(plan, plan.scheme, timing.tick)),
+    )
+    experiment = DefaultExperiment(timing.first * timing.tick, timing.ticks * timing.tick)
+    whole = Structure(
+        package.structure.name or system.name,
+        system,
+        units=package.structure.units,
+        enumerations=package.structure.enumerations,
+        experiment=experiment,
+        metadata=package.structure.metadata,
+    )
+    entries = {STRUCTURE: structure_xml(whole)}
+    for entry in package.entries:
+        if entry != STRUCTURE and not entry.endswith("/"):
+            entries[entry] = package.content(entry) if package.loose else content_of(package.file, entry, MOST_FMU)
+    return zipped(entries)
+
+
+def _others(annotations: Iterable[Annotation]) -> tuple[Annotation, ...]:
+    """Without those that are written anew, and steps of other tools."""
+    return tuple(one for one in annotations if one.type not in (STEP, ORDER, SCHEME) and "tepSize" not in one.content)
+
+
+def _annotations(plan: SystemPlan, scheme: Scheme, tick: float) -> list[Annotation]:
+    order = ET.Element("order")
+    for part in plan.parts:
+        ET.SubElement(order, "component", name=part.path)
+    return [
+        Annotation(STEP, f'<step stepSize="{tick!r}" />'),
+        Annotation(SCHEME, f'<scheme name="{scheme}" />'),
+        Annotation(ORDER, ET.tostring(order, encoding="unicode")),
+    ]
+
+
+def _value(name: str, variable: Variable, value: object) -> ParameterValue:
+    """A value as it was set, in the FMU's unit."""
+    if isinstance(value, list):
+        if len(value) != 1 or not isinstance(value[0], str):
+            raise InputRefused(f"{name}: arrays of text and bytes cannot be written as SSP 1.0")
+        return ParameterValue(name, "String", (value[0],))
+    if not isinstance(value, float | int):
+        raise InputRefused(f"{name}: an array, which SSP 1.0 does not have")
+    return ParameterValue(name, _type(variable), (float(value),))
+
+
+def _type(variable: Variable) -> str:
+    if variable.type in REALS:
+        return "Real"
+    return "Integer" if variable.type in (*WHOLES, "Enumeration") else variable.type
+
+
+def _connectors(plan: SystemPlan) -> dict[str, list[Connector]]:
+    """By component those that connections need."""
+    found: dict[str, list[Connector]] = {}
+    for part in plan.parts:
+        ports = [port.variable for port in (*part.inputs, *part.outputs)]
+        for variable in dict.fromkeys(ports):
+            if variable.dimensions:
+                raise InputRefused(f"{part.path}.{variable.name}: an array, which SSP 1.0 does not have")
+            kind: ConnectorKind = "input" if variable.causality == "input" else "output"
+            if variable.causality in ("input", "output", "local"):
+                found.setdefault(part.path, []).append(Connector(variable.name, kind, _type(variable)))
+    return found
+
+
+def _filled(
+    system: SspSystem,
+    path: str,
+    connectors: Mapping[str, list[Connector]],
+    kinds: Mapping[str, Implementation],
+    steps: Mapping[str, float],
+) -> SspSystem:
+    """`system` whose components have the connectors that they need, and say as what they are used."""
+    elements: list[SspComponent | SspSystem] = []
+    for one in system.elements:
+        below = f"{path}.{one.name}" if path else one.name
+        if isinstance(one, SspSystem):
+            elements.append(_filled(one, below, connectors, kinds, steps))
+            continue
+        more = [new for new in connectors.get(below, ()) if new.name not in one.connector_of]
+        old = tuple(replace(c, type=_plain(c.type)) for c in one.connectors)
+        notes = _others(one.annotations)
+        if below in steps:
+            notes = (*notes, Annotation(STEP, f'<step stepSize="{steps[below]!r}" />'))
+        elements.append(
+            replace(
+                one, connectors=(*old, *more), implementation=kinds.get(below, one.implementation), annotations=notes
+            )
+        )
+    return replace(system, elements=tuple(elements))
+
+
+def _plain(type_: str) -> str:
+    """A type of SSP 2.0 as 1.0 calls it."""
+    return "Real" if type_ in REALS else "Integer" if type_ in WHOLES else type_

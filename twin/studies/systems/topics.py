@@ -1,0 +1,69 @@
+"""A topic for each component of a system: its outputs, elements of an array as one signal again."""
+
+from twin.kernel.cosim import adaptive
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi.stepping import FmuPort
+from twin.kernel.recording.messages import Field, Topic, message_names
+from twin.kernel.recording.recorder import RowStream
+from twin.studies.systems.coupling import PreparedSystem, unvarying
+from twin.studies.systems.naming import distinct, element, field
+from twin.studies.systems.plan import SystemPart, SystemPlan
+
+OF_MASTER = Topic(adaptive.NAME, tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in adaptive.OUTPUTS), 1)
+"""In a recording of steps of varying length."""
+
+
+def streams(plan: SystemPlan, made: PreparedSystem) -> list[RowStream]:
+    """In the order of the components; none of one that has no outputs."""
+    found = []
+    own = [] if unvarying(plan) else [OF_MASTER]
+    for topic in (*topics(plan), *own):
+        first = made.columns[topic.name].start
+        # what is only read comes after what is recorded
+        found.append(RowStream(topic, slice(first, first + sum(field.size for field in topic.fields))))
+    return found
+
+
+def topics(plan: SystemPlan) -> list[Topic]:
+    """The same before there is a system.
+
+    Raises:
+        InputRefused: two components have names that a recording cannot tell apart.
+    """
+    found = [
+        Topic(
+            one.name, tuple(Field(port.name, port.size, port.kind, port.unit, port.meaning) for port in one.outputs), 1
+        )
+        for one in plan.beside.components
+        if one.outputs
+    ]
+    found += [Topic(part.name, tuple(_fields(part)), 1) for part in plan.parts if part.recorded]
+    try:
+        message_names(found)
+    except ValueError as problem:
+        raise InputRefused(f"{plan.package.file}: {problem}; give components names that are less alike") from None
+    return found
+
+
+def _fields(part: SystemPart) -> list[Field]:
+    groups = _arrays(part.outputs[: part.recorded])
+    names = distinct(field(element(group[0].variable.name)[0] if len(group) > 1 else group[0].variable.name, part.path)
+                     for group in groups)  # fmt: skip
+    return [
+        Field(name, sum(p.port.size for p in group), group[0].port.kind, group[0].port.unit, group[0].port.meaning)
+        for name, group in zip(names, groups, strict=True)
+    ]
+
+
+def _arrays(ports: tuple[FmuPort, ...]) -> list[list[FmuPort]]:
+    """Ports one after the other, `X[1]`, `X[2]` .. of one kind and unit together."""
+    groups: list[list[FmuPort]] = []
+    for port in ports:
+        array, number = element(port.variable.name)
+        last = groups[-1] if groups else []
+        like = last and (last[0].port.kind, last[0].port.unit) == (port.port.kind, port.port.unit)
+        if like and element(last[0].variable.name) == (array, 1) and number == len(last) + 1 and port.port.size == 1:
+            last.append(port)
+        else:
+            groups.append([port])
+    return groups

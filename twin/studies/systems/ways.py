@@ -1,0 +1,111 @@
+"""What becomes of a value on its way from one variable to another: units converted, lines applied."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi.description import FmuDescription
+from twin.kernel.fmi.variable import Conversion, conversion, meant, stated_unit
+from twin.kernel.ssp.flat import Hop
+from twin.kernel.ssp.structure import Connector, UnitDefinition
+
+
+class SpeltUnit(NamedTuple):
+    """A unit as spelt in a file, and its meaning; None: not known. No unit is spelt ""."""
+
+    text: str
+    conversion: Conversion | None
+
+
+class Way(NamedTuple):
+    """Value at the start = gain * value at the end + shift: the wrong way round, as FMU ports are scaled, so that a
+    unit is one division, and one unit for another of the same size is nothing."""
+
+    gain: float = 1.0
+    shift: float = 0.0
+
+    def end(self, value: float) -> float:
+        """What a value at the start becomes."""
+        return (value - self.shift) / self.gain
+
+    def then(self, way: "Way") -> "Way":
+        """This way, and then another one."""
+        return Way(self.gain * way.gain, self.gain * way.shift + self.shift)
+
+
+def measure(
+    variable_unit: str,
+    connector: Connector | None,
+    units: Sequence[UnitDefinition],
+    description: FmuDescription,
+    where: str,
+) -> SpeltUnit:
+    """In what a variable of an FMU is, by the FMU and by the connector that stands for it.
+
+    Raises:
+        InputRefused: they say different things.
+    """
+    own = SpeltUnit(
+        variable_unit, conversion(variable_unit, description.model.unitDefinitions) if variable_unit else None
+    )
+    if connector is None or not connector.unit or connector.unit == variable_unit:
+        return own
+    read = spelt(connector.unit, units)
+    if own.text and read.conversion != own.conversion:
+        raise InputRefused(
+            f"{where}: {connector.name} is in '{connector.unit}' by its connector, and in '{own.text}' by the FMU; "
+            "correct the connector"
+        )
+    return read
+
+
+def spelt(text: str, units: Sequence[UnitDefinition]) -> SpeltUnit:
+    """A unit by what an SSP file defines, or else by what all know."""
+    return SpeltUnit(text, (stated_unit(text, units) or meant(text)) if text else None)
+
+
+def way(start: SpeltUnit, hops: Iterable[Hop], end: SpeltUnit, units: Sequence[UnitDefinition], where: str) -> Way:
+    """The whole way of a value.
+
+    Args:
+        start: of what it leaves.
+        hops: its parts.
+        end: of where it gets.
+        units: that the structure defines, for connectors of systems on the way.
+        where: for sentences.
+
+    Raises:
+        InputRefused: units on it measure different things, or one is not known; a factor is 0, or all together beyond
+            numbers; a transformation is no line.
+    """
+    found, here, hops = Way(), start, list(hops)
+    for count, (transformation, suppressed, unit) in enumerate(hops, start=1):
+        last = count == len(hops)
+        there = end if last else spelt(unit, units) if unit else here
+        if not suppressed:
+            found = found.then(_between(here, there, where))
+        if transformation.table:
+            raise InputRefused(f"{where}: {transformation.table} is not supported; a LinearTransformation is")
+        if transformation.factor == 0.0:
+            raise InputRefused(f"{where}: the factor 0; leave the connection out, and give the input a start value")
+        factor, offset = transformation.factor, transformation.offset
+        if (factor, offset) != (1.0, 0.0):
+            found = found.then(Way(1.0 / factor, -offset / factor))
+        here = there if there.text else here
+    if not (0.0 < abs(found.gain) < math.inf and math.isfinite(found.shift)):
+        raise InputRefused(f"{where}: the conversion factor exceeds the range of a number")
+    return found
+
+
+def _between(here: SpeltUnit, there: SpeltUnit, where: str) -> Way:
+    if not here.text or not there.text or here.text == there.text:
+        return Way()
+    for one in (here, there):
+        if one.conversion is None:
+            raise InputRefused(f"{where}: the unit '{one.text}' is not defined; define it, with its BaseUnit")
+    source, target = here.conversion, there.conversion
+    assert source is not None and target is not None
+    if source.dimension != target.dimension:
+        raise InputRefused(f"{where}: from '{here.text}' to '{there.text}', which have different dimensions")
+    return Way(target.factor / source.factor, (target.offset - source.offset) / source.factor)
