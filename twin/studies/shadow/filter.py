@@ -66,10 +66,12 @@ class Noises(NamedTuple):
         omega: intensity of the wander of a motor's acceleration whose command is not known (rad/s2/sqrt(Hz)).
     """
 
-    v: float = 0.02
-    F: float = 0.2
+    v: float = 1e-3
+    F: float = 0.4
+    air: float = 0.05
     K: float = 1500.0
-    touch: float = 0.02
+    mu: float = 0.3
+    touch: float = 2e-3
     omega: float = 100.0
 
 
@@ -90,8 +92,16 @@ LONGEST_STEP = 2.5e-3
 """s. The springs' fastest swing, 120 rad/s, turns by 0.3 rad in it; see docs/physics.md."""
 LONGEST_GAP = 0.1
 """s. After more than that nothing is known of the motors' way; the filter starts anew."""
-CORRELATED = 1.0
-"""s. So long a count that stays is one measurement; after that it is another one, for a surface may breathe."""
+DITHERED = 0.5
+"""Deviation of an encoder's noise, in counts, from which on rounding is white: each sample is a new measurement."""
+TOUCHED = 0.3
+"""N. Pressing less than that the robot is in free air, where a force does not wander."""
+EDGE = 0.1
+"""Counts. Where a count changes is not known better than that."""
+JUST_CHANGED = math.sqrt(3.0)
+"""Counts. Evenly spread over so much, an error has a deviation of half a count."""
+REPEATED = 0.01
+"""s. A count that stays is taken in again after so long; until then it tells what it has told before."""
 MOVED = 0.1
 """s. If no count has changed for so long the robot stands still."""
 FIRST = (1e-3, 0.05, 1e-3, 0.5, 1.0)
@@ -116,8 +126,8 @@ OUTPUTS = (
     Port("residual_l", 3, "rad", "joint angles by counts less what was expected; NaN: none"),
     Port("residual_F", 1, "N", "measured pressing force less what was expected; NaN: none"),
     Port("residual_tau", 3, "N m", "motor torques less what was expected; NaN: none"),
-    Port("NIS", 1, "1", "squared residuals of the counts by what they were expected to be; NaN: there were none"),
-    Port("used", 1, "1", "how many counts came", "int"),
+    Port("NIS", 1, "1", "squared residuals of the counts by their variances; NaN: none told something new"),
+    Port("used", 1, "1", "how many counts told something new", "int"),
     Port("moves", 1, "1", "whether a count has changed within the last 0.1 s", "bool"),
     Port("started", 1, "1", "whether the filter has started anew with this sample", "bool"),
 )
@@ -134,7 +144,7 @@ MEMORY = record(
         anchors=("f8", (3, ANCHORS)),
         omega_ref="3f8",
         counts=("f8", (COUNTS,)),
-        unchanged=("f8", (COUNTS,)),
+        kept=("f8", (COUNTS,)),
         still="f8",
         on="i8",
     ),
@@ -146,7 +156,9 @@ MEMORY = record(
     left=MATRIX,
     term=("f8", (6, WIDE)),
     next=("f8", (6, WIDE)),
+    before=("f8", (COUNTS,)),
     nu=("f8", (COUNTS,)),
+    R=("f8", (COUNTS,)),
     PH=("f8", (WIDE,)),
     total=("f8", (STATES,)),
 )
@@ -307,12 +319,13 @@ def wander(m, h, commanded):
     v = 0.5 * h * n.v * n.v
     own = m.drive.wander if commanded else n.omega
     omega = 0.5 * h * own * own
-    square = m.x[3] * m.x[3] + m.x[4] * m.x[4] + m.x[5] * m.x[5]
-    F = 0.5 * h * (n.F * n.F + n.K * n.K * n.touch * square)
+    rate = n.K * m.x[VELOCITY + 2]
+    normal, own_F = n.touch * rate * rate, n.F if abs(m.x[FORCE + 2]) > TOUCHED else n.air
+    F, F_z = 0.5 * h * (own_F * own_F + n.mu * n.mu * normal), 0.5 * h * (own_F * own_F + normal)
     for i in range(3):
         P[VELOCITY + i, VELOCITY + i] += v
         P[SPEED + i, SPEED + i] += omega
-        P[FORCE + i, FORCE + i] += F
+        P[FORCE + i, FORCE + i] += F_z if i == 2 else F
 
 
 @njit(cache=True, error_model="numpy")
@@ -351,12 +364,48 @@ def predict(m, h, special):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def variance(m, sensor):
-    """Of a count (rad^2): the encoder's noise, and its rounding, once for all samples in which it stays."""
+def measured(m, sensor, count):
+    """The angle (rad) that a count of `sensor`, 0 to 5, stands for."""
+    if sensor < 3:
+        return angle(count, m.belief.motor_counts, m.belief.motor_zero[sensor])
+    return angle(count, m.belief.joint_counts, m.belief.joint_zero[sensor - 3])
+
+
+@njit(cache=True, error_model="numpy")
+def take(m, sensor, count, h, expected):
+    """What a count says, into `m.nu` and `m.R` (rad, rad^2); NaN if it says nothing new.
+
+    The angle was in the cell of the count before, and has moved as the filter expects; it is in the cell of this one.
+    Where both overlap it lies. A count that stays is in the same cell: nothing new, unless noise dithers it.
+    """
     motor = sensor < 3
     turn = 2.0 * math.pi / (m.belief.motor_counts if motor else m.belief.joint_counts)
     noise = m.sensors.motor_noise if motor else m.sensors.joint_noise
-    return turn * turn / 12.0 * m.unchanged[sensor] + noise * noise
+    last, m.nu[sensor] = m.counts[sensor], math.nan
+    if math.isnan(count):
+        m.kept[sensor] += h
+        return
+    if count == last:
+        m.kept[sensor] += h
+    else:
+        m.counts[sensor], m.still = count, 0.0
+    wide, middle = 1.0, 0.0
+    if noise < DITHERED * turn:
+        if count == last:
+            if m.kept[sensor] < REPEATED:
+                return
+        elif noise >= EDGE * turn:
+            # near an edge: half a count off
+            wide = JUST_CHANGED
+        else:
+            # both cells, seen from the middle of this one
+            way = (expected - m.before[sensor]) / turn - (count - last)
+            low, high = max(-0.5, way - 0.5), min(0.5, way + 0.5)
+            if high - low > -1.0:
+                wide, middle = math.sqrt((high - low) ** 2 + 12.0 * EDGE * EDGE), 0.5 * (low + high)
+    m.kept[sensor] = 0.0
+    m.nu[sensor] = measured(m, sensor, count) + middle * turn - expected
+    m.R[sensor] = turn * turn * wide * wide / 12.0 + noise * noise
 
 
 @njit(cache=True, error_model="numpy")
@@ -382,7 +431,7 @@ def correct(m, y):
                 PH[j] = a * P[0, j] + b * P[1, j] + c * P[2, j]
             S = a * PH[0] + b * PH[1] + c * PH[2]
             nu -= a * total[0] + b * total[1] + c * total[2]
-        S += variance(m, sensor)
+        S += m.R[sensor]
         square += nu * nu / S
         for i in range(STATES):
             gain = PH[i] / S
@@ -393,14 +442,6 @@ def correct(m, y):
         m.x[i] += total[i]
     y.used = used
     y.NIS = square if used else math.nan
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def measured(m, sensor, count):
-    """The angle (rad) that a count of `sensor`, 0 to 5, stands for."""
-    if sensor < 3:
-        return angle(count, m.belief.motor_counts, m.belief.motor_zero[sensor])
-    return angle(count, m.belief.joint_counts, m.belief.joint_zero[sensor - 3])
 
 
 @njit(cache=True, error_model="numpy")
@@ -429,7 +470,7 @@ def begin(m, u):
         m.x[FORCE + i] = -F[i]
     for i in range(COUNTS):
         m.counts[i] = u.count_m[i] if i < 3 else u.count_l[i - 3]
-        m.unchanged[i] = 1.0
+        m.kept[i] = 0.0
     m.still = 0.0
     return True
 
@@ -462,21 +503,16 @@ def tell(m, y):
 def residuals(m, h, u, y):
     """What came less what was expected, before any of it is taken in."""
     pose(m)
-    most = max(1.0, CORRELATED / h)
     m.still += h
     for sensor in range(COUNTS):
         leg = sensor % 3
         count = u.count_m[leg] if sensor < 3 else u.count_l[leg]
-        if count == m.counts[sensor]:
-            m.unchanged[sensor] = min(m.unchanged[sensor] + 1.0, most)
-        elif not math.isnan(count):
-            m.counts[sensor], m.unchanged[sensor], m.still = count, 1.0, 0.0
-        nu = measured(m, sensor, count) - (m.x[MOTOR + leg] if sensor < 3 else m.theta_l[leg])
-        m.nu[sensor] = nu
+        expected = m.x[MOTOR + leg] if sensor < 3 else m.theta_l[leg]
+        take(m, sensor, count, h, expected)
         if sensor < 3:
-            y.residual_m[leg] = nu
+            y.residual_m[leg] = measured(m, sensor, count) - expected
         else:
-            y.residual_l[leg] = nu
+            y.residual_l[leg] = measured(m, sensor, count) - expected
     y.residual_F = u.F_z + m.x[FORCE + 2]
     for leg in range(3):
         _, tau_load = stiffness(m, leg)
@@ -489,6 +525,8 @@ def residuals(m, h, u, y):
 def step(m, t, h, u, y):
     y.started = not m.on or not h <= LONGEST_GAP
     if not y.started:
+        for leg in range(3):
+            m.before[leg], m.before[3 + leg] = m.x[MOTOR + leg], m.theta_l[leg]
         special, steps = has_effects(m.parameters), math.ceil(h / LONGEST_STEP - 1e-6)
         for _ in range(steps):
             predict(m, h / steps, special)
