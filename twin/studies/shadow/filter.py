@@ -12,19 +12,12 @@ what is to contradict an estimate may not be a part of it.
 """
 
 import math
-from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from typing import NamedTuple
 
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.component import NativeComponent, step_function
-from twin.kernel.cosim.delay import columns, play
 from twin.kernel.cosim.port import Port, memory_of, record, record_of, state, states
-from twin.kernel.errors import InputRefused
-from twin.robot.assembly.build import belief, plant_parameters
 from twin.robot.controller.controller import BELIEF, Belief, angle
-from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN, angle_near, leg_motion, leg_vectors, move_anchor
 from twin.robot.mechanism.kinematics import platform_position
 from twin.robot.plant.contact import ANCHORS
