@@ -30,7 +30,7 @@ BLOCK = 1.0
 FIRST_BLOCKS = 2
 """They say what is normal for this robot: zeros of encoders and motors are in every block alike."""
 SETTLING = 0.5
-"""s after a start of the filter that no block counts."""
+"""s after a start of the filter in which residuals do not count."""
 FEWEST = 0.5
 """Share of a block's samples without which it is none."""
 RESERVE = 5.0
@@ -145,7 +145,7 @@ class Blocks:
 
     def __init__(self, length: float = BLOCK):
         self._length = length
-        self._start = math.nan
+        self._start, self._settled = math.nan, -math.inf
         self._sums, self._counts, self._samples = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS)), 0
         self._most = 0
 
@@ -155,13 +155,15 @@ class Blocks:
         Args:
             t: times (n,), s, ascending, after those before. y: what the filter said then.
         """
-        values, started = residuals(y), np.asarray(y["started"]) > 0.0
-        begin = 0
-        for at in (*np.flatnonzero(started).tolist(), len(t)):
-            yield from self._stretch(t[begin:at], values[begin:at])
-            if at < len(t):
-                self._start, begin = float(t[at]) + SETTLING, at
-                self._clear()
+        values = residuals(y)
+        values[t < self._settled] = math.nan
+        for at in t[np.asarray(y["started"]) > 0.0].tolist():
+            if math.isnan(self._start):
+                self._start = at + SETTLING
+            self._settled = at + SETTLING
+            # the sample at which it starts anew tells why
+            values[(t > at) & (t < self._settled)] = math.nan
+        yield from self._stretch(t, values)
 
     def _stretch(self, t: NDArray[np.float64], values: NDArray[np.float64]) -> Iterator[tuple[float, NDArray]]:
         begin = int(np.searchsorted(t, self._start))

@@ -95,11 +95,15 @@ JUST_CHANGED = math.sqrt(3.0)
 """Counts. Evenly spread over so much, an error has a deviation of half a count."""
 REPEATED = 0.01
 """s. A count that stays is taken in again after so long; until then it tells what it has told before."""
+GARBLED = 1e4
+"""Squared deviations. A count so far off is told and not taken in; if it goes on for `LONGEST_GAP` it is believed."""
 MOVED = 0.1
 """s. If no count has changed for so long the robot stands still."""
 FIRST = (1e-3, 0.05, 1e-3, 0.5, 1.0)
 """Deviations of position, velocity, motor angle, its speed and force in the beginning, SI."""
 NO_POSE = 2
+RUNNING, LOST = 1, 2
+"""What the filter is doing: following, or waiting for counts that fit a pose again; 0: not begun."""
 
 INPUTS = (
     Port("count_m", 3, "1", "motor encoder counts; NaN: none came"),
@@ -139,6 +143,7 @@ MEMORY = record(
         counts=("f8", (COUNTS,)),
         kept=("f8", (COUNTS,)),
         still="f8",
+        refused="f8",
         on="i8",
     ),
     # of one step
@@ -402,12 +407,12 @@ def take(m, sensor, count, h, expected):
 
 
 @njit(cache=True, error_model="numpy")
-def correct(m, y):
+def correct(m, h, y):
     """Take the counts in, one after the other; the squared residuals by their variances are summed into `y.NIS`."""
     P, PH, total = m.P, m.PH, m.total
     for i in range(STATES):
         total[i] = 0.0
-    square, used = 0.0, 0
+    square, used, refused = 0.0, 0, False
     for sensor in range(COUNTS):
         nu, leg = m.nu[sensor], sensor % 3
         if math.isnan(nu):
@@ -426,6 +431,9 @@ def correct(m, y):
             nu -= a * total[0] + b * total[1] + c * total[2]
         S += m.R[sensor]
         square += nu * nu / S
+        if nu * nu > GARBLED * S:
+            refused = True
+            continue
         for i in range(STATES):
             gain = PH[i] / S
             total[i] += gain * nu
@@ -435,6 +443,7 @@ def correct(m, y):
         m.x[i] += total[i]
     y.used = used
     y.NIS = square if used else math.nan
+    m.refused = m.refused + h if refused else 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -464,7 +473,7 @@ def begin(m, u):
     for i in range(COUNTS):
         m.counts[i] = u.count_m[i] if i < 3 else u.count_l[i - 3]
         m.kept[i] = 0.0
-    m.still = 0.0
+    m.still = m.refused = 0.0
     return True
 
 
@@ -514,10 +523,19 @@ def residuals(m, h, u, y):
         y.residual_tau[leg] = u.tau_motor[leg] - tau_load - m.drive.inertia * alpha
 
 
+@njit(cache=True, error_model="numpy")
+def forget(y):
+    for i in range(3):
+        y.residual_m[i] = y.residual_l[i] = y.residual_tau[i] = math.nan
+    y.NIS, y.residual_F, y.used = math.nan, math.nan, 0
+
+
 @step_function(MEMORY, INPUTS, OUTPUTS)
 def step(m, t, h, u, y):
-    y.started = not m.on or not h <= LONGEST_GAP
-    if not y.started:
+    y.started = m.on != RUNNING or not h <= LONGEST_GAP
+    if y.started:
+        forget(y)
+    else:
         for leg in range(3):
             m.before[leg], m.before[3 + leg] = m.x[MOTOR + leg], m.theta_l[leg]
         special, steps = has_effects(m.parameters), math.ceil(h / LONGEST_STEP - 1e-6)
@@ -525,17 +543,17 @@ def step(m, t, h, u, y):
             predict(m, h / steps, special)
         if steps:
             residuals(m, h, u, y)
-            correct(m, y)
+            correct(m, h, y)
             pose(m)
-        # no pose goes with this estimate: it cannot be corrected any more
-        y.started = math.isnan(m.theta_l[0] + m.theta_l[1] + m.theta_l[2] + m.x[FORCE])
+        # what no pose goes with, or counts do not go with, cannot be corrected any more
+        y.started = m.refused > LONGEST_GAP or math.isnan(m.theta_l[0] + m.theta_l[1] + m.theta_l[2] + m.x[FORCE])
     if y.started:
-        m.on = begin(m, u)
-        for i in range(3):
-            y.residual_m[i] = y.residual_l[i] = y.residual_tau[i] = math.nan
-        y.NIS, y.residual_F, y.used = math.nan, math.nan, 0
-        if not m.on:
+        found = begin(m, u)
+        if not (found or m.on):
             return NO_POSE
+        m.on = RUNNING if found else LOST
+        for i in range(STATES):
+            m.x[i] = m.x[i] if found else math.nan
     for i in range(3):
         m.omega_ref[i] = u.omega_ref[i]
     y.moves = m.still < MOVED
