@@ -10,7 +10,7 @@ false alarm to the next on one side, of a residual that stays at the very edge o
 
     ARL = 2 (e^b - 1 - b),  b = H + 1.166.
 
-The tolerance is the largest |r_n - r_0| of a fleet of healthy robots (`fleet`), sigma how far its block means differ
+The tolerance is that of a fleet of healthy robots (`fleet`), sigma how far its block means differ
 from one to the next.
 """
 

@@ -65,7 +65,7 @@ class Noises(NamedTuple):
     K: float = 1500.0
     mu: float = 0.3
     touch: float = 2e-3
-    omega: float = 100.0
+    omega: float = 5.0
 
 
 class Sensors(NamedTuple):
@@ -93,7 +93,7 @@ EDGE = 0.1
 """Counts. Where a count changes is not known better than that."""
 JUST_CHANGED = math.sqrt(3.0)
 """Counts. Evenly spread over so much, an error has a deviation of half a count."""
-REPEATED = 0.01
+REPEATED = 0.004
 """s. A count that stays is taken in again after so long; until then it tells what it has told before."""
 GARBLED = 1e4
 """Squared deviations. A count so far off is told and not taken in; if it goes on for `LONGEST_GAP` it is believed."""
@@ -143,7 +143,7 @@ MEMORY = record(
         counts=("f8", (COUNTS,)),
         kept=("f8", (COUNTS,)),
         still="f8",
-        refused="f8",
+        refused=("f8", (COUNTS,)),
         on="i8",
     ),
     # of one step
@@ -317,9 +317,13 @@ def wander(m, h, commanded):
     v = 0.5 * h * n.v * n.v
     own = m.drive.wander if commanded else n.omega
     omega = 0.5 * h * own * own
-    rate = n.K * m.x[VELOCITY + 2]
-    normal, own_F = n.touch * rate * rate, n.F if abs(m.x[FORCE + 2]) > TOUCHED else n.air
-    F, F_z = 0.5 * h * (own_F * own_F + n.mu * n.mu * normal), 0.5 * h * (own_F * own_F + normal)
+    v_x, v_y, v_z = _at(m, VELOCITY)
+    touching = abs(m.x[FORCE + 2]) > TOUCHED
+    own_F = n.F * n.F if touching else n.air * n.air
+    across = n.mu * n.mu * (v_x * v_x + v_y * v_y) if touching else 0.0
+    rate = n.touch * n.K * n.K
+    F = 0.5 * h * (own_F + rate * (n.mu * n.mu * v_z * v_z + across))
+    F_z = 0.5 * h * (own_F + rate * v_z * v_z)
     for i in range(3):
         P[VELOCITY + i, VELOCITY + i] += v
         P[SPEED + i, SPEED + i] += omega
@@ -370,6 +374,19 @@ def measured(m, sensor, count):
 
 
 @njit(cache=True, error_model="numpy")
+def speed_variance(m, sensor):
+    """Of the speed of a shaft, (rad/s)^2."""
+    P, leg = m.P, sensor % 3
+    if sensor < 3:
+        return P[SPEED + leg, SPEED + leg]
+    total = 0.0
+    for i in range(3):
+        for k in range(3):
+            total += m.J[leg, i] * P[VELOCITY + i, VELOCITY + k] * m.J[leg, k]
+    return total
+
+
+@njit(cache=True, error_model="numpy")
 def take(m, sensor, count, h, expected):
     """What a count says, into `m.nu` and `m.R` (rad, rad^2); NaN if it says nothing new.
 
@@ -400,7 +417,8 @@ def take(m, sensor, count, h, expected):
             way = (expected - m.before[sensor]) / turn - (count - last)
             low, high = max(-0.5, way - 0.5), min(0.5, way + 0.5)
             if high - low > -1.0:
-                wide, middle = math.sqrt((high - low) ** 2 + 12.0 * EDGE * EDGE), 0.5 * (low + high)
+                unsure = h * h * speed_variance(m, sensor) / (turn * turn) + EDGE * EDGE
+                wide, middle = min(1.0, math.sqrt((high - low) ** 2 + 12.0 * unsure)), 0.5 * (low + high)
     m.kept[sensor] = 0.0
     m.nu[sensor] = measured(m, sensor, count) + middle * turn - expected
     m.R[sensor] = turn * turn * wide * wide / 12.0 + noise * noise
@@ -412,10 +430,11 @@ def correct(m, h, y):
     P, PH, total = m.P, m.PH, m.total
     for i in range(STATES):
         total[i] = 0.0
-    square, used, refused = 0.0, 0, False
+    square, used = 0.0, 0
     for sensor in range(COUNTS):
         nu, leg = m.nu[sensor], sensor % 3
         if math.isnan(nu):
+            m.refused[sensor] += h if m.refused[sensor] > 0.0 else 0.0
             continue
         used += 1
         if sensor < 3:
@@ -432,8 +451,9 @@ def correct(m, h, y):
         S += m.R[sensor]
         square += nu * nu / S
         if nu * nu > GARBLED * S:
-            refused = True
+            m.refused[sensor] += h
             continue
+        m.refused[sensor] = 0.0
         for i in range(STATES):
             gain = PH[i] / S
             total[i] += gain * nu
@@ -443,7 +463,6 @@ def correct(m, h, y):
         m.x[i] += total[i]
     y.used = used
     y.NIS = square if used else math.nan
-    m.refused = m.refused + h if refused else 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -472,8 +491,8 @@ def begin(m, u):
         m.x[FORCE + i] = -F[i]
     for i in range(COUNTS):
         m.counts[i] = u.count_m[i] if i < 3 else u.count_l[i - 3]
-        m.kept[i] = 0.0
-    m.still = m.refused = 0.0
+        m.kept[i] = m.refused[i] = 0.0
+    m.still = 0.0
     return True
 
 
@@ -546,7 +565,9 @@ def step(m, t, h, u, y):
             correct(m, h, y)
             pose(m)
         # what no pose goes with, or counts do not go with, cannot be corrected any more
-        y.started = m.refused > LONGEST_GAP or math.isnan(m.theta_l[0] + m.theta_l[1] + m.theta_l[2] + m.x[FORCE])
+        y.started = math.isnan(m.theta_l[0] + m.theta_l[1] + m.theta_l[2] + m.x[FORCE])
+        for sensor in range(COUNTS):
+            y.started = y.started or m.refused[sensor] > LONGEST_GAP
     if y.started:
         found = begin(m, u)
         if not (found or m.on):
