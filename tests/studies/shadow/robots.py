@@ -1,4 +1,4 @@
-"""Robots for the shadow: runs of the twin, and robots that wander as the filter says; a filter written anew beside it."""
+"""Robots for the shadow: runs of the twin, robots that wander as the filter says; and the filter written anew."""
 
 from functools import cache
 from pathlib import Path
@@ -10,18 +10,16 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.stats import chi2
 
-from twin.robot.assembly.build import belief, plant_parameters
+from twin.robot.assembly.build import plant_parameters
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import OUTWARD, Geometry
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
-from twin.robot.mechanism.statics import G_ACCELERATION
 from twin.robot.plant.component import PlantEquations
-from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.converge.monolith import Sampled
-from twin.studies.shadow.filter import DriveModel, Noises, Sensors, Shadow
 from twin.studies.shadow.fleet import SCALE
+from twin.studies.shadow.layout import DriveModel, Noises
 from twin.studies.shadow.samples import Columns, Samples, followed, samples_of, shadow_of
 
 EXPERIMENTS = Path(__file__).resolve().parents[3] / "experiments"
@@ -189,7 +187,10 @@ class Reference:
     def predict(self, h: float, omega_ref: NDArray[np.float64]) -> None:
         steps = np.repeat([1e-5, 1e-3, 3e-4, 1e-3, 1.0], 3)
         A = np.array(
-            [(self.rate(self.x + e, omega_ref) - self.rate(self.x - e, omega_ref)) / (2 * e.sum()) for e in np.diag(steps)]
+            [
+                (self.rate(self.x + e, omega_ref) - self.rate(self.x - e, omega_ref)) / (2 * e.sum())
+                for e in np.diag(steps)
+            ]
         ).T
         before = np.diag(intensity(self.x, self.noises) ** 2) * h / 2
         phi = expm(A * h)
@@ -216,5 +217,3 @@ def variances(model: Experiment) -> NDArray[np.float64]:
     turn = 2 * np.pi / np.repeat([plant.motor_counts_per_turn, plant.joint_counts_per_turn], 3)
     variance: NDArray[np.float64] = turn**2 / 12 + np.repeat([plant.motor_noise, plant.joint_noise], 3) ** 2
     return variance
-
-

@@ -16,7 +16,7 @@ from tests.studies.shadow.robots import (
     wandering,
 )
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.studies.shadow.filter import LONGEST_GAP, Noises
+from twin.studies.shadow.layout import LONGEST_GAP
 from twin.studies.shadow.samples import UNKNOWN_DRIVE, Samples, drive_model, followed, samples_of, shadow_of
 
 FREEDOM = 15
@@ -29,8 +29,10 @@ def test_it_is_the_filter_of_its_equations_written_anew():
     shadow, reference, R = shadow_of(model), Reference(model), variances(experiment(*NOISE))
     turn = 2 * np.pi / np.repeat([4096, 16384], 3)
     for k in range(len(robot.samples.t)):
-        y = followed(shadow, Samples(robot.samples.t[k : k + 1], robot.samples.u[k : k + 1])) if k == 0 else one(
-            shadow, robot, k
+        y = (
+            followed(shadow, Samples(robot.samples.t[k : k + 1], robot.samples.u[k : k + 1]))
+            if k == 0
+            else one(shadow, robot, k)
         )
         if k == 0:
             reference.x = shadow.memory["x"][0].copy()
@@ -242,4 +244,3 @@ def test_dry_friction_of_the_experiment_plays_no_role():
     run = ran("fig4_force_position")
     same = followed(shadow_of(experiment("plant.joint_friction_Nm=0.02")), run.samples)
     assert np.array_equal(same["F_ee_B"], run.y["F_ee_B"])
-    assert Noises() == Noises()

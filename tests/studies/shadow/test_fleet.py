@@ -16,7 +16,6 @@ from twin.robot.run.trace import run_in_memory
 from twin.studies.replay.model import loaded_model, motions
 from twin.studies.replay.replay import angle_rounding, drift
 from twin.studies.shadow.alarm import CHANNELS, FIRST_BLOCKS, Limits, Watch
-from twin.studies.shadow.filter import INPUTS
 from twin.studies.shadow.fleet import (
     LATE,
     LOST,
@@ -29,6 +28,7 @@ from twin.studies.shadow.fleet import (
     read_fleet,
     watched,
 )
+from twin.studies.shadow.layout import INPUTS
 from twin.studies.shadow.samples import Samples, samples_of
 
 EVERY = 2

@@ -123,8 +123,9 @@ class Change:
         if not self.channel:
             return f"{self.state}{f': {self.found}' if self.found else ''}"
         unit = CHANNELS[self.channel][2]
-        parted = "robot and twin have parted" if self.alarm else f"{self.state}"
-        return f"{parted}: {self.channel} is off by {self.size:+.3g} {unit} since {self.since:.1f} s ({self.level:.2f} of the threshold)"
+        said = "robot and twin have parted" if self.alarm else f"{self.state}"
+        off = f"{self.channel} is off by {self.size:+.3g} {unit} since {self.since:.1f} s"
+        return f"{said}: {off} ({self.level:.2f} of the threshold)"
 
 
 @dataclass
@@ -194,9 +195,7 @@ def residuals(y: Columns) -> NDArray[np.float64]:
     with np.errstate(invalid="ignore", divide="ignore"):
         spread = y["NIS"] / y["used"]
     single = {"residual_F": y["residual_F"], "NIS": spread}
-    return np.column_stack(
-        [single[name] if name in single else y[name][:, i] for name, i, _ in CHANNELS.values()]
-    )
+    return np.column_stack([single[name] if name in single else y[name][:, i] for name, i, _ in CHANNELS.values()])
 
 
 Reidentify = Callable[[float, float], str]

@@ -5,7 +5,7 @@ that are lost and stamps that are late are drawn besides, from the seed in the f
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import run_in_memory
 from twin.studies.shadow.alarm import BLOCK, CHANNELS, FIRST_BLOCKS, Blocks, Change, Limits, Watch
-from twin.studies.shadow.samples import Columns, Samples, followed, samples_of, shadow_of
+from twin.studies.shadow.samples import Samples, followed, samples_of, shadow_of
 from twin.studies.sweep.plan import plan_of, read_definition
 
 ZERO = 0.05

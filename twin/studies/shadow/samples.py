@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from twin.kernel.cosim.delay import columns, play
 from twin.kernel.cosim.port import places, width
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.robot.assembly.build import belief, plant_parameters, planned_drives
+from twin.robot.assembly.build import belief, planned_drives, plant_parameters
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.converge.monolith import servos
-from twin.studies.shadow.filter import INPUTS, DriveModel, Noises, Sensors, Shadow
+from twin.studies.shadow.filter import Shadow
+from twin.studies.shadow.layout import INPUTS, DriveModel, Noises, Sensors
 
 Columns = dict[str, NDArray[np.float64]]
 UNKNOWN_DRIVE = DriveModel(lag=0.02, droop=0.0, inertia=1e-4, wander=20.0)
@@ -120,7 +121,7 @@ def drive_model(experiment: Experiment) -> DriveModel:
     known = servos(planned_drives(experiment))
     if known is None:
         return UNKNOWN_DRIVE
-    return DriveModel(*(float(np.mean(values)) for values in (known.T_m, known.droop, known.J_m)), KNOWN_DRIVE)
+    return DriveModel(*(float(v.mean()) for v in (known.T_m, known.droop, known.J_m)), wander=KNOWN_DRIVE)
 
 
 def followed(shadow: Shadow, samples: Samples) -> Columns:
