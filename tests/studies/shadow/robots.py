@@ -103,7 +103,7 @@ def wandering(seed: int, F_z: float, seconds: float = 8.0) -> Wandering:
     x[6:9] += np.linalg.solve(jacobian(geometry(model), x[:3]).T, [0.0, 0.0, -F_z]) / (
         model.plant.k_s * model.plant.N * model.plant.eta
     )
-    phase, t = random.uniform(0.0, 2 * np.pi, 3), np.arange(n) * PERIOD
+    phase, t = random.uniform(0.0, 2 * np.pi, 3), np.arange(n, dtype=float) * PERIOD
     omega_ref = 0.6 * np.cos(2 * np.pi * np.outer(t, [0.31, 0.37, 0.43]) + phase)
     states = np.empty((n, 15))
     for k in range(n):
@@ -119,7 +119,7 @@ def wandering(seed: int, F_z: float, seconds: float = 8.0) -> Wandering:
     noise = np.repeat([model.plant.motor_noise, model.plant.joint_noise], 3)
     angles = np.hstack([states[:, 6:9], joint_angles(geometry(model), states[:, :3])])
     counts = np.floor((angles + noise * random.standard_normal((n, 6))) / turn + 0.5)
-    return Wandering(Samples(t, np.hstack([counts, omega_ref, np.full((n, 4), np.nan)])), states)
+    return Wandering(Samples(np.asarray(t), np.hstack([counts, omega_ref, np.full((n, 4), np.nan)])), states)
 
 
 def intensity(x: NDArray[np.float64], noises: Noises) -> NDArray[np.float64]:

@@ -126,19 +126,25 @@ def test_less_spread_is_no_news():
     assert taken(watch, *[off(30.0, spread)] * 9)[-1] != State.LISTENING
 
 
-def outputs(n: int, started: list[int], value: float = 1.0):
+def outputs(n: int, started: list[int], value: float = 1.0) -> dict[str, np.ndarray]:
     """Of a filter, n samples."""
-    y = {name: np.full((n, 3), value) for name in ("residual_m", "residual_l", "residual_tau")}
+    y: dict[str, np.ndarray] = {name: np.full((n, 3), value) for name in ("residual_m", "residual_l", "residual_tau")}
     y |= {"residual_F": np.full(n, value), "NIS": np.full(n, 6 * value), "used": np.full(n, 6.0)}
     y["started"] = np.isin(np.arange(n), started).astype(float)
     return y
 
 
+def times(n: int) -> np.ndarray:
+    """Of n samples at 500 Hz (s)."""
+    return np.arange(n, dtype=float) * 2e-3
+
+
 def test_blocks_are_the_same_however_the_samples_are_cut():
-    t, y = np.arange(5000) * 2e-3, outputs(5000, [0, 2000])
+    t, y = times(5000), outputs(5000, [0, 2000])
     y["residual_F"] = np.sin(t)
     whole = list(Blocks().take(t, y))
-    cut, blocks = [], Blocks()
+    cut: list[tuple[float, np.ndarray]] = []
+    blocks = Blocks()
     for k in range(0, 5000, 77):
         cut += blocks.take(t[k : k + 77], {name: values[k : k + 77] for name, values in y.items()})
     assert [end for end, _ in whole] == [end for end, _ in cut] == pytest.approx([SETTLING + k for k in range(1, 10)])
@@ -146,13 +152,13 @@ def test_blocks_are_the_same_however_the_samples_are_cut():
 
 
 def test_of_a_gap_there_is_no_block():
-    t = np.concatenate([np.arange(2000) * 2e-3, 1e4 + np.arange(2000) * 2e-3])
+    t = np.concatenate([times(2000), 1e4 + times(2000)])
     ends = [end for end, _ in Blocks().take(t, outputs(4000, [0, 2000]))]
     assert len(ends) == 8 and np.all(np.diff(ends) > 0.99)
 
 
 def test_what_the_filter_says_while_it_settles_does_not_count():
-    t, y = np.arange(3000) * 2e-3, outputs(3000, [0, 1000])
+    t, y = times(3000), outputs(3000, [0, 1000])
     y["residual_F"][1001 : 1000 + int(SETTLING / 2e-3)] = 1e9
     assert max(means[FORCE] for _, means in Blocks().take(t, y)) == 1.0
     # the sample at which it gives up tells why

@@ -144,7 +144,7 @@ def test_a_standing_robot_makes_it_no_surer_than_a_count():
     run = ran("fig4_force_position")
     u = np.repeat(run.samples.u[:1], 5000, axis=0)
     u[:, 6:9] = 0.0
-    y = followed(shadow_of(run.experiment), Samples(np.arange(5000) * 2e-3, u))
+    y = followed(shadow_of(run.experiment), Samples(np.asarray(np.arange(5000) * 2e-3), u))
     assert not y["moves"][1000:].any()
     # 50 in a tenth of a second would have been as many measurements
     assert y["deviation"][-1, 6] > 2 * np.pi / 4096 / np.sqrt(12) / 5

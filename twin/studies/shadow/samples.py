@@ -28,7 +28,7 @@ class Samples(NamedTuple):
 
     Attributes:
         t: when each was taken (n,), s, ascending, by the robot's clock.
-        u: inputs of the filter by `filter.INPUTS` (n, 13), SI; NaN where nothing came.
+        u: inputs of the filter by `layout.INPUTS` (n, 13), SI; NaN where nothing came.
     """
 
     t: NDArray[np.float64]
@@ -121,11 +121,12 @@ def drive_model(experiment: Experiment) -> DriveModel:
     known = servos(planned_drives(experiment))
     if known is None:
         return UNKNOWN_DRIVE
-    return DriveModel(*(float(v.mean()) for v in (known.T_m, known.droop, known.J_m)), wander=KNOWN_DRIVE)
+    lag, droop, inertia = (float(np.mean(values)) for values in (known.T_m, known.droop, known.J_m))
+    return DriveModel(lag, droop, inertia, KNOWN_DRIVE)
 
 
 def followed(shadow: Shadow, samples: Samples) -> Columns:
-    """What the filter says at each of `samples`, by `filter.OUTPUTS`: (n,), or (n, size); it goes on from where it is.
+    """What the filter says at each of `samples`, by `layout.OUTPUTS`: (n,), or (n, size); it goes on from where it is.
 
     Raises:
         ComponentFailed: its first counts fit no pose.
