@@ -115,10 +115,9 @@ def wandering(seed: int, F_z: float, seconds: float = 8.0) -> Wandering:
         x += np.sqrt(PERIOD / 2) * intensity(x, noises) * random.standard_normal(15)
         step(u, t[k], PERIOD)
         x += np.sqrt(PERIOD / 2) * intensity(x, noises) * random.standard_normal(15)
-    turn = 2 * np.pi / np.repeat([model.plant.motor_counts_per_turn, model.plant.joint_counts_per_turn], 3)
     noise = np.repeat([model.plant.motor_noise, model.plant.joint_noise], 3)
     angles = np.hstack([states[:, 6:9], joint_angles(geometry(model), states[:, :3])])
-    counts = np.floor((angles + noise * random.standard_normal((n, 6))) / turn + 0.5)
+    counts = np.floor((angles + noise * random.standard_normal((n, 6))) / turns(model) + 0.5)
     return Wandering(Samples(np.asarray(t), np.hstack([counts, omega_ref, np.full((n, 4), np.nan)])), states)
 
 
@@ -213,7 +212,12 @@ class Reference:
 
 def variances(model: Experiment) -> NDArray[np.float64]:
     """Of six counts whose rounding is white (rad^2)."""
-    plant = model.plant
-    turn = 2 * np.pi / np.repeat([plant.motor_counts_per_turn, plant.joint_counts_per_turn], 3)
-    variance: NDArray[np.float64] = turn**2 / 12 + np.repeat([plant.motor_noise, plant.joint_noise], 3) ** 2
+    noise = np.repeat([model.plant.motor_noise, model.plant.joint_noise], 3)
+    variance: NDArray[np.float64] = turns(model) ** 2 / 12 + noise**2
     return variance
+
+
+def turns(model: Experiment) -> NDArray[np.float64]:
+    """A count of each of the six encoders (rad)."""
+    plant = model.plant
+    return 2 * np.pi / np.repeat([plant.motor_counts_per_turn, plant.joint_counts_per_turn], 3)

@@ -7,94 +7,86 @@ from tests.studies.shadow.robots import (
     NOISE,
     Reference,
     Run,
-    Wandering,
     bounds,
     effective,
     experiment,
     ran,
+    turns,
     variances,
     wandering,
 )
+from twin.kernel.cosim.delay import columns, play
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.studies.shadow.layout import LONGEST_GAP
-from twin.studies.shadow.samples import UNKNOWN_DRIVE, Samples, drive_model, followed, samples_of, shadow_of
+from twin.studies.shadow.filter import Shadow
+from twin.studies.shadow.layout import LONGEST_GAP, STATES
+from twin.studies.shadow.samples import (
+    UNKNOWN_DRIVE,
+    Columns,
+    Feed,
+    Samples,
+    drive_model,
+    followed,
+    samples_of,
+    shadow_of,
+)
 
-FREEDOM = 15
 CHUNK = 50
 """Samples from one look at the whole covariance to the next."""
 
 
-def test_it_is_the_filter_of_its_equations_written_anew():
-    robot, model = wandering(3, 5.0, 0.3), experiment(*NOISE)
-    shadow, reference, R = shadow_of(model), Reference(model), variances(experiment(*NOISE))
-    turn = 2 * np.pi / np.repeat([4096, 16384], 3)
-    for k in range(len(robot.samples.t)):
-        y = (
-            followed(shadow, Samples(robot.samples.t[k : k + 1], robot.samples.u[k : k + 1]))
-            if k == 0
-            else one(shadow, robot, k)
-        )
-        if k == 0:
-            reference.x = shadow.memory["x"][0].copy()
-            continue
-        reference.predict(2e-3, robot.samples.u[k - 1, 6:9])
-        NIS = reference.correct(robot.samples.u[k, :6] * turn, R)
-        assert y["NIS"][0] == pytest.approx(NIS, rel=0.02, abs=0.02)
-    P = shadow.memory["P"][0][:, :15]
-    deviation = np.sqrt(np.diag(P))
-    assert np.abs(shadow.memory["x"][0] - reference.x) == pytest.approx(np.zeros(15), abs=0.03 * deviation.max())
-    assert np.all(np.abs(shadow.memory["x"][0] - reference.x) < 0.05 * deviation)
-    # series and middle of the motors' way against an exponential of the whole: 2 % of a deviation
-    assert deviation == pytest.approx(np.sqrt(np.diag(reference.P)), rel=0.02)
-    correlation = P / np.outer(deviation, deviation)
-    other = reference.P / np.outer(*[np.sqrt(np.diag(reference.P))] * 2)
-    assert np.abs(correlation - other).max() < 0.05
-
-
-def one(shadow, robot: Wandering, k: int):
-    """Sample k, two milliseconds after the one before."""
-    from twin.kernel.cosim.delay import columns, play
-
-    rows, status = play(shadow, robot.samples.t[k : k + 1], np.array([2e-3]), robot.samples.u[k : k + 1])
+def part_of(shadow: Shadow, samples: Samples, first: int, count: int) -> Columns:
+    """What the filter says at `count` of the samples, which are 2 ms apart."""
+    part = slice(first, first + count)
+    h = np.full(len(samples.t[part]), 2e-3)
+    h[0] = 1e9 if first == 0 else 2e-3
+    rows, status = play(shadow, samples.t[part], h, samples.u[part])
     assert status == 0
     return columns(shadow, rows)
 
 
+def test_it_is_the_filter_of_its_equations_written_anew():
+    (samples, _), model = wandering(3, 5.0, 0.16), experiment(*NOISE)
+    shadow, reference = shadow_of(model), Reference(model)
+    part_of(shadow, samples, 0, 1)
+    reference.x = shadow.memory["x"][0].copy()
+    for k in range(1, len(samples.t)):
+        y = part_of(shadow, samples, k, 1)
+        reference.predict(2e-3, samples.u[k - 1, 6:9])
+        NIS = reference.correct(samples.u[k, :6] * turns(model), variances(model))
+        assert y["NIS"][0] == pytest.approx(NIS, rel=0.02, abs=0.02)
+    P = shadow.memory["P"][0][:, :STATES]
+    deviation, other = np.sqrt(np.diag(P)), np.sqrt(np.diag(reference.P))
+    assert np.all(np.abs(shadow.memory["x"][0] - reference.x) < 0.05 * deviation)
+    # a series and the middle of the motors' way against the exponential of the whole
+    assert deviation == pytest.approx(other, rel=0.02)
+    assert P / np.outer(deviation, deviation) == pytest.approx(reference.P / np.outer(other, other), abs=0.05)
+
+
 @pytest.fixture(scope="module", params=[0.0, 5.0], ids=["air", "contact"])
 def consistency(request):
-    """NEES (runs, chunks) and NIS (runs, n) of robots that wander as the filter says."""
+    """NEES (runs, chunks), NIS (runs, n), and what is left of the motors' counts, squared, by their variances."""
     NEES, NIS, after = [], [], []
+    model = experiment(*NOISE)
     for seed in range(12):
-        robot, shadow = wandering(seed, request.param), shadow_of(experiment(*NOISE))
+        (samples, x), shadow = wandering(seed, request.param), shadow_of(model)
         squares, told, left = [], [], []
-        turn = 2 * np.pi / np.repeat([4096, 16384], 3)
-        for k in range(0, len(robot.samples.t), CHUNK):
-            part = Samples(robot.samples.t[k : k + CHUNK], robot.samples.u[k : k + CHUNK])
-            y = part_of(shadow, part, first=k == 0)
-            error = shadow.memory["x"][0] - robot.x[k + CHUNK - 1]
-            squares.append(error @ np.linalg.solve(shadow.memory["P"][0][:, :15], error))
+        for k in range(0, len(samples.t), CHUNK):
+            y = part_of(shadow, samples, k, CHUNK)
+            error = shadow.memory["x"][0] - x[k + CHUNK - 1]
+            squares.append(error @ np.linalg.solve(shadow.memory["P"][0][:, :STATES], error))
             told += y["NIS"].tolist()
-            rest = part.u[:, :3] * turn[:3] - y["theta_m"]
-            left += (rest**2 / variances(experiment(*NOISE))[:3]).sum(axis=1).tolist()
+            rest = samples.u[k : k + CHUNK, :3] * turns(model)[:3] - y["theta_m"]
+            left += (rest**2 / variances(model)[:3]).sum(axis=1).tolist()
+        # the beginning knows too little of the speeds
         NEES.append(squares[10:])
         NIS.append(told[10 * CHUNK :])
         after.append(left[10 * CHUNK :])
     return np.array(NEES), np.array(NIS), np.array(after)
 
 
-def part_of(shadow, part: Samples, first: bool):
-    from twin.kernel.cosim.delay import columns, play
-
-    h = np.full(len(part.t), 2e-3)
-    h[0] = 1e9 if first else 2e-3
-    rows, status = play(shadow, part.t, h, part.u)
-    assert status == 0
-    return columns(shadow, rows)
-
-
 def test_it_knows_how_wrong_its_state_is(consistency):
     NEES, _, _ = consistency
-    low, high = bounds(FREEDOM, effective(NEES))
+    low, high = bounds(STATES, effective(NEES))
     assert low < NEES.mean() < high
 
 
@@ -214,14 +206,25 @@ def test_counts_that_stay_somewhere_else_are_believed_after_a_tenth_of_a_second(
     assert np.abs(y["p_B"][-1] - run.truth[2999, :3]).max() < 5e-5
 
 
-def test_the_same_samples_give_the_same_bytes_however_they_are_cut():
+def test_the_same_samples_give_the_same_state_however_they_are_cut():
     run = ran("fig4_force_position", *NOISE)
-    whole, shadow = run.y, shadow_of(run.experiment)
-    parts = []
-    for k in range(0, 3000, 700):
-        parts.append(part_of(shadow, Samples(run.samples.t[k : k + 700], run.samples.u[k : k + 700]), k == 0))
-    joined = np.concatenate([part["F_ee_B"] for part in parts])
-    assert np.abs(joined[:3000] - whole["F_ee_B"][: len(joined)][:3000]).max() < 1e-9
+    shadow = shadow_of(run.experiment)
+    parts = [part_of(shadow, run.samples, k, 700)["F_ee_B"] for k in range(0, 2800, 700)]
+    # the times of a run are rounded to nanoseconds, these periods are not
+    assert np.abs(np.concatenate(parts) - run.y["F_ee_B"][:2800]).max() < 1e-9
+
+
+def test_samples_one_by_one_give_the_bytes_of_all_at_once():
+    run = ran("fig4_force_position", *NOISE)
+    feed = Feed(shadow_of(run.experiment))
+    for k in range(300):
+        for name, place in feed.inputs.items():
+            place[:] = run.samples.only(name)[k]
+        feed(run.samples.t[k])
+        assert feed.outputs["F_ee_B"].tobytes() == run.y["F_ee_B"][k].tobytes()
+    feed = Feed(shadow_of(run.experiment))
+    with pytest.raises(ComponentFailed, match=r"fits the first counts, t = 1\.000 s"):
+        feed(1.0)
 
 
 def test_an_unknown_drive_is_said_to_do_much_besides():

@@ -223,7 +223,9 @@ def residuals(m, h, u, y):
     for leg in range(3):
         _, tau_load = stiffness(m, leg)
         target = m.omega_ref[leg] - m.drive.droop * tau_load
-        alpha = (target - m.x[SPEED + leg]) / m.drive.lag
+        # of a motor without a known command no acceleration is expected
+        known = m.drive.lag > 0.0 and not math.isnan(target)
+        alpha = (target - m.x[SPEED + leg]) / m.drive.lag if known else 0.0
         y.residual_tau[leg] = u.tau_motor[leg] - tau_load - m.drive.inertia * alpha
 
 

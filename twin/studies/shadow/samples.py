@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.delay import columns, play
-from twin.kernel.cosim.port import places, width
+from twin.kernel.cosim.port import by_port, places, width
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.robot.assembly.build import belief, planned_drives, plant_parameters
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.converge.monolith import servos
 from twin.studies.shadow.filter import Shadow
-from twin.studies.shadow.layout import INPUTS, DriveModel, Noises, Sensors
+from twin.studies.shadow.layout import INPUTS, OUTPUTS, DriveModel, Noises, Sensors
 
 Columns = dict[str, NDArray[np.float64]]
 UNKNOWN_DRIVE = DriveModel(lag=0.02, droop=0.0, inertia=1e-4, wander=20.0)
@@ -123,6 +123,35 @@ def drive_model(experiment: Experiment) -> DriveModel:
         return UNKNOWN_DRIVE
     lag, droop, inertia = (float(np.mean(values)) for values in (known.T_m, known.droop, known.J_m))
     return DriveModel(lag, droop, inertia, KNOWN_DRIVE)
+
+
+class Feed:
+    """A filter that is given its samples one by one, as they come; nothing is allocated for one.
+
+    Args:
+        shadow: the filter.
+
+    Attributes:
+        inputs: by port of `layout.INPUTS` views to write what has come into; NaN in the beginning.
+        outputs: by port of `layout.OUTPUTS` views of what the filter said last.
+    """
+
+    def __init__(self, shadow: Shadow):
+        self._shadow, self._last = shadow, -np.inf
+        self._u, self._y = np.full(width(INPUTS), np.nan), np.zeros(width(OUTPUTS))
+        self._step, self._at = shadow.step.called, (self._u.ctypes.data, self._y.ctypes.data)
+        self.inputs, self.outputs = by_port(INPUTS, self._u), by_port(OUTPUTS, self._y)
+
+    def __call__(self, t: float) -> None:
+        """Take the sample of time `t` (s), later than the one before, that lies in `inputs`.
+
+        Raises:
+            ComponentFailed: it is the first, and its counts fit no pose.
+        """
+        status = self._step(self._shadow.self_address, t, t - self._last, *self._at)
+        if status:
+            raise ComponentFailed(f"shadow {self._shadow.explain(status)}, t = {t:.3f} s")
+        self._last = t
 
 
 def followed(shadow: Shadow, samples: Samples) -> Columns:
