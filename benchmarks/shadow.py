@@ -11,7 +11,7 @@ from twin.robot.assembly.build import plant_parameters
 from twin.robot.assembly.load import load_experiment
 from twin.robot.plant.component import Plant, resting
 from twin.robot.run.trace import run_in_memory
-from twin.studies.shadow.alarm import CHANNELS, Blocks, Limits, Watch
+from twin.studies.shadow.alarm import CHANNELS, Blocks, ShadowWatch, Tolerances
 from twin.studies.shadow.samples import followed, samples_of, shadow_of
 
 ROUNDS = 15
@@ -25,7 +25,7 @@ def measurements(path: Path) -> list[Measurement]:
     x, theta_m = resting(parameters, experiment.start)
     held = np.tile(theta_m, (n, 1))
     # what is no news plays no role for the time
-    limits = Limits(dict.fromkeys(CHANNELS, 1.0), dict.fromkeys(CHANNELS, 1.0))
+    limits = Tolerances(dict.fromkeys(CHANNELS, 1.0), dict.fromkeys(CHANNELS, 1.0))
 
     def filtered() -> float:
         shadow, began = shadow_of(experiment), time.perf_counter()
@@ -38,7 +38,7 @@ def measurements(path: Path) -> list[Measurement]:
         return time.perf_counter() - began
 
     def watched() -> float:
-        shadow, watch, began = shadow_of(experiment), Watch(limits, 0.01), time.perf_counter()
+        shadow, watch, began = shadow_of(experiment), ShadowWatch(limits, 0.01), time.perf_counter()
         for end, means in Blocks().take(samples.t, followed(shadow, samples)):
             watch.take(end, means)
         return time.perf_counter() - began

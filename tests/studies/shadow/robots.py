@@ -19,7 +19,7 @@ from twin.robot.plant.component import PlantEquations
 from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.converge.monolith import Sampled
 from twin.studies.shadow.fleet import SCALE
-from twin.studies.shadow.layout import DriveModel, Noises
+from twin.studies.shadow.layout import Noises, ShadowDrive
 from twin.studies.shadow.samples import Columns, Samples, followed, samples_of, shadow_of
 
 EXPERIMENTS = Path(__file__).resolve().parents[3] / "experiments"
@@ -131,7 +131,7 @@ def intensity(x: NDArray[np.float64], noises: Noises) -> NDArray[np.float64]:
     return np.array([0.0] * 3 + [noises.v] * 3 + [0.0] * 3 + [DRIVE.wander] * 3 + [sideways] * 2 + [down])
 
 
-DRIVE = DriveModel(0.02, 0.6, 1e-4, 0.1)
+DRIVE = ShadowDrive(0.02, 0.6, 1e-4, 0.1)
 
 
 def geometry(model: Experiment) -> Geometry:

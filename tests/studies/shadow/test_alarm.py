@@ -11,14 +11,14 @@ from twin.studies.shadow.alarm import (
     SETTLING,
     SIDES,
     Blocks,
-    Limits,
-    State,
-    Watch,
+    ShadowWatch,
+    Tolerances,
+    WatchState,
     run_length,
     threshold,
 )
 
-ONES = Limits(dict.fromkeys(CHANNELS, 1.0), dict.fromkeys(CHANNELS, 0.5))
+ONES = Tolerances(dict.fromkeys(CHANNELS, 1.0), dict.fromkeys(CHANNELS, 0.5))
 QUIET = [0.0] * len(CHANNELS)
 FORCE = list(CHANNELS).index("force")
 
@@ -27,7 +27,7 @@ def off(by: float, channel: int = FORCE) -> list[float]:
     return [by if k == channel else 0.0 for k in range(len(CHANNELS))]
 
 
-def taken(watch: Watch, *means: list[float]) -> list[str]:
+def taken(watch: ShadowWatch, *means: list[float]) -> list[str]:
     """The states that the watch goes through, block by block."""
     states = []
     for k, one in enumerate([QUIET] * FIRST_BLOCKS + list(means)):
@@ -65,14 +65,14 @@ def test_a_rate_that_cannot_be_asked_is_refused(per_hour):
 
 
 def test_a_residual_within_its_tolerance_never_alarms():
-    watch = Watch(ONES, 100.0)
-    assert set(taken(watch, *[off(1.2)] * 500)) == {State.LISTENING}
+    watch = ShadowWatch(ONES, 100.0)
+    assert set(taken(watch, *[off(1.2)] * 500)) == {WatchState.LISTENING}
 
 
 def test_a_residual_beyond_it_is_confirmed_then_an_alarm_with_evidence():
-    watch = Watch(ONES, 1.0)
+    watch = ShadowWatch(ONES, 1.0)
     states = taken(watch, *[off(-3.0)] * 6)
-    assert states[0] == State.LISTENING and State.CONFIRMING in states and states[-1] == State.GATHERING
+    assert states[0] == WatchState.LISTENING and WatchState.CONFIRMING in states and states[-1] == WatchState.GATHERING
     (alarm,) = watch.alarms
     assert (alarm.channel, alarm.since, alarm.size) == ("force", float(FIRST_BLOCKS), -3.0)
     assert alarm.level > 1.0
@@ -80,16 +80,16 @@ def test_a_residual_beyond_it_is_confirmed_then_an_alarm_with_evidence():
 
 
 def test_what_is_normal_is_what_the_first_blocks_were():
-    watch = Watch(ONES, 1.0)
+    watch = ShadowWatch(ONES, 1.0)
     for k in range(100):
         watch.take(float(k), off(50.0))
     assert not watch.alarms
 
 
 def test_a_shift_that_goes_away_is_only_confirmed():
-    watch = Watch(ONES, 1.0)
-    assert taken(watch, *[off(3.0)] * 3, *[QUIET] * 6)[-1] == State.LISTENING
-    assert [change.state for change in watch.changes] == [State.CONFIRMING, State.LISTENING]
+    watch = ShadowWatch(ONES, 1.0)
+    assert taken(watch, *[off(3.0)] * 3, *[QUIET] * 6)[-1] == WatchState.LISTENING
+    assert [change.state for change in watch.changes] == [WatchState.CONFIRMING, WatchState.LISTENING]
 
 
 def test_after_an_alarm_it_gathers_asks_and_cools_down():
@@ -99,7 +99,7 @@ def test_after_an_alarm_it_gathers_asks_and_cools_down():
         asked.append((since, until))
         return "k_s of joint 2 was 1.000, is 0.93 +- 0.02"
 
-    watch = Watch(ONES, 1.0, gathering=3, cooling=4, reidentify=reidentify)
+    watch = ShadowWatch(ONES, 1.0, gathering=3, cooling=4, reidentify=reidentify)
     states = taken(watch, *[off(20.0)] * 9)
     assert states == ["gathering"] * 3 + ["cooling down"] * 4 + ["listening", "gathering"]
     assert asked == [(2.0, 6.0)]
@@ -107,13 +107,13 @@ def test_after_an_alarm_it_gathers_asks_and_cools_down():
 
 
 def test_without_anything_that_re_identifies_it_says_so():
-    watch = Watch(ONES, 1.0, gathering=1, cooling=1)
+    watch = ShadowWatch(ONES, 1.0, gathering=1, cooling=1)
     taken(watch, *[off(20.0)] * 2)
     assert str(watch.changes[-1]) == "cooling down: which parameter is not known"
 
 
 def test_a_channel_without_a_sensor_says_nothing():
-    watch = Watch(ONES, 1.0)
+    watch = ShadowWatch(ONES, 1.0)
     silent = [np.nan if k == FORCE else 0.0 for k in range(len(CHANNELS))]
     for k in range(20):
         watch.take(float(k), silent)
@@ -121,9 +121,9 @@ def test_a_channel_without_a_sensor_says_nothing():
 
 
 def test_less_spread_is_no_news():
-    watch, spread = Watch(ONES, 1.0), list(CHANNELS).index("spread")
-    assert set(taken(watch, *[off(-30.0, spread)] * 9)) == {State.LISTENING}
-    assert taken(watch, *[off(30.0, spread)] * 9)[-1] != State.LISTENING
+    watch, spread = ShadowWatch(ONES, 1.0), list(CHANNELS).index("spread")
+    assert set(taken(watch, *[off(-30.0, spread)] * 9)) == {WatchState.LISTENING}
+    assert taken(watch, *[off(30.0, spread)] * 9)[-1] != WatchState.LISTENING
 
 
 def outputs(n: int, started: list[int], value: float = 1.0) -> dict[str, np.ndarray]:

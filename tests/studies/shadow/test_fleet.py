@@ -15,7 +15,7 @@ from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.run.trace import run_in_memory
 from twin.studies.replay.model import loaded_model, motions
 from twin.studies.replay.replay import angle_rounding, drift
-from twin.studies.shadow.alarm import CHANNELS, FIRST_BLOCKS, Limits, Watch
+from twin.studies.shadow.alarm import CHANNELS, FIRST_BLOCKS, ShadowWatch, Tolerances
 from twin.studies.shadow.fleet import (
     LATE,
     LOST,
@@ -39,7 +39,7 @@ Means = tuple[list[float], np.ndarray]
 
 
 @cache
-def fig4_limits() -> Limits:
+def fig4_limits() -> Tolerances:
     """Of the fleet of the file, in the motion of Fig. 4."""
     return fleet_limits(read_fleet(FLEET, FIG4), EVERY)
 
@@ -54,9 +54,11 @@ def robot(*settings: str) -> Samples:
     return samples_of(run_in_memory(load_experiment(FIG4, [*SCALE, *settings]), EVERY))
 
 
-def alarms_of(samples: Samples, twin: Experiment | None = None, per_hour: float = 1.0, limits: Limits | None = None):
+def alarms_of(
+    samples: Samples, twin: Experiment | None = None, per_hour: float = 1.0, limits: Tolerances | None = None
+):
     ends, means = block_means(twin or fig4_twin(), samples)
-    return watched(ends, means, Watch(limits or fig4_limits(), per_hour))
+    return watched(ends, means, ShadowWatch(limits or fig4_limits(), per_hour))
 
 
 def test_robots_are_the_same_each_time_and_different_from_each_other():
@@ -164,7 +166,7 @@ def test_nine_of_ten_faults_that_move_a_residual_by_twice_its_tolerance_are_foun
         if np.nanmax(shift) < 2.0:
             continue
         moved += 1
-        later = [a for a in watched(ends, means, Watch(limits, 1.0)) if a.t > ONSET]
+        later = [a for a in watched(ends, means, ShadowWatch(limits, 1.0)) if a.t > ONSET]
         found.append(bool(later) and later[0].t <= ONSET + 10.0)
     assert moved >= 25
     assert np.mean(found) >= 0.9
@@ -211,14 +213,14 @@ def _massage_twin() -> Experiment:
 
 
 @cache
-def massage_limits() -> Limits:
+def massage_limits() -> Tolerances:
     """Of the fleet of the file, in its own motion."""
     return fleet_limits(read_fleet(FLEET), EVERY)
 
 
-def counted(all_means: list[Means], per_hour: float, limits: Limits, share: float = 1.0) -> Rate:
+def counted(all_means: list[Means], per_hour: float, limits: Tolerances, share: float = 1.0) -> Rate:
     """Alarms of many robots."""
-    alarms = sum(len(watched(ends, means, Watch(limits, per_hour, share=share))) for ends, means in all_means)
+    alarms = sum(len(watched(ends, means, ShadowWatch(limits, per_hour, share=share))) for ends, means in all_means)
     return Rate(alarms, sum(len(ends) - FIRST_BLOCKS for ends, _ in all_means) / 3600.0)
 
 
@@ -243,7 +245,7 @@ def test_three_hours_of_healthy_robots_keep_the_promise_of_one_alarm_an_hour():
 def test_half_of_threshold_and_tolerance_or_a_fleet_without_tolerance_break_it():
     limits = massage_limits()
     assert counted(three_hours(), 1.0, limits, share=0.5).upper > 1.0
-    none = Limits(dict.fromkeys(CHANNELS, 0.0), limits.sigma)
+    none = Tolerances(dict.fromkeys(CHANNELS, 0.0), limits.sigma)
     assert counted(three_hours(), 1.0, none).upper > 1.0
 
 

@@ -73,7 +73,7 @@ def threshold(per_hour: float, block: float = BLOCK, sides: int = SIDES, reserve
 
 
 @dataclass(frozen=True)
-class Limits:
+class Tolerances:
     """What is no news, by channel, in its own unit.
 
     Attributes:
@@ -85,7 +85,7 @@ class Limits:
     sigma: Mapping[str, float]
 
 
-class State(StrEnum):
+class WatchState(StrEnum):
     """What the watch is doing."""
 
     LISTENING = "listening"
@@ -96,11 +96,12 @@ class State(StrEnum):
 
 
 @dataclass(frozen=True)
-class Change:
+class WatchEvent:
     """A change of state, with its evidence.
 
     Attributes:
-        t: when (s). state: from now on.
+        t: when (s).
+        state: from now on.
         channel: whose sum it is, "" if none.
         level: that sum by its threshold.
         since: when the sum began to grow (s).
@@ -110,7 +111,7 @@ class Change:
     """
 
     t: float
-    state: State
+    state: WatchState
     channel: str = ""
     level: float = 0.0
     since: float = math.nan
@@ -123,9 +124,9 @@ class Change:
         if not self.channel:
             return f"{self.state}{f': {self.found}' if self.found else ''}"
         unit = CHANNELS[self.channel][2]
-        said = "robot and twin have parted" if self.alarm else f"{self.state}"
+        what = "robot and twin have parted" if self.alarm else f"{self.state}"
         off = f"{self.channel} is off by {self.size:+.3g} {unit} since {self.since:.1f} s"
-        return f"{said}: {off} ({self.level:.2f} of the threshold)"
+        return f"{what}: {off} ({self.level:.2f} of the threshold)"
 
 
 @dataclass
@@ -154,7 +155,8 @@ class Blocks:
         """End (s) and means (channels,) of each block that ends within these samples; NaN where a channel had none.
 
         Args:
-            t: times (n,), s, ascending, after those before. y: what the filter said then.
+            t: times (n,), s, ascending, after those before.
+            y: what the filter said then.
         """
         values = residuals(y)
         values[t < self._settled] = math.nan
@@ -202,7 +204,7 @@ Reidentify = Callable[[float, float], str]
 """(from, to) in s: what has changed, as a proposal for people; "" if it is not known."""
 
 
-class Watch:
+class ShadowWatch:
     """Page's sums over the block means of a robot, and what follows from them.
 
     Args:
@@ -217,7 +219,7 @@ class Watch:
 
     def __init__(
         self,
-        limits: Limits,
+        limits: Tolerances,
         per_hour: float,
         gathering: int = 10,
         cooling: int = 10,
@@ -225,22 +227,22 @@ class Watch:
         block: float = BLOCK,
         share: float = 1.0,
     ):
-        self.state, self.changes = State.LISTENING, list[Change]()
+        self.state, self.changes = WatchState.LISTENING, list[WatchEvent]()
         self.levels = dict.fromkeys(CHANNELS, 0.0)
         self._limits, self._block, self._share = limits, block, share
         self._H = share * threshold(per_hour, block)
-        self._after = {State.GATHERING: gathering, State.COOLING_DOWN: cooling}
+        self._after = {WatchState.GATHERING: gathering, WatchState.COOLING_DOWN: cooling}
         self._reidentify = reidentify
         self._normal: list[NDArray[np.float64]] = []
         self._sums = {name: _Sum() for name in CHANNELS}
-        self._left, self._alarm = 0, Change(math.nan, State.LISTENING)
+        self._left, self._alarm = 0, WatchEvent(math.nan, WatchState.LISTENING)
 
     @property
-    def alarms(self) -> list[Change]:
+    def alarms(self) -> list[WatchEvent]:
         """Those so far."""
         return [change for change in self.changes if change.alarm]
 
-    def take(self, t: float, means: Sequence[float] | NDArray[np.float64]) -> list[Change]:
+    def take(self, t: float, means: Sequence[float] | NDArray[np.float64]) -> list[WatchEvent]:
         """A block that ended at `t` (s) with `means` by channel: what changes."""
         first = len(self.changes)
         means = np.asarray(means, dtype=float)
@@ -256,13 +258,13 @@ class Watch:
         self._left -= 1
         if self._left > 0:
             return
-        if self.state is State.COOLING_DOWN:
-            self._go(Change(t, State.LISTENING))
+        if self.state is WatchState.COOLING_DOWN:
+            self._go(WatchEvent(t, WatchState.LISTENING))
             return
-        self._go(Change(t, State.REIDENTIFYING))
+        self._go(WatchEvent(t, WatchState.REIDENTIFYING))
         found = self._reidentify(self._alarm.since, t) if self._reidentify else ""
-        self._go(Change(t, State.COOLING_DOWN, found=found or "which parameter is not known"))
-        self._left = self._after[State.COOLING_DOWN]
+        self._go(WatchEvent(t, WatchState.COOLING_DOWN, found=found or "which parameter is not known"))
+        self._left = self._after[WatchState.COOLING_DOWN]
         self._sums = {name: _Sum() for name in CHANNELS}
 
     def _look(self, t: float, means: NDArray[np.float64]) -> None:
@@ -277,13 +279,13 @@ class Watch:
         worst = max(self.levels, key=lambda name: self.levels[name])
         level = self.levels[worst]
         if level > 1.0:
-            self._alarm = self._evidence(t, State.GATHERING, worst, level, alarm=True)
+            self._alarm = self._evidence(t, WatchState.GATHERING, worst, level, alarm=True)
             self._go(self._alarm)
-            self._left = self._after[State.GATHERING]
-        elif level > CONFIRMING and self.state is State.LISTENING:
-            self._go(self._evidence(t, State.CONFIRMING, worst, level))
-        elif level <= CONFIRMING and self.state is State.CONFIRMING:
-            self._go(Change(t, State.LISTENING))
+            self._left = self._after[WatchState.GATHERING]
+        elif level > CONFIRMING and self.state is WatchState.LISTENING:
+            self._go(self._evidence(t, WatchState.CONFIRMING, worst, level))
+        elif level <= CONFIRMING and self.state is WatchState.CONFIRMING:
+            self._go(WatchEvent(t, WatchState.LISTENING))
 
     def _add(self, name: str, t: float, shift: float, K: float) -> float:
         one = self._sums[name]
@@ -299,12 +301,12 @@ class Watch:
             one.low = 0.0
         return max(one.up, one.low)
 
-    def _evidence(self, t: float, state: State, name: str, level: float, alarm: bool = False) -> Change:
+    def _evidence(self, t: float, state: WatchState, name: str, level: float, alarm: bool = False) -> WatchEvent:
         one = self._sums[name]
         since = one.up_since if one.up >= one.low else one.low_since
         blocks = max(1, round((t - since) / self._block))
-        return Change(t, state, name, level, since, float(np.mean(one.taken[-blocks:])), alarm=alarm)
+        return WatchEvent(t, state, name, level, since, float(np.mean(one.taken[-blocks:])), alarm=alarm)
 
-    def _go(self, change: Change) -> None:
+    def _go(self, change: WatchEvent) -> None:
         self.state = change.state
         self.changes.append(change)

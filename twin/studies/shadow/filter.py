@@ -43,9 +43,9 @@ from twin.studies.shadow.layout import (
     STATES,
     VELOCITY,
     WIDE,
-    DriveModel,
     Noises,
     Sensors,
+    ShadowDrive,
 )
 from twin.studies.shadow.prediction import at, linearise, pose, predict, push, stiffness
 
@@ -286,7 +286,7 @@ class Shadow(NativeComponent):
         parameters: PlantParameters,
         believed: Belief,
         sensors: Sensors,
-        drive: DriveModel,
+        drive: ShadowDrive,
         noises: Noises = Noises(),  # noqa: B008, it is a tuple
     ):
         known = parameters._replace(joint_friction=0.0, spring_hysteresis=0.0)

@@ -16,7 +16,7 @@ from scipy.stats import chi2
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import run_in_memory
-from twin.studies.shadow.alarm import BLOCK, CHANNELS, FIRST_BLOCKS, Blocks, Change, Limits, Watch
+from twin.studies.shadow.alarm import BLOCK, CHANNELS, FIRST_BLOCKS, Blocks, ShadowWatch, Tolerances, WatchEvent
 from twin.studies.shadow.samples import Samples, followed, samples_of, shadow_of
 from twin.studies.sweep.plan import plan_of, read_definition
 
@@ -104,7 +104,7 @@ def block_means(twin: Experiment, samples: Samples, block: float = BLOCK) -> tup
     return [t for t, _ in found], np.array([means for _, means in found]).reshape(-1, len(CHANNELS))
 
 
-def limits_of(means: Sequence[NDArray[np.float64]]) -> Limits:
+def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
     """What is no news for robots of which none has anything wrong.
 
     Args:
@@ -117,16 +117,16 @@ def limits_of(means: Sequence[NDArray[np.float64]]) -> Limits:
         sigma = np.sqrt(np.nanmean(steps**2, axis=0) / 2.0) if len(steps) else np.full(len(CHANNELS), math.nan)
         tolerance = MARGIN * np.nanmax(np.abs(np.concatenate(shifts)), axis=0)
     names = list(CHANNELS)
-    return Limits(dict(zip(names, tolerance.tolist(), strict=True)), dict(zip(names, sigma.tolist(), strict=True)))
+    return Tolerances(dict(zip(names, tolerance.tolist(), strict=True)), dict(zip(names, sigma.tolist(), strict=True)))
 
 
-def fleet_limits(fleet: Fleet, every: int = 1) -> Limits:
+def fleet_limits(fleet: Fleet, every: int = 1) -> Tolerances:
     """The `limits_of` the robots of a fleet."""
     twin = fleet.twin()
     return limits_of([block_means(twin, fleet.samples(k, every))[1] for k in range(len(fleet.robots))])
 
 
-def watched(ends: Sequence[float], means: NDArray[np.float64], watch: Watch) -> list[Change]:
+def watched(ends: Sequence[float], means: NDArray[np.float64], watch: ShadowWatch) -> list[WatchEvent]:
     """The alarms of one robot."""
     for t, one in zip(ends, means, strict=True):
         watch.take(t, one)
@@ -138,7 +138,8 @@ class Rate:
     """False alarms of healthy robots.
 
     Attributes:
-        alarms: how many. hours: that were watched, the blocks that say what is normal left out.
+        alarms: how many.
+        hours: that were watched, the blocks that say what is normal left out.
     """
 
     alarms: int

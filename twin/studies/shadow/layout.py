@@ -9,7 +9,7 @@ from twin.robot.plant.contact import ANCHORS
 from twin.robot.plant.dynamics import PARAMETERS
 
 
-class DriveModel(NamedTuple):
+class ShadowDrive(NamedTuple):
     """What is known of the drives, SI.
 
     Attributes:
@@ -71,9 +71,9 @@ EDGE = 0.1
 JUST_CHANGED = math.sqrt(3.0)
 """Counts. Evenly spread over so much, an error has a deviation of half a count."""
 REPEATED = 0.004
-"""s. A count that stays is taken in again after so long; until then it tells what it has told before."""
+"""s. A count that stays is taken in again after so long; until then it says nothing new."""
 GARBLED = 1e4
-"""Squared deviations. A count so far off is told and not taken in; if it goes on for `LONGEST_GAP` it is believed."""
+"""Squared deviations. A count so far off shows in the residual and is not taken in; if it goes on for `LONGEST_GAP` it is believed."""
 MOVED = 0.1
 """s. If no count has changed for so long the robot stands still."""
 FIRST = (1e-3, 0.05, 1e-3, 0.5, 1.0)
@@ -100,8 +100,8 @@ OUTPUTS = (
     Port("residual_l", 3, "rad", "joint angles by counts less what was expected; NaN: none"),
     Port("residual_F", 1, "N", "measured pressing force less what was expected; NaN: none"),
     Port("residual_tau", 3, "N m", "motor torques less what was expected; NaN: none"),
-    Port("NIS", 1, "1", "squared residuals of the counts by their variances; NaN: none told something new"),
-    Port("used", 1, "1", "how many counts told something new", "int"),
+    Port("NIS", 1, "1", "squared residuals of the counts by their variances; NaN: none said anything new"),
+    Port("used", 1, "1", "how many counts said anything new", "int"),
     Port("moves", 1, "1", "whether a count has changed within the last 0.1 s", "bool"),
     Port("started", 1, "1", "whether the filter has started anew with this sample", "bool"),
 )
@@ -109,7 +109,7 @@ MATRIX = ("f8", (STATES, WIDE))
 MEMORY = record(
     parameters=PARAMETERS,
     belief=BELIEF,
-    drive=record_of(DriveModel),
+    drive=record_of(ShadowDrive),
     noises=record_of(Noises),
     sensors=record_of(Sensors),
     **states(

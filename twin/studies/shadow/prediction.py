@@ -86,7 +86,8 @@ def transition(m, h, E, reach, droop):
 
     Args:
         h: s.
-        E: what is left of a difference of speed after h; reach: the way it goes in that time (s).
+        E: what is left of a difference of speed after h.
+        reach: the way that it goes in that time (s).
         droop: rad/s per N m.
     """
     phi, term, after, slope = m.phi, m.term, m.next, m.slope

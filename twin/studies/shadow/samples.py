@@ -14,10 +14,10 @@ from twin.robot.assembly.build import belief, planned_drives, plant_parameters
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.converge.monolith import servos
 from twin.studies.shadow.filter import Shadow
-from twin.studies.shadow.layout import INPUTS, OUTPUTS, DriveModel, Noises, Sensors
+from twin.studies.shadow.layout import INPUTS, OUTPUTS, Noises, Sensors, ShadowDrive
 
 Columns = dict[str, NDArray[np.float64]]
-UNKNOWN_DRIVE = DriveModel(lag=0.02, droop=0.0, inertia=1e-4, wander=20.0)
+UNKNOWN_DRIVE = ShadowDrive(lag=0.02, droop=0.0, inertia=1e-4, wander=20.0)
 """Of a drive whose equations are not known: the lag that a controller believes, and much that it does besides."""
 KNOWN_DRIVE = 0.1
 """rad/s2/sqrt(Hz). A lag of 20 ms that is 1 % off is as much, at 10 rad/s2 that change ten times a second."""
@@ -44,7 +44,7 @@ class Samples(NamedTuple):
         return np.diff(self.t, prepend=-np.inf)
 
 
-class Series(Protocol):
+class RobotRun(Protocol):
     """A recording, or a run in memory."""
 
     def __getitem__(self, key: str) -> NDArray:
@@ -57,7 +57,7 @@ class Series(Protocol):
         """By `topic.field` what there is."""
 
 
-def samples_of(run: Series) -> Samples:
+def samples_of(run: RobotRun) -> Samples:
     """The samples that the computer of the robot of `run` had: counts, its commands, what was measured besides.
 
     Of a robot with broken encoders the counts are what they gave. A measured force is there at its own times only.
@@ -89,7 +89,7 @@ def samples_of(run: Series) -> Samples:
     return taken
 
 
-def _held(run: Series, key: str, t: NDArray[np.float64]) -> NDArray[np.float64]:
+def _held(run: RobotRun, key: str, t: NDArray[np.float64]) -> NDArray[np.float64]:
     """The newest values of `key` at the times `t`."""
     newest = np.searchsorted(run.time(key.rpartition(".")[0]), t, side="right") - 1
     values: NDArray[np.float64] = run[key][np.maximum(newest, 0)].astype(float)
@@ -112,7 +112,7 @@ def shadow_of(experiment: Experiment, noises: Noises = Noises()) -> Shadow:  # n
     )
 
 
-def drive_model(experiment: Experiment) -> DriveModel:
+def drive_model(experiment: Experiment) -> ShadowDrive:
     """What is known of the drives of `experiment`: all of `velocity_servo`'s equations, little of any other.
 
     Raises:
@@ -122,7 +122,7 @@ def drive_model(experiment: Experiment) -> DriveModel:
     if known is None:
         return UNKNOWN_DRIVE
     lag, droop, inertia = (float(np.mean(values)) for values in (known.T_m, known.droop, known.J_m))
-    return DriveModel(lag, droop, inertia, KNOWN_DRIVE)
+    return ShadowDrive(lag, droop, inertia, KNOWN_DRIVE)
 
 
 class Feed:
