@@ -58,7 +58,7 @@ def alarms_of(
     samples: Samples, twin: Experiment | None = None, per_hour: float = 1.0, limits: Tolerances | None = None
 ):
     ends, means = block_means(twin or fig4_twin(), samples)
-    return watched(ends, means, ShadowWatch(limits or fig4_limits(), per_hour))
+    return watched(ends, means, ShadowWatch(fig4_limits(), per_hour))
 
 
 def test_robots_are_the_same_each_time_and_different_from_each_other():
