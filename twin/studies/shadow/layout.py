@@ -73,7 +73,8 @@ JUST_CHANGED = math.sqrt(3.0)
 REPEATED = 0.004
 """s. A count that stays is taken in again after so long; until then it says nothing new."""
 GARBLED = 1e4
-"""Squared deviations. A count so far off shows in the residual and is not taken in, unless it stays for `LONGEST_GAP`."""
+"""Squared deviations. A count so far off shows in the residual; it is not taken in before it stays for
+`LONGEST_GAP`."""
 MOVED = 0.1
 """s. If no count has changed for so long the robot stands still."""
 FIRST = (1e-3, 0.05, 1e-3, 0.5, 1.0)
