@@ -306,18 +306,28 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors, spec
         anchors: of the joints' angles, see `robot.leg`, and of dry friction, see `contact.py`.
         special: False where `has_effects` is, which is asked once and not in each evaluation.
     """
+    # the platform as the surface sees it
+    rx, ry, rz = p[0] - s_B[0], p[1] - s_B[1], p[2] - s_B[2]
+    ux, uy, uz = v[0] - v_s_B[0], v[1] - v_s_B[1], v[2] - v_s_B[2]
+    contact_x, contact_y, contact_z, _, dz_1, dz_2 = touch(parameters, apex, rx, ry, rz, ux, uy, uz, z_b[0], z_b[1])
+    pushed = acceleration_against(parameters, p, v, theta_m, (contact_x, contact_y, contact_z), anchors, special)
+    return pushed, (dz_1, dz_2)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def acceleration_against(parameters, p, v, theta_m, F_ee_B, anchors, special):
+    """dv/dt (m/s^2), a triple, of a platform that exerts the force `F_ee_B` (N), a triple, on whatever it is.
+
+    The other arguments as in `acceleration`.
+    """
     x, y, z = p
     vx, vy, vz = v
     inertia, sixth = leg_inertia(parameters, parameters), parameters.m_b / 6.0
-    # the platform as the surface sees it
-    rx, ry, rz = x - s_B[0], y - s_B[1], z - s_B[2]
-    ux, uy, uz = vx - v_s_B[0], vy - v_s_B[1], vz - v_s_B[2]
-    contact_x, contact_y, contact_z, _, dz_1, dz_2 = touch(parameters, apex, rx, ry, rz, ux, uy, uz, z_b[0], z_b[1])
     up, weight = (0.0, 0.0, 1.0), platform_weight(parameters)
-    fx, fy, fz = -contact_x, -contact_y, -contact_z - weight
+    fx, fy, fz = -F_ee_B[0], -F_ee_B[1], -F_ee_B[2] - weight
     if special:
         up = upward(parameters)
-        fx, fy, fz = fx - weight * up[0], fy - weight * up[1], -contact_z - weight * up[2]
+        fx, fy, fz = fx - weight * up[0], fy - weight * up[1], -F_ee_B[2] - weight * up[2]
     # all three legs at once, in their own frames: outward, sideways, up
     C, S = legs()
     u, w = coordinates_along(parameters, C, S, x, y)
@@ -341,7 +351,7 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors, spec
     m, zero = moving_mass(parameters), 0.0
     m11, m12, m13 = _summed(m, 2.0 * ax * jx), _summed(zero, ax * jy + ay * jx), _summed(zero, ax * j_z + a_z * jx)
     m22, m23, m33 = _summed(m, 2.0 * ay * jy), _summed(zero, ay * j_z + a_z * jy), _summed(m, 2.0 * a_z * j_z)
-    return _solve_symmetric(m11, m12, m13, m22, m23, m33, fx, fy, fz), (dz_1, dz_2)
+    return _solve_symmetric(m11, m12, m13, m22, m23, m33, fx, fy, fz)
 
 
 @njit(cache=True)

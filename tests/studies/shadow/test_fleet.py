@@ -1,0 +1,268 @@
+"""Healthy robots raise no alarm, broken ones do: what the alarm promises, counted."""
+
+from functools import cache
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+
+from tests.studies.replay.logs import drifting, softened
+from tests.studies.shadow.robots import EXPERIMENTS, FIG4, FLEET
+from twin.kernel.errors import TwinError
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.run.trace import run_in_memory
+from twin.studies.replay.model import loaded_model, motions
+from twin.studies.replay.replay import angle_rounding, drift
+from twin.studies.shadow.alarm import CHANNELS, FIRST_BLOCKS, ShadowWatch, Tolerances
+from twin.studies.shadow.fleet import (
+    LATE,
+    LOST,
+    MARGIN,
+    SCALE,
+    Rate,
+    block_means,
+    fleet_limits,
+    limits_of,
+    read_fleet,
+    watched,
+)
+from twin.studies.shadow.layout import INPUTS
+from twin.studies.shadow.samples import Samples, samples_of
+
+EVERY = 2
+"""Ticks: samples at 500 Hz, the controller's."""
+FRESH = 1000
+"""Seed of robots that no tolerance was taken from."""
+Means = tuple[list[float], np.ndarray]
+
+
+@cache
+def fig4_limits() -> Tolerances:
+    """Of the fleet of the file, in the motion of Fig. 4."""
+    return fleet_limits(read_fleet(FLEET, FIG4), EVERY)
+
+
+@cache
+def fig4_twin() -> Experiment:
+    return read_fleet(FLEET, FIG4).twin()
+
+
+def robot(*settings: str) -> Samples:
+    """A robot of Fig. 4 with a scale, by `settings` not what its twin believes."""
+    return samples_of(run_in_memory(load_experiment(FIG4, [*SCALE, *settings]), EVERY))
+
+
+def alarms_of(
+    samples: Samples, twin: Experiment | None = None, per_hour: float = 1.0, limits: Tolerances | None = None
+):
+    ends, means = block_means(twin or fig4_twin(), samples)
+    return watched(ends, means, ShadowWatch(fig4_limits(), per_hour))
+
+
+def test_robots_are_the_same_each_time_and_different_from_each_other():
+    fleet = read_fleet(FLEET, FIG4, runs=3)
+    first, again, other = fleet.samples(0, 50), fleet.samples(0, 50), fleet.samples(1, 50)
+    assert np.array_equal(first.u, again.u, equal_nan=True) and np.array_equal(first.t, again.t)
+    assert not np.array_equal(first.u[:100, :6], other.u[:100, :6])
+    assert read_fleet(FLEET, FIG4, runs=3, seed=5).robots != fleet.robots
+
+
+def test_samples_are_lost_and_stamps_are_off_on_the_way():
+    samples = read_fleet(FLEET, FIG4, runs=1).samples(0, EVERY)
+    whole = robot()
+    lost = 1.0 - len(samples.t) / len(whole.t)
+    assert 0.5 * LOST < lost < 1.5 * LOST
+    nearest = whole.t[np.rint(samples.t / 2e-3).astype(int)]
+    assert 0.9 * LATE < np.abs(samples.t - nearest).max() <= LATE
+
+
+def test_limits_are_the_largest_shift_and_the_spread_from_block_to_block():
+    random = np.random.default_rng(2)
+    shapes = [np.tile(random.standard_normal(len(CHANNELS)), (2000, 1)) for _ in range(3)]
+    means = [shape + 0.1 * random.standard_normal(shape.shape) for shape in shapes]
+    means[1][1500, 0] = means[1][:FIRST_BLOCKS, 0].mean() + 7.0
+    limits = limits_of(means)
+    assert limits.tolerance["motor 1"] == pytest.approx(MARGIN * 7.0)
+    assert limits.sigma["motor 2"] == pytest.approx(0.1, rel=0.05)
+
+
+def test_a_rate_is_bounded_exactly():
+    # no event in T hours: the rate is below 3/T with 95 %
+    assert Rate(0, 300.0).upper == pytest.approx(-np.log(0.05) / 300.0)
+    assert Rate(2, 10.0).upper > Rate(1, 10.0).upper > Rate(0, 10.0).upper
+
+
+UNKNOWN = {
+    "skin": "contact.stiffness_N_per_m=1500",
+    "height": "contact.height_mm=-100.5",
+    "friction": "plant.joint_friction_Nm=0.02",
+}
+NOISY = ("plant.motor_noise_deg=0.02", "plant.joint_noise_deg=0.02")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("unknown", UNKNOWN)
+def test_joint_residuals_of_a_replay_alarm_on_every_healthy_robot_and_these_on_none(unknown):
+    model = loaded_model(FIG4, SCALE)
+    rounding = angle_rounding(model.aware)
+    for seed in range(8):
+        settings = (UNKNOWN[unknown], *NOISY, f"seed={seed}")
+        run = run_in_memory(load_experiment(FIG4, [*SCALE, *settings]), EVERY)
+        t, theta_l = run.time("encoder"), run["estimator.theta_l"]
+        plant, _ = motions(model, t, run["estimator.theta_m"], run["estimator.p_B"])
+        found = [drift(t, plant["theta_l"][:, i] - theta_l[:, i], 1.0, *rounding) for i in range(3)]
+        assert any(one is not None and not one.matches for one in found)
+        assert not alarms_of(samples_of(run), per_hour=100.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("faults", "today"), [(softened((1, 2, 3), 10.0), 12.0), (drifting(6.0), 8.0)], ids=["springs", "encoder"]
+)
+def test_what_a_replay_finds_is_found_at_most_two_seconds_later(faults, today):
+    for per_hour in (1.0, 0.01):
+        assert alarms_of(robot(faults), per_hour=per_hour)[0].t <= today + 2.0
+
+
+@pytest.mark.slow
+def test_in_contact_softer_springs_are_found_by_the_motors_torques_and_not_without_them():
+    samples = robot(softened((1, 2, 3), 10.0))
+    samples.only("tau_motor")[:] = np.nan
+    assert not alarms_of(samples)
+    samples.only("F_z")[:] = np.nan
+    assert not alarms_of(samples, per_hour=100.0)
+
+
+ONSET = 10.0
+
+
+def catalogue() -> list[str]:
+    """Every fault of the catalogue that leaves a robot to listen to, at each magnitude."""
+    faults = []
+    for name, kind in CATALOGUE.items():
+        for magnitude in kind.magnitudes or (None,):
+            own = "" if magnitude is None else f", {kind.magnitude_key} = {magnitude}"
+            share = ", share = 0.02" if kind.has_share else ""
+            faults.append(f"{{kind = '{name}', target = '{kind.targets[0]}', onset_s = {ONSET}{own}{share}}}")
+    return faults
+
+
+@pytest.mark.slow
+def test_nine_of_ten_faults_that_move_a_residual_by_twice_its_tolerance_are_found_within_ten_seconds():
+    fleet, limits = read_fleet(FLEET, FIG4), fig4_limits()
+    tolerance = np.array([limits.tolerance[name] for name in CHANNELS])
+    ends, healthy = block_means(fig4_twin(), fleet.samples(0, EVERY))
+    found, moved = [], 0
+    for fault in catalogue():
+        try:
+            samples = fleet.samples(0, EVERY, [f"fault=[{fault}]"])
+        except TwinError:
+            # the run ended: there is no robot any more
+            continue
+        ends, means = block_means(fig4_twin(), samples)
+        shift = np.abs(means - healthy[: len(means)])[np.array(ends) > ONSET] / tolerance
+        if np.nanmax(shift) < 2.0:
+            continue
+        moved += 1
+        later = [a for a in watched(ends, means, ShadowWatch(limits, 1.0)) if a.t > ONSET]
+        found.append(bool(later) and later[0].t <= ONSET + 10.0)
+    assert moved >= 25
+    assert np.mean(found) >= 0.9
+
+
+def spread(twin: Experiment, samples: Samples) -> np.ndarray:
+    """How far each channel goes from what it was, by its tolerance."""
+    _, means = block_means(twin, samples)
+    tolerance = np.array([fig4_limits().tolerance[name] for name in CHANNELS])
+    shift: np.ndarray = np.nanmax(np.abs(means - means[:FIRST_BLOCKS].mean(axis=0)), axis=0) / tolerance
+    return shift
+
+
+@pytest.mark.slow
+def test_a_dead_twin_is_noticed():
+    healthy = robot(*NOISY)
+    assert spread(fig4_twin(), healthy).max() < 1.0
+    # its motors stand still
+    frozen = Samples(healthy.t, healthy.u.copy())
+    frozen.only("omega_ref")[:] = 0.0
+    assert spread(fig4_twin(), frozen)[:3].max() > 2.0
+    assert alarms_of(frozen)
+    # it believes in softer springs
+    softer = load_experiment(FIG4, [*SCALE, "plant.k_s_Nm_per_rad=0.8"])
+    assert spread(softer, healthy)[6:10].max() > 2.0
+    assert alarms_of(healthy, softer)
+    # it takes one joint for another
+    swapped = Samples(healthy.t, healthy.u.copy())
+    for name in ("count_m", "count_l"):
+        swapped.only(name)[:] = healthy.only(name)[:, [1, 0, 2]]
+    assert alarms_of(swapped)
+
+
+def _means(one: tuple[int, int, int]) -> Means:
+    """Block means of robot `number` of `runs` with a seed; in a process of its own."""
+    seed, runs, number = one
+    fleet = read_fleet(FLEET, runs=runs, seed=seed)
+    return block_means(_massage_twin(), fleet.samples(number, EVERY))
+
+
+@cache
+def _massage_twin() -> Experiment:
+    return read_fleet(FLEET).twin()
+
+
+@cache
+def massage_limits() -> Tolerances:
+    """Of the fleet of the file, in its own motion."""
+    return fleet_limits(read_fleet(FLEET), EVERY)
+
+
+def counted(all_means: list[Means], per_hour: float, limits: Tolerances, share: float = 1.0) -> Rate:
+    """Alarms of many robots."""
+    alarms = sum(len(watched(ends, means, ShadowWatch(limits, per_hour, share=share))) for ends, means in all_means)
+    return Rate(alarms, sum(len(ends) - FIRST_BLOCKS for ends, _ in all_means) / 3600.0)
+
+
+THREE_HOURS = 184
+"""Robots of 59 blocks each."""
+
+
+@cache
+def three_hours() -> list[Means]:
+    fleet, twin = read_fleet(FLEET, runs=THREE_HOURS, seed=FRESH), _massage_twin()
+    return [block_means(twin, fleet.samples(k, EVERY)) for k in range(THREE_HOURS)]
+
+
+@pytest.mark.slow
+def test_three_hours_of_healthy_robots_keep_the_promise_of_one_alarm_an_hour():
+    rate = counted(three_hours(), 1.0, massage_limits())
+    assert rate.hours >= 3.0
+    assert rate.upper <= 1.0
+
+
+@pytest.mark.slow
+def test_half_of_threshold_and_tolerance_or_a_fleet_without_tolerance_break_it():
+    limits = massage_limits()
+    assert counted(three_hours(), 1.0, limits, share=0.5).upper > 1.0
+    none = Tolerances(dict.fromkeys(CHANNELS, 0.0), limits.sigma)
+    assert counted(three_hours(), 1.0, none).upper > 1.0
+
+
+THREE_HUNDRED_HOURS = 18_306
+
+
+@pytest.mark.endurance
+def test_three_hundred_hours_keep_the_promise_of_one_alarm_in_a_hundred():
+    numbers = [(FRESH + k // 500, 500, k % 500) for k in range(THREE_HUNDRED_HOURS)]
+    with get_context("spawn").Pool(2) as pool:
+        all_means = list(pool.imap_unordered(_means, numbers, chunksize=50))
+    rate = counted(all_means, 0.01, massage_limits())
+    assert rate.hours >= 300.0
+    assert rate.upper <= 0.01
+
+
+def test_a_fleet_is_of_robots_that_can_send_all_that_a_filter_takes():
+    samples = read_fleet(FLEET, EXPERIMENTS / "massage.toml", runs=2).samples(1, 100)
+    for port in INPUTS:
+        assert np.isfinite(samples.only(port.name)).any(), port.name

@@ -1,0 +1,151 @@
+"""Healthy robots that are not what their twin believes, and what the residuals of such robots come to.
+
+A fleet is a sweep file: skin, height, friction and noise vary as it says. The zeros of the encoders and motors, samples
+that are lost and stamps that are late are drawn besides, from the seed in the file and the robot's number.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.trace import run_in_memory
+from twin.studies.shadow.alarm import BLOCK, CHANNELS, FIRST_BLOCKS, Blocks, ShadowWatch, Tolerances, WatchEvent
+from twin.studies.shadow.samples import Samples, followed, samples_of, shadow_of
+from twin.studies.sweep.plan import plan_of, read_definition
+
+ZERO = 0.05
+"""deg. The zeros of all six encoders are anywhere within it, either way."""
+LOST = 0.01
+"""Share of the samples that do not arrive."""
+LATE = 0.2e-3
+"""s. Stamps are off by so much at most, either way."""
+MARGIN = 1.25
+"""A tolerance by the largest shift that the fleet shows. The largest of 96 bounds 97 % of all robots with 95 %
+confidence (S. S. Wilks, Ann. Math. Statist. 12 (1941) 91); the others are not much further off."""
+SCALE = ("scale.resolution_g=5", "scale.period_ms=10")
+"""A measured force, of an experiment that has none."""
+SIGNALS = ("encoder.count_m", "encoder.count_l", "controller.omega_ref", "scale.F_z")
+TORQUES = tuple(f"drive/{i}.tau_motor" for i in (1, 2, 3))
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Robots like one experiment's.
+
+    Attributes:
+        experiment: file of what the twin believes.
+        settings: of all robots and their twin, as of `twin run --set`.
+        robots: settings of each.
+        seed: of what is drawn besides.
+    """
+
+    experiment: Path
+    settings: tuple[str, ...]
+    robots: tuple[tuple[str, ...], ...]
+    seed: int
+
+    def twin(self) -> Experiment:
+        """What is believed of every robot."""
+        return load_experiment(self.experiment, self.settings)
+
+    def samples(self, number: int, every: int = 1, settings: Sequence[str] = ()) -> Samples:
+        """Of robot `number`, from 0, as they arrive.
+
+        Args:
+            every: ticks of the run that are kept, at most those of the controller.
+            settings: of this robot besides, a fault for example.
+        """
+        random = np.random.default_rng([self.seed, number])
+        zeros = [f"plant.{side}_zero_deg={random.uniform(-ZERO, ZERO, 3).tolist()}" for side in ("motor", "joint")]
+        own = (*self.settings, *self.robots[number % len(self.robots)], *zeros, *settings)
+        experiment = load_experiment(self.experiment, [*own, f"seed={int(random.integers(1 << 31))}"])
+        return arrived(samples_of(run_in_memory(experiment, every)), random)
+
+
+def read_fleet(path: Path, experiment: Path | None = None, runs: int = 0, seed: int | None = None) -> Fleet:
+    """The fleet of a sweep file.
+
+    Args:
+        path: of the file.
+        experiment: in place of the one that the file names.
+        runs, seed: in place of those in the file, if given: fresh robots.
+
+    Raises:
+        InputRefused: with every mistake of the file.
+    """
+    definition, named = read_definition(path)
+    changed = {"runs": runs or definition.runs, "seed": definition.seed if seed is None else seed}
+    definition = definition.model_copy(update=changed)
+    plan = plan_of(definition, experiment or named, path.stem, str(path), SCALE)
+    robots = tuple(task.settings[len(SCALE) :] for task in plan.tasks)
+    return Fleet(plan.experiment, SCALE, robots, definition.seed)
+
+
+def arrived(samples: Samples, random: np.random.Generator) -> Samples:
+    """`samples` after a way on which some are lost and stamps are off."""
+    keep = random.random(len(samples.t)) >= LOST
+    # the filter starts with the first one
+    keep[0] = True
+    t = samples.t[keep]
+    return Samples(t + random.uniform(-LATE, LATE, len(t)), samples.u[keep])
+
+
+def block_means(twin: Experiment, samples: Samples, block: float = BLOCK) -> tuple[list[float], NDArray[np.float64]]:
+    """Ends (s) and means (n, channels) of all blocks of a robot beside its twin."""
+    y = followed(shadow_of(twin), samples)
+    found = list(Blocks(block).take(samples.t, y))
+    return [t for t, _ in found], np.array([means for _, means in found]).reshape(-1, len(CHANNELS))
+
+
+def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
+    """What is no news for robots of which none has anything wrong.
+
+    Args:
+        means: block means (n, channels) of each, from its first block on.
+    """
+    with np.errstate(invalid="ignore"):
+        shifts = [one[FIRST_BLOCKS:] - np.mean(one[:FIRST_BLOCKS], axis=0) for one in means]
+        # of neighbours, which share all that changes slowly; half the variance of a difference is that of one of them
+        steps = np.concatenate([np.diff(one, axis=0) for one in shifts])
+        sigma = np.sqrt(np.nanmean(steps**2, axis=0) / 2.0) if len(steps) else np.full(len(CHANNELS), math.nan)
+        tolerance = MARGIN * np.nanmax(np.abs(np.concatenate(shifts)), axis=0)
+    names = list(CHANNELS)
+    return Tolerances(dict(zip(names, tolerance.tolist(), strict=True)), dict(zip(names, sigma.tolist(), strict=True)))
+
+
+def fleet_limits(fleet: Fleet, every: int = 1) -> Tolerances:
+    """The `limits_of` the robots of a fleet."""
+    twin = fleet.twin()
+    return limits_of([block_means(twin, fleet.samples(k, every))[1] for k in range(len(fleet.robots))])
+
+
+def watched(ends: Sequence[float], means: NDArray[np.float64], watch: ShadowWatch) -> list[WatchEvent]:
+    """The alarms of one robot."""
+    for t, one in zip(ends, means, strict=True):
+        watch.take(t, one)
+    return watch.alarms
+
+
+@dataclass(frozen=True)
+class Rate:
+    """False alarms of healthy robots.
+
+    Attributes:
+        alarms: how many.
+        hours: that were watched, the blocks that say what is normal left out.
+    """
+
+    alarms: int
+    hours: float
+
+    @property
+    def upper(self) -> float:
+        """Rate (1/h) below which the true one is with 95 %: exact, of Poisson (F. Garwood, Biometrika 28 (1936))."""
+        return float(chi2.ppf(0.95, 2 * self.alarms + 2)) / (2.0 * self.hours)

@@ -1,0 +1,215 @@
+"""The state of a running robot a moment later, and how sure it is then: the filter's model and its derivative.
+
+docs/shadow_method.md has the derivation.
+"""
+
+import math
+
+from twin.kernel.compiled.function import njit
+from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN, angle_near, leg_motion, leg_vectors, move_anchor
+from twin.robot.plant.dynamics import acceleration_against, loaded_deflection, spring_stiffness
+from twin.studies.shadow.layout import FORCE, MOTOR, POSITION, SPEED, STATES, TOUCHED, VELOCITY, WIDE
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def push(m, special, p, v, theta_m, F):
+    return acceleration_against(m.parameters, p, v, theta_m, F, m.anchors, special)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def at(m, k):
+    return m.x[k], m.x[k + 1], m.x[k + 2]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _shifted(a, i, by):
+    return a[0] + (by if i == 0 else 0.0), a[1] + (by if i == 1 else 0.0), a[2] + (by if i == 2 else 0.0)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _ahead(a, rate, t):
+    return a[0] + t * rate[0], a[1] + t * rate[1], a[2] + t * rate[2]
+
+
+@njit(cache=True, error_model="numpy")
+def pose(m):
+    """Joint angles and Jacobian of the estimated position into `m.theta_l` and `m.J`; NaN outside the workspace."""
+    p = m.parameters
+    for leg in range(3):
+        k_r, k_z, r, w, h, q = leg_vectors(p, leg, m.x[0], m.x[1], m.x[2])
+        move_anchor(p, m.anchors, leg, k_r, k_z)
+        j_r, j_w, j_z, _, _ = leg_motion(p, k_r, k_z, r, w, h, q, 0.0, 0.0, 0.0)
+        C, S = LEG_COS[leg], LEG_SIN[leg]
+        m.J[leg, 0], m.J[leg, 1], m.J[leg, 2] = C * j_r - S * j_w, S * j_r + C * j_w, j_z
+        m.theta_l[leg] = angle_near(m.anchors, leg, k_r, k_z)
+
+
+BY_ANGLE, BY_WAY, BY_SPEED = 3e-4, 1e-5, 1e-3
+"""rad, m, m/s. Slopes are taken across so much: the deviation of a motor's angle, and what turns a joint by half of
+that, so that the edge of a dead zone is as soft as it is known."""
+
+
+@njit(cache=True, error_model="numpy")
+def linearise(m, special):
+    """How dv/dt depends on the state, into `m.slope`: differences of the plant's own equation."""
+    p, v, theta_m, F = at(m, POSITION), at(m, VELOCITY), at(m, MOTOR), at(m, FORCE)
+    base = push(m, special, p, v, theta_m, F)
+    for i in range(3):
+        up = push(m, special, _shifted(p, i, BY_WAY), v, theta_m, F)
+        down = push(m, special, _shifted(p, i, -BY_WAY), v, theta_m, F)
+        high = push(m, special, p, v, _shifted(theta_m, i, BY_ANGLE), F)
+        low = push(m, special, p, v, _shifted(theta_m, i, -BY_ANGLE), F)
+        fast = push(m, special, p, _shifted(v, i, BY_SPEED), theta_m, F)
+        pressed = push(m, special, p, v, theta_m, _shifted(F, i, 1.0))
+        for k in range(3):
+            m.slope[k, POSITION + i] = (up[k] - down[k]) / (2.0 * BY_WAY)
+            m.slope[k, VELOCITY + i] = (fast[k] - base[k]) / BY_SPEED
+            m.slope[k, MOTOR + i] = (high[k] - low[k]) / (2.0 * BY_ANGLE)
+            m.slope[k, SPEED + i] = 0.0
+            m.slope[k, FORCE + i] = pressed[k] - base[k]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def stiffness(m, leg):
+    """d tau_load / d theta_m (N m/rad) of a leg, and tau_load (N m): 0 inside the dead zone."""
+    p, theta_m = m.parameters, m.x[MOTOR + leg]
+    d = loaded_deflection(p, m.anchors, leg, theta_m, m.theta_l[leg])
+    high = loaded_deflection(p, m.anchors, leg, theta_m + BY_ANGLE, m.theta_l[leg])
+    low = loaded_deflection(p, m.anchors, leg, theta_m - BY_ANGLE, m.theta_l[leg])
+    k = spring_stiffness(p, leg)
+    return k * (high - low) / (2.0 * BY_ANGLE), k * d
+
+
+@njit(cache=True, error_model="numpy")
+def transition(m, h, E, reach, droop):
+    """d x(t + h) / d x(t) into `m.phi`: exact for the drives, a series up to h^3 for the platform.
+
+    Args:
+        h: s.
+        E: what is left of a difference of speed after h.
+        reach: the way that it goes in that time (s).
+        droop: rad/s per N m.
+    """
+    phi, term, after, slope = m.phi, m.term, m.next, m.slope
+    for i in range(STATES):
+        for j in range(WIDE):
+            phi[i, j] = 0.0
+        phi[i, i] = 1.0
+    for leg in range(3):
+        k, _ = stiffness(m, leg)
+        w, a = SPEED + leg, MOTOR + leg
+        phi[w, w], phi[a, w] = E, reach
+        # the speed that is aimed at is less by the droop
+        phi[w, a], phi[a, a] = -(1.0 - E) * droop * k, 1.0 - (h - reach) * droop * k
+        for i in range(3):
+            by = droop * k * m.parameters.N * m.J[leg, i]
+            phi[w, POSITION + i], phi[a, POSITION + i] = (1.0 - E) * by, (h - reach) * by
+    # first derivative of (p, v); the motors are in the middle of their way
+    for i in range(3):
+        for j in range(WIDE):
+            term[i, j] = 0.0
+            term[3 + i, j] = 0.0
+        term[i, VELOCITY + i] = 1.0
+        for k in range(3):
+            term[3 + i, POSITION + k] = slope[i, POSITION + k]
+            term[3 + i, VELOCITY + k] = slope[i, VELOCITY + k]
+            term[3 + i, FORCE + k] = slope[i, FORCE + k]
+            term[3 + i, MOTOR + k] += 0.5 * slope[i, MOTOR + k]
+        for k in range(3):
+            half = 0.5 * slope[i, MOTOR + k]
+            for j in range(WIDE):
+                term[3 + i, j] += half * phi[MOTOR + k, j]
+    share = h
+    for order in range(2, 5):
+        for i in range(6):
+            for j in range(WIDE):
+                phi[i, j] += share * term[i, j]
+        share *= h / order
+        for i in range(3):
+            for j in range(WIDE):
+                after[i, j] = term[3 + i, j]
+                after[3 + i, j] = 0.0
+            for k in range(6):
+                by = slope[i, k]
+                for j in range(WIDE):
+                    after[3 + i, j] += by * term[k, j]
+        for i in range(6):
+            for j in range(WIDE):
+                term[i, j] = after[i, j]
+
+
+@njit(cache=True, error_model="numpy")
+def spread(m):
+    """P becomes phi P phi^T, in place."""
+    P, phi, left = m.P, m.phi, m.left
+    for i in range(STATES):
+        for j in range(WIDE):
+            left[i, j] = 0.0
+        for k in range(STATES):
+            by = phi[i, k]
+            if by != 0.0:
+                for j in range(WIDE):
+                    left[i, j] += by * P[k, j]
+    # the product is symmetric: its lower half, twice
+    for i in range(STATES):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(WIDE):
+                total += left[i, k] * phi[j, k]
+            P[i, j] = total
+            P[j, i] = total
+
+
+@njit(cache=True, error_model="numpy")
+def wander(m, h, commanded):
+    """What half a step of `h` (s) adds to P."""
+    P, n = m.P, m.noises
+    v = 0.5 * h * n.v * n.v
+    own = m.drive.wander if commanded else n.omega
+    omega = 0.5 * h * own * own
+    v_x, v_y, v_z = at(m, VELOCITY)
+    touching = abs(m.x[FORCE + 2]) > TOUCHED
+    own_F = n.F * n.F if touching else n.air * n.air
+    across = n.mu * n.mu * (v_x * v_x + v_y * v_y) if touching else 0.0
+    rate = n.touch * n.K * n.K
+    F = 0.5 * h * (own_F + rate * (n.mu * n.mu * v_z * v_z + across))
+    F_z = 0.5 * h * (own_F + rate * v_z * v_z)
+    for i in range(3):
+        P[VELOCITY + i, VELOCITY + i] += v
+        P[SPEED + i, SPEED + i] += omega
+        P[FORCE + i, FORCE + i] += F_z if i == 2 else F
+
+
+@njit(cache=True, error_model="numpy")
+def predict(m, h, special):
+    """State and covariance `h` seconds later: Runge-Kutta for the platform, (6) of velocity_servo for the drives."""
+    pose(m)
+    commanded = not math.isnan(m.omega_ref[0] + m.omega_ref[1] + m.omega_ref[2])
+    lag = m.drive.lag if commanded else math.inf
+    E = math.exp(-h / lag)
+    reach = lag * (1.0 - E) if commanded else h
+    droop = m.drive.droop if commanded else 0.0
+    linearise(m, special)
+    transition(m, h, E, reach, droop)
+    wander(m, h, commanded)
+    spread(m)
+    wander(m, h, commanded)
+    p, v, start, F = at(m, POSITION), at(m, VELOCITY), at(m, MOTOR), at(m, FORCE)
+    for leg in range(3):
+        _, tau_load = stiffness(m, leg)
+        omega = m.x[SPEED + leg]
+        target = m.omega_ref[leg] - droop * tau_load if commanded else omega
+        m.x[MOTOR + leg] += target * h + (omega - target) * reach
+        m.x[SPEED + leg] = target + (omega - target) * E
+    end, half = at(m, MOTOR), 0.5 * h
+    middle = _ahead(start, (end[0] - start[0], end[1] - start[1], end[2] - start[2]), 0.5)
+    a = push(m, special, p, v, start, F)
+    v_2 = _ahead(v, a, half)
+    a_2 = push(m, special, _ahead(p, v, half), v_2, middle, F)
+    v_3 = _ahead(v, a_2, half)
+    a_3 = push(m, special, _ahead(p, v_2, half), v_3, middle, F)
+    v_4 = _ahead(v, a_3, h)
+    a_4 = push(m, special, _ahead(p, v_3, h), v_4, end, F)
+    for i in range(3):
+        m.x[POSITION + i] += h * (v[i] + 2.0 * v_2[i] + 2.0 * v_3[i] + v_4[i]) / 6.0
+        m.x[VELOCITY + i] += h * (a[i] + 2.0 * a_2[i] + 2.0 * a_3[i] + a_4[i]) / 6.0
