@@ -43,8 +43,7 @@ def shadow(
 
     Exit code: 0 done, 2 input refused.
 
-    Example: twin shadow fig4_force_position --source ros2:/joint_states
-    --map robot.toml
+    Example: twin shadow fig4_force_position --source results/fig4_force_position --speed 0
 
     Raises:
         InputRefused: source, map, experiment or folder cannot be used, or what comes is not of this robot.

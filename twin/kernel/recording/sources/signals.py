@@ -129,6 +129,8 @@ class MessageReader:
             columns.append(one.column)
             values.append((value + one.offset) * one.gain)
         stamp = sum(round(decoding.field(message, parts) * scale) for parts, scale in self._stamp)
+        # who sets no stamp leaves 0
+        self.stamped = bool(self._stamp) and (self.stamped or stamp > 0 or stamp == arrived)
         return Reading(stamp if self.stamped else arrived, tuple(columns), tuple(values))
 
     def lacking(self) -> list[str]:
@@ -160,7 +162,6 @@ class MessageReader:
         if mistakes:
             raise LogRefused("\n".join(mistakes))
         self._stamp = self._stamp_parts(message)
-        self.stamped = bool(self._stamp) and any(decoding.field(message, parts) for parts, _ in self._stamp)
 
     def _stamp_parts(self, message: Any) -> tuple[tuple[tuple[str | int, ...], float], ...]:
         """Numbers whose sum is the stamp (ns), with what each is multiplied by; none: there is no stamp."""
