@@ -16,7 +16,8 @@ from twin.kernel.recording.sources.arrival import Arrival, Source
 from twin.kernel.recording.sources.signals import MessageReader, Reading, Wanted
 from twin.kernel.recording.sources.stamps import Aligner, Counts, Histogram, Sample, rows_of
 from twin.kernel.recording.writer import OthersTopic
-from twin.studies.replay.model import RobotModel
+from twin.studies.replay.model import LONGEST_GAP, RobotModel
+from twin.studies.result import counted
 from twin.studies.shadow.following import Happening, Rows, Twin
 from twin.studies.shadow.recording import ShadowRecording
 from twin.studies.shadow.samples import NEEDED, WIDTH, samples_of
@@ -128,6 +129,7 @@ class Session:
         duration: after which it ends, s by the robot's stamps; infinite: never by itself.
         live: whether arrivals are of now, so that silence is told.
         say: takes the line for the terminal.
+        announce: takes a sentence that is told where no line is seen.
     """
 
     def __init__(
@@ -141,10 +143,11 @@ class Session:
         duration: float,
         live: bool,
         say: Say,
+        announce: Say = lambda text: None,
     ):
         self._source, self._columns, self._wanted = source, columns, wanted
         self._twin, self._model, self._live, self._say = twin, model, live, say
-        self._duration = duration
+        self._duration, self._announce = duration, announce
         self._readers: dict[str, MessageReader] = {}
         self._others: list[OthersTopic] = []
         self._aligner = Aligner(WIDTH, list(NEEDED), lateness)
@@ -153,6 +156,7 @@ class Session:
         self._events: dict[str, int] = {}
         self._several: dict[str, int] = {}
         self._told = Counts()
+        self._told_last = ""
         self._t = 0.0
         self.followed = Followed(source.name)
 
@@ -185,8 +189,15 @@ class Session:
         hint = nearest(missing[0], seen, f"topics here: {there}" if there else "no topics here yet")
         if not self._live:
             raise LogRefused(f"{self._source.name}: no topic {missing[0]}; {hint}")
-        self._say(f"waiting for {', '.join(missing)}; {hint}")
+        self._tell(f"waiting for {', '.join(missing)}; {hint}")
         time.sleep(0.1)
+
+    def _tell(self, text: str) -> None:
+        """Say something new: without a terminal, too."""
+        if text != self._told_last:
+            self._told_last = text
+            self._announce(text)
+        self._say(text)
 
     def follow(self, path: Path) -> Followed:
         """Until the source ends, the time is over, or somebody presses Ctrl-C.
@@ -229,6 +240,7 @@ class Session:
                 if not silent and now - heard > SILENT:
                     silent = True
                     self._happened(Happening(self._t, f"nothing has come for {SILENT:g} s"), "silence")
+                    self._announce(f"{self._source.name}: nothing has come for {SILENT:g} s; {self._whereabouts()}")
             if now - said >= SAID:
                 said = now
                 self._watch_publishers()
@@ -289,7 +301,9 @@ class Session:
         for one in self._twin.happenings():
             self._happened(one, one.text[:20])
         for start, end in self._aligner.gaps:
-            self._happened(Happening(end / 1e9, f"no samples for {(end - start) / 1e9:.3g} s"), "gap")
+            # single samples are counted; a network that loses some must not fill the list
+            if end - start > LONGEST_GAP * 1e9:
+                self._happened(Happening(end / 1e9, f"no samples for {(end - start) / 1e9:.3g} s"), "gap")
         self._aligner.gaps.clear()
         told, now = self._told, self._aligner.counts
         if now.restarts > told.restarts:
@@ -300,6 +314,12 @@ class Session:
             what = f"{now.invalid - told.invalid} samples with NaN or infinity in an encoder; they are left out"
             self._happened(Happening(self._t, what), "invalid")
         self._told = Counts(**vars(now))
+
+    def _whereabouts(self) -> str:
+        """Half a sentence on who publishes the topics that are silent."""
+        return ", ".join(
+            f"{topic} has {counted(self._source.publishers(topic), 'publisher')}" for topic in self._readers
+        )
 
     def _watch_publishers(self) -> None:
         """Say if more than one publishes a topic: they may contradict each other."""
@@ -353,7 +373,12 @@ class Session:
             return f"{self._t:.1f} s  silent for {quiet:.0f} s; waiting for messages"
         rate = f"{1e9 / period:.0f} Hz" if period < math.inf else "- Hz"
         late = 1e3 * self._aligner.clocks.lateness.quantile(0.99)
-        parts = [f"{self._t:.1f} s", rate, f"late {late:.1f} ms", f"{counts.missing} missing in {counts.gaps} gaps"]
+        parts = [
+            f"{self._t:.1f} s",
+            rate,
+            f"late {late:.1f} ms",
+            f"{counts.missing} missing in {counted(counts.gaps, 'gap')}",
+        ]
         force, joints = self.followed.residuals.get("force"), self._joints()
         if force is not None and math.isfinite(force.recent):
             parts.append(f"force {force.recent:+.2f} N")

@@ -1,9 +1,11 @@
 """`twin shadow`: the twin beside a robot that runs, or beside its log."""
 
 import math
+import sys
 from pathlib import Path
 from typing import Annotated
 
+from twin.kernel.errors import plain
 from twin.studies.command import Asked, ColumnMaps, ExperimentName, Option, Say, Settings, silent, study
 from twin.studies.first_look import find_experiments
 from twin.studies.result import Result
@@ -16,6 +18,12 @@ def _find_source(asked: Asked) -> None:
     from twin.studies.shadow.sources import refuse_source
 
     refuse_source(asked["source"])
+
+
+def _announce(text: str) -> None:
+    """Print a sentence to standard error, where no line of progress is seen."""
+    if not sys.stderr.isatty():
+        print(plain(text), file=sys.stderr, flush=True)
 
 
 @study(before=[_find_source, find_experiments])
@@ -71,7 +79,7 @@ def shadow(
     try:
         twin = twin_of(loaded, model, robot.name)
         duration = math.inf if duration_s is None else duration_s
-        session = Session(robot, columns, wanted, twin, model, 1e-3 * lateness_ms, duration, live, say)
+        session = Session(robot, columns, wanted, twin, model, 1e-3 * lateness_ms, duration, live, say, _announce)
         session.wait()
         folder = claim_run_folder(out) if out else create_run_folder(HOME, model.name, datetime.now())
         followed = session.follow(folder / RECORDING)

@@ -57,7 +57,7 @@ def _missing(followed: Followed) -> str:
         return "none missing"
     parts = [f"{counts.missing} missing in {counted(counts.gaps, 'gap')}"] if counts.missing else []
     parts += [f"{counts.incomplete} incomplete"] if counts.incomplete else []
-    parts += [f"{counts.invalid} with NaN"] if counts.invalid else []
+    parts += [f"{counts.invalid} came with NaN"] if counts.invalid else []
     return ", ".join(parts)
 
 

@@ -14,6 +14,8 @@ from twin.kernel.recording.writer import OthersTopic
 from twin.kernel.units import Dimension
 
 NANOSECONDS = 10**9
+UNSTAMPED = 3
+"""Messages with the stamp 0 after which they are taken to have none."""
 
 
 class Wanted(NamedTuple):
@@ -96,6 +98,7 @@ class MessageReader:
         self._absent: dict[str, str] = {}
         self._found: set[str] = set()
         self.stamped = False
+        self._undecided = UNSTAMPED
         self._fields: list[_Field] = []
         self._stamp: tuple[tuple[tuple[str | int, ...], float], ...] = ()
 
@@ -129,8 +132,12 @@ class MessageReader:
             columns.append(one.column)
             values.append((value + one.offset) * one.gain)
         stamp = sum(round(decoding.field(message, parts) * scale) for parts, scale in self._stamp)
-        # who sets no stamp leaves 0
-        self.stamped = bool(self._stamp) and (self.stamped or stamp > 0 or stamp == arrived)
+        if not self.stamped and self._undecided:
+            # who sets no stamp leaves 0; a clock that begins at 0 does not stay there
+            self.stamped = bool(self._stamp) and (stamp > 0 or stamp == arrived)
+            self._undecided = self._undecided - 1 if self._stamp and not self.stamped else 0
+            if self._undecided:
+                return Reading(arrived, (), ())
         return Reading(stamp if self.stamped else arrived, tuple(columns), tuple(values))
 
     def lacking(self) -> list[str]:

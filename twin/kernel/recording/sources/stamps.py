@@ -18,10 +18,10 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from twin.kernel.recording.logs.log import LONGEST, REGULAR
-from twin.kernel.recording.logs.topics import BACK, PERIODS
+from twin.kernel.recording.logs.topics import BACK, PERIODS, SAME_CLOCK
 from twin.kernel.recording.sources.signals import Reading
 
 SECOND = 10**9
@@ -175,21 +175,21 @@ class _Stream:
     """Readings of one kind: of one topic, with the same columns."""
 
     newest: int = 0
-    intervals: deque[int] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
+    stamps: deque[int] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
     since: int = 0
     period: float = math.inf
 
     def add(self, stamp: int) -> None:
-        if self.newest and stamp > self.newest:
-            self.intervals.append(stamp - self.newest)
-            self.since += 1
-            if len(self.intervals) >= LEARNT and self.since >= LEARNT:
-                self.since = 0
-                self.period = _period(self.intervals)
+        self.stamps.append(stamp)
         self.newest = max(self.newest, stamp)
+        self.since += 1
+        # seldom: a robot's rate does not change
+        if self.since > LEARNT and (math.isinf(self.period) or self.since > REMEMBERED):
+            self.since = 0
+            self.period = _period(np.diff(np.sort(np.array(self.stamps))))
 
 
-def _period(intervals: Sequence[int]) -> float:
+def _period(intervals: ArrayLike) -> float:
     """Median of the intervals (ns); infinite if they are not regular."""
     lengths = np.array(intervals, dtype=np.float64)
     median = float(np.median(lengths))
@@ -315,7 +315,8 @@ class Aligner:
 
     def _is_next(self, stamp: int) -> bool:
         """Whether nothing can come before `stamp`, and what belongs to it has come."""
-        if self._last >= 0 and stamp - self._last > LONGEST * self.period:
+        # at the beginning nobody knows what comes next
+        if self._learnt < LEARNT or (self._last >= 0 and stamp - self._last > LONGEST * self.period):
             return False
         return all(
             self._streams[key].newest + 0.5 * self._streams[key].period > stamp
@@ -365,8 +366,10 @@ class Aligner:
         if self._last < 0:
             return False
         back = max(BACK * SECOND, PERIODS * self.period if self.period < math.inf else 0.0)
+        # a message that is late by so much is no message of this clock
+        late = arrived - stamp > (self.clocks.offset + SAME_CLOCK) * SECOND
         ahead = (stamp - self._last) - (arrived - self._last_arrived)
-        return stamp < self._last - back or ahead > AHEAD * SECOND
+        return (stamp < self._last - back and late) or ahead > AHEAD * SECOND
 
     def _restarted(self, arrived: int) -> list[Sample]:
         """Hand on what is left of the old clock, then begin with the messages of the new one."""
