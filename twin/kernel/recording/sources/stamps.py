@@ -131,7 +131,7 @@ class Clocks:
         if self._first is None:
             self._first, self._offset_0 = arrived, delay
         second = (arrived - self._first) // SECOND
-        if second != self._second:
+        if second > self._second:
             self._finish_second()
             self._second = second
             self._floors.append(delay)
