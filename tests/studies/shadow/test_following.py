@@ -14,7 +14,7 @@ from twin.robot.controller.controller import Belief
 from twin.studies.replay.model import LONGEST_GAP, RobotModel, model_of
 from twin.studies.replay.replay import robot_log
 from twin.studies.shadow.following import Rows, Twin, twin_of
-from twin.studies.shadow.samples import Samples
+from twin.studies.shadow.mapping import Samples
 
 EXPERIMENT = load_experiment(EXPERIMENTS / f"{FIG4}.toml", SCALE)
 MODEL = model_of(EXPERIMENT)

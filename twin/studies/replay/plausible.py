@@ -30,7 +30,10 @@ def refusal(where: str, count_m: NDArray[np.float64], count_l: NDArray[np.float6
             f"{where}: the first joint angles ({', '.join(f'{value:.1f}' for value in np.degrees(theta_l))}) deg fit "
             "no pose of the robot"
         )
-        return _sentence(text, "theta_l", [way for way, factor in WAYS.items() if _is_pose(belief, factor * theta_l)])
+        # small angles are poses, whatever they were meant to be
+        turned = float(np.max(np.abs(theta_l))) > 2.0 * np.pi
+        ways = [way for way in WAYS if (turned or "deg" not in way) and _is_pose(belief, WAYS[way] * theta_l)]
+        return _sentence(text, "theta_l", ways)
     if not _wound(belief, theta_m, theta_l) <= MOST_WOUND:
         text = (
             f"{where}: the first motor angles ({', '.join(f'{value:.1f}' for value in np.degrees(theta_m))}) deg are "

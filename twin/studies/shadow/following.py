@@ -25,7 +25,7 @@ from twin.robot.plant.encoder import SCALE_OUTPUTS
 from twin.studies.replay.model import LONGEST_GAP, PlantRun, RobotModel
 from twin.studies.replay.plausible import refusal
 from twin.studies.replay.text import ENCODER, FORCE_RESIDUAL, JOINT_RESIDUAL
-from twin.studies.shadow.samples import Samples
+from twin.studies.shadow.mapping import Samples
 
 COMMAND_RESIDUAL = (Port("omega_ref", 3, "rad/s", "motor speeds that the twin's controller commands less the robot's"),)
 

@@ -20,7 +20,7 @@ from twin.studies.replay.model import LONGEST_GAP, RobotModel
 from twin.studies.result import counted
 from twin.studies.shadow.following import Happening, Rows, Twin
 from twin.studies.shadow.recording import ShadowRecording
-from twin.studies.shadow.samples import NEEDED, WIDTH, samples_of
+from twin.studies.shadow.mapping import NEEDED, WIDTH, samples_of
 
 SLICE = 0.01
 """s of arrivals that are taken together."""

@@ -11,7 +11,7 @@ from twin.kernel.recording.sources.arrival import Source
 from twin.kernel.recording.sources.playback import Playback, logged_topics
 from twin.kernel.recording.sources.signals import Wanted
 from twin.robot.controller.controller import Belief
-from twin.studies.shadow.samples import followed_columns, readings_of
+from twin.studies.shadow.mapping import followed_columns, readings_of
 
 TRANSPORTS = ("ros2", "zenoh")
 PROPOSED = ("m1", "m2", "m3", "l1", "l2", "l3")

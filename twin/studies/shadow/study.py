@@ -65,7 +65,7 @@ def shadow(
     from twin.robot.assembly.load import load_experiment
     from twin.studies.replay.model import model_of
     from twin.studies.shadow.following import twin_of
-    from twin.studies.shadow.samples import wanted_signals
+    from twin.studies.shadow.mapping import wanted_signals
     from twin.studies.shadow.session import Session
     from twin.studies.shadow.sources import opened
     from twin.studies.shadow.text import shadow_facts, shadow_result

@@ -37,7 +37,7 @@ def aligned(arrivals: list[Arrived], aligner: Aligner | None = None) -> tuple[Al
 
 
 def numbers(samples: list[Sample]) -> list[tuple[int, float, float]]:
-    return [(sample.t, *sample.row[:2]) for sample in samples]
+    return [(sample.t, sample.row[0], sample.row[1]) for sample in samples]
 
 
 @examples(30)

@@ -84,10 +84,9 @@ class DdsSource:
         from twin.kernel.recording.sources.ros_types import described, idl_class
 
         found = described(self.name, topic, self.seen()[topic])
-        # a class of its own, which leaves a message as it came
-        raw = type(
-            "Raw", (idl_class(found.type_name),), {"deserialize": classmethod(lambda cls, data, **_: _Raw(data))}
-        )
+        # a class of its own, since others are to read messages of the type; a subclass would be another type
+        raw = idl_class.__wrapped__(found.type_name)
+        raw.deserialize = classmethod(lambda cls, data, **_: _Raw(data))
         reader: Any = DataReader(self._participant, Topic(self._participant, PREFIX + topic, raw), qos=self._qos)
         unread = SampleState.NotRead | ViewState.Any | InstanceState.Any
         condition = ReadCondition(reader, unread)
