@@ -268,6 +268,7 @@ class TwinCommands(Commands):
         "runs",
         "report",
         "replay",
+        "shadow",
         "converge",
         "accuracy",
         "identify",

@@ -19,8 +19,8 @@ from twin.kernel.recording.writer import OthersTopic
 from twin.studies.replay.model import LONGEST_GAP, RobotModel
 from twin.studies.result import counted
 from twin.studies.shadow.following import Happening, Rows, Twin
-from twin.studies.shadow.recording import ShadowRecording
 from twin.studies.shadow.mapping import NEEDED, WIDTH, samples_of
+from twin.studies.shadow.recording import ShadowRecording
 
 SLICE = 0.01
 """s of arrivals that are taken together."""
