@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from twin.kernel.errors import nearest
 from twin.kernel.recording.logs.column_map import TIME, MappedColumn, refuse_unit
-from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
+from twin.kernel.recording.logs.log import Log, LogRefused
 from twin.kernel.recording.sources.arrival import Arrival
 from twin.kernel.recording.sources.signals import Reading, Wanted
 from twin.robot.controller.controller import Belief
@@ -92,37 +92,17 @@ def readings_of(log: Log, belief: Belief) -> Iterator[Arrival]:
         LogRefused: it has no encoders, see `robot_log`.
     """
     robot = robot_log(log, belief)
-    counts = np.hstack([robot.count_m, robot.count_l])
-    columns = tuple(NEEDED)
-    for t, row in zip(np.rint(robot.t * NANOSECONDS).astype(np.int64).tolist(), counts.tolist(), strict=True):
-        yield Arrival("encoders", t, Reading(t, columns, tuple(row)))
-    for kind in ("scale", "controller", "drive"):
-        for columns, t, rows in _together(log, kind, wanted_signals(belief)):
-            for when, row in zip(t.tolist(), rows.tolist(), strict=True):
-                yield Arrival(kind, when, Reading(when, columns, tuple(row)))
-
-
-def _together(
-    log: Log, kind: str, wanted: Mapping[str, Wanted]
-) -> list[tuple[tuple[int, ...], NDArray[np.int64], NDArray[np.float64]]]:
-    """Signals of `log` that begin with `kind`, those of the same times together: columns, times (ns), rows."""
-    found: list[tuple[list[int], list[LogSeries]]] = []
-    for name, one in wanted.items():
-        if not name.startswith(kind) or name not in log.series:
+    rows = np.full((len(robot.t), WIDTH), np.nan)
+    rows[:, COUNT_M], rows[:, COUNT_L] = robot.count_m, robot.count_l
+    for name, one in wanted_signals(belief).items():
+        if one.column in NEEDED or name not in log.series:
             continue
         series = log.series[name]
         refuse_unit(f"{log.path}:", name, series.unit, one.unit)
-        same = next((group for group in found if np.array_equal(group[1][0].t, series.t)), None)
-        if same is None:
-            found.append(([one.column], [series]))
-        else:
-            same[0].append(one.column)
-            same[1].append(series)
-    return [
-        (
-            tuple(columns),
-            np.rint(group[0].t * NANOSECONDS).astype(np.int64),
-            np.column_stack([series.values for series in group]),
-        )
-        for columns, group in found
-    ]
+        # the first sample at or after it; of several the newest
+        at = np.searchsorted(robot.t, series.t)
+        there = at < len(rows)
+        rows[at[there], one.column] = series.values[there]
+    columns = tuple(range(WIDTH))
+    for t, row in zip(np.rint(robot.t * NANOSECONDS).astype(np.int64).tolist(), rows.tolist(), strict=True):
+        yield Arrival("encoders", t, Reading(t, columns, tuple(row)))

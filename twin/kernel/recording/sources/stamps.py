@@ -31,6 +31,8 @@ SURE = 3
 """Messages in a row that have to be of another time before the robot has started anew."""
 AHEAD = 10.0
 """s by which stamps run ahead of arrivals when a clock was set; what was delayed comes in seconds."""
+MOST_BESIDE = 1000
+"""Readings that wait for a sample which they belong to."""
 FLOORS = 5
 """Seconds whose smallest delay tells what a delay is without waiting."""
 FEWEST_FOR_DRIFT = 10
@@ -240,10 +242,13 @@ class Aligner:
             return []
         if self._needed.isdisjoint(reading.columns):
             key = topic, reading.columns
-            self._streams.setdefault(key, _Stream()).add(reading.stamp)
+            self._stream(key).add(reading.stamp)
+            side = self._sides.get(key)
+            if side is None:
+                side = self._sides[key] = deque(maxlen=MOST_BESIDE)
             # two publishers, or a network, mix up the order
-            insort(self._sides.setdefault(key, deque(maxlen=1000)), reading)  # type: ignore[arg-type]
-            return self.ready(arrived)
+            insort(side, reading)  # type: ignore[arg-type]
+            return self.ready(arrived) if self._pending else []
         if self._is_of_another_time(reading.stamp, arrived):
             self._suspects.append((topic, arrived, reading))
             if len(self._suspects) < SURE:
@@ -276,9 +281,15 @@ class Aligner:
                 found.append(self._sample(head))
         return found
 
+    def _stream(self, key: tuple[str, tuple[int, ...]]) -> _Stream:
+        stream = self._streams.get(key)
+        if stream is None:
+            stream = self._streams[key] = _Stream()
+        return stream
+
     def _place(self, topic: str, arrived: int, reading: Reading) -> None:
         self.clocks.add(reading.stamp, arrived)
-        stream = self._streams.setdefault((topic, reading.columns), _Stream())
+        stream = self._stream((topic, reading.columns))
         there = self._needed.intersection(reading.columns)
         partial = self._partial(reading.stamp, there, stream.period)
         if reading.stamp <= self._last:
@@ -318,11 +329,12 @@ class Aligner:
         # at the beginning nobody knows what comes next
         if self._learnt < LEARNT or (self._last >= 0 and stamp - self._last > LONGEST * self.period):
             return False
-        return all(
-            self._streams[key].newest + 0.5 * self._streams[key].period > stamp
-            for key in self._sides
-            if self._streams[key].period < math.inf
-        )
+        for key in self._sides:
+            stream = self._streams[key]
+            # of no clock: nobody knows whether something is to come
+            if stream.newest + 0.5 * stream.period <= stamp:
+                return False
+        return True
 
     def _sample(self, head: _Partial) -> Sample:
         for readings in self._sides.values():
