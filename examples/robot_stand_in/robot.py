@@ -4,7 +4,7 @@
     twin build fig4_force_position --fmu computer --out robot/computer.fmu
     python examples/robot_stand_in/robot.py robot --set contact.stiffness_N_per_m=1500 --clock-offset-s 0.3
 
-Nothing of twin runs in here. What is set here the twin is not told: parameters of plant and computer, noise of the
+Nothing of twin runs in here. What is set here the twin does not know: parameters of plant and computer, noise of the
 encoders, a clock that is off and drifts, faults. Messages are those of a robot with ROS 2: /joint_states with six
 angles, and /commands with the three motor speeds that its controller wants.
 """

@@ -14,27 +14,27 @@ from twin.robot.controller.controller import Belief
 from twin.studies.replay.model import LONGEST_GAP, RobotModel, model_of
 from twin.studies.replay.replay import robot_log
 from twin.studies.shadow.following import Rows, Twin, twin_of
-from twin.studies.shadow.mapping import Samples
+from twin.studies.shadow.mapping import RobotSamples
 
 EXPERIMENT = load_experiment(EXPERIMENTS / f"{FIG4}.toml", SCALE)
 MODEL = model_of(EXPERIMENT)
 N = 2500
 
 
-def said(run: Recording, belief: Belief = MODEL.belief) -> Samples:
+def said(run: Recording, belief: Belief = MODEL.belief) -> RobotSamples:
     """What the robot of `run` says in its first 5 s, with the commands of its controller."""
     log = recorded(run)
     robot = robot_log(log, belief)
     nothing = np.full((N, 3), np.nan)
     speeds = log.vector("controller.omega_ref").values[:N]
-    return Samples(robot.t[:N], robot.count_m[:N], robot.count_l[:N], nothing[:, 0], speeds, nothing)
+    return RobotSamples(robot.t[:N], robot.count_m[:N], robot.count_l[:N], nothing[:, 0], speeds, nothing)
 
 
-def part(samples: Samples, a: int, b: int) -> Samples:
-    return Samples(*(field[a:b] for field in samples))
+def part(samples: RobotSamples, a: int, b: int) -> RobotSamples:
+    return RobotSamples(*(field[a:b] for field in samples))
 
 
-def fed(twin: Twin, samples: Samples, cuts: list[int]) -> Rows:
+def fed(twin: Twin, samples: RobotSamples, cuts: list[int]) -> Rows:
     """Rows of all `samples`, handed over in pieces."""
     pieces = [twin.feed(part(samples, a, b)) for a, b in zip([0, *cuts], [*cuts, N], strict=True)]
     return {topic: np.concatenate([piece[topic] for piece in pieces]) for topic in pieces[0]}
@@ -57,7 +57,7 @@ def test_however_the_samples_are_cut_the_rows_are_the_same():
         np.testing.assert_allclose(cut[topic], rows, rtol=0, atol=1e-9, err_msg=topic)
 
 
-def joint_residual(model: RobotModel, samples: Samples, alive: bool = True) -> float:
+def joint_residual(model: RobotModel, samples: RobotSamples, alive: bool = True) -> float:
     """rms over the joints, deg, from 1 s on."""
     twin = twin_of(EXPERIMENT, model, "robot")
     if not alive:
@@ -89,7 +89,7 @@ def test_a_twin_that_is_not_this_robot_is_seen(what: str):
 def test_after_a_long_gap_the_plant_model_starts_anew_and_says_so():
     samples = said(ran(FIG4))
     keep = (samples.t < 2.0) | (samples.t > 2.0 + 2.0 * LONGEST_GAP)
-    samples = Samples(*(field[keep] for field in samples))
+    samples = RobotSamples(*(field[keep] for field in samples))
     twin = twin_of(EXPERIMENT, MODEL, "robot")
     rows = twin.feed(samples)
     assert [one.text for one in twin.happenings()] == ["the plant model starts anew, at rest"]

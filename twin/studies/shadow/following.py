@@ -25,7 +25,7 @@ from twin.robot.plant.encoder import SCALE_OUTPUTS
 from twin.studies.replay.model import LONGEST_GAP, PlantRun, RobotModel
 from twin.studies.replay.plausible import refusal
 from twin.studies.replay.text import ENCODER, FORCE_RESIDUAL, JOINT_RESIDUAL
-from twin.studies.shadow.mapping import Samples
+from twin.studies.shadow.mapping import RobotSamples
 
 COMMAND_RESIDUAL = (Port("omega_ref", 3, "rad/s", "motor speeds that the twin's controller commands less the robot's"),)
 
@@ -51,7 +51,7 @@ class Part(Protocol):
     topics: dict[str, tuple[Port, ...]]
     happenings: list[Happening]
 
-    def feed(self, samples: Samples, rows: Rows) -> Rows:
+    def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
         """Go on over `samples`.
 
         Args:
@@ -63,7 +63,7 @@ class Part(Protocol):
         """
 
 
-class Stepped:
+class SampledSteps:
     """A sampled component that is stepped from where it stands.
 
     Args:
@@ -101,7 +101,9 @@ class Estimates:
         beliefs: dict[str, Belief] = {"estimator": model.belief}
         if model.aware != model.belief:
             beliefs["twin"] = model.aware
-        self._steps = {name: Stepped(Estimator(belief, model.gravity_compensation)) for name, belief in beliefs.items()}
+        self._steps = {
+            name: SampledSteps(Estimator(belief, model.gravity_compensation)) for name, belief in beliefs.items()
+        }
         self.topics: dict[str, tuple[Port, ...]] = {
             "encoder": ENCODER, **dict.fromkeys(beliefs, ESTIMATOR_OUTPUTS), "scale": SCALE_OUTPUTS,
             "residual/force": FORCE_RESIDUAL,
@@ -109,7 +111,7 @@ class Estimates:
         self.happenings: list[Happening] = []
         self._begun = False
 
-    def feed(self, samples: Samples, rows: Rows) -> Rows:
+    def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
         counts = np.hstack([samples.count_m, samples.count_l])
         if not self._begun:
             if sentence := refusal(self._where, samples.count_m[0], samples.count_l[0], self._belief):
@@ -128,7 +130,7 @@ def best_estimate(rows: Rows) -> dict[str, NDArray[np.float64]]:
     return named(ESTIMATOR_OUTPUTS, rows.get("twin", rows["estimator"]))
 
 
-class Law:
+class OwnLaw:
     """The twin's own controller on the robot's counts; beside the robot's commands, if those are known.
 
     It begins with the first sample. One that joins a program under way is not where the robot's is.
@@ -139,7 +141,7 @@ class Law:
 
     def __init__(self, experiment: Experiment):
         self._period = experiment.controller_ticks * experiment.cosim.tick
-        self._stepped = Stepped(controller(experiment), self._period)
+        self._stepped = SampledSteps(controller(experiment), self._period)
         self._next = -math.inf
         self._inputs = self._stepped.component.inputs
         self.topics: dict[str, tuple[Port, ...]] = {
@@ -148,7 +150,7 @@ class Law:
         }
         self.happenings: list[Happening] = []
 
-    def feed(self, samples: Samples, rows: Rows) -> Rows:
+    def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
         estimate = named(ESTIMATOR_OUTPUTS, rows["estimator"])
         n = len(samples.t)
         inputs = np.hstack(
@@ -184,7 +186,7 @@ class PlantModel:
         self._last = -math.inf
         self.happenings: list[Happening] = []
 
-    def feed(self, samples: Samples, rows: Rows) -> Rows:
+    def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
         best = best_estimate(rows)
         found = np.full((len(samples.t), width(MOTION)), np.nan)
         breaks = np.flatnonzero(np.diff(samples.t, prepend=self._last) > LONGEST_GAP)
@@ -228,7 +230,7 @@ class Twin:
         """What they give."""
         return {topic: ports for part in self.parts for topic, ports in part.topics.items()}
 
-    def feed(self, samples: Samples) -> Rows:
+    def feed(self, samples: RobotSamples) -> Rows:
         """Rows of all parts for `samples`."""
         rows: Rows = {}
         for part in self.parts:
@@ -245,5 +247,5 @@ class Twin:
 
 def twin_of(experiment: Experiment, model: RobotModel, where: str) -> Twin:
     """The twin of the robot that `experiment` describes; `where`: begins sentences about what comes from it."""
-    law: list[Part] = [] if "controller" in experiment.stand_ins else [Law(experiment)]
+    law: list[Part] = [] if "controller" in experiment.stand_ins else [OwnLaw(experiment)]
     return Twin([Estimates(model, where), *law, PlantModel(model)])

@@ -11,7 +11,7 @@ from twin.kernel.errors import nearest
 from twin.kernel.recording.logs.column_map import TIME, MappedColumn, refuse_unit
 from twin.kernel.recording.logs.log import Log, LogRefused
 from twin.kernel.recording.sources.arrival import Arrival
-from twin.kernel.recording.sources.signals import Reading, Wanted
+from twin.kernel.recording.sources.signals import Reading, WantedSignal
 from twin.robot.controller.controller import Belief
 from twin.studies.replay.replay import COUNTS, SCALE, as_counts, robot_log
 
@@ -21,8 +21,8 @@ NEEDED = range(6)
 NANOSECONDS = 1e9
 
 
-class Samples(NamedTuple):
-    """Samples in order of time.
+class RobotSamples(NamedTuple):
+    """RobotSamples in order of time.
 
     Attributes:
         t: s since the first one of all, (n,).
@@ -40,28 +40,28 @@ class Samples(NamedTuple):
     tau_motor: NDArray[np.float64]
 
 
-def samples_of(times: NDArray[np.int64], rows: NDArray[np.float64]) -> Samples:
-    """Samples at `times` (n,), ns, of rows (n, WIDTH)."""
+def samples_of(times: NDArray[np.int64], rows: NDArray[np.float64]) -> RobotSamples:
+    """RobotSamples at `times` (n,), ns, of rows (n, WIDTH)."""
     columns = (rows[:, place] for place in (COUNT_M, COUNT_L, F_Z, OMEGA_REF, TAU))
     count_m, count_l, force, omega_ref, tau = columns
-    return Samples(times / NANOSECONDS, count_m, count_l, force[:, 0], omega_ref, tau)
+    return RobotSamples(times / NANOSECONDS, count_m, count_l, force[:, 0], omega_ref, tau)
 
 
-def wanted_signals(belief: Belief) -> dict[str, Wanted]:
+def wanted_signals(belief: Belief) -> dict[str, WantedSignal]:
     """Every signal that a map may name, and what becomes of it."""
-    found = {SCALE: Wanted(F_Z.start, "N")}
+    found = {SCALE: WantedSignal(F_Z.start, "N")}
     for i in range(3):
         for name, place in zip(COUNTS, (COUNT_M, COUNT_L), strict=True):
             zero, per_rad = as_counts(name, belief)
-            found[f"encoder.{name}[{i}]"] = Wanted(place.start + i, "1")
-            found[f"estimator.{COUNTS[name]}[{i}]"] = Wanted(place.start + i, "rad", zero[i], per_rad)
-        found[f"controller.omega_ref[{i}]"] = Wanted(OMEGA_REF.start + i, "rad/s")
-        found[f"drive/{i + 1}.tau_motor"] = Wanted(TAU.start + i, "N m")
+            found[f"encoder.{name}[{i}]"] = WantedSignal(place.start + i, "1")
+            found[f"estimator.{COUNTS[name]}[{i}]"] = WantedSignal(place.start + i, "rad", zero[i], per_rad)
+        found[f"controller.omega_ref[{i}]"] = WantedSignal(OMEGA_REF.start + i, "rad/s")
+        found[f"drive/{i + 1}.tau_motor"] = WantedSignal(TAU.start + i, "N m")
     return found
 
 
 def followed_columns(
-    where: str, columns: Mapping[str, MappedColumn], wanted: Mapping[str, Wanted]
+    where: str, columns: Mapping[str, MappedColumn], wanted: Mapping[str, WantedSignal]
 ) -> dict[str, MappedColumn]:
     """Those of a map of messages that the twin follows; a map may serve other commands, too.
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.recording.logs.column_map import TIME, MappedColumn
 from twin.kernel.recording.logs.log import LogRefused
-from twin.kernel.recording.sources.arrival import Arrival, Source
-from twin.kernel.recording.sources.signals import MessageReader, Reading, Wanted
+from twin.kernel.recording.sources.arrival import Arrival, RobotSource
+from twin.kernel.recording.sources.signals import MessageReader, Reading, WantedSignal
 from twin.kernel.recording.sources.stamps import Aligner, Counts, Histogram, Sample, rows_of
 from twin.kernel.recording.writer import OthersTopic
 from twin.studies.replay.model import LONGEST_GAP, RobotModel
@@ -24,9 +24,9 @@ from twin.studies.shadow.recording import ShadowRecording
 
 SLICE = 0.01
 """s of arrivals that are taken together."""
-SAID = 0.25
+LINE_PERIOD = 0.25
 """s between two lines."""
-KEPT = 0.5
+FLUSH_PERIOD = 0.5
 """s after which what was recorded is with the operating system."""
 SILENT = 1.0
 """s without a message that are said."""
@@ -48,7 +48,7 @@ class Running:
         count: of values.
         mean, rms: of all.
         largest, at: the largest by size, and when (s).
-        recent: mean over the last second, told by `now`.
+        recent: mean over the last second.
     """
 
     count: int = 0
@@ -127,16 +127,16 @@ class Session:
         model: what it believes.
         lateness: budget, s.
         duration: after which it ends, s by the robot's stamps; infinite: never by itself.
-        live: whether arrivals are of now, so that silence is told.
+        live: whether arrivals are of now, so that silence is an event.
         say: takes the line for the terminal.
-        announce: takes a sentence that is told where no line is seen.
+        announce: takes a sentence that is printed where no line is seen.
     """
 
     def __init__(
         self,
-        source: Source,
+        source: RobotSource,
         columns: Mapping[str, MappedColumn],
-        wanted: Mapping[str, Wanted],
+        wanted: Mapping[str, WantedSignal],
         twin: Twin,
         model: RobotModel,
         lateness: float,
@@ -155,8 +155,8 @@ class Session:
         self._before: list[Arrival] = []
         self._events: dict[str, int] = {}
         self._several: dict[str, int] = {}
-        self._told = Counts()
-        self._told_last = ""
+        self._noted = Counts()
+        self._announced = ""
         self._t = 0.0
         self.followed = Followed(source.name)
 
@@ -194,8 +194,8 @@ class Session:
 
     def _tell(self, text: str) -> None:
         """Say something new: without a terminal, too."""
-        if text != self._told_last:
-            self._told_last = text
+        if text != self._announced:
+            self._announced = text
             self._announce(text)
         self._say(text)
 
@@ -226,7 +226,7 @@ class Session:
 
     def _loop(self, path: Path) -> None:
         self._path = path
-        said = kept = heard = time.monotonic()
+        shown = flushed = heard = time.monotonic()
         silent = False
         while not self._source.ended and self._t < self._duration:
             began = time.monotonic()
@@ -241,12 +241,12 @@ class Session:
                     silent = True
                     self._happened(Happening(self._t, f"nothing has come for {SILENT:g} s"), "silence")
                     self._announce(f"{self._source.name}: nothing has come for {SILENT:g} s; {self._whereabouts()}")
-            if now - said >= SAID:
-                said = now
+            if now - shown >= LINE_PERIOD:
+                shown = now
                 self._watch_publishers()
                 self._say(self.line(now - heard))
-            if now - kept >= KEPT and self._recording is not None:
-                kept = now
+            if now - flushed >= FLUSH_PERIOD and self._recording is not None:
+                flushed = now
                 self._recording.flush()
             if self._live:
                 # what comes meanwhile is taken together
@@ -305,15 +305,15 @@ class Session:
             if end - start > LONGEST_GAP * 1e9:
                 self._happened(Happening(end / 1e9, f"no samples for {(end - start) / 1e9:.3g} s"), "gap")
         self._aligner.gaps.clear()
-        told, now = self._told, self._aligner.counts
-        if now.restarts > told.restarts:
+        before, now = self._noted, self._aligner.counts
+        if now.restarts > before.restarts:
             self._happened(
                 Happening(self._t, "the robot's clock has started anew; time goes on by arrivals"), "restart"
             )
-        if now.invalid > told.invalid:
-            what = f"{now.invalid - told.invalid} samples with NaN or infinity in an encoder; they are left out"
+        if now.invalid > before.invalid:
+            what = f"{now.invalid - before.invalid} samples with NaN or infinity in an encoder; they are left out"
             self._happened(Happening(self._t, what), "invalid")
-        self._told = Counts(**vars(now))
+        self._noted = Counts(**vars(now))
 
     def _whereabouts(self) -> str:
         """Half a sentence on who publishes the topics that are silent."""

@@ -7,9 +7,9 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.column_map import TIME, MappedColumn
 from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.logs.reader import LogKind, kind_of, read_log
-from twin.kernel.recording.sources.arrival import Source
+from twin.kernel.recording.sources.arrival import RobotSource
 from twin.kernel.recording.sources.playback import Playback, logged_topics
-from twin.kernel.recording.sources.signals import Wanted
+from twin.kernel.recording.sources.signals import WantedSignal
 from twin.robot.controller.controller import Belief
 from twin.studies.shadow.mapping import followed_columns, readings_of
 
@@ -40,8 +40,8 @@ def refuse_source(source: str) -> None:
 
 
 def opened(
-    source: str, columns: Mapping[str, MappedColumn], wanted: Mapping[str, Wanted], belief: Belief, speed: float
-) -> tuple[Source, Mapping[str, MappedColumn], bool]:
+    source: str, columns: Mapping[str, MappedColumn], wanted: Mapping[str, WantedSignal], belief: Belief, speed: float
+) -> tuple[RobotSource, Mapping[str, MappedColumn], bool]:
     """The source, the columns of its messages (none: it gives readings), and whether it is of now.
 
     Args:
@@ -79,7 +79,7 @@ def opened(
     return Playback(source, topics, speed=speed), columns, False
 
 
-def live_source(transport: str, name: str) -> Source:
+def live_source(transport: str, name: str) -> RobotSource:
     """The transport's end on this side.
 
     Raises:

@@ -10,10 +10,10 @@ from tests.kernel.recording.logs.bags import joints, wrench
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.sources.ros_types import described
-from twin.kernel.recording.sources.signals import MessageReader, Wanted
+from twin.kernel.recording.sources.signals import MessageReader, WantedSignal
 
 STORE = get_typestore(Stores.LATEST)
-WANTED = {"a": Wanted(0, "rad", 0.5, 100.0), "b": Wanted(1, "rad"), "F": Wanted(2, "N")}
+WANTED = {"a": WantedSignal(0, "rad", 0.5, 100.0), "b": WantedSignal(1, "rad"), "F": WantedSignal(2, "N")}
 MAP = ["a=/js.position.m1", "b=-/js.position.l1[deg]"]
 JOINTS, WRENCH = "sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped"
 

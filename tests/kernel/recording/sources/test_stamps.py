@@ -28,7 +28,7 @@ def on_time(n: int) -> list[Arrived]:
 
 
 def aligned(arrivals: list[Arrived], aligner: Aligner | None = None) -> tuple[Aligner, list[Sample]]:
-    """Samples of all `arrivals`, in order of arrival."""
+    """RobotSamples of all `arrivals`, in order of arrival."""
     aligner = aligner or Aligner(3, NEEDED, BUDGET)
     found: list[Sample] = []
     for arrived, one in sorted(arrivals, key=lambda pair: pair[0]):

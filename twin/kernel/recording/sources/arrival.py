@@ -26,7 +26,7 @@ class Arrival(NamedTuple):
     data: Any
 
 
-class Source(Protocol):
+class RobotSource(Protocol):
     """Messages of a robot.
 
     Attributes:
@@ -39,7 +39,7 @@ class Source(Protocol):
 
     @property
     def dropped(self) -> int:
-        """Messages that came and were thrown away, because nobody took them in time."""
+        """Messages that came and were thrown away, because they were not taken in time."""
 
     def seen(self) -> Mapping[str, str]:
         """Topics that somebody publishes now, and the types of their messages, `sensor_msgs/msg/JointState`."""

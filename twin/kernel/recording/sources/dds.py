@@ -31,7 +31,7 @@ class _Raw:
 
 
 class DdsSource:
-    """See `Source`.
+    """See `RobotSource`.
 
     Raises:
         InputRefused: cyclonedds is not installed, or there is no network that it can use.

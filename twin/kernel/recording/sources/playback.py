@@ -13,7 +13,7 @@ from twin.kernel.recording.sources.arrival import Arrival
 from twin.kernel.recording.writer import OthersTopic
 
 AT_ONCE = 512
-"""Arrivals that are taken together where nobody waits for the time."""
+"""Arrivals that are taken together as fast as possible."""
 
 
 def logged_topics(path: Path, kind: LogKind, columns: Mapping[str, MappedColumn]) -> dict[str, LoggedTopic]:
@@ -29,7 +29,7 @@ def logged_topics(path: Path, kind: LogKind, columns: Mapping[str, MappedColumn]
 
 
 class Playback:
-    """Plays a log; see `Source`. Arrivals have the times of the log, so that the pace changes nothing else.
+    """Plays a log; see `RobotSource`. Arrivals have the times of the log, so that the pace changes nothing else.
 
     Args:
         name: of the log.

@@ -18,7 +18,7 @@ UNSTAMPED = 3
 """Messages with the stamp 0 after which they are taken to have none."""
 
 
-class Wanted(NamedTuple):
+class WantedSignal(NamedTuple):
     """A signal as it is used.
 
     Attributes:
@@ -69,7 +69,7 @@ class MessageReader:
         where: str,
         topic: OthersTopic,
         columns: Mapping[str, MappedColumn],
-        wanted: Mapping[str, Wanted],
+        wanted: Mapping[str, WantedSignal],
         time: MappedColumn | None,
     ):
         """Nothing is decoded yet.

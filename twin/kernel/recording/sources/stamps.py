@@ -36,7 +36,7 @@ MOST_BESIDE = 1000
 FLOORS = 5
 """Seconds whose smallest delay tells what a delay is without waiting."""
 FEWEST_FOR_DRIFT = 10
-"""Seconds after which a drift is told."""
+"""Seconds after which a drift is given."""
 
 
 class Sample(NamedTuple):
@@ -173,7 +173,7 @@ class _Partial:
 
 
 @dataclass
-class _Stream:
+class _ReadingStream:
     """Readings of one kind: of one topic, with the same columns."""
 
     newest: int = 0
@@ -218,7 +218,7 @@ class Aligner:
         """
         self._width, self._needed, self._budget = width, frozenset(needed), round(lateness * SECOND)
         self._pending: list[_Partial] = []
-        self._streams: dict[tuple[str, tuple[int, ...]], _Stream] = {}
+        self._streams: dict[tuple[str, tuple[int, ...]], _ReadingStream] = {}
         self._sides: dict[tuple[str, tuple[int, ...]], deque[Reading]] = {}
         self._last = self._last_arrived = -1
         self._base: int | None = None
@@ -281,10 +281,10 @@ class Aligner:
                 found.append(self._sample(head))
         return found
 
-    def _stream(self, key: tuple[str, tuple[int, ...]]) -> _Stream:
+    def _stream(self, key: tuple[str, tuple[int, ...]]) -> _ReadingStream:
         stream = self._streams.get(key)
         if stream is None:
-            stream = self._streams[key] = _Stream()
+            stream = self._streams[key] = _ReadingStream()
         return stream
 
     def _place(self, topic: str, arrived: int, reading: Reading) -> None:
@@ -326,12 +326,12 @@ class Aligner:
 
     def _is_next(self, stamp: int) -> bool:
         """Whether nothing can come before `stamp`, and what belongs to it has come."""
-        # at the beginning nobody knows what comes next
+        # at the beginning it is not known what comes next
         if self._learnt < LEARNT or (self._last >= 0 and stamp - self._last > LONGEST * self.period):
             return False
         for key in self._sides:
             stream = self._streams[key]
-            # of no clock: nobody knows whether something is to come
+            # without a clock it is not known whether something is to come
             if stream.newest + 0.5 * stream.period <= stamp:
                 return False
         return True

@@ -25,7 +25,7 @@ PARTS = 13
 
 
 class ZenohSource:
-    """See `Source`.
+    """See `RobotSource`.
 
     Raises:
         InputRefused: eclipse-zenoh is not installed, or there is no router.
