@@ -33,14 +33,14 @@ def published(start: Start, angles: Path, domain: int, rate: float, seconds: flo
 def test_a_robot_is_followed_to_its_last_sample_and_recorded_as_it_came(
     start: Start, angles: Path, domain: int, tmp_path: Path
 ):
-    robot = published(start, angles, domain, 1000, 2.5, "--best-effort", "--pause", "1.5")
-    twin = start(*SHADOW, *LIVE, "--duration-s", "3.995", "--json", "--out", tmp_path / "out")
+    robot = published(start, angles, domain, 1000, 2.5, "--best-effort", "--pause", "2.5")
+    twin = start(*SHADOW, *LIVE, "--duration-s", "4.995", "--json", "--out", tmp_path / "out")
     code, out, err = ended(twin)
     assert code == 0, err
     facts = json.loads(out)
     counts = facts["counts"]
     # the robot was silent once, and said no less
-    assert (counts["gaps"], counts["missing"]) == (1, 1500)
+    assert (counts["gaps"], counts["missing"]) == (1, 2500)
     assert counts["samples"] in range(2496, 2501)
     assert facts["period_s"] == pytest.approx(1e-3)
     assert abs(facts["clock_offset_s"]) < 1.0

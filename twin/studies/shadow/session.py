@@ -93,6 +93,7 @@ class Followed:
 
     Attributes:
         source: what was followed.
+        recording: of it.
         seconds: from the first to the last sample, by the robot's stamps.
         counts: of samples.
         period: of them (s); infinite without a clock.
@@ -104,6 +105,7 @@ class Followed:
     """
 
     source: str
+    recording: Path = Path()
     seconds: float = 0.0
     counts: Counts = field(default_factory=Counts)
     period: float = math.inf
@@ -199,11 +201,11 @@ class Session:
             self._announce(text)
         self._say(text)
 
-    def follow(self, path: Path) -> Followed:
+    def follow(self, path: Callable[[], Path]) -> Followed:
         """Until the source ends, the time is over, or somebody presses Ctrl-C.
 
         Args:
-            path: of the recording.
+            path: makes that of the recording, at the first sample.
 
         Raises:
             InputRefused: what comes is not of this robot.
@@ -221,15 +223,20 @@ class Session:
         self._sum_up()
         if self._recording is None:
             raise InputRefused(f"{self._source.name}: {self._why_nothing()}")
-        self._recording.finish({"samples": str(self.followed.counts.samples), "seconds": f"{self._t:.3f}"})
+        facts = {"samples": str(self.followed.counts.samples), "seconds": f"{self._t:.3f}"}
+        self.followed.recording = self._recording.finish(facts)
         return self.followed
 
-    def _loop(self, path: Path) -> None:
+    def _loop(self, path: Callable[[], Path]) -> None:
         self._path = path
         shown = flushed = heard = time.monotonic()
         silent = False
-        while not self._source.ended and self._t < self._duration:
+        begun = math.inf
+        # of a robot that has fallen silent the time goes on, too
+        while not self._source.ended and self._t < self._duration > time.monotonic() - begun - SILENT:
             began = time.monotonic()
+            if self._live and self._recording is not None:
+                begun = min(begun, began)
             arrivals = self._source.take(SLICE)
             now = time.monotonic()
             if arrivals:
@@ -280,14 +287,21 @@ class Session:
         if self._recording is None:
             first = samples[0]
             self._recording = ShadowRecording(
-                self._path, self._twin.topics, self._others, self._model, self._source.name,
+                self._path(), self._twin.topics, self._others, self._model, self._source.name,
                 (self._aligner.base, first.arrived),
             )  # fmt: skip
         self._recording.write(arrivals, times, rows)
         self._note_happenings()
 
     def _read(self, arrival: Arrival) -> Reading:
-        return self._readers[arrival.topic].read(arrival.data, arrival.arrived)
+        try:
+            return self._readers[arrival.topic].read(arrival.data, arrival.arrived)
+        except LogRefused as problem:
+            if self._recording is None:
+                raise
+            # one bad message must not end a session
+            self._happened(Happening(self._t, str(problem)), "message")
+            return Reading(arrival.arrived, (), ())
 
     def _add_residuals(self, t: NDArray[np.float64], rows: Rows) -> None:
         for topic, name in (("residual/force", "force"), ("residual/joints", "joint"), ("residual/command", "command")):

@@ -81,9 +81,14 @@ def shadow(
         duration = math.inf if duration_s is None else duration_s
         session = Session(robot, columns, wanted, twin, model, 1e-3 * lateness_ms, duration, live, say, _announce)
         session.wait()
-        folder = claim_run_folder(out) if out else create_run_folder(HOME, model.name, datetime.now())
-        followed = session.follow(folder / RECORDING)
+        claimed = claim_run_folder(out) if out else None
+
+        def recording() -> Path:
+            return (claimed or create_run_folder(HOME, model.name, datetime.now())) / RECORDING
+
+        followed = session.follow(recording)
     finally:
         robot.close()
-    write_json(folder / FACTS, shadow_facts(followed, model.name))
-    return shadow_result(followed, model.name, {"recording": folder / RECORDING, "facts": folder / FACTS})
+    facts = followed.recording.parent / FACTS
+    write_json(facts, shadow_facts(followed, model.name))
+    return shadow_result(followed, model.name, {"recording": followed.recording, "facts": facts})
