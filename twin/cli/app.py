@@ -269,6 +269,7 @@ class TwinCommands(Commands):
         "report",
         "explore",
         "replay",
+        "shadow",
         "converge",
         "accuracy",
         "identify",

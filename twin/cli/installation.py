@@ -51,6 +51,7 @@ PURPOSES = {
     "live": "twin run --live",
     "parquet": "twin export --parquet",
     "ros2": "logs of ROS 2 in twin compare, replay, identify and export",
+    "shadow": "twin shadow beside a robot that runs",
 }
 """What users need an extra for; all others are for who develops twin."""
 

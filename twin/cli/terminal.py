@@ -212,6 +212,10 @@ class PlainLine(PlainProgress):
         print("\r" + text[:width].ljust(width), end=end, file=sys.stderr, flush=True)
 
 
+BESIDE = 48
+"""Letters for which there is room beside a bar."""
+
+
 class Bar(PlainProgress):
     """A bar with simulated time, speed and remaining wall time, of `rich`."""
 
@@ -221,6 +225,7 @@ class Bar(PlainProgress):
         from rich.table import Column
 
         super().__init__()
+        self._long: PlainLine | None = None
         # leaves room for the ^C that a terminal echoes: on the next line it would keep this one from being erased
         console = Console(stderr=True, width=Console(stderr=True).width - 3)
         self._roomy = console.width > NARROW
@@ -247,7 +252,13 @@ class Bar(PlainProgress):
         self._show(clock=compiling(done, about, seconds), completed=done)
 
     def say(self, what: str) -> None:
-        self._show(clock=what)
+        if self._long is None and len(what) <= BESIDE:
+            self._show(clock=what)
+            return
+        # a line that tells of several things has no room for a bar that counts nothing
+        self._line.stop()
+        self._long = self._long or PlainLine()
+        self._long.say(visible(what))
 
     def step(self, what: str, share: float | None) -> None:
         if share is None:
@@ -268,6 +279,9 @@ class Bar(PlainProgress):
 
     def clear(self) -> None:
         self._line.stop()
+        if self._long is not None:
+            self._long.clear()
+            self._long = None
 
     def _show(self, **fields: Any) -> None:
         self._line.update(self._task, **fields)

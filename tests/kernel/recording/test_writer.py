@@ -20,9 +20,10 @@ from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap_protobuf.decoder import DecoderFactory
 
 from twin.kernel.errors import RecordingDamaged, RecordingFailed
+from twin.kernel.recording.growing_file import Output
 from twin.kernel.recording.messages import Field, Topic
 from twin.kernel.recording.reader import attachments, read
-from twin.kernel.recording.writer import LARGEST_CHUNK, ROOM, BlockShape, Output, Pending, Woven, Writer, woven
+from twin.kernel.recording.writer import LARGEST_CHUNK, ROOM, BlockShape, Pending, Woven, Writer, woven
 
 from . import samples
 from .samples import DRIVE, METADATA, TF, TF_ROWS, TICK, TICKS, TOPICS

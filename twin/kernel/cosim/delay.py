@@ -63,6 +63,7 @@ def play(
     h: NDArray[np.float64],
     u: NDArray[np.float64],
     steps: NDArray[np.int64] | None = None,
+    before: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], int]:
     """Step `component` from where it stands, once per row of `u`.
 
@@ -71,6 +72,7 @@ def play(
         t, h: time and length of each step (m,), s.
         u: its inputs at each step (m, inputs).
         steps: after how many steps each row of outputs is taken (n,), m in all; None: after each.
+        before: outputs (outputs,) that it has so far; None: its initial ones.
 
     Returns:
         Outputs (rows, outputs), fewer than asked for if a step failed, and the status of that step, else 0. What a
@@ -78,7 +80,7 @@ def play(
     """
     steps = np.ones(len(u), dtype=np.int64) if steps is None else steps
     u = np.ascontiguousarray(u, dtype=np.float64)
-    y = component.initial_outputs.copy()
+    y = np.array(component.initial_outputs if before is None else before, dtype=np.float64)
     rows, status = np.empty((len(steps), width(component.outputs))), np.zeros(1, dtype=np.int64)
     done = _play(
         component.step_address, component.self_address, np.ascontiguousarray(t, dtype=float),
@@ -90,5 +92,10 @@ def play(
 
 def columns(component: Component, rows: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     """`rows` (n, outputs) by port: (n,), or (n, size) of a port of several."""
-    parts = by_port(component.outputs, rows)
+    return named(component.outputs, rows)
+
+
+def named(ports: tuple[Port, ...], rows: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """The same of outputs `ports`."""
+    parts = by_port(ports, rows)
     return {name: part[:, 0] if part.shape[1] == 1 else part for name, part in parts.items()}

@@ -409,7 +409,8 @@ class Contents:
     def _declare(self, channel: Channel, schema: Schema) -> None:
         if schema.name == Log.DESCRIPTOR.full_name:
             return
-        if schema.name.startswith(FOREIGN):
+        # a robot's own messages are recorded beside the twin's as they came
+        if schema.name.startswith(FOREIGN) or channel.message_encoding != "protobuf":
             self.foreign.add(channel.id)
             return
         fields = described_fields(schema.name, schema.data)

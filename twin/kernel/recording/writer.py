@@ -1,7 +1,5 @@
 """Recordings written: slices of rows in, an MCAP file of protobuf messages out.
 
-The file a recording grows in: `NAME.mcap.partial` until finished, never with half a record at its end.
-
 Message records that wait for the chunk they go into.
 
 Blocks of messages woven into one content: in order of time across topics, cut into chunks, indexed. Layout of an index:
@@ -9,17 +7,14 @@ https://mcap.dev/spec#message-index-op0x07. What a weave is made of, numbers of 
 comes again slice after slice; what is in the messages does not matter to it.
 """
 
-import contextlib
-import os
 import struct
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
+from itertools import groupby, pairwise
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 import zstandard
@@ -31,8 +26,10 @@ from mcap.writer import MCAP0_MAGIC
 from twin import __version__
 from twin.kernel.compiled.function import carray, copy
 from twin.kernel.compiled.native import entry
-from twin.kernel.errors import RecordingFailed, disk_refusals
+from twin.kernel.errors import RecordingFailed
+from twin.kernel.recording.growing_file import Output
 from twin.kernel.recording.messages import (
+    HEAD_SIZE,
     Field,
     Filling,
     MessageForm,
@@ -40,92 +37,14 @@ from twin.kernel.recording.messages import (
     descriptor_set,
     descriptors_of,
     form_filling,
+    head_dtype,
     log_message,
     message_layout,
     message_names,
     no_integer,
+    record_template,
 )
 from twin.kernel.recording.summary import COMPRESSION_LEVEL, Summary, chunk, encoded
-
-PARTIAL = ".partial"
-
-
-class Output:
-    """Append-only file that is renamed to `path` when it is complete.
-
-    Attributes:
-        path: where the finished file will be.
-        partial: where it grows.
-        size: bytes appended.
-        crc: CRC-32 of all of them.
-    """
-
-    def __init__(self, path: Path) -> None:
-        """Create the partial file, replacing one of that name.
-
-        Raises:
-            RecordingFailed: it cannot be created.
-        """
-        self.path = path
-        self.partial = path.with_name(path.name + PARTIAL)
-        self.size = 0
-        self.crc = 0
-        with disk_refusals(self.partial, "cannot be created", RecordingFailed):
-            # unbuffered: what `append` returned from is with the operating system and survives this process
-            self._file: BinaryIO | None = open(self.partial, "wb", buffering=0)  # noqa: SIM115
-
-    @property
-    def closed(self) -> bool:
-        """Whether nothing can be appended any more."""
-        return self._file is None
-
-    def append(self, data: bytes) -> int:
-        """Append all of `data` or nothing; return the offset at which it starts.
-
-        After a failure, or an interrupt halfway, the file ends where `data` would have begun and is closed.
-
-        Raises:
-            RecordingFailed: the operating system refuses: disk full, file too large, closed file.
-        """
-        if self._file is None:
-            raise RecordingFailed(f"{self.partial}: the recording is closed")
-        rest = memoryview(data)
-        remedy = f"the {self.size} bytes already written stay readable"
-        with disk_refusals(self.partial, "recording stopped", RecordingFailed, remedy):
-            try:
-                while rest:
-                    rest = rest[self._file.write(rest) :]
-            except BaseException:
-                with contextlib.suppress(OSError):
-                    self._file.truncate(self.size)
-                self.close()
-                raise
-        start = self.size
-        self.size += len(data)
-        self.crc = zlib.crc32(data, self.crc)
-        return start
-
-    def close(self) -> None:
-        """Close the file and leave it as it is."""
-        if self._file is not None:
-            self._file.close()
-            self._file = None
-
-    def publish(self) -> None:
-        """Force the file to the disk, close it and give it its final name, replacing a file of that name.
-
-        Raises:
-            RecordingFailed: the disk or the folder refuses; the partial file stays.
-        """
-        if self._file is None:
-            raise RecordingFailed(f"{self.partial}: the recording is closed")
-        with disk_refusals(self.partial, "cannot be finished", RecordingFailed):
-            try:
-                os.fsync(self._file.fileno())
-            finally:
-                self.close()
-            os.replace(self.partial, self.path)
-
 
 ROOM = 256 * 1024
 """Bytes to begin with: those of a slice."""
@@ -346,6 +265,23 @@ class OpenTopic:
         return cls(channel, topic.period, width, message_layout(channel, topic.fields).filling, topic.fields)
 
 
+@dataclass(frozen=True)
+class OthersTopic:
+    """A topic whose messages are recorded as they came, in the encoding of who sent them.
+
+    Attributes:
+        name: as it was there: `/joint_states`.
+        encoding: of the messages: `cdr`.
+        type_name, schema_encoding, definition: of their type: `sensor_msgs/msg/JointState`, `ros2msg`, its text.
+    """
+
+    name: str
+    encoding: str
+    type_name: str
+    schema_encoding: str
+    definition: bytes
+
+
 class Writer:
     """Writes `NAME.mcap.partial` and, when finished, renames it to `NAME.mcap`.
 
@@ -360,6 +296,7 @@ class Writer:
         tick: float,
         metadata: Mapping[str, Mapping[str, str]],
         forms: Sequence[MessageForm] = (),
+        others: Sequence[OthersTopic] = (),
     ) -> None:
         """Create the partial file and write its header and metadata.
 
@@ -369,6 +306,7 @@ class Writer:
             tick: duration of one tick, s.
             metadata: name -> key -> text, readable in any MCAP tool.
             forms: topics for viewers, which `read` passes over.
+            others: topics of messages as they came, which `read` passes over, too.
 
         Raises:
             RecordingFailed: the file cannot be created or the disk is full.
@@ -385,6 +323,8 @@ class Writer:
             stream.name: OpenTopic.of(stream, channel.id)
             for stream, channel in zip(streams, self._channels[:-1], strict=True)
         }
+        self._events = self._channels[-1].id
+        self._others = _declare_others(others, schemas, self._channels)
         self._summary = Summary(schemas, self._channels)
         self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
         self._pending = Pending()
@@ -429,14 +369,49 @@ class Writer:
         if known is None:
             made = self._times(np.arange(ticks.start, ticks.stop, ticks.step))
             known = self._slice_times[ticks] = made, made.ctypes.data
-        times, times_at = known
-        counts, stride = self._summary.message_counts, len(opened.filling.template)
-        to = self._pending.room(count * stride)
-        if not opened.filling.fill(to, times_at, count, counts[opened.channel], rows):
-            raise ValueError(no_integer(opened.fields, rows))
-        counts[opened.channel] += count
-        self._pending.add(opened.channel, times, stride)
+        self._put(opened, *known, rows)
         opened.next_tick = ticks.stop
+
+    def write_at(self, topic: str, ticks: np.ndarray, rows: np.ndarray) -> None:
+        """Record rows of `topic` for `ticks` (n,) int64, ascending, which need not be evenly spaced; see `write`.
+
+        Raises:
+            RecordingFailed, KeyError, ValueError: as `write`.
+        """
+        opened = self._topics[topic]
+        if rows.shape != (len(ticks), opened.width):
+            raise ValueError(f"topic {topic}: rows of shape {rows.shape}, expected ({len(ticks)}, {opened.width})")
+        if topic in self._slice_topics:
+            self.end_slice()
+        self._slice_topics.add(topic)
+        if not len(ticks):
+            return
+        if ticks[0] < opened.next_tick or np.any(np.diff(ticks) <= 0):
+            raise ValueError(f"topic {topic}: ticks that do not ascend, or come before {opened.next_tick}")
+        times = self._times(ticks)
+        self._put(opened, times, times.ctypes.data, rows)
+        opened.next_tick = int(ticks[-1]) + 1
+
+    def write_messages(self, topic: str, ticks: Sequence[int], messages: Sequence[bytes]) -> None:
+        """Record `messages` of an `OthersTopic` as they came; `ticks`, ascending, of each of them.
+
+        Raises:
+            RecordingFailed: disk full or recording closed.
+            KeyError: a topic that was not declared.
+        """
+        channel, counts = self._others[topic], self._summary.message_counts
+        # messages of a type that changes little are of one length, and make one block
+        for size, group in groupby(zip(ticks, messages, strict=True), lambda one: len(one[1])):
+            of_tick, contents = zip(*group, strict=True)
+            times = self._times(np.array(of_tick))
+            records = np.empty((len(times), HEAD_SIZE + size), dtype=np.uint8)
+            records[:] = record_template(channel, bytes(size))
+            head = records.view(head_dtype(records.shape[1]))[:, 0]
+            head["sequence"] = np.arange(counts[channel], counts[channel] + len(times))
+            head["log_time"] = head["publish_time"] = times
+            records[:, HEAD_SIZE:] = np.frombuffer(b"".join(contents), dtype=np.uint8).reshape(len(times), size)
+            counts[channel] += len(times)
+            self._pending.put(channel, times, records)
 
     def write_event(self, tick: int, level: str, text: str, name: str) -> None:
         """Record what happened at `tick` as a `foxglove.Log` on `/events`.
@@ -450,7 +425,7 @@ class Writer:
         times = self._times(np.array([tick]))
         time = int(times[0])
         data = log_message(time, level, text, name)
-        channel = self._channels[-1].id
+        channel = self._events
         record = encoded(Message(channel, time, data, time, self._summary.message_counts[channel]))
         self._summary.message_counts[channel] += 1
         self._pending.put(channel, times, np.frombuffer(record, dtype=np.uint8)[None, :])
@@ -513,6 +488,24 @@ class Writer:
                 error.add_note(str(failure))
         elif not self._output.closed:
             self.finish()
+
+    def flush(self) -> None:
+        """Put all that was written into the file: it survives the end of this process.
+
+        Raises:
+            RecordingFailed: disk full or recording closed.
+        """
+        self.end_slice()
+        self._write_chunks()
+
+    def _put(self, opened: OpenTopic, times: np.ndarray, times_at: int, rows: np.ndarray) -> None:
+        """Records of `rows` at `times` (ns), which lie at the address `times_at`."""
+        count, counts, stride = len(rows), self._summary.message_counts, len(opened.filling.template)
+        to = self._pending.room(count * stride)
+        if not opened.filling.fill(to, times_at, count, counts[opened.channel], rows):
+            raise ValueError(no_integer(opened.fields, rows))
+        counts[opened.channel] += count
+        self._pending.add(opened.channel, times, stride)
 
     def _times(self, ticks: np.ndarray) -> np.ndarray:
         """Log times of `ticks`, ns, (n,) int64: each from its own tick, so that nothing accumulates."""
@@ -581,3 +574,18 @@ def _declared(topics: Sequence[Topic], forms: Sequence[MessageForm]) -> tuple[li
         schema = schemas.setdefault(type_name, Schema(len(schemas) + 1, descriptors, "protobuf", type_name))
         channels.append(Channel(len(channels) + 1, f"/{topic}", "protobuf", meanings, schema.id))
     return list(schemas.values()), channels
+
+
+def _declare_others(others: Sequence[OthersTopic], schemas: list[Schema], channels: list[Channel]) -> dict[str, int]:
+    """Schemas and channels of `others`, added to those that are there; channel numbers by topic.
+
+    One that is called as a topic of twin's gets `/robot` before its name.
+    """
+    own, found = {channel.topic for channel in channels}, {}
+    for other in others:
+        schema = Schema(len(schemas) + 1, other.definition, other.schema_encoding, other.type_name)
+        schemas.append(schema)
+        name = f"/robot{other.name}" if other.name in own else other.name
+        channels.append(Channel(len(channels) + 1, name, other.encoding, {}, schema.id))
+        found[other.name] = channels[-1].id
+    return found

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from twin.kernel.cosim.delay import columns, play
+from twin.kernel.cosim.delay import named, play
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.logs.reader import is_recording
@@ -22,6 +22,7 @@ from twin.robot.assembly.roles import refuse_other_parts
 from twin.robot.controller.controller import Belief
 from twin.robot.controller.task_controller import Computer
 from twin.robot.experiment.drive_files import rest_of, role_named
+from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.mistakes import sentences, unknown
 from twin.robot.experiment.recorded import recorded_name, recorded_values
 from twin.robot.experiment.schema import Cosim
@@ -74,7 +75,15 @@ def loaded_model(path: Path, settings: Iterable[str] = ()) -> RobotModel:
     Raises:
         InputRefused: with every mistake of the experiment.
     """
-    experiment = load_experiment(path, settings)
+    return model_of(load_experiment(path, settings))
+
+
+def model_of(experiment: Experiment) -> RobotModel:
+    """What a replay needs of an experiment.
+
+    Raises:
+        InputRefused: a part of it is third-party.
+    """
     refuse_other_parts(experiment, "a replay", OWN)
     values = {name: experiment.values[name] for name in TABLES if name in experiment.values}
     return _model(experiment.name, values, **{name: getattr(experiment, name) for name in TABLES})
@@ -185,28 +194,67 @@ def motions(
     return joined, [float(t[a]) for a in bounds[:-1]]
 
 
+class PlantRun:
+    """The plant model driven by motor angles, from rest on, in pieces of any length.
+
+    It settles first, so that the first sample is what the model starts from.
+
+    Args:
+        model: the twin.
+        p_B: where the robot is at the first sample (3,), m.
+    """
+
+    def __init__(self, model: RobotModel, p_B: NDArray[np.float64]):
+        self._model, self._p_B = model, p_B
+        self._plant: Plant | None = None
+        self._t, self._theta_m = 0.0, np.zeros(3)
+        self._body = Body(model.motions) if model.motions else None
+
+    def advance(self, t: NDArray[np.float64], theta_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], str]:
+        """Go on to the samples at `t` (n,), s, with motor angles `theta_m` (n, 3), rad.
+
+        Returns:
+            The plant's outputs at them, fewer if it failed, and then why.
+        """
+        model, begins = self._model, self._plant is None
+        if begins:
+            x = np.zeros(STATES)
+            x[:3] = self._p_B
+            self._plant = Plant(model.plant, x, theta_m[0], model.substeps, bool(model.motions))
+            self._start, self._elapsed = t[0] - SETTLING, 0.0
+            self._outputs = self._plant.initial_outputs
+            settling = [int(np.ceil(SETTLING / model.tick))]
+            known, angles = t, theta_m
+        else:
+            settling = []
+            known, angles = np.concatenate([[self._t], t]), np.vstack([self._theta_m, theta_m])
+        assert self._plant is not None
+        steps = np.array([*settling, *np.maximum(1, np.ceil(np.diff(known) / model.tick - 1e-6))], dtype=np.int64)
+        lengths = np.array([*([SETTLING] if begins else []), *np.diff(known)])
+        h = np.repeat(lengths / steps, steps)
+        elapsed = np.cumsum([self._elapsed, *h])[1:]
+        ends = self._start + elapsed
+        u = np.stack([np.interp(ends, known, angles[:, i]) for i in range(3)], axis=1)
+        if self._body is not None:
+            ground, _ = play(self._body, ends - h, h, np.empty((len(h), 0)))
+            if begins:
+                ground[: steps[0]] = [*ground[steps[0] - 1][:3], 0.0, 0.0, 0.0]
+            u = np.hstack([u, ground])
+        rows, status = play(self._plant, ends - h, h, u, steps, self._outputs)
+        if status:
+            return rows, self._plant.explain(status)
+        self._t, self._theta_m, self._elapsed, self._outputs = float(t[-1]), theta_m[-1], elapsed[-1], rows[-1]
+        return rows, ""
+
+
 def _stretch(
     model: RobotModel, t: NDArray[np.float64], theta_m: NDArray[np.float64], p_B: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
     """The plant's outputs at the samples of a stretch without long gaps."""
-    x = np.zeros(STATES)
-    x[:3] = p_B
-    plant = Plant(model.plant, x, theta_m[0], model.substeps, bool(model.motions))
-    # settling first, so that the sample is what the model starts from
-    before = int(np.ceil(SETTLING / model.tick))
-    steps = np.array([before, *np.maximum(1, np.ceil(np.diff(t) / model.tick - 1e-6))], dtype=np.int64)
-    lengths = np.array([SETTLING, *np.diff(t)])
-    h = np.repeat(lengths / steps, steps)
-    ends = t[0] - SETTLING + np.cumsum(h)
-    u = np.stack([np.interp(ends, t, theta_m[:, i]) for i in range(3)], axis=1)
-    if model.motions:
-        ground, _ = play(Body(model.motions), ends - h, h, np.empty((len(h), 0)))
-        ground[:before] = [*ground[before - 1][:3], 0.0, 0.0, 0.0]
-        u = np.hstack([u, ground])
-    rows, status = play(plant, ends - h, h, u, steps)
-    if status:
+    rows, failure = PlantRun(model, p_B).advance(t, theta_m)
+    if failure:
         raise ComponentFailed(
-            f"the plant model, driven by the log's motor angles, {plant.explain(status)} before "
+            f"the plant model, driven by the log's motor angles, {failure} before "
             f"t = {t[len(rows)]:.3f} s; does the experiment describe this robot?"
         )
-    return columns(plant, rows)
+    return named(OUTPUTS, rows)

@@ -36,11 +36,12 @@ from numpy.typing import NDArray
 
 from twin.kernel.cosim.delay import columns, play
 from twin.kernel.errors import InputRefused
+from twin.kernel.recording.logs.column_map import refuse_unit
 from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries, in_gap
-from twin.kernel.units import known_unit, weight_hint
-from twin.robot.controller.controller import Belief, Estimator, angle
+from twin.robot.controller.controller import Belief, Estimator
 from twin.robot.mechanism.statics import load_torque
 from twin.studies.replay.model import RobotModel, motions
+from twin.studies.replay.plausible import refusal
 
 SHORTEST_BLOCK = 1.0
 """s. Two taps of a massage: the force of the platform's acceleration and of viscous joints comes to nothing over a
@@ -410,10 +411,16 @@ def _counts_in(log: Log, name: str, belief: Belief) -> LogSeries:
             f"{' ...' if len(has) > MANY else ''}; choose with --map '{angle}[0]=COLUMN[deg]' and so on"
         )
     series = _three(log, angle, "rad")
-    # counts per turn and zeros (rad): what `estimator.angle` takes off again
+    # what `estimator.angle` takes off again
+    zero, per_rad = as_counts(name, belief)
+    return LogSeries(series.t, (series.values + np.array(zero)) * per_rad, "1")
+
+
+def as_counts(name: str, belief: Belief) -> tuple[tuple[float, float, float], float]:
+    """What makes counts of angles: (angle + zero of its encoder) * counts per rad, for a name of `COUNTS`."""
     of_motor = name == "count_m"
     turn, zero = (belief.motor_counts, belief.motor_zero) if of_motor else (belief.joint_counts, belief.joint_zero)
-    return LogSeries(series.t, (series.values + np.array(zero)) * (turn / (2.0 * np.pi)), "1")
+    return zero, turn / (2.0 * np.pi)
 
 
 def _three(log: Log, name: str, unit: str) -> LogSeries:
@@ -424,13 +431,7 @@ def _three(log: Log, name: str, unit: str) -> LogSeries:
 
 
 def _in_unit(log: Log, name: str, series: LogSeries, unit: str) -> LogSeries:
-    if series.unit != unit:
-        got, wanted = known_unit(series.unit), known_unit(unit)
-        hint = weight_hint(got.dimension, wanted.dimension) if got and wanted else ""
-        raise LogRefused(
-            f"{log.path}: {name} is in '{series.unit}', expected '{unit}'{hint or ';'} say so with "
-            f"--map {name}=COLUMN[UNIT]"
-        )
+    refuse_unit(f"{log.path}:", name, series.unit, unit)
     return series
 
 
@@ -555,11 +556,7 @@ def estimates(log: RobotLog, belief: Belief, gravity_compensation: bool) -> Outp
     component = Estimator(belief, gravity_compensation)
     rows, status = play(component, log.t, np.full(len(log.t), log.period), np.hstack([log.count_m, log.count_l]))
     if status:
-        at = [np.degrees(angle(log.count_l[0, i], belief.joint_counts, belief.joint_zero[i])) for i in range(3)]
-        raise LogRefused(
-            f"{log.path}: the first joint angles ({at[0]:.1f}, {at[1]:.1f}, {at[2]:.1f}) deg fit no pose of the robot; "
-            "are their signs, units and zeros those of the experiment?"
-        )
+        raise LogRefused(refusal(str(log.path), log.count_m[0], log.count_l[0], belief))
     return columns(component, rows)
 
 

@@ -1,4 +1,4 @@
-"""A twin beside its robot: the robot's state from what it sends, whether the two have parted, and since when.
+"""The twin beside a robot that runs: it follows the robot's stamps, knows its state, and sees them part.
 
 `filter` has the state, `alarm` the decision, and `fleet` what is normal for robots of which nothing is wrong.
 """

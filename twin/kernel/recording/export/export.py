@@ -22,6 +22,7 @@ from twin import __version__
 from twin.kernel.errors import InputRefused, disk_refusals, nearest
 from twin.kernel.recording.export.table import table, time_base, write_csv, write_matlab, write_parquet
 from twin.kernel.recording.folder import recording_in
+from twin.kernel.recording.growing_file import Output
 from twin.kernel.recording.logs.bag import is_bag
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
@@ -40,7 +41,7 @@ from twin.kernel.recording.messages import (
 from twin.kernel.recording.reader import Recording, Stream, read
 from twin.kernel.recording.scan import NANOSECONDS
 from twin.kernel.recording.summary import COMPRESSION_LEVEL, Summary, encoded
-from twin.kernel.recording.writer import Output, Pending, append_chunks
+from twin.kernel.recording.writer import Pending, append_chunks
 from twin.kernel.writing import inline_table, made_folder, write_text
 
 JOINTS = {

@@ -69,6 +69,19 @@ def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
     Raises:
         LogRefused: no such file, damaged, or as `log_of`.
     """
+    topics, notes = bag_topics(path, columns)
+    return log_of(path, topics, columns, notes)
+
+
+def bag_topics(path: Path, columns: Mapping[str, MappedColumn]) -> tuple[dict[str, LoggedTopic], list[str]]:
+    """Topics of the bag `path`, all of its files together, and notes on what is missing.
+
+    Args:
+        columns: of which topics the messages are kept.
+
+    Raises:
+        LogRefused: no such file, or damaged.
+    """
     folder = os.path.isdir(path)
     files = _files(path) if folder else [path]
     notes = _absent(path, files) if folder else []
@@ -82,7 +95,7 @@ def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
         notes += [f"{file.name}: {note}"] if note else []
     for topic in found:
         _define(topic, path if folder else path.parent)
-    return log_of(path, merged(found), columns, notes)
+    return merged(found), notes
 
 
 def _files(folder: Path) -> list[Path]:

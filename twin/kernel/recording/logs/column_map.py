@@ -23,7 +23,7 @@ from typing import Any
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import read_toml
 from twin.kernel.recording.logs.log import LogRefused
-from twin.kernel.units import ATOMS, Unit, known_unit
+from twin.kernel.units import ATOMS, Unit, known_unit, weight_hint
 
 TIME = "time"
 TIME_NAMES = ("t", "time", "timestamp")
@@ -106,6 +106,26 @@ def unit(text: str, where: str) -> Unit:
         hint = nearest(text, ATOMS, "expected one such as mm, N, deg, rad/s, Nm, ms, A or 1")
         raise LogRefused(f"{where}: unknown unit '{text}'; {hint}")
     return found
+
+
+def refuse_unit(where: str, name: str, got: str, wanted: str, column: str = "COLUMN") -> None:
+    """See whether a signal is in the unit that it is used in.
+
+    Args:
+        where: begins the sentence of the refusal.
+        name: of the signal.
+        got, wanted: SI units.
+        column: that a map may name with another unit.
+
+    Raises:
+        LogRefused: it is not; it says what to write in the map.
+    """
+    if got != wanted:
+        found, used = known_unit(got), known_unit(wanted)
+        hint = weight_hint(found.dimension, used.dimension) if found and used else ""
+        raise LogRefused(
+            f"{where} {name} is in '{got}', expected '{wanted}'{hint or ';'} say so with --map {name}={column}[UNIT]"
+        )
 
 
 def _column(source: str) -> MappedColumn:

@@ -4,6 +4,7 @@ import os
 import sys
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from enum import Enum, auto
 from pathlib import Path
 
 import numpy as np
@@ -34,10 +35,35 @@ def read_log(path: str | Path, columns: Mapping[str, MappedColumn] | None = None
         LogRefused, RecordingRefused: missing, empty, damaged, foreign without a map, or of columns that are wrong.
     """
     path = Path(path)
+    match kind_of(path):
+        case LogKind.RECORDING:
+            return recorded(read(recording_in(path)))
+        case LogKind.BAG:
+            return _finished(read_bag(path, columns or {}))
+        case LogKind.MCAP:
+            return _finished(read_mcap(path, columns or {}))
+    return _finished(read_csv(path, columns or {}))
+
+
+class LogKind(Enum):
+    """What kinds of logs there are: a recording of twin, a bag of ROS 2, another MCAP file, a table."""
+
+    RECORDING = auto()
+    BAG = auto()
+    MCAP = auto()
+    CSV = auto()
+
+
+def kind_of(path: Path) -> LogKind:
+    """Which kind of log `path` is, by what it begins with.
+
+    Raises:
+        LogRefused: missing, no regular file, or an MCAP file by its name alone.
+    """
     if is_recording(path):
-        return recorded(read(recording_in(path)))
+        return LogKind.RECORDING
     if os.path.isdir(path):
-        return _finished(read_bag(path, columns or {}))
+        return LogKind.BAG
     if path.exists() and not path.is_file():
         raise LogRefused(f"{path}: not a regular file but a pipe, socket or device; expected a file")
     try:
@@ -46,13 +72,13 @@ def read_log(path: str | Path, columns: Mapping[str, MappedColumn] | None = None
     except InputRefused as problem:
         raise LogRefused(str(problem)) from None
     if is_bag(path) or magic == SQLITE:
-        return _finished(read_bag(path, columns or {}))
+        return LogKind.BAG
     if magic.startswith(MAGIC):
-        return _finished(read_mcap(path, columns or {}))
+        return LogKind.MCAP
     if path.suffix == ".mcap" or path.name.endswith(".mcap.partial"):
         what = "not an MCAP file" if magic else "an empty file"
         raise LogRefused(f"{path}: {what}; expected a recording")
-    return _finished(read_csv(path, columns or {}))
+    return LogKind.CSV
 
 
 def is_recording(path: Path) -> bool:

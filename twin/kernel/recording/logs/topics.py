@@ -26,7 +26,7 @@ from twin.kernel.recording.logs.column_map import TIME, MappedColumn, split_unit
 from twin.kernel.recording.logs.log import LARGEST, Log, LogRefused, LogSeries
 from twin.kernel.recording.messages import RECORD_PREFIX
 from twin.kernel.recording.summary import allowance, unpacked
-from twin.kernel.units import Dimension
+from twin.kernel.units import Dimension, Unit
 
 NANOSECONDS = 1e9
 STAMP = "header.stamp"
@@ -70,6 +70,20 @@ def wanted(topic: str, columns: Mapping[str, MappedColumn]) -> bool:
     return any(column.name.startswith(f"{topic}.") for column in columns.values())
 
 
+def topic_of(column: MappedColumn, topics: Iterable[str]) -> str | None:
+    """Which of `topics` the column is of; None: of none of them."""
+    return max((name for name in topics if column.name.startswith(f"{name}.")), key=len, default=None)
+
+
+def factor_of(column: MappedColumn, field_path: str, of_type: str, where: Path | str) -> Unit:
+    """The unit of a column: the map's, or that of the message's type, or that in the field's name, or a number.
+
+    Raises:
+        LogRefused: there is no such unit; the sentence begins with `where`.
+    """
+    return unit(column.unit or of_type or split_unit(field_path)[1] or "1", f"{where}: {column.name}")
+
+
 def merged(found: Iterable[LoggedTopic]) -> dict[str, LoggedTopic]:
     """Topics by name; the messages of several publishers of a topic come in order of time."""
     topics: dict[str, LoggedTopic] = {}
@@ -109,7 +123,7 @@ def log_of(
     sources: dict[str, dict[str, str]] = {}
     for signal, column in columns.items():
         if signal != TIME:
-            name = max((n for n in topics if column.name.startswith(f"{n}.")), key=len, default=None)
+            name = topic_of(column, topics)
             if name is None:
                 hint = nearest(column.name.partition(".")[0], topics, "it has {}")
                 mistakes.append(f"{path}: no topic of '{column.name}' for {signal}; {hint}")
@@ -218,8 +232,7 @@ class TopicReading:
         numbers = self._found[field_path]
         if isinstance(numbers, LogRefused):
             raise numbers
-        text = column.unit or numbers.unit or split_unit(field_path)[1] or "1"
-        factor = unit(text, f"{self._path}: {column.name}")
+        factor = factor_of(column, field_path, numbers.unit, self._path)
         t = self._t[numbers.rows]
         if len(t) < 2:
             raise LogRefused(f"{where}.{field_path} is in {len(t)} message, expected at least 2")

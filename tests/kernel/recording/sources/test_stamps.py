@@ -1,0 +1,165 @@
+"""What becomes of readings that come in any order, twice, late, in parts, or by another clock."""
+
+import math
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.conftest import examples
+from twin.kernel.recording.sources.signals import Reading
+from twin.kernel.recording.sources.stamps import Aligner, Clocks, Histogram, Sample, rows_of
+
+MS = 1_000_000
+PERIOD = 2 * MS
+NEEDED = (0, 1)
+BUDGET = 0.03
+Arrived = tuple[int, Reading]
+
+
+def reading(k: int, columns: tuple[int, ...] = NEEDED, start: int = 10**18) -> Reading:
+    return Reading(start + k * PERIOD, columns, tuple(float(10 * k + column) for column in columns))
+
+
+def on_time(n: int) -> list[Arrived]:
+    return [(reading(k).stamp, reading(k)) for k in range(n)]
+
+
+def aligned(arrivals: list[Arrived], aligner: Aligner | None = None) -> tuple[Aligner, list[Sample]]:
+    """RobotSamples of all `arrivals`, in order of arrival."""
+    aligner = aligner or Aligner(3, NEEDED, BUDGET)
+    found: list[Sample] = []
+    for arrived, one in sorted(arrivals, key=lambda pair: pair[0]):
+        found += aligner.add("/joints", arrived, one)
+    return aligner, found + aligner.ready(10**19, end=True)
+
+
+def numbers(samples: list[Sample]) -> list[tuple[int, float, float]]:
+    return [(sample.t, sample.row[0], sample.row[1]) for sample in samples]
+
+
+@examples(30)
+@given(st.integers(0, 2**32), st.floats(0.0, 0.025), st.integers(0, 20))
+def test_what_comes_within_the_budget_gives_the_same_samples_in_whatever_order(seed: int, jitter: float, twice: int):
+    drawn = random.Random(seed)
+    plain = on_time(200)
+    mixed = [(arrived + round(drawn.random() * jitter * 1e9), one) for arrived, one in plain]
+    mixed += [(arrived + 3 * MS, one) for arrived, one in drawn.sample(mixed, twice)]
+    aligner, samples = aligned(mixed)
+    assert numbers(samples) == numbers(aligned(plain)[1])
+    assert (aligner.counts.missing, aligner.counts.late) == (0, 0)
+    assert aligner.counts.duplicates == twice
+    assert aligner.period == PERIOD
+
+
+@examples(30)
+@given(st.sets(st.integers(30, 190), max_size=30))
+def test_every_message_that_is_lost_is_counted(lost: set[int]):
+    kept = [one for k, one in enumerate(on_time(200)) if k not in lost]
+    aligner, samples = aligned(kept)
+    assert len(samples) == 200 - len(lost)
+    assert aligner.counts.missing == len(lost)
+    runs = [k for k in lost if k - 1 not in lost]
+    assert aligner.counts.gaps == len(runs)
+    assert sum(round((end - start) / PERIOD) - 1 for start, end in aligner.gaps) == len(lost)
+
+
+def test_losses_before_the_period_is_known_are_counted_too():
+    aligner, _ = aligned([one for k, one in enumerate(on_time(200)) if k not in (3, 4, 9)])
+    assert (aligner.counts.missing, aligner.counts.gaps) == (3, 2)
+
+
+def test_a_sample_after_a_gap_waits_for_the_budget_and_no_longer():
+    aligner, _ = Aligner(3, NEEDED, BUDGET), None
+    start = on_time(101)
+    for arrived, one in start[:100]:
+        aligner.add("/joints", arrived, one)
+    aligner.ready(start[99][0] + 50 * MS)
+    late = reading(105)
+    assert aligner.add("/joints", late.stamp, late) == []
+    assert aligner.ready(late.stamp + 29 * MS) == []
+    assert [sample.row[0] for sample in aligner.ready(late.stamp + 30 * MS)] == [1050.0]
+    # its place is taken
+    assert aligner.add("/joints", late.stamp + 31 * MS, reading(103)) == []
+    assert (aligner.counts.late, aligner.counts.missing) == (1, 5)
+
+
+def test_a_burst_after_a_stall_is_neither_lost_nor_a_gap():
+    burst = [(max(arrived, 10**18 + 2_300 * MS), one) if 150 <= k < 1150 else (arrived, one)
+             for k, (arrived, one) in enumerate(on_time(2000))]  # fmt: skip
+    aligner, samples = aligned(burst)
+    assert len(samples) == 2000
+    assert (aligner.counts.missing, aligner.counts.restarts, aligner.counts.out_of_order) == (0, 0, 0)
+    assert aligner.clocks.lateness.largest == pytest.approx(2.0, abs=0.01)
+
+
+def test_no_number_is_no_sample_and_is_told():
+    bad = Reading(reading(100).stamp, NEEDED, (math.nan, 1.0))
+    aligner, samples = aligned([(bad.stamp, bad) if k == 100 else one for k, one in enumerate(on_time(200))])
+    assert (len(samples), aligner.counts.invalid) == (199, 1)
+
+
+@pytest.mark.parametrize("apart", [0, 300_000])
+def test_two_publishers_of_half_the_joints_make_one_sample(apart: int):
+    arrivals = []
+    for k in range(200):
+        first, second = reading(k, (0,)), reading(k, (1,))
+        arrivals += [(second.stamp, second._replace(stamp=second.stamp + apart)), (first.stamp + 1000, first)]
+    aligner, samples = aligned(arrivals)
+    # whose stamps differ: what belongs together has to be learnt first
+    expected = 200 if not apart else 160
+    assert len(samples) >= expected
+    assert all(row[1] - row[0] == 1.0 for row in (sample.row for sample in samples))
+    times = rows_of(samples)[0]
+    assert set(np.diff(times).tolist()) == {PERIOD}
+    assert aligner.counts.incomplete == 0
+
+
+def test_what_is_measured_beside_goes_with_the_first_sample_at_or_after_it_and_with_no_other():
+    aligner = Aligner(3, NEEDED, BUDGET)
+    found: list[Sample] = []
+    for k in range(100):
+        arrived, one = on_time(100)[k]
+        if k % 10 == 5:
+            # between two samples, and it comes after the second of them
+            found += aligner.add("/force", arrived + MS, Reading(one.stamp - MS, (2,), (float(k),)))
+        found += aligner.add("/joints", arrived, one)
+    found += aligner.ready(10**19, end=True)
+    measured = {k: sample.row[2] for k, sample in enumerate(found) if not math.isnan(sample.row[2])}
+    assert measured == {k: float(k) for k in range(5, 100, 10)}
+
+
+def test_a_clock_that_starts_anew_goes_on_by_the_arrivals():
+    before = on_time(500)
+    pause = 700 * MS
+    after = [(before[-1][0] + pause + k * PERIOD, reading(k, start=0)) for k in range(500)]
+    aligner, samples = aligned(before + after)
+    times = rows_of(samples)[0]
+    assert aligner.counts.restarts == 1
+    assert np.all(np.diff(times) > 0)
+    assert len(samples) == 1000
+    assert times[500] - times[499] == pytest.approx(pause, abs=BUDGET * 1e9)
+
+
+@pytest.mark.parametrize("drift", [0.0, 5e-5, -2e-4])
+def test_offset_and_drift_of_the_clock_are_found_behind_jitter(drift: float):
+    drawn, clocks = random.Random(3), Clocks()
+    for k in range(30_000):
+        true = k * PERIOD
+        stamp = round(true * (1.0 - drift)) - 300 * MS
+        clocks.add(stamp, true + round(drawn.expovariate(1 / 2.0) * MS) + MS // 5)
+    # at the end; the way takes 0.2 ms at least
+    assert clocks.offset == pytest.approx(0.3 + 60.0 * drift + 0.0002, abs=2e-3)
+    assert clocks.drift == pytest.approx(drift, abs=1e-6)
+
+
+@given(st.lists(st.floats(2e-6, 10.0), min_size=1, max_size=300), st.floats(0.01, 1.0))
+def test_quantiles_of_little_memory_are_right_to_two_percent(times: list[float], share: float):
+    histogram = Histogram()
+    for one in times:
+        histogram.add(one)
+    exact = sorted(times)[max(0, math.ceil(share * len(times)) - 1)]
+    assert exact / 1.021 <= histogram.quantile(share) <= exact * 1.021
+    assert histogram.largest == max(times)

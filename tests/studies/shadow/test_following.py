@@ -1,0 +1,125 @@
+"""The twin beside a robot: what it makes of samples, however they are cut; and a twin that does not follow."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.studies.replay.logs import EXPERIMENTS, FIG4, SCALE, ran
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.logs.reader import recorded
+from twin.kernel.recording.reader import Recording
+from twin.robot.assembly.load import load_experiment
+from twin.robot.controller.controller import Belief
+from twin.studies.replay.model import LONGEST_GAP, RobotModel, model_of
+from twin.studies.replay.replay import robot_log
+from twin.studies.shadow.following import Rows, Twin, twin_of
+from twin.studies.shadow.mapping import RobotSamples
+
+EXPERIMENT = load_experiment(EXPERIMENTS / f"{FIG4}.toml", SCALE)
+MODEL = model_of(EXPERIMENT)
+N = 2500
+
+
+def said(run: Recording, belief: Belief = MODEL.belief) -> RobotSamples:
+    """What the robot of `run` says in its first 5 s, with the commands of its controller."""
+    log = recorded(run)
+    robot = robot_log(log, belief)
+    nothing = np.full((N, 3), np.nan)
+    speeds = log.vector("controller.omega_ref").values[:N]
+    return RobotSamples(robot.t[:N], robot.count_m[:N], robot.count_l[:N], nothing[:, 0], speeds, nothing)
+
+
+def part(samples: RobotSamples, a: int, b: int) -> RobotSamples:
+    return RobotSamples(*(field[a:b] for field in samples))
+
+
+def fed(twin: Twin, samples: RobotSamples, cuts: list[int]) -> Rows:
+    """Rows of all `samples`, handed over in pieces."""
+    pieces = [twin.feed(part(samples, a, b)) for a, b in zip([0, *cuts], [*cuts, N], strict=True)]
+    return {topic: np.concatenate([piece[topic] for piece in pieces]) for topic in pieces[0]}
+
+
+def test_the_estimate_is_that_of_the_run_bit_for_bit_and_the_law_is_the_robots():
+    run = ran(FIG4)
+    rows = fed(twin_of(EXPERIMENT, MODEL, "robot"), said(run), [])
+    assert rows["estimator"][:, 6:9].tobytes() == run["estimator.p_B"][:N].tobytes()
+    # the same law on the same counts: an error of rounding, in the length of a step
+    assert np.max(np.abs(rows["residual/command"])) < 1e-9
+
+
+def test_however_the_samples_are_cut_the_rows_are_the_same():
+    samples = said(ran(FIG4))
+    whole = fed(twin_of(EXPERIMENT, MODEL, "robot"), samples, [])
+    cut = fed(twin_of(EXPERIMENT, MODEL, "robot"), samples, [1, 2, 7, 500, 501, 1900])
+    for topic, rows in whole.items():
+        # interpolated between the same two samples
+        np.testing.assert_allclose(cut[topic], rows, rtol=0, atol=1e-9, err_msg=topic)
+
+
+def joint_residual(model: RobotModel, samples: RobotSamples, alive: bool = True) -> float:
+    """rms over the joints, deg, from 1 s on."""
+    twin = twin_of(EXPERIMENT, model, "robot")
+    if not alive:
+        frozen = twin.feed(part(samples, 0, 1))["plant"][0]
+        rows = twin.feed(part(samples, 1, N))
+        theta_l = frozen[6:9]
+        r = theta_l - samples.count_l[501:] * (2.0 * np.pi / model.belief.joint_counts)
+    else:
+        rows = twin.feed(samples)
+        r = rows["residual/joints"][500:]
+    return float(np.degrees(np.sqrt(np.mean(r**2))))
+
+
+@pytest.mark.parametrize("what", ["springs", "swapped", "frozen"])
+def test_a_twin_that_is_not_this_robot_is_seen(what: str):
+    samples = said(ran(FIG4))
+    alike = joint_residual(MODEL, samples)
+    if what == "springs":
+        wrong = replace(MODEL, plant=MODEL.plant._replace(k_s=0.8 * MODEL.plant.k_s))
+        seen = joint_residual(wrong, samples)
+    elif what == "swapped":
+        order = [1, 0, 2]
+        seen = joint_residual(MODEL, samples._replace(count_l=samples.count_l[:, order]))
+    else:
+        seen = joint_residual(MODEL, samples, alive=False)
+    assert seen > 5.0 * alike
+
+
+def test_after_a_long_gap_the_plant_model_starts_anew_and_says_so():
+    samples = said(ran(FIG4))
+    keep = (samples.t < 2.0) | (samples.t > 2.0 + 2.0 * LONGEST_GAP)
+    samples = RobotSamples(*(field[keep] for field in samples))
+    twin = twin_of(EXPERIMENT, MODEL, "robot")
+    rows = twin.feed(samples)
+    assert [one.text for one in twin.happenings()] == ["the plant model starts anew, at rest"]
+    assert twin.happenings() == []
+    assert np.all(np.isfinite(rows["plant"]))
+
+
+def test_a_plant_model_that_leaves_the_workspace_costs_no_more_than_itself():
+    samples = said(ran(FIG4))
+    twin = twin_of(EXPERIMENT, MODEL, "robot")
+    twin.feed(part(samples, 0, 1000))
+    broken = part(samples, 1000, 1100)
+    twin.feed(broken._replace(count_m=broken.count_m + 30.0 * MODEL.belief.motor_counts))
+    assert any("it starts anew, at rest" in one.text for one in twin.happenings())
+    rows = twin.feed(part(samples, 1100, N))
+    assert np.all(np.isfinite(rows["plant"][-500:])) and np.all(np.isfinite(rows["estimator"]))
+
+
+@pytest.mark.parametrize(
+    ("joint", "motor", "written"),
+    [
+        (180.0 / np.pi, 180.0 / np.pi, "'estimator.theta_l[0]=COLUMN[deg]'"),
+        (1.0, 180.0 / np.pi, "'estimator.theta_m[0]=COLUMN[deg]'"),
+        (1.0, -1.0, "one of the two has the other sign: write -COLUMN"),
+        (1.0, 3.0, "are their signs, units and zeros those of the experiment?"),
+    ],
+)
+def test_angles_of_another_unit_or_sign_are_refused_with_what_to_write(joint: float, motor: float, written: str):
+    samples = said(ran(FIG4))
+    wrong = samples._replace(count_m=motor * samples.count_m, count_l=joint * samples.count_l)
+    with pytest.raises(InputRefused) as refused:
+        twin_of(EXPERIMENT, MODEL, "robot").feed(wrong)
+    assert written in str(refused.value)

@@ -1,0 +1,125 @@
+"""`twin shadow` beside logs: what it says, and what other commands make of its recording."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.kernel.recording.logs.bags import NS
+from tests.studies.replay.logs import ANGLES, EXPERIMENTS, FIG4, ran, write_log
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.reader import Recording, read
+from twin.report.page.page import write_report
+from twin.studies.command import silent
+from twin.studies.compare.study import compare
+from twin.studies.replay.study import replay
+from twin.studies.shadow.study import shadow
+
+ROBOT = EXPERIMENTS / f"{FIG4}.toml"
+MAP = [
+    f"estimator.theta_{side}[{i}]=/joint_states.position.{side}{i + 1}" for side in "ml" for i in range(3)
+]  # fmt: skip
+
+
+def bag(path: Path, run: Recording, keep: slice = slice(None)) -> Path:
+    """A bag of the robot of `run`, with stamps of its own clock, in which joints come in another order."""
+    from rosbags.rosbag2 import Writer
+
+    from tests.kernel.recording.logs.bags import STORE, joints
+
+    kind = "sensor_msgs/msg/JointState"
+    angles = np.hstack([run["estimator.theta_l"], run["estimator.theta_m"]])[keep]
+    with Writer(path, version=9) as writer:
+        topic = writer.add_connection("/joint_states", kind, typestore=STORE)
+        for t, row in zip(run.time("estimator")[keep].tolist(), angles.tolist(), strict=True):
+            names = ["l1", "l2", "l3", "m1", "m2", "m3"]
+            message = joints(1000.0 + t, **dict(zip(names, row, strict=True)))
+            # a recorder that is 3 ms behind
+            writer.write(topic, round((1_700_000_000.003 + t) * NS), STORE.serialize_cdr(message, kind))
+    return path
+
+
+def test_beside_the_log_of_a_healthy_robot_the_two_do_not_part(tmp_path: Path):
+    log = write_log(tmp_path / "monday.csv", ran(FIG4), angles=True)
+    report = shadow(ROBOT, str(log), [*ANGLES, "scale.F_z=scale.F_z"], speed=0.0, out=tmp_path / "out")
+    assert report.exit_code == 0
+    assert report.text.splitlines()[0] == f"{FIG4}: followed {log} for 20.00 s"
+    assert all(len(line) <= 80 for line in report.text.splitlines() if "/" not in line)
+    facts = json.loads((tmp_path / "out" / "shadow.json").read_text())
+    assert facts["counts"] == dict.fromkeys(facts["counts"], 0) | {"samples": 10001}
+    assert facts["residuals"]["force"]["rms"] < 0.05
+    # deg; what rounding can do is 0.04
+    assert np.degrees(facts["residuals"]["joint 1"]["rms"]) < 0.04
+
+
+@pytest.mark.slow
+def test_every_reading_command_reads_both_sides_of_the_recording(tmp_path: Path):
+    run = ran(FIG4)
+    shadow(ROBOT, str(bag(tmp_path / "bag", run)), MAP, speed=0.0, out=tmp_path / "out")
+    recording = read(tmp_path / "out")
+    assert recording.complete
+    # by stamps
+    np.testing.assert_allclose(recording.time("estimator"), run.time("estimator"), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(recording["estimator.p_B"], run["estimator.p_B"], rtol=0, atol=1e-12)
+    again = replay(tmp_path / "out", plant=True, out=tmp_path / "again")
+    assert again.exit_code == 0 and again.text.splitlines()[0].startswith(f"{FIG4}: robot and twin match")
+    logs = [run.path, tmp_path / "out"]
+    same = compare(silent, logs, signals=["estimator.p_B"], tolerances=["0.001mm"], out=tmp_path / "c")
+    assert same.exit_code == 0
+    write_report([tmp_path / "out"], tmp_path / "page.html")
+    assert (tmp_path / "page.html").is_file()
+    # and beside it once more
+    shadow(ROBOT, str(tmp_path / "out"), speed=0.0, out=tmp_path / "twice")
+    assert read(tmp_path / "twice")["estimator.p_B"].tobytes() == recording["estimator.p_B"].tobytes()
+
+
+def test_the_pace_of_a_log_changes_nothing_of_what_is_recorded(tmp_path: Path):
+    run = ran(FIG4)
+    log = str(bag(tmp_path / "bag", run, slice(1000)))
+    for name, speed in (("fast", 0.0), ("paced", 8.0)):
+        shadow(ROBOT, log, MAP, speed=speed, out=tmp_path / name)
+    fast, paced = read(tmp_path / "fast"), read(tmp_path / "paced")
+    for key in fast.fields():
+        if not key.startswith(("plant.", "residual")):
+            assert fast[key].tobytes() == paced[key].tobytes(), key
+        # the plant model's inputs are interpolated in slices
+        np.testing.assert_allclose(fast[key], paced[key], rtol=0, atol=1e-8, err_msg=key)
+
+
+def test_a_session_ends_after_the_time_that_was_asked_for(tmp_path: Path):
+    shadow(ROBOT, str(ran(FIG4).path), speed=0.0, duration_s=2.0, out=tmp_path / "out")
+    assert 2.0 <= read(tmp_path / "out").time("encoder")[-1] < 3.5
+
+
+@pytest.mark.parametrize(
+    ("source", "maps", "expected"),
+    [
+        ("ros1:/joint_states", MAP, "'ros1:' is no transport, there are ros2: and zenoh:"),
+        ("ros2:joint_states", MAP, "expected a topic that begins with /, such as ros2:/joint_states"),
+        ("nothing.csv", MAP, "no such file or folder"),
+        ("ros2:/joint_states", [], '"estimator.theta_m[0]" = "/joint_states.position.m1"'),
+        ("ros2:/joint_state", MAP, "no column of the map is of /joint_state; they are of /joint_states"),
+        ("ros2:/joint_states", MAP[1:], "the map lacks estimator.theta_m[0]; write"),
+        ("ros2:/joint_states", [*MAP[1:], "estimator.thetam[0]=/j.p"], "lacks estimator.theta_m[0]; did you mean"),
+        ("ros2:/joint_states", [*MAP[1:], "estimator.theta_m[0]=m1"], "names no topic; write /TOPIC.FIELD"),
+    ],
+)
+def test_a_source_or_map_that_cannot_be_is_refused_with_what_to_write(source: str, maps: list[str], expected: str):
+    from twin.studies.shadow.sources import refuse_source
+
+    with pytest.raises(InputRefused) as refused:
+        refuse_source(source)
+        shadow(ROBOT, source, maps)
+    assert expected in str(refused.value)
+
+
+def test_a_bag_without_a_map_is_refused_with_one_to_begin_with(tmp_path: Path):
+    with pytest.raises(InputRefused, match=r'"estimator.theta_l\[2\]" = "/joint_states.position.l3"'):
+        shadow(ROBOT, str(bag(tmp_path / "bag", ran(FIG4), slice(100))))
+
+
+def test_a_joint_that_the_bag_has_not_is_named(tmp_path: Path):
+    maps = [*MAP[:5], "estimator.theta_l[2]=/joint_states.position.l4"]
+    with pytest.raises(InputRefused, match=r"has no 'position.l4' for estimator.theta_l\[2\]; did you mean 'l3'"):
+        shadow(ROBOT, str(bag(tmp_path / "bag", ran(FIG4), slice(1000))), maps, speed=0.0, out=tmp_path / "out")

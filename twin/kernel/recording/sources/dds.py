@@ -1,0 +1,151 @@
+"""Topics of ROS 2 over DDS, by Cyclone DDS, without ROS: subscribed to, never published.
+
+A reader asks for best effort and volatile, which every writer offers. Its queue is deep: with ROS's usual depth of
+10 a reader that stalls for 0.1 s loses messages, and DDS does not say so. A thread of its own takes what has come.
+"""
+
+import contextlib
+import os
+import threading
+from collections.abc import Mapping
+from typing import Any
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.sources.arrival import Arrival, Ring, SteadyClock
+from twin.kernel.recording.writer import OthersTopic
+
+DEPTH = 10_000
+"""Messages that DDS keeps for us: 10 s at 1 kHz."""
+PREFIX = "rt"
+"""Of ROS 2's topics in DDS."""
+AT_ONCE = 500
+
+
+class _Raw:
+    """A message as it came; cyclonedds adds `sample_info`."""
+
+    __slots__ = ("data", "sample_info")
+
+    def __init__(self, data: bytes):
+        self.data = data
+
+
+class DdsSource:
+    """See `RobotSource`.
+
+    Raises:
+        InputRefused: cyclonedds is not installed, or there is no network that it can use.
+    """
+
+    def __init__(self, name: str):
+        try:
+            from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+            from cyclonedds.core import DDSException, Policy, Qos, WaitSet
+            from cyclonedds.domain import DomainParticipant
+        except ImportError:
+            raise InputRefused(f"--source {name}: needs cyclonedds; pip install 'twin[shadow]'") from None
+        self.name, self.ended = name, False
+        self._clock, self._ring = SteadyClock(), Ring()
+        domain = domain_id()
+        try:
+            self._participant = DomainParticipant(domain)
+        except DDSException as problem:
+            raise InputRefused(f"--source {name}: DDS cannot begin on domain {domain}: {problem}") from None
+        self._qos = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile, Policy.History.KeepLast(DEPTH))
+        self._discovery = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
+        self._published: dict[Any, tuple[str, str]] = {}
+        self._readers: list[tuple[str, Any]] = []
+        self._lock, self._alive = threading.Lock(), True
+        self._waiting = WaitSet(self._participant)
+        self._thread = threading.Thread(target=self._receive, name="dds", daemon=True)
+
+    @property
+    def dropped(self) -> int:
+        lost = 0
+        with self._lock:
+            for _, reader in self._readers:
+                lost += reader.get_sample_lost_status().total_count
+        return self._ring.dropped + lost
+
+    def seen(self) -> Mapping[str, str]:
+        from twin.kernel.recording.sources.ros_types import ros_name
+
+        self._discover()
+        found = dict(self._published.values())
+        # ROS's own: what nodes say of themselves
+        own = ("ros_discovery_info", "/rosout", "/parameter_events")
+        return {topic: ros_name(kind) for topic, kind in sorted(found.items()) if topic not in own}
+
+    def subscribe(self, topic: str) -> OthersTopic:
+        from cyclonedds.core import InstanceState, ReadCondition, SampleState, ViewState
+        from cyclonedds.sub import DataReader
+        from cyclonedds.topic import Topic
+
+        from twin.kernel.recording.sources.ros_types import described, idl_class
+
+        found = described(self.name, topic, self.seen()[topic])
+        # a class of its own, since others are to read messages of the type; a subclass would be another type
+        raw = idl_class.__wrapped__(found.type_name)
+        raw.deserialize = classmethod(lambda cls, data, **_: _Raw(data))
+        reader: Any = DataReader(self._participant, Topic(self._participant, PREFIX + topic, raw), qos=self._qos)
+        unread = SampleState.NotRead | ViewState.Any | InstanceState.Any
+        condition = ReadCondition(reader, unread)
+        with self._lock:
+            self._waiting.attach(condition)
+            self._readers.append((topic, reader))
+            self._conditions = [*getattr(self, "_conditions", []), condition]
+        if not self._thread.is_alive():
+            self._thread.start()
+        return found
+
+    def publishers(self, topic: str) -> int:
+        self._discover()
+        return sum(one == topic for one, _ in self._published.values())
+
+    def take(self, wait: float) -> list[Arrival]:
+        return self._ring.take(wait)
+
+    def now(self) -> int:
+        return self._clock.now()
+
+    def close(self) -> None:
+        self._alive = False
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _receive(self) -> None:
+        from cyclonedds.util import duration
+
+        while self._alive:
+            self._waiting.wait(duration(milliseconds=100))
+            with self._lock:
+                readers = list(self._readers)
+            for topic, reader in readers:
+                while taken := reader.take(AT_ONCE):
+                    now = self._clock.now()
+                    # without data: a writer has gone
+                    self._ring.put([Arrival(topic, now, one.data) for one in taken if isinstance(one, _Raw)])
+
+    def _discover(self) -> None:
+        from cyclonedds.core import InstanceState
+
+        while found := self._discovery.take(AT_ONCE):
+            for one in found:
+                alive = one.sample_info.instance_state == InstanceState.Alive
+                if alive and one.topic_name.startswith(f"{PREFIX}/"):
+                    self._published[one.key] = one.topic_name.removeprefix(PREFIX), one.type_name
+                else:
+                    with contextlib.suppress(KeyError):
+                        del self._published[one.key]
+
+
+def domain_id() -> int:
+    """The domain that ROS_DOMAIN_ID names; 0 without.
+
+    Raises:
+        InputRefused: no number from 0 to 232.
+    """
+    text = os.environ.get("ROS_DOMAIN_ID", "") or "0"
+    if not text.isdigit() or int(text) > 232:
+        raise InputRefused(f"ROS_DOMAIN_ID={text}: expected a number from 0 to 232")
+    return int(text)

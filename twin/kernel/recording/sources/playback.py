@@ -1,0 +1,103 @@
+"""A log as a source: its messages as they came, or the rows of a table, at the pace of their log times."""
+
+import time
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from twin.kernel.recording.logs.bag import bag_topics
+from twin.kernel.recording.logs.column_map import MappedColumn
+from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.reader import LogKind
+from twin.kernel.recording.logs.topics import LoggedTopic, merged, topics_in
+from twin.kernel.recording.sources.arrival import Arrival
+from twin.kernel.recording.writer import OthersTopic
+
+AT_ONCE = 512
+"""Arrivals that are taken together as fast as possible."""
+
+
+def logged_topics(path: Path, kind: LogKind, columns: Mapping[str, MappedColumn]) -> dict[str, LoggedTopic]:
+    """Topics of a bag or of an MCAP file that is none of twin's, with the messages of those in `columns`.
+
+    Raises:
+        LogRefused: damaged, or without messages.
+    """
+    topics = bag_topics(path, columns)[0] if kind == LogKind.BAG else merged(topics_in(path, columns)[0])
+    if not any(topic.times for topic in topics.values()):
+        raise LogRefused(f"{path}: no messages; expected a log")
+    return topics
+
+
+class Playback:
+    """Plays a log; see `RobotSource`. Arrivals have the times of the log, so that the pace changes nothing else.
+
+    Args:
+        name: of the log.
+        topics: with their messages; empty for `readings`.
+        readings: what came in place of messages, in order; empty for `topics`.
+        speed: 1 is real time, 0 as fast as possible.
+    """
+
+    def __init__(
+        self, name: str, topics: Mapping[str, LoggedTopic] = {}, readings: Iterable[Arrival] = (), speed: float = 1.0
+    ):
+        self.name, self.ended = name, False
+        self._topics, self._speed = topics, speed
+        self._readings = list(readings)
+        self._subscribed: dict[str, None] = {}
+        self._order: list[Arrival] | None = None
+        self._next = 0
+        self._now = 0
+        self._began = 0.0
+
+    def seen(self) -> dict[str, str]:
+        return {name: topic.kind for name, topic in self._topics.items() if topic.times}
+
+    def subscribe(self, topic: str) -> OthersTopic:
+        self._subscribed[topic] = None
+        channel, schema = self._topics[topic].channel, self._topics[topic].schema
+        described = (schema.name, schema.encoding, schema.data) if schema else ("", "", b"")
+        return OthersTopic(topic, channel.message_encoding, *described)
+
+    @property
+    def dropped(self) -> int:
+        return 0
+
+    def publishers(self, topic: str) -> int:
+        return 1
+
+    def take(self, wait: float) -> list[Arrival]:
+        order = self._arrivals()
+        if self._next >= len(order):
+            self.ended = True
+            return []
+        if not self._speed:
+            taken = order[self._next : self._next + AT_ONCE]
+        else:
+            due = (order[self._next].arrived - order[0].arrived) / 1e9 / self._speed
+            time.sleep(min(max(due - (time.monotonic() - self._began), 0.0), wait))
+            until = order[0].arrived + (time.monotonic() - self._began) * 1e9 * self._speed
+            end = self._next
+            while end < len(order) and order[end].arrived <= until:
+                end += 1
+            taken = order[self._next : end]
+        self._next += len(taken)
+        if taken:
+            self._now = taken[-1].arrived
+        return taken
+
+    def now(self) -> int:
+        return self._now
+
+    def close(self) -> None:
+        """Nothing to leave."""
+
+    def _arrivals(self) -> list[Arrival]:
+        if self._order is None:
+            found = list(self._readings)
+            for name in self._subscribed:
+                topic = self._topics[name]
+                found += [Arrival(name, when, data) for when, data in zip(topic.times, topic.data, strict=True)]
+            self._order = sorted(found, key=lambda one: one.arrived)
+            self._began = time.monotonic()
+        return self._order

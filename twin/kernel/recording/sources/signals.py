@@ -1,0 +1,194 @@
+"""Messages as numbers: what a column map takes of one, by the decoder, units and signs that logs are read with."""
+
+from collections.abc import Mapping
+from itertools import product
+from typing import Any, NamedTuple
+
+from mcap.records import Channel, Schema
+
+from twin.kernel.recording.logs import decoding
+from twin.kernel.recording.logs.column_map import MappedColumn, refuse_unit, split_unit, unit
+from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.topics import STAMP, factor_of
+from twin.kernel.recording.writer import OthersTopic
+from twin.kernel.units import Dimension
+
+NANOSECONDS = 10**9
+UNSTAMPED = 3
+"""Messages with the stamp 0 after which they are taken to have none."""
+
+
+class WantedSignal(NamedTuple):
+    """A signal as it is used.
+
+    Attributes:
+        column: of the rows that readings are put together to.
+        unit: SI, in which its values have to be.
+        offset, gain: (value + offset) * gain goes into the row.
+    """
+
+    column: int
+    unit: str
+    offset: float = 0.0
+    gain: float = 1.0
+
+
+class Reading(NamedTuple):
+    """What one message says.
+
+    Attributes:
+        stamp: ns, by the robot's clock.
+        columns: of a row.
+        values: of each of them.
+    """
+
+    stamp: int
+    columns: tuple[int, ...]
+    values: tuple[float, ...]
+
+
+class _Field(NamedTuple):
+    """Where a signal is in a message, and what makes the value of a row of it."""
+
+    signal: str
+    parts: tuple[str | int, ...]
+    column: int
+    offset: float
+    gain: float
+
+
+class MessageReader:
+    """Reads messages of one topic.
+
+    Attributes:
+        stamped: whether they have a stamp; otherwise their time of arrival is taken. Known from the first message on.
+    """
+
+    def __init__(
+        self,
+        where: str,
+        topic: OthersTopic,
+        columns: Mapping[str, MappedColumn],
+        wanted: Mapping[str, WantedSignal],
+        time: MappedColumn | None,
+    ):
+        """Nothing is decoded yet.
+
+        Args:
+            where: begins the sentences of refusals.
+            topic: of the messages.
+            columns: those of this topic, by signal.
+            wanted: by signal, at least those of `columns`.
+            time: a field with the time; None: `header.stamp`, if there is one.
+
+        Raises:
+            LogRefused: an encoding or definition that is not read.
+        """
+        self._where = f"{where}: {topic.name}"
+        self._columns, self._wanted, self._time = columns, wanted, time
+        self._prefix = len(topic.name) + 1
+        schema = Schema(0, topic.definition, topic.schema_encoding, topic.type_name)
+        try:
+            decode = decoding.decoder(Channel(0, topic.name, topic.encoding, {}, 0), schema)
+        except ValueError as problem:
+            raise LogRefused(f"{self._where}: {problem}") from None
+        if decode is None:
+            raise LogRefused(f"{self._where} is encoded as {topic.encoding}; protobuf, json and cdr are read")
+        self._decode = decode
+        self._absent: dict[str, str] = {}
+        self._found: set[str] = set()
+        self.stamped = False
+        self._undecided = UNSTAMPED
+        self._fields: list[_Field] = []
+        self._stamp: tuple[tuple[tuple[str | int, ...], float], ...] = ()
+
+    def read(self, data: bytes, arrived: int) -> Reading:
+        """The signals that a message has; a joint that it does not name is left out.
+
+        Args:
+            data: the message as it came.
+            arrived: when, ns.
+
+        Raises:
+            LogRefused: no such field, another unit, or bytes that are no such message.
+        """
+        try:
+            message = self._decode(data)
+        except ValueError as problem:
+            raise LogRefused(f"{self._where}: {problem}") from None
+        if not self._fields:
+            self._settle(message)
+        columns, values = [], []
+        for one in self._fields:
+            try:
+                value = decoding.field(message, one.parts)
+            except decoding.UnknownElement as problem:
+                self._absent.setdefault(one.signal, str(problem))
+                continue
+            except (LookupError, ValueError) as problem:
+                # an array of messages that was longer before
+                raise LogRefused(f"{self._where}: {self._columns[one.signal].name}: {problem.args[0]}") from None
+            self._found.add(one.signal)
+            columns.append(one.column)
+            values.append((value + one.offset) * one.gain)
+        stamp = sum(round(decoding.field(message, parts) * scale) for parts, scale in self._stamp)
+        if not self.stamped and self._undecided:
+            # who sets no stamp leaves 0; a clock that begins at 0 does not stay there
+            self.stamped = bool(self._stamp) and (stamp > 0 or stamp == arrived)
+            self._undecided = self._undecided - 1 if self._stamp and not self.stamped else 0
+            if self._undecided:
+                return Reading(arrived, (), ())
+        return Reading(stamp if self.stamped else arrived, tuple(columns), tuple(values))
+
+    def lacking(self) -> list[str]:
+        """Sentences on signals that no message has had so far."""
+        return [
+            f"{self._where} has no '{self._columns[signal].name[self._prefix :]}' for {signal}; {there}"
+            for signal, there in self._absent.items()
+            if signal not in self._found
+        ]
+
+    def _settle(self, message: Any) -> None:
+        """Find out units and the stamp from the first message."""
+        mistakes = []
+        for signal, column in self._columns.items():
+            path = column.name[self._prefix :]
+            parts, wanted = decoding.path_parts(path), self._wanted[signal]
+            try:
+                decoding.field(message, parts)
+            except decoding.UnknownElement:
+                pass
+            except (LookupError, ValueError) as problem:
+                mistakes.append(f"{self._where} has no number '{path}' for {signal}; {problem.args[0]}")
+                continue
+            factor = factor_of(column, path, decoding.unit_of(message, parts), self._where)
+            refuse_unit(f"{self._where}.{path} for", signal, factor.si, wanted.unit, column.name)
+            scale = float(factor.in_si(1.0)) * column.sign
+            # (v * scale + offset) * gain
+            self._fields.append(_Field(signal, parts, wanted.column, wanted.offset / scale, wanted.gain * scale))
+        if mistakes:
+            raise LogRefused("\n".join(mistakes))
+        self._stamp = self._stamp_parts(message)
+
+    def _stamp_parts(self, message: Any) -> tuple[tuple[tuple[str | int, ...], float], ...]:
+        """Numbers whose sum is the stamp (ns), with what each is multiplied by; none: there is no stamp."""
+        column = self._time or MappedColumn(STAMP)
+        parts = decoding.path_parts(column.name)
+        for seconds, nanoseconds in product(decoding.SECONDS, decoding.NANOSECONDS):
+            try:
+                both = ((*parts, seconds), 1e9), ((*parts, nanoseconds), 1.0)
+                for inner, _ in both:
+                    decoding.field(message, inner)
+                return both
+            except (LookupError, ValueError):
+                continue
+        if self._time is None:
+            return ()
+        try:
+            decoding.field(message, parts)
+        except (LookupError, ValueError) as problem:
+            raise LogRefused(f"{self._where} has no time '{column.name}'; {problem.args[0]}") from None
+        factor = unit(column.unit or split_unit(column.name)[1] or "s", f"{self._where}: {column.name}")
+        if factor.dimension != Dimension(s=1):
+            raise LogRefused(f"{self._where}: time '{column.name}' is in {column.unit}; expected s, ms, us, ns or min")
+        return ((parts, float(factor.in_si(1.0)) * NANOSECONDS),)

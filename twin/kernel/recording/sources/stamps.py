@@ -1,0 +1,406 @@
+"""Readings put together to samples, in the order of their stamps; what is missing of them, and how the clocks go.
+
+A sample is what the robot says of one moment. It may come in several messages, of one topic or of several, in any
+order, twice, late or not at all; when it came says nothing of when it was. A sample is handed on once nothing that
+belongs before it can still come: if the next stamp in turn is there, or after the lateness budget. A stamp that is
+further from the one before than 1.5 periods leaves a gap; what comes for it later is counted as late, and not used.
+
+Clocks: the delay from stamp to arrival is never negative but for the offset of the clocks. The smallest delays of
+each second are those of messages that did not wait; their course is the offset's (least delay, as the clock filter
+of NTP: D. L. Mills, Computer Network Time Synchronization, 2006, sec. 3.3). The offset contains the shortest way.
+"""
+
+import math
+from bisect import insort
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twin.kernel.recording.logs.log import LONGEST, REGULAR
+from twin.kernel.recording.logs.topics import BACK, PERIODS, SAME_CLOCK
+from twin.kernel.recording.sources.signals import Reading
+
+SECOND = 10**9
+LEARNT, REMEMBERED = 20, 101
+"""Intervals after which a period is known, and of which it is the median."""
+SURE = 3
+"""Messages in a row that have to be of another time before the robot has started anew."""
+AHEAD = 10.0
+"""s by which stamps run ahead of arrivals when a clock was set; what was delayed comes in seconds."""
+MOST_BESIDE = 1000
+"""Readings that wait for a sample which they belong to."""
+FLOORS = 5
+"""Seconds whose smallest delay tells what a delay is without waiting."""
+FEWEST_FOR_DRIFT = 10
+"""Seconds after which a drift is given."""
+
+
+class Sample(NamedTuple):
+    """What the robot said of one moment.
+
+    Attributes:
+        t: ns since the first sample. It goes on by the arrivals where the robot's clock starts anew.
+        row: values, NaN where nothing has come.
+        arrived: when its last message did, ns.
+    """
+
+    t: int
+    row: list[float]
+    arrived: int
+
+
+@dataclass
+class Counts:
+    """What has come so far.
+
+    Attributes:
+        samples: that were handed on.
+        gaps, missing: intervals without samples, and how many are missing in them.
+        incomplete: samples of which a part did not come within the budget; they are missing, too.
+        duplicates: readings that were there already.
+        out_of_order: readings that came after later ones.
+        late: readings that came after their time was over.
+        invalid: samples in which one of the needed values is no number.
+        restarts: times when the robot's clock started anew.
+    """
+
+    samples: int = 0
+    gaps: int = 0
+    missing: int = 0
+    incomplete: int = 0
+    duplicates: int = 0
+    out_of_order: int = 0
+    late: int = 0
+    invalid: int = 0
+    restarts: int = 0
+
+
+class Histogram:
+    """Times of any number in little memory: their quantiles to 2 %.
+
+    Attributes:
+        count: how many.
+        largest: s.
+    """
+
+    LEAST, STEP, BINS = 1e-6, math.log(1.02), 1200
+
+    def __init__(self) -> None:
+        self._bins = [0] * self.BINS
+        self.count, self.largest = 0, 0.0
+
+    def add(self, seconds: float) -> None:
+        """One more time; below 0 it counts as 0."""
+        place = int(math.log(seconds / self.LEAST) / self.STEP) + 1 if seconds > self.LEAST else 0
+        self._bins[min(place, self.BINS - 1)] += 1
+        self.count += 1
+        self.largest = max(self.largest, seconds)
+
+    def quantile(self, share: float) -> float:
+        """The time (s) that so large a share of them does not exceed; NaN without any."""
+        if not self.count:
+            return math.nan
+        place = int(np.searchsorted(np.cumsum(self._bins), share * self.count))
+        return min(self.LEAST * math.exp(self.STEP * place), self.largest) if place else min(self.LEAST, self.largest)
+
+
+class Clocks:
+    """The robot's clock beside ours, from stamps and arrivals.
+
+    Attributes:
+        lateness: by which messages came later than one that did not wait.
+    """
+
+    def __init__(self) -> None:
+        self.lateness = Histogram()
+        self.restart()
+
+    def restart(self) -> None:
+        """The robot's clock has started anew."""
+        self._first: int | None = None
+        self._least: list[int] = []
+        self._second = -1
+        self._sums = [0.0] * 5
+        self._floors: deque[int] = deque(maxlen=FLOORS)
+
+    def add(self, stamp: int, arrived: int) -> None:
+        """A message."""
+        delay = arrived - stamp
+        if self._first is None:
+            self._first, self._offset_0 = arrived, delay
+        second = (arrived - self._first) // SECOND
+        if second > self._second:
+            self._finish_second()
+            self._second = second
+            self._floors.append(delay)
+        elif delay < self._floors[-1]:
+            self._floors[-1] = delay
+        self.lateness.add((delay - min(self._floors)) / SECOND)
+
+    def _finish_second(self) -> None:
+        if self._second >= 0:
+            x, y = float(self._second), float(self._floors[-1] - self._offset_0)
+            for k, term in enumerate((1.0, x, y, x * x, x * y)):
+                self._sums[k] += term
+
+    @property
+    def offset(self) -> float:
+        """By how much (s) the robot's clock is behind ours, with the shortest way; NaN: nothing has come."""
+        return min(self._floors) / SECOND if self._floors else math.nan
+
+    @property
+    def drift(self) -> float:
+        """By how much its delay grows (s/s): it goes slow by that; NaN: not known yet."""
+        n, x, y, xx, xy = self._sums
+        determinant = n * xx - x * x
+        if n < FEWEST_FOR_DRIFT or determinant <= 0.0:
+            return math.nan
+        return (n * xy - x * y) / determinant / SECOND
+
+
+@dataclass(order=True)
+class _Partial:
+    """A sample on its way."""
+
+    stamp: int
+    row: list[float] = field(compare=False)
+    there: frozenset[int] = field(compare=False)
+    arrived: int = field(compare=False)
+
+
+@dataclass
+class _ReadingStream:
+    """Readings of one kind: of one topic, with the same columns."""
+
+    newest: int = 0
+    stamps: deque[int] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
+    since: int = 0
+    period: float = math.inf
+
+    def add(self, stamp: int) -> None:
+        self.stamps.append(stamp)
+        self.newest = max(self.newest, stamp)
+        self.since += 1
+        # seldom: a robot's rate does not change
+        if self.since > LEARNT and (math.isinf(self.period) or self.since > REMEMBERED):
+            self.since = 0
+            self.period = _period(np.diff(np.sort(np.array(self.stamps))))
+
+
+def _period(intervals: ArrayLike) -> float:
+    """Median of the intervals (ns); infinite if they are not regular."""
+    lengths = np.array(intervals, dtype=np.float64)
+    median = float(np.median(lengths))
+    return median if np.mean(np.abs(lengths - median) <= 0.5 * median) >= REGULAR else math.inf
+
+
+class Aligner:
+    """Puts readings together to samples.
+
+    Attributes:
+        counts: of what has come.
+        clocks: of stamps and arrivals of the needed columns.
+        gaps: (start, end) of those since it was last asked, ns since the first sample.
+        period: of the samples, ns; infinite while it is not known, or not regular.
+    """
+
+    def __init__(self, width: int, needed: Sequence[int], lateness: float):
+        """Nothing has come.
+
+        Args:
+            width: of a row.
+            needed: columns without which a row is no sample. Others go with the first sample at or after their stamp.
+            lateness: budget (s) after which what has not come is missing.
+        """
+        self._width, self._needed, self._budget = width, frozenset(needed), round(lateness * SECOND)
+        self._pending: list[_Partial] = []
+        self._streams: dict[tuple[str, tuple[int, ...]], _ReadingStream] = {}
+        self._sides: dict[tuple[str, tuple[int, ...]], deque[Reading]] = {}
+        self._last = self._last_arrived = -1
+        self._base: int | None = None
+        self._after_restart: int | None = None
+        self._suspects: list[tuple[str, int, Reading]] = []
+        self._intervals: deque[int] = deque(maxlen=REMEMBERED)
+        self._recent: deque[int] = deque(maxlen=REMEMBERED)
+        self._learnt = 0
+        self.period = math.inf
+        self.counts, self.clocks = Counts(), Clocks()
+        self.gaps: list[tuple[int, int]] = []
+
+    @property
+    def base(self) -> int:
+        """The stamp (ns) from which times count; 0 before the first sample."""
+        return self._base or 0
+
+    def add(self, topic: str, arrived: int, reading: Reading) -> list[Sample]:
+        """Take a reading; the samples that are complete with it, in order."""
+        if not reading.columns:
+            return []
+        if self._needed.isdisjoint(reading.columns):
+            key = topic, reading.columns
+            self._stream(key).add(reading.stamp)
+            side = self._sides.get(key)
+            if side is None:
+                side = self._sides[key] = deque(maxlen=MOST_BESIDE)
+            # two publishers, or a network, mix up the order
+            insort(side, reading)  # type: ignore[arg-type]
+            return self.ready(arrived) if self._pending else []
+        if self._is_of_another_time(reading.stamp, arrived):
+            self._suspects.append((topic, arrived, reading))
+            if len(self._suspects) < SURE:
+                return []
+            return self._restarted(arrived)
+        self._suspects.clear()
+        self._place(topic, arrived, reading)
+        return self.ready(arrived)
+
+    def ready(self, now: int, end: bool = False) -> list[Sample]:
+        """The samples that nothing can come before any more.
+
+        Args:
+            now: ns, by the clock of arrivals.
+            end: nothing comes any more.
+        """
+        found = []
+        while self._pending:
+            head = self._pending[0]
+            complete = head.there == self._needed
+            if not (end or now - head.arrived >= self._budget or (complete and self._is_next(head.stamp))):
+                break
+            del self._pending[0]
+            if not complete:
+                # at the beginning one has to learn first what belongs together
+                self.counts.incomplete += self._base is not None
+            elif not all(math.isfinite(head.row[column]) for column in self._needed):
+                self.counts.invalid += 1
+            else:
+                found.append(self._sample(head))
+        return found
+
+    def _stream(self, key: tuple[str, tuple[int, ...]]) -> _ReadingStream:
+        stream = self._streams.get(key)
+        if stream is None:
+            stream = self._streams[key] = _ReadingStream()
+        return stream
+
+    def _place(self, topic: str, arrived: int, reading: Reading) -> None:
+        self.clocks.add(reading.stamp, arrived)
+        stream = self._stream((topic, reading.columns))
+        there = self._needed.intersection(reading.columns)
+        partial = self._partial(reading.stamp, there, stream.period)
+        if reading.stamp <= self._last:
+            self.counts.duplicates += reading.stamp in self._recent
+            self.counts.late += reading.stamp not in self._recent
+            return
+        if partial is not None and partial.there & there:
+            self.counts.duplicates += 1
+            return
+        self.counts.out_of_order += reading.stamp < stream.newest
+        stream.add(reading.stamp)
+        if partial is None:
+            partial = _Partial(reading.stamp, [math.nan] * self._width, frozenset(), arrived)
+            insort(self._pending, partial)
+        for column, value in zip(reading.columns, reading.values, strict=True):
+            partial.row[column] = value
+        if min(self._needed) in there:
+            # whichever came first, the moment is that of the first column
+            partial.stamp = reading.stamp
+            self._pending.sort()
+        partial.there |= there
+        partial.arrived = arrived
+
+    def _partial(self, stamp: int, there: frozenset[int], period: float) -> _Partial | None:
+        """The sample that a reading belongs to: that of its stamp, or a near one that lacks just what it has."""
+        nearest = None
+        for one in self._pending:
+            if one.stamp == stamp:
+                return one
+            near = abs(one.stamp - stamp) < 0.5 * period < math.inf
+            if near and there != self._needed and not one.there & there:
+                nearest = one
+        return nearest
+
+    def _is_next(self, stamp: int) -> bool:
+        """Whether nothing can come before `stamp`, and what belongs to it has come."""
+        # at the beginning it is not known what comes next
+        if self._learnt < LEARNT or (self._last >= 0 and stamp - self._last > LONGEST * self.period):
+            return False
+        for key in self._sides:
+            stream = self._streams[key]
+            # without a clock it is not known whether something is to come
+            if stream.newest + 0.5 * stream.period <= stamp:
+                return False
+        return True
+
+    def _sample(self, head: _Partial) -> Sample:
+        for readings in self._sides.values():
+            newest = None
+            while readings and readings[0].stamp <= head.stamp:
+                newest = readings.popleft()
+            if newest is not None:
+                for column, value in zip(newest.columns, newest.values, strict=True):
+                    head.row[column] = value
+        if self._base is None:
+            # a clock that started anew goes on where the arrivals are
+            self._base = head.stamp - (self._after_restart or 0)
+        elif self._last >= 0:
+            self._note_interval(head.stamp)
+        self._last, self._last_arrived = head.stamp, head.arrived
+        self._recent.append(head.stamp)
+        self.counts.samples += 1
+        return Sample(head.stamp - self._base, head.row, head.arrived)
+
+    def _note_interval(self, stamp: int) -> None:
+        interval = stamp - self._last
+        assert self._base is not None
+        if interval > LONGEST * self.period:
+            self.counts.gaps += 1
+            self.counts.missing += max(1, round(interval / self.period) - 1)
+            self.gaps.append((self._last - self._base, stamp - self._base))
+            return
+        self._intervals.append(interval)
+        self._learnt += 1
+        if self._learnt % LEARNT == 0:
+            first = math.isinf(self.period)
+            self.period = _period(self._intervals)
+            if first and self.period < math.inf:
+                # what was missing before one could know
+                wide = [one for one in self._intervals if one > LONGEST * self.period]
+                self.counts.gaps += len(wide)
+                self.counts.missing += sum(round(one / self.period) - 1 for one in wide)
+
+    def _is_of_another_time(self, stamp: int, arrived: int) -> bool:
+        """Whether a stamp is further back than messages overtake each other, or runs ahead of arrivals."""
+        if self._last < 0:
+            return False
+        back = max(BACK * SECOND, PERIODS * self.period if self.period < math.inf else 0.0)
+        # a message that is late by so much is no message of this clock
+        late = arrived - stamp > (self.clocks.offset + SAME_CLOCK) * SECOND
+        ahead = (stamp - self._last) - (arrived - self._last_arrived)
+        return (stamp < self._last - back and late) or ahead > AHEAD * SECOND
+
+    def _restarted(self, arrived: int) -> list[Sample]:
+        """Hand on what is left of the old clock, then begin with the messages of the new one."""
+        found = self.ready(arrived, end=True)
+        suspects, self._suspects = self._suspects, []
+        assert self._base is not None
+        passed = max(suspects[0][1] - self._last_arrived, 1)
+        self._after_restart = self._last - self._base + passed
+        self._base, self._last = None, -1
+        self._streams.clear()
+        self._sides.clear()
+        self.clocks.restart()
+        self.counts.restarts += 1
+        for topic, when, reading in suspects:
+            self._place(topic, when, reading)
+        return found + self.ready(arrived)
+
+
+def rows_of(samples: Sequence[Sample]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Times (n,), ns, and rows (n, width) of samples."""
+    times = np.array([sample.t for sample in samples], dtype=np.int64)
+    return times, np.array([sample.row for sample in samples], dtype=np.float64)

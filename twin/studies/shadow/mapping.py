@@ -1,0 +1,108 @@
+"""What the robot said, as the parts of the twin take it: counts, and what else was measured or commanded."""
+
+import re
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.errors import nearest
+from twin.kernel.recording.logs.column_map import TIME, MappedColumn, refuse_unit
+from twin.kernel.recording.logs.log import Log, LogRefused
+from twin.kernel.recording.sources.arrival import Arrival
+from twin.kernel.recording.sources.signals import Reading, WantedSignal
+from twin.robot.controller.controller import Belief
+from twin.studies.replay.replay import COUNTS, SCALE, as_counts, robot_log
+
+COUNT_M, COUNT_L, F_Z, OMEGA_REF, TAU = slice(0, 3), slice(3, 6), slice(6, 7), slice(7, 10), slice(10, 13)
+WIDTH = 13
+NEEDED = range(6)
+NANOSECONDS = 1e9
+
+
+class RobotSamples(NamedTuple):
+    """RobotSamples in order of time.
+
+    Attributes:
+        t: s since the first one of all, (n,).
+        count_m, count_l: counts of the encoders, (n, 3); of angles they are no whole numbers.
+        F_z: measured pressing force, N, (n,); NaN where none has come since the sample before.
+        omega_ref: the motor speeds that the robot commands, rad/s, (n, 3); NaN likewise.
+        tau_motor: torques of its motors, N m, (n, 3); NaN likewise.
+    """
+
+    t: NDArray[np.float64]
+    count_m: NDArray[np.float64]
+    count_l: NDArray[np.float64]
+    F_z: NDArray[np.float64]
+    omega_ref: NDArray[np.float64]
+    tau_motor: NDArray[np.float64]
+
+
+def samples_of(times: NDArray[np.int64], rows: NDArray[np.float64]) -> RobotSamples:
+    """RobotSamples at `times` (n,), ns, of rows (n, WIDTH)."""
+    columns = (rows[:, place] for place in (COUNT_M, COUNT_L, F_Z, OMEGA_REF, TAU))
+    count_m, count_l, force, omega_ref, tau = columns
+    return RobotSamples(times / NANOSECONDS, count_m, count_l, force[:, 0], omega_ref, tau)
+
+
+def wanted_signals(belief: Belief) -> dict[str, WantedSignal]:
+    """Every signal that a map may name, and what becomes of it."""
+    found = {SCALE: WantedSignal(F_Z.start, "N")}
+    for i in range(3):
+        for name, place in zip(COUNTS, (COUNT_M, COUNT_L), strict=True):
+            zero, per_rad = as_counts(name, belief)
+            found[f"encoder.{name}[{i}]"] = WantedSignal(place.start + i, "1")
+            found[f"estimator.{COUNTS[name]}[{i}]"] = WantedSignal(place.start + i, "rad", zero[i], per_rad)
+        found[f"controller.omega_ref[{i}]"] = WantedSignal(OMEGA_REF.start + i, "rad/s")
+        found[f"drive/{i + 1}.tau_motor"] = WantedSignal(TAU.start + i, "N m")
+    return found
+
+
+def followed_columns(
+    where: str, columns: Mapping[str, MappedColumn], wanted: Mapping[str, WantedSignal]
+) -> dict[str, MappedColumn]:
+    """Those of a map of messages that the twin follows; a map may serve other commands, too.
+
+    Raises:
+        LogRefused: one of the six encoders is lacking, or a column names no topic; every mistake.
+    """
+    found = {name: column for name, column in columns.items() if name == TIME or name in wanted}
+    others = [name for name in columns if name not in found]
+    mistakes = [
+        f"{where}: {name} = '{column.name}' names no topic; write /TOPIC.FIELD, for example /joint_states.position.m1"
+        for name, column in found.items()
+        if name != TIME and not re.match(r"/[^.]+\.", column.name)
+    ]
+    there = {wanted[name].column for name in found if name != TIME}
+    for name, one in wanted.items():
+        if one.column in NEEDED and one.column not in there and name.startswith("estimator."):
+            hint = nearest(name, others, f"write '{name}' = '/joint_states.position.NAME'")
+            mistakes.append(f"{where}: the map lacks {name}; {hint}")
+    if mistakes:
+        raise LogRefused("\n".join(mistakes))
+    return found
+
+
+def readings_of(log: Log, belief: Belief) -> Iterator[Arrival]:
+    """The samples of a table or of a recording of twin, each arriving at its own time.
+
+    Raises:
+        LogRefused: it has no encoders, see `robot_log`.
+    """
+    robot = robot_log(log, belief)
+    rows = np.full((len(robot.t), WIDTH), np.nan)
+    rows[:, COUNT_M], rows[:, COUNT_L] = robot.count_m, robot.count_l
+    for name, one in wanted_signals(belief).items():
+        if one.column in NEEDED or name not in log.series:
+            continue
+        series = log.series[name]
+        refuse_unit(f"{log.path}:", name, series.unit, one.unit)
+        # the first sample at or after it; of several the newest
+        at = np.searchsorted(robot.t, series.t)
+        there = at < len(rows)
+        rows[at[there], one.column] = series.values[there]
+    columns = tuple(range(WIDTH))
+    for t, row in zip(np.rint(robot.t * NANOSECONDS).astype(np.int64).tolist(), rows.tolist(), strict=True):
+        yield Arrival("encoders", t, Reading(t, columns, tuple(row)))

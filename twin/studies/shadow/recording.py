@@ -1,0 +1,87 @@
+"""Both sides in one file: the robot's messages as they came, and what the twin made of them."""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.cosim.port import Port
+from twin.kernel.recording.messages import Field, Topic
+from twin.kernel.recording.sources.arrival import Arrival
+from twin.kernel.recording.writer import OthersTopic, Writer
+from twin.studies.replay.model import RobotModel
+from twin.studies.replay.text import TICK
+from twin.studies.shadow.following import Happening, Rows
+
+
+class ShadowRecording:
+    """A recording of twin that grows; its times count from the first sample.
+
+    The robot's messages have their times of arrival, on the scale of the first sample's, so that delays are seen.
+
+    Args:
+        path: of the finished file.
+        topics: of the twin, ports by topic.
+        others: of the robot.
+        model: the twin.
+        source: where the robot's messages come from.
+        first: stamp and arrival of the first sample, ns.
+
+    Raises:
+        RecordingFailed: (each method) the disk refuses.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        topics: Mapping[str, tuple[Port, ...]],
+        others: Sequence[OthersTopic],
+        model: RobotModel,
+        source: str,
+        first: tuple[int, int],
+    ):
+        _, self._arrived_0 = first
+        self._others = {other.name for other in others}
+        declared = [
+            Topic(name, tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in ports), 1)
+            for name, ports in topics.items()
+        ]
+        metadata = {
+            "experiment": {"name": model.name, "title": f"shadow of {source}", "values": json.dumps(model.values)},
+            "shadow": {"source": source, "stamp_0_ns": str(first[0]), "arrived_0_ns": str(first[1])},
+        }
+        self._writer = Writer(path, declared, TICK, metadata, others=others)
+
+    def write(self, arrivals: Iterable[Arrival], times: NDArray[np.int64], rows: Rows) -> None:
+        """What has come, and `rows` of the twin for samples at `times` (n,), ns."""
+        messages: dict[str, tuple[list[int], list[bytes]]] = {}
+        for one in arrivals:
+            if one.topic in self._others:
+                when, data = messages.setdefault(one.topic, ([], []))
+                when.append(max(0, one.arrived - self._arrived_0))
+                data.append(one.data)
+        for topic, (when, data) in messages.items():
+            self._writer.write_messages(topic, when, data)
+        for topic, own in rows.items():
+            there = ~np.all(np.isnan(own), axis=1)
+            self._writer.write_at(topic, times[there], own[there])
+        self._writer.end_slice()
+
+    def event(self, happening: Happening, level: str = "WARNING") -> None:
+        """Something that happened."""
+        self._writer.write_event(max(0, round(happening.t / TICK)), level, happening.text, "shadow")
+
+    def flush(self) -> None:
+        """What was written survives the end of this process."""
+        self._writer.flush()
+
+    def finish(self, summary: Mapping[str, str]) -> Path:
+        """The finished file, with a summary in its metadata."""
+        self._writer.write_metadata("followed", summary)
+        return self._writer.finish()
+
+    def abandon(self) -> Path:
+        """The file as far as it goes."""
+        return self._writer.abandon()

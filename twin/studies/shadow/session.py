@@ -1,0 +1,406 @@
+"""A session beside a robot: wait for its topics, follow its samples, record both, say how it goes."""
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.recording.logs.column_map import TIME, MappedColumn
+from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.sources.arrival import Arrival, RobotSource
+from twin.kernel.recording.sources.signals import MessageReader, Reading, WantedSignal
+from twin.kernel.recording.sources.stamps import Aligner, Counts, Histogram, Sample, rows_of
+from twin.kernel.recording.writer import OthersTopic
+from twin.studies.replay.model import LONGEST_GAP, RobotModel
+from twin.studies.result import counted
+from twin.studies.shadow.following import Happening, Rows, Twin
+from twin.studies.shadow.mapping import NEEDED, WIDTH, samples_of
+from twin.studies.shadow.recording import ShadowRecording
+
+SLICE = 0.01
+"""s of arrivals that are taken together."""
+LINE_PERIOD = 0.25
+"""s between two lines."""
+FLUSH_PERIOD = 0.5
+"""s after which what was recorded is with the operating system."""
+SILENT = 1.0
+"""s without a message that are said."""
+PATIENT = 200
+"""Messages after which a joint that none of them names is said to be lacking."""
+MANY = 6
+"""Topics that are listed."""
+MOST_EVENTS = 1000
+"""Of one kind; a stream of bad samples must not fill the disk with sentences."""
+
+Say = Callable[[str], None]
+
+
+@dataclass
+class Running:
+    """A residual in numbers, without its past.
+
+    Attributes:
+        count: of values.
+        mean, rms: of all.
+        largest, at: the largest by size, and when (s).
+        recent: mean over the last second.
+    """
+
+    count: int = 0
+    largest: float = 0.0
+    at: float = math.nan
+    _sum: float = 0.0
+    _squares: float = 0.0
+    _block: list[float] = field(default_factory=lambda: [0.0, 0.0, -math.inf])
+    recent: float = math.nan
+
+    def add(self, t: NDArray[np.float64], r: NDArray[np.float64]) -> None:
+        """Values r (n,) at t (n,), s; NaN are none."""
+        there = np.isfinite(r)
+        if not np.any(there):
+            return
+        t, r = t[there], r[there]
+        self.count += len(r)
+        self._sum += float(np.sum(r))
+        self._squares += float(np.sum(r**2))
+        worst = int(np.argmax(np.abs(r)))
+        if abs(r[worst]) > abs(self.largest) or not math.isfinite(self.at):
+            self.largest, self.at = float(r[worst]), float(t[worst])
+        if t[-1] - self._block[2] >= 1.0:
+            if self._block[1]:
+                self.recent = self._block[0] / self._block[1]
+            self._block = [0.0, 0.0, float(t[-1])]
+        self._block[0] += float(np.sum(r))
+        self._block[1] += len(r)
+
+    @property
+    def mean(self) -> float:
+        return self._sum / self.count if self.count else math.nan
+
+    @property
+    def rms(self) -> float:
+        return math.sqrt(self._squares / self.count) if self.count else math.nan
+
+
+@dataclass
+class Followed:
+    """What a session came to.
+
+    Attributes:
+        source: what was followed.
+        recording: of it.
+        seconds: from the first to the last sample, by the robot's stamps.
+        counts: of samples.
+        period: of them (s); infinite without a clock.
+        lateness: of messages; offset, drift: of the robot's clock, see `Clocks`.
+        in_hand: from a sample in our hands to its estimate.
+        residuals: `force` (N), `joint 1` .. `joint 3` (rad), `command 1` .. (rad/s).
+        dropped: messages that the transport or we lost knowingly.
+        notes: sentences.
+    """
+
+    source: str
+    recording: Path = Path()
+    seconds: float = 0.0
+    counts: Counts = field(default_factory=Counts)
+    period: float = math.inf
+    lateness: Histogram = field(default_factory=Histogram)
+    offset: float = math.nan
+    drift: float = math.nan
+    in_hand: Histogram = field(default_factory=Histogram)
+    residuals: dict[str, Running] = field(default_factory=dict)
+    dropped: int = 0
+    notes: list[str] = field(default_factory=list)
+
+
+class Session:
+    """Follows a source.
+
+    Args:
+        source: the robot.
+        columns: where its signals are; without, arrivals are readings already.
+        wanted: what becomes of each signal.
+        twin: what follows.
+        model: what it believes.
+        lateness: budget, s.
+        duration: after which it ends, s by the robot's stamps; infinite: never by itself.
+        live: whether arrivals are of now, so that silence is an event.
+        say: takes the line for the terminal.
+        announce: takes a sentence that is printed where no line is seen.
+    """
+
+    def __init__(
+        self,
+        source: RobotSource,
+        columns: Mapping[str, MappedColumn],
+        wanted: Mapping[str, WantedSignal],
+        twin: Twin,
+        model: RobotModel,
+        lateness: float,
+        duration: float,
+        live: bool,
+        say: Say,
+        announce: Say = lambda text: None,
+    ):
+        self._source, self._columns, self._wanted = source, columns, wanted
+        self._twin, self._model, self._live, self._say = twin, model, live, say
+        self._duration, self._announce = duration, announce
+        self._readers: dict[str, MessageReader] = {}
+        self._others: list[OthersTopic] = []
+        self._aligner = Aligner(WIDTH, list(NEEDED), lateness)
+        self._recording: ShadowRecording | None = None
+        self._before: list[Arrival] = []
+        self._events: dict[str, int] = {}
+        self._several: dict[str, int] = {}
+        self._noted = Counts()
+        self._announced = ""
+        self._t = 0.0
+        self.followed = Followed(source.name)
+
+    def wait(self) -> None:
+        """Subscribe to every topic of the map as soon as somebody publishes it.
+
+        Raises:
+            LogRefused: the type of one is not known, or is not read.
+        """
+        by_topic: dict[str, dict[str, MappedColumn]] = {}
+        for signal, column in self._columns.items():
+            if signal != TIME:
+                by_topic.setdefault(column.name.partition(".")[0], {})[signal] = column
+        missing = dict.fromkeys(by_topic)
+        while missing:
+            seen = self._source.seen()
+            for topic in [one for one in missing if one in seen]:
+                described = self._source.subscribe(topic)
+                del missing[topic]
+                if described is not None:
+                    self._others.append(described)
+                    self._readers[topic] = MessageReader(
+                        self._source.name, described, by_topic[topic], self._wanted, self._columns.get(TIME)
+                    )
+            if missing:
+                self._refuse_or_say(list(missing), seen)
+
+    def _refuse_or_say(self, missing: list[str], seen: Mapping[str, str]) -> None:
+        there = ", ".join(f"{name} ({kind})" for name, kind in list(seen.items())[:MANY])
+        hint = nearest(missing[0], seen, f"topics here: {there}" if there else "no topics here yet")
+        if not self._live:
+            raise LogRefused(f"{self._source.name}: no topic {missing[0]}; {hint}")
+        self._tell(f"waiting for {', '.join(missing)}; {hint}")
+        time.sleep(0.1)
+
+    def _tell(self, text: str) -> None:
+        """Say something new: without a terminal, too."""
+        if text != self._announced:
+            self._announced = text
+            self._announce(text)
+        self._say(text)
+
+    def follow(self, path: Callable[[], Path]) -> Followed:
+        """Until the source ends, the time is over, or somebody presses Ctrl-C.
+
+        Args:
+            path: makes that of the recording, at the first sample.
+
+        Raises:
+            InputRefused: what comes is not of this robot.
+            RecordingFailed: the disk refuses.
+        """
+        try:
+            self._loop(path)
+        except KeyboardInterrupt:
+            self.followed.notes.append("ended by hand")
+        except BaseException:
+            if self._recording is not None:
+                self._recording.abandon()
+            raise
+        self._take([], end=True)
+        self._sum_up()
+        if self._recording is None:
+            raise InputRefused(f"{self._source.name}: {self._why_nothing()}")
+        facts = {"samples": str(self.followed.counts.samples), "seconds": f"{self._t:.3f}"}
+        self.followed.recording = self._recording.finish(facts)
+        return self.followed
+
+    def _loop(self, path: Callable[[], Path]) -> None:
+        self._path = path
+        shown = flushed = heard = time.monotonic()
+        silent = False
+        begun = math.inf
+        # of a robot that has fallen silent the time goes on, too
+        while not self._source.ended and self._t < self._duration > time.monotonic() - begun - SILENT:
+            began = time.monotonic()
+            if self._live and self._recording is not None:
+                begun = min(begun, began)
+            arrivals = self._source.take(SLICE)
+            now = time.monotonic()
+            if arrivals:
+                heard, silent = now, False
+                self._take(arrivals)
+            elif self._live:
+                self._take([])
+                if not silent and now - heard > SILENT:
+                    silent = True
+                    self._happened(Happening(self._t, f"nothing has come for {SILENT:g} s"), "silence")
+                    self._announce(f"{self._source.name}: nothing has come for {SILENT:g} s; {self._whereabouts()}")
+            if now - shown >= LINE_PERIOD:
+                shown = now
+                self._watch_publishers()
+                self._say(self.line(now - heard))
+            if now - flushed >= FLUSH_PERIOD and self._recording is not None:
+                flushed = now
+                self._recording.flush()
+            if self._live:
+                # what comes meanwhile is taken together
+                time.sleep(max(0.0, SLICE - (time.monotonic() - began)))
+
+    def _take(self, arrivals: list[Arrival], end: bool = False) -> None:
+        """One slice: messages to samples, samples to rows, both to the file."""
+        samples: list[Sample] = []
+        for one in arrivals:
+            reading = one.data if isinstance(one.data, Reading) else self._read(one)
+            samples += self._aligner.add(one.topic, one.arrived, reading)
+        if self._live or end:
+            samples += self._aligner.ready(self._source.now(), end)
+        if self._recording is None:
+            self._before += arrivals
+            if not samples:
+                self._refuse_lacking()
+                return
+            arrivals, self._before = self._before, []
+        times, values = rows_of(samples) if samples else (np.empty(0, dtype=np.int64), np.empty((0, WIDTH)))
+        rows: Rows = {}
+        if samples:
+            found = samples_of(times, values)
+            rows = self._twin.feed(found)
+            self._t = float(found.t[-1])
+            self._add_residuals(found.t, rows)
+            if self._live:
+                now = self._source.now()
+                for sample in samples:
+                    self.followed.in_hand.add((now - sample.arrived) / 1e9)
+        if self._recording is None:
+            first = samples[0]
+            self._recording = ShadowRecording(
+                self._path(), self._twin.topics, self._others, self._model, self._source.name,
+                (self._aligner.base, first.arrived),
+            )  # fmt: skip
+        self._recording.write(arrivals, times, rows)
+        self._note_happenings()
+
+    def _read(self, arrival: Arrival) -> Reading:
+        try:
+            return self._readers[arrival.topic].read(arrival.data, arrival.arrived)
+        except LogRefused as problem:
+            if self._recording is None:
+                raise
+            # one bad message must not end a session
+            self._happened(Happening(self._t, str(problem)), "message")
+            return Reading(arrival.arrived, (), ())
+
+    def _add_residuals(self, t: NDArray[np.float64], rows: Rows) -> None:
+        for topic, name in (("residual/force", "force"), ("residual/joints", "joint"), ("residual/command", "command")):
+            if topic not in rows:
+                continue
+            for i, column in enumerate(rows[topic].T):
+                key = name if rows[topic].shape[1] == 1 else f"{name} {i + 1}"
+                self.followed.residuals.setdefault(key, Running()).add(t, column)
+
+    def _note_happenings(self) -> None:
+        for one in self._twin.happenings():
+            self._happened(one, one.text[:20])
+        for start, end in self._aligner.gaps:
+            # single samples are counted; a network that loses some must not fill the list
+            if end - start > LONGEST_GAP * 1e9:
+                self._happened(Happening(end / 1e9, f"no samples for {(end - start) / 1e9:.3g} s"), "gap")
+        self._aligner.gaps.clear()
+        before, now = self._noted, self._aligner.counts
+        if now.restarts > before.restarts:
+            self._happened(
+                Happening(self._t, "the robot's clock has started anew; time goes on by arrivals"), "restart"
+            )
+        if now.invalid > before.invalid:
+            what = f"{now.invalid - before.invalid} samples with NaN or infinity in an encoder; they are left out"
+            self._happened(Happening(self._t, what), "invalid")
+        self._noted = Counts(**vars(now))
+
+    def _whereabouts(self) -> str:
+        """Half a sentence on who publishes the topics that are silent."""
+        return ", ".join(
+            f"{topic} has {counted(self._source.publishers(topic), 'publisher')}" for topic in self._readers
+        )
+
+    def _watch_publishers(self) -> None:
+        """Say if more than one publishes a topic: they may contradict each other."""
+        for topic in self._readers if self._live else ():
+            count = self._source.publishers(topic)
+            if count > max(1, self._several.get(topic, 1)):
+                self._several[topic] = count
+                text = f"{count} publishers on {topic}; samples of equal stamps are put together"
+                self._happened(Happening(self._t, text), "publishers")
+
+    def _happened(self, one: Happening, kind: str) -> None:
+        self._events[kind] = self._events.get(kind, 0) + 1
+        if self._recording is not None and self._events[kind] <= MOST_EVENTS:
+            self._recording.event(one)
+
+    def _refuse_lacking(self) -> None:
+        """Before the first sample: say which joint none of the messages names."""
+        if len(self._before) < PATIENT:
+            return
+        sentences = [text for reader in self._readers.values() for text in reader.lacking()]
+        if sentences:
+            raise LogRefused("\n".join(sentences))
+        # messages before the first sample are few, or of other joints
+        del self._before[:-PATIENT]
+
+    def _why_nothing(self) -> str:
+        sentences = [text for reader in self._readers.values() for text in reader.lacking()]
+        counts = self._aligner.counts
+        if sentences:
+            return sentences[0]
+        if counts.invalid:
+            return f"{counts.invalid} samples, all with NaN or infinity in an encoder; expected numbers"
+        return "not one sample with all six angles came"
+
+    def _sum_up(self) -> None:
+        one, aligner = self.followed, self._aligner
+        one.seconds, one.counts, one.period = self._t, aligner.counts, aligner.period / 1e9
+        one.lateness, one.offset, one.drift = aligner.clocks.lateness, aligner.clocks.offset, aligner.clocks.drift
+        one.dropped = self._source.dropped
+        one.notes += [
+            f"{topic} has no stamps: its times of arrival are taken, so that their jitter is an error of time"
+            for topic, reader in self._readers.items()
+            if not reader.stamped
+        ]
+        one.notes += [f"{count} publishers on {topic}" for topic, count in self._several.items()]
+
+    def line(self, quiet: float) -> str:
+        """How it goes, in less than 80 columns. quiet: since the last message, s."""
+        counts, period = self._aligner.counts, self._aligner.period
+        if self._live and quiet > SILENT:
+            return f"{self._t:.1f} s  silent for {quiet:.0f} s; waiting for messages"
+        rate = f"{1e9 / period:.0f} Hz" if period < math.inf else "- Hz"
+        late = 1e3 * self._aligner.clocks.lateness.quantile(0.99)
+        parts = [
+            f"{self._t:.1f} s",
+            rate,
+            f"late {late:.1f} ms",
+            f"{counts.missing} missing in {counted(counts.gaps, 'gap')}",
+        ]
+        force, joints = self.followed.residuals.get("force"), self._joints()
+        if force is not None and math.isfinite(force.recent):
+            parts.append(f"force {force.recent:+.2f} N")
+        if math.isfinite(joints):
+            parts.append(f"joints {math.degrees(joints):.3f} deg")
+        return "  ".join(parts)
+
+    def _joints(self) -> float:
+        """The largest recent residual of a joint, rad; NaN: none yet."""
+        found = [abs(r.recent) for name, r in self.followed.residuals.items() if name.startswith("joint")]
+        return max(found, default=math.nan)

@@ -1,0 +1,100 @@
+"""What `--source` names: topics of a robot that runs, or a log."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.logs.column_map import TIME, MappedColumn
+from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.reader import LogKind, kind_of, read_log
+from twin.kernel.recording.sources.arrival import RobotSource
+from twin.kernel.recording.sources.playback import Playback, logged_topics
+from twin.kernel.recording.sources.signals import WantedSignal
+from twin.robot.controller.controller import Belief
+from twin.studies.shadow.mapping import followed_columns, readings_of
+
+TRANSPORTS = ("ros2", "zenoh")
+PROPOSED = ("m1", "m2", "m3", "l1", "l2", "l3")
+"""Names of joints that a map is proposed with."""
+
+
+def transport_of(source: str) -> str:
+    """`ros2` of `ros2:/joint_states`; "" of a log."""
+    first, colon, _ = source.partition(":")
+    return first if colon and first in TRANSPORTS else ""
+
+
+def refuse_source(source: str) -> None:
+    """See whether `source` can be a source, before anything is loaded.
+
+    Raises:
+        InputRefused: no topic behind a transport, or no file.
+    """
+    transport = transport_of(source)
+    if transport and not source.partition(":")[2].startswith("/"):
+        raise InputRefused(f"--source {source}: expected a topic that begins with /, such as {transport}:/joint_states")
+    if not transport and not Path(source).exists():
+        first, colon, _ = source.partition(":")
+        hint = f"'{first}:' is no transport, there are ros2: and zenoh:" if colon else "no such file or folder"
+        raise InputRefused(f"--source {source}: {hint}; expected a log, ros2:/TOPIC or zenoh:/TOPIC")
+
+
+def opened(
+    source: str, columns: Mapping[str, MappedColumn], wanted: Mapping[str, WantedSignal], belief: Belief, speed: float
+) -> tuple[RobotSource, Mapping[str, MappedColumn], bool]:
+    """The source, the columns of its messages (none: it gives readings), and whether it is of now.
+
+    Args:
+        source: as on the command line.
+        columns: of the map.
+        wanted: signals that a map may name.
+        belief: turns angles of a log into counts.
+        speed: of a log.
+
+    Raises:
+        InputRefused: no such source, or the map does not fit.
+    """
+    transport, _, topic = source.partition(":")
+    if transport_of(source):
+        if not set(columns) - {TIME}:
+            raise InputRefused(
+                f"--source {source}: name its joints with --map robot.toml, where\n{proposed_map(topic)}"
+            )
+        columns = followed_columns(f"--source {source}", columns, wanted)
+        if not any(column.name.startswith(f"{topic}.") for column in columns.values()):
+            named = ", ".join(sorted({column.name.partition(".")[0] for column in columns.values()}))
+            raise InputRefused(f"--source {source}: no column of the map is of {topic}; they are of {named}")
+        return live_source(transport, source), columns, True
+    kind = kind_of(Path(source))
+    if kind in (LogKind.RECORDING, LogKind.CSV):
+        log = read_log(source, columns)
+        return Playback(source, readings=readings_of(log, belief), speed=speed), {}, False
+    topics = logged_topics(Path(source), kind, columns)
+    if not set(columns) - {TIME}:
+        there = ", ".join(f"{name} ({one.kind})" for name, one in topics.items())
+        raise LogRefused(
+            f"{source}: has {there}; name its joints with --map robot.toml, where\n{proposed_map(next(iter(topics)))}"
+        )
+    columns = followed_columns(source, columns, wanted)
+    return Playback(source, topics, speed=speed), columns, False
+
+
+def live_source(transport: str, name: str) -> RobotSource:
+    """The transport's end on this side.
+
+    Raises:
+        InputRefused: its package is not installed, or there is no network that it can use.
+    """
+    if transport == "zenoh":
+        from twin.kernel.recording.sources.zenoh_topics import ZenohSource
+
+        return ZenohSource(name)
+    from twin.kernel.recording.sources.dds import DdsSource
+
+    return DdsSource(name)
+
+
+def proposed_map(topic: str) -> str:
+    """Lines of a map for a topic with the joints of a robot."""
+    names = [f"estimator.theta_{side}[{i}]" for side in "ml" for i in range(3)]
+    return "\n".join(f'"{name}" = "{topic}.position.{joint}"' for name, joint in zip(names, PROPOSED, strict=True))

@@ -1,0 +1,94 @@
+"""`twin shadow`: the twin beside a robot that runs, or beside its log."""
+
+import math
+import sys
+from pathlib import Path
+from typing import Annotated
+
+from twin.kernel.errors import plain
+from twin.studies.command import Asked, ColumnMaps, ExperimentName, Option, Say, Settings, silent, study
+from twin.studies.first_look import find_experiments
+from twin.studies.result import Result
+
+HOME = Path("results") / "shadow"
+FACTS = "shadow.json"
+
+
+def _find_source(asked: Asked) -> None:
+    from twin.studies.shadow.sources import refuse_source
+
+    refuse_source(asked["source"])
+
+
+def _announce(text: str) -> None:
+    """Print a sentence to standard error, where no line of progress is seen."""
+    if not sys.stderr.isatty():
+        print(plain(text), file=sys.stderr, flush=True)
+
+
+@study(before=[_find_source, find_experiments])
+def shadow(
+    experiment: ExperimentName,
+    source: Annotated[str, Option("ros2:/TOPIC or zenoh:/TOPIC of a robot that runs, or a log.", "SOURCE")],
+    maps: ColumnMaps = (),
+    settings: Settings = (),
+    speed: Annotated[float, Option("Pace of a log: 1 is real time, 0 as fast as possible.", "N", least=0.0)] = 1.0,
+    lateness_ms: Annotated[
+        float, Option("How long to wait for a sample; one that comes later is missing.", "MS", least=0.0)
+    ] = 30.0,
+    duration_s: Annotated[
+        float | None, Option("End after so much of the robot's time; default: at the log's end, or by Ctrl-C.", "S")
+    ] = None,
+    out: Annotated[Path | None, Option("Folder; default: results/shadow/EXPERIMENT/TIME.", "DIR")] = None,
+    say: Say = silent,
+) -> Result:
+    """Follow a robot that runs: its state, and where robot and twin part.
+
+    The twin listens to the robot's encoders and never sends anything to it.
+    It is stepped by the stamps of the messages. The recording has the robot's
+    messages as they came, and beside them what the twin makes of them.
+    Domain of DDS and zenoh: ROS_DOMAIN_ID.
+
+    Exit code: 0 done, 2 input refused.
+
+    Example: twin shadow fig4_force_position --source results/fig4_force_position --speed 0
+
+    Raises:
+        InputRefused: source, map, experiment or folder cannot be used, or what comes is not of this robot.
+    """
+    from datetime import datetime
+
+    from twin.kernel.errors import InputRefused
+    from twin.kernel.recording.folder import RECORDING, claim_run_folder, create_run_folder
+    from twin.kernel.recording.logs.column_map import column_map
+    from twin.kernel.writing import write_json
+    from twin.robot.assembly.load import load_experiment
+    from twin.studies.replay.model import model_of
+    from twin.studies.shadow.following import twin_of
+    from twin.studies.shadow.mapping import wanted_signals
+    from twin.studies.shadow.session import Session
+    from twin.studies.shadow.sources import opened
+    from twin.studies.shadow.text import shadow_facts, shadow_result
+
+    if duration_s is not None and not duration_s > 0.0:
+        raise InputRefused(f"--duration-s {duration_s:g}: expected a time > 0 s")
+    loaded = load_experiment(experiment, settings)
+    model = model_of(loaded)
+    wanted = wanted_signals(model.belief)
+    robot, columns, live = opened(source, column_map(maps), wanted, model.belief, speed)
+    try:
+        twin = twin_of(loaded, model, robot.name)
+        duration = math.inf if duration_s is None else duration_s
+        session = Session(robot, columns, wanted, twin, model, 1e-3 * lateness_ms, duration, live, say, _announce)
+        session.wait()
+        claimed = claim_run_folder(out) if out else None
+
+        def recording() -> Path:
+            return (claimed or create_run_folder(HOME, model.name, datetime.now())) / RECORDING
+
+        followed = session.follow(recording)
+    finally:
+        robot.close()
+    facts = followed.recording.parent / FACTS
+    write_json(facts, shadow_facts(followed, model.name))
+    return shadow_result(followed, model.name, {"recording": followed.recording, "facts": facts})

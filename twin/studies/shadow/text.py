@@ -1,0 +1,118 @@
+"""What a session beside a robot came to: text of at most 80 columns, facts."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+
+from twin.kernel.writing import finite
+from twin.studies.result import Block, Column, Result, Table, counted, note
+from twin.studies.shadow.session import Followed, Running
+
+RESIDUALS = (
+    Column("twin less robot", 26, left=True),
+    Column("mean", 9, "+.4f"),
+    Column("rms", 9, ".4f"),
+    Column("largest", 9, "+.4f"),
+    Column("at", 10, ".3f", "s"),
+    Column("", left=True, gap=2),
+)
+WHAT = {"force": ("pressing force, estimated", "N", 1.0), "joint": ("", "deg", math.degrees(1.0)),
+        "command": ("", "rad/s", 1.0)}  # fmt: skip
+
+
+def shadow_result(followed: Followed, name: str, files: Mapping[str, Path]) -> Result:
+    """The whole report; name: of the experiment; files: kind -> path."""
+    counts = followed.counts
+    rate = f", {1.0 / followed.period:.4g} Hz" if math.isfinite(followed.period) else ""
+    body: list[Block] = []
+    if any(one.count for one in followed.residuals.values()):
+        body += ["", Table(RESIDUALS, [_row(key, one) for key, one in followed.residuals.items() if one.count]), ""]
+    body += [note("samples", f"{counts.samples}{rate}, {_missing(followed)}"), note("order", _order(followed))]
+    if math.isfinite(followed.offset):
+        body.append(note("clock", _clock(followed)))
+    if followed.in_hand.count:
+        hand = followed.in_hand
+        body.append(
+            note("in hand", f"estimate after {_ms(hand.quantile(0.5))}, 99 % within {_ms(hand.quantile(0.99))}, all "
+                            f"within {_ms(hand.largest)}")
+        )  # fmt: skip
+    body += [note("note", text) for text in followed.notes]
+    head = f"{name}: followed {followed.source} for {followed.seconds:.2f} s"
+    shown = {kind: str(path) for kind, path in files.items()}
+    facts = shadow_facts(followed, name) | shown
+    return Result(head, body, facts, shown)
+
+
+def _row(key: str, one: Running) -> list[str | float]:
+    kind, _, number = key.partition(" ")
+    what, unit, scale = WHAT[kind]
+    text = what or (f"joint {number}, plant model" if kind == "joint" else f"command of motor {number}")
+    return [text, scale * one.mean, scale * one.rms, scale * one.largest, one.at, unit]
+
+
+def _missing(followed: Followed) -> str:
+    counts = followed.counts
+    if not counts.missing and not counts.incomplete and not counts.invalid:
+        return "none missing"
+    parts = [f"{counts.missing} missing in {counted(counts.gaps, 'gap')}"] if counts.missing else []
+    parts += [f"{counts.incomplete} incomplete"] if counts.incomplete else []
+    parts += [f"{counts.invalid} came with NaN"] if counts.invalid else []
+    return ", ".join(parts)
+
+
+def _order(followed: Followed) -> str:
+    counts = followed.counts
+    parts = [
+        f"{number} {what}"
+        for number, what in (
+            (counts.duplicates, "twice"), (counts.out_of_order, "out of order"), (counts.late, "too late"),
+            (counts.restarts, "restarts of the clock"), (followed.dropped, "lost by the transport"),
+        )
+        if number
+    ]  # fmt: skip
+    return ", ".join(parts) or "all messages once and in order"
+
+
+def _clock(followed: Followed) -> str:
+    lateness, offset = followed.lateness, followed.offset
+    text = f"messages up to {_ms(lateness.quantile(0.99))} late (99 %), {_ms(lateness.largest)} at most"
+    if abs(offset) >= 5e-4:
+        text += f"; the robot's clock is {abs(offset):.3f} s {'behind' if offset > 0 else 'ahead of'} ours"
+    if abs(followed.drift) >= 2e-6:
+        text += f" and goes {'slow' if followed.drift > 0 else 'fast'} by {1e6 * abs(followed.drift):.0f} us per s"
+    return text
+
+
+def _ms(seconds: float) -> str:
+    return f"{1e3 * seconds:.3g} ms"
+
+
+def shadow_facts(followed: Followed, name: str) -> dict[str, object]:
+    """All of it in numbers; keys carry units, what does not exist is None."""
+    residuals = {
+        key: {
+            "unit": {"force": "N", "joint": "rad", "command": "rad/s"}[key.partition(" ")[0]],
+            "count": one.count, "mean": one.mean, "rms": one.rms, "largest": one.largest, "at_s": one.at,
+        }
+        for key, one in followed.residuals.items()
+        if one.count
+    }  # fmt: skip
+    return finite(
+        {
+            "experiment": name,
+            "source": followed.source,
+            "seconds": followed.seconds,
+            "period_s": followed.period,
+            "counts": asdict(followed.counts),
+            "dropped": followed.dropped,
+            "lateness_p99_s": followed.lateness.quantile(0.99),
+            "lateness_largest_s": followed.lateness.largest,
+            "clock_offset_s": followed.offset,
+            "clock_drift": followed.drift,
+            "in_hand_p99_s": followed.in_hand.quantile(0.99),
+            "in_hand_largest_s": followed.in_hand.largest,
+            "residuals": residuals,
+            "notes": followed.notes,
+        }
+    )
