@@ -20,7 +20,7 @@ from hatch_build import OBJECTS
 from twin.kernel.compiled.machine import X86_64, file_of
 from twin.kernel.compiled.native import Entry, Native
 from twin.kernel.compiled.store import sealed
-from twin.robot import faults
+from twin.robot import shaft
 from twin.robot.controller import controller, task_controller
 from twin.robot.plant import component
 
@@ -30,7 +30,7 @@ CLOSED = (
     (task_controller.step_over, 2),
     (component.step_over, 2),
     (component.outputs_at_start, 2),
-    (faults.shaft_step_over, 1),
+    (shaft.shaft_step_over, 1),
 )
 """Functions that make a step, and of how many booleans."""
 

@@ -47,7 +47,7 @@ def test_programs_get_facts_and_the_same_run_gives_the_same_bytes(two: Path, tmp
 def test_what_is_no_system_or_no_number_is_refused_and_leaves_nothing(two: Path, tmp_path: Path):
     (tmp_path / "here").mkdir()
     for arguments, told in (
-        (["none.ssp"], "none.ssp: no such SSP"),
+        (["none.ssp"], "none.ssp: no such file"),
         ([two, "--tick-ms", "0"], "--tick-ms 0: expected a number > 0"),
         ([two, "--stop-s", "inf"], "--stop-s inf: expected a number > 0"),
         ([two, "--tick-ms", "3"], "two.ssp: 0.1 s is not a whole number of steps of 3 ms; set --stop-s or --tick-ms"),

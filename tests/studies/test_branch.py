@@ -12,7 +12,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import read
 from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.run.branch import branched_experiment
-from twin.robot.run.handover import ANGLE_KEPT, BranchPoint
+from twin.robot.run.handover import ANGLE_TOLERANCE, BranchPoint
 from twin.robot.run.run import execute
 from twin.studies.branch import branch
 from twin.studies.command import silent
@@ -144,7 +144,7 @@ def test_another_drive_takes_over_where_the_shafts_stand_and_is_soon_as_from_the
     run, whole = read(sweeping), read(execute(experiment, tmp_path / "whole").recording)
     for joint in (1, 2, 3):
         before, after = (one[f"drive/{joint}.theta_m"] for one in (run, branched))
-        assert abs(after[0] - before[HANDED_AT]) <= ANGLE_KEPT
+        assert abs(after[0] - before[HANDED_AT]) <= ANGLE_TOLERANCE
         speeds = [one[f"drive/{joint}.omega_m"] for one in (run, branched)]
         assert abs(speeds[1][0] - speeds[0][HANDED_AT]) <= handed.jump
     np.testing.assert_array_equal(branched["plant.F_ee_B"][0], run["plant.F_ee_B"][HANDED_AT])

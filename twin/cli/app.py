@@ -265,6 +265,7 @@ class TwinCommands(Commands):
         "check",
         "faults",
         "falsify",
+        "safety",
         "runs",
         "report",
         "explore",

@@ -24,7 +24,8 @@ def load_experiments(asked: Asked) -> None:
 
     for experiment in _named(asked, "experiment"):
         for drive in _named(asked, "drive") or (None,):
-            load_experiment(experiment, asked.get("settings") or (), drive, asked.get("body"))
+            for body in asked.get("bodies") or (asked.get("body"),):
+                load_experiment(experiment, asked.get("settings") or (), drive, body)
 
 
 def find_experiments(asked: Asked) -> None:

@@ -11,8 +11,8 @@ from twin.robot.experiment.json_schema import DIALECT, experiment_json_schema
 SCHEMA = experiment_json_schema(DECLARED)
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
 ROOT = Path(__file__).parents[3] / "experiments"
-# files of sweeps name an experiment and are none
-FILES = sorted(set(ROOT.rglob("*.toml")) - set((ROOT / "sweeps").iterdir()))
+# sweeps and hazard tables name an experiment and are none
+FILES = sorted(set(ROOT.rglob("*.toml")) - {*(ROOT / "sweeps").iterdir(), *(ROOT / "safety").iterdir()})
 TASK = {"kind": "press", "point_mm": [0.0, 0.0], "force_N": 8.0, "build_up_s": 3.5, "hold_s": 5.0}
 FAULT = {"kind": "surface_jump", "onset_s": 3.0, "magnitude_mm": 2.0}
 CHANGE = {"t_s": 8.0, "key": "controller.force.reference_N", "value": 6.0}

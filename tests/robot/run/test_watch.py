@@ -331,7 +331,8 @@ def test_power_taken_away_is_an_error_after_the_trip(tmp_path: Path):
     assert trip[1] == run.trip
     off = recording.time("monitor")[np.argmin(recording["monitor.power"])]
     assert power == (off, "safety monitor: the motors do not retract; power taken away")
-    assert 4.0 < trip[0] < off
+    # the motor turns faster than anything commanded: the power is cut at the trip
+    assert 4.0 < trip[0] == off
 
 
 def test_a_fault_is_a_warning_when_it_begins_and_when_it_ends(tmp_path: Path):

@@ -20,7 +20,7 @@ from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.converge.monolith import Sampled
 from twin.studies.shadow.fleet import SCALE
 from twin.studies.shadow.layout import Noises, ShadowDrive
-from twin.studies.shadow.samples import Columns, Samples, followed, samples_of, shadow_of
+from twin.studies.shadow.samples import Columns, FilterSamples, followed, samples_of, shadow_of
 
 EXPERIMENTS = Path(__file__).resolve().parents[3] / "experiments"
 FLEET = EXPERIMENTS / "sweeps" / "healthy_fleet.toml"
@@ -39,7 +39,7 @@ class Run(NamedTuple):
     """
 
     experiment: Experiment
-    samples: Samples
+    samples: FilterSamples
     y: Columns
     truth: NDArray[np.float64]
     touching: NDArray[np.bool_]
@@ -80,7 +80,7 @@ class Wandering(NamedTuple):
         samples: of it. x: its state at each (n, 15).
     """
 
-    samples: Samples
+    samples: FilterSamples
     x: NDArray[np.float64]
 
 
@@ -118,7 +118,7 @@ def wandering(seed: int, F_z: float, seconds: float = 8.0) -> Wandering:
     noise = np.repeat([model.plant.motor_noise, model.plant.joint_noise], 3)
     angles = np.hstack([states[:, 6:9], joint_angles(geometry(model), states[:, :3])])
     counts = np.floor((angles + noise * random.standard_normal((n, 6))) / turns(model) + 0.5)
-    return Wandering(Samples(np.asarray(t), np.hstack([counts, omega_ref, np.full((n, 4), np.nan)])), states)
+    return Wandering(FilterSamples(np.asarray(t), np.hstack([counts, omega_ref, np.full((n, 4), np.nan)])), states)
 
 
 def intensity(x: NDArray[np.float64], noises: Noises) -> NDArray[np.float64]:

@@ -29,7 +29,7 @@ from twin.studies.shadow.fleet import (
     watched,
 )
 from twin.studies.shadow.layout import INPUTS
-from twin.studies.shadow.samples import Samples, samples_of
+from twin.studies.shadow.samples import FilterSamples, samples_of
 
 EVERY = 2
 """Ticks: samples at 500 Hz, the controller's."""
@@ -49,13 +49,13 @@ def fig4_twin() -> Experiment:
     return read_fleet(FLEET, FIG4).twin()
 
 
-def robot(*settings: str) -> Samples:
+def robot(*settings: str) -> FilterSamples:
     """A robot of Fig. 4 with a scale, by `settings` not what its twin believes."""
     return samples_of(run_in_memory(load_experiment(FIG4, [*SCALE, *settings]), EVERY))
 
 
 def alarms_of(
-    samples: Samples, twin: Experiment | None = None, per_hour: float = 1.0, limits: Tolerances | None = None
+    samples: FilterSamples, twin: Experiment | None = None, per_hour: float = 1.0, limits: Tolerances | None = None
 ):
     ends, means = block_means(twin or fig4_twin(), samples)
     return watched(ends, means, ShadowWatch(fig4_limits(), per_hour))
@@ -172,7 +172,7 @@ def test_nine_of_ten_faults_that_move_a_residual_by_twice_its_tolerance_are_foun
     assert np.mean(found) >= 0.9
 
 
-def spread(twin: Experiment, samples: Samples) -> np.ndarray:
+def spread(twin: Experiment, samples: FilterSamples) -> np.ndarray:
     """How far each channel goes from what it was, by its tolerance."""
     _, means = block_means(twin, samples)
     tolerance = np.array([fig4_limits().tolerance[name] for name in CHANNELS])
@@ -185,7 +185,7 @@ def test_a_dead_twin_is_noticed():
     healthy = robot(*NOISY)
     assert spread(fig4_twin(), healthy).max() < 1.0
     # its motors stand still
-    frozen = Samples(healthy.t, healthy.u.copy())
+    frozen = FilterSamples(healthy.t, healthy.u.copy())
     frozen.only("omega_ref")[:] = 0.0
     assert spread(fig4_twin(), frozen)[:3].max() > 2.0
     assert alarms_of(frozen)
@@ -194,7 +194,7 @@ def test_a_dead_twin_is_noticed():
     assert spread(softer, healthy)[6:10].max() > 2.0
     assert alarms_of(healthy, softer)
     # it takes one joint for another
-    swapped = Samples(healthy.t, healthy.u.copy())
+    swapped = FilterSamples(healthy.t, healthy.u.copy())
     for name in ("count_m", "count_l"):
         swapped.only(name)[:] = healthy.only(name)[:, [1, 0, 2]]
     assert alarms_of(swapped)

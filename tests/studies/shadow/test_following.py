@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.studies.replay.logs import EXPERIMENTS, FIG4, SCALE, ran
+from twin.kernel.cosim.delay import named
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.reader import recorded
 from twin.kernel.recording.reader import Recording
@@ -13,8 +14,11 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.controller import Belief
 from twin.studies.replay.model import LONGEST_GAP, RobotModel, model_of
 from twin.studies.replay.replay import robot_log
-from twin.studies.shadow.following import Rows, Twin, twin_of
+from twin.studies.shadow.alarm import CHANNELS, Tolerances
+from twin.studies.shadow.following import AlarmWatch, Rows, Twin, twin_of
+from twin.studies.shadow.layout import OUTPUTS
 from twin.studies.shadow.mapping import RobotSamples
+from twin.studies.shadow.samples import FilterSamples, followed, shadow_of
 
 EXPERIMENT = load_experiment(EXPERIMENTS / f"{FIG4}.toml", SCALE)
 MODEL = model_of(EXPERIMENT)
@@ -55,6 +59,31 @@ def test_however_the_samples_are_cut_the_rows_are_the_same():
     for topic, rows in whole.items():
         # interpolated between the same two samples
         np.testing.assert_allclose(cut[topic], rows, rtol=0, atol=1e-9, err_msg=topic)
+
+
+def test_the_state_is_that_of_the_filter_over_all_samples_and_a_command_holds_until_the_next():
+    samples = said(ran(FIG4))
+    commanded = samples.omega_ref.copy()
+    commanded[1::2] = np.nan
+    rows = fed(twin_of(EXPERIMENT, MODEL, "robot"), samples._replace(omega_ref=commanded), [3, 1000])["shadow"]
+    held = np.repeat(commanded[::2], 2, axis=0)
+    nothing = np.full((N, 1), np.nan)
+    u = np.hstack([samples.count_m, samples.count_l, held, nothing, samples.tau_motor])
+    whole = followed(shadow_of(EXPERIMENT), FilterSamples(samples.t, u))
+    for name, values in named(OUTPUTS, rows).items():
+        np.testing.assert_allclose(values.reshape(N, -1), whole[name].reshape(N, -1), rtol=0, atol=1e-9, err_msg=name)
+
+
+def test_counts_that_jump_raise_the_alarm_and_those_of_a_healthy_robot_do_not():
+    limits = Tolerances(dict.fromkeys(CHANNELS, 1e9) | {"spread": 0.3}, dict.fromkeys(CHANNELS, 0.01))
+    jump = "fault=[{kind='encoder_bias', target='joint_encoder_1', onset_s=3.0, magnitude_deg=0.3}]"
+    levels = []
+    for run in (ran(FIG4), ran(FIG4, jump)):
+        watched = AlarmWatch(limits, 1.0)
+        rows = fed(twin_of(EXPERIMENT, MODEL, "robot", watched), said(run), [700])
+        levels.append((len(watched.alarms), np.nanmax(rows["alarm"]) > 1.0))
+    assert levels == [(0, False), (1, True)]
+    assert watched.alarms[0].channel == "spread" and 3.0 < watched.alarms[0].t <= 5.0
 
 
 def joint_residual(model: RobotModel, samples: RobotSamples, alive: bool = True) -> float:

@@ -22,7 +22,7 @@ Between = Literal["lines", "held"]
 
 
 @dataclass(frozen=True)
-class Samples:
+class SampledSignal:
     """Values over time.
 
     Attributes:
@@ -41,7 +41,7 @@ class Samples:
         return float(_sampled(times, values, self.between == "lines", float(t)))
 
 
-Signal = Expression | Samples
+Signal = Expression | SampledSignal
 
 
 @njit(cache=True, error_model="numpy")

@@ -290,7 +290,7 @@ def joined(experiment: Experiment, made: Mapping[str, list[Component]], beside: 
     """The system of the components `made`, by row, with the faults and the changes of `experiment` in it.
 
     Args:
-        beside: drives that are stepped on the same wires as the robot's, and seen by nobody.
+        beside: drives that are stepped on the same wires as the robot's, and feed nothing.
 
     Raises:
         InputRefused: components or a fault do not fit.

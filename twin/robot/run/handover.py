@@ -1,10 +1,10 @@
 """The state of a run at one tick for its branches, and what no state can hold: FMUs without one, and other drives.
 
 These are handed over to a branch as they are, alive, and for that the past is run again, for each branch anew. Drives
-that are other ones in a branch run along in the past from the start: on the wires of those whose place they take, seen
-by nobody. So at the branch they hold inside what the commands and loads of the past leave in them. Where a shaft counts
-from is arbitrary, so the past is run twice: the second time the new drives start so that their shafts stand at the
-branch where the old ones do. What jumps is the speed, by what two drives differ in following the same command.
+that are other ones in a branch run along in the past from the start: on the wires of those whose place they take,
+feeding nothing. So at the branch they hold inside what the commands and loads of the past leave in them. Where a shaft
+counts from is arbitrary, so the past is run twice: the second time the new drives start so that their shafts stand at
+the branch where the old ones do. What jumps is the speed, by what two drives differ in following the same command.
 """
 
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ from twin.robot.run.watch import run_observers
 
 ALONG = "new_"
 """What the name of a drive begins with as long as it runs along."""
-ANGLE_KEPT = 1e-9
+ANGLE_TOLERANCE = 1e-9
 """How far (rad) a shaft may jump: rounding of angles of some 1000 rad, and nothing more."""
 
 
@@ -122,7 +122,7 @@ class BranchPoint:
             simulation, saved = self._come(assembly)
             apart = _values(simulation, old, "theta_m") - _values(simulation, new, "theta_m")
             shift += apart
-        if np.abs(apart).max() > ANGLE_KEPT:
+        if np.abs(apart).max() > ANGLE_TOLERANCE:
             raise InputRefused(
                 f"{new[0].label}: its shaft cannot take over where that of {old[0].label} stands: started elsewhere it "
                 f"comes {np.abs(apart).max():.2g} rad away from there; run the experiment again with it"

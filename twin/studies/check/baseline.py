@@ -42,7 +42,7 @@ BESIDE = "baselines"
 """Where those of somebody's own experiment are in a clone of twin, beside its file."""
 _NEUTRAL = ("title", "recording", "drive")
 """Tables that do not change what is measured; drives are listed one by one."""
-_LATER = ("tolerance", "position_command", "rotor", "kind", "solver", "solver_step")
+_LATER = ("tolerance", "position_command", "rotor", "kind", "solver", "solver_step", "unpowered")
 """Keys of [drive] that baselines of before do not know: only where one says something is it another experiment."""
 _REFUSING = ("ball_joint_limit_deg", "link_diameter_mm", "rod_diameter_mm", "rod_spacing_mm")
 """Keys of a robot by which a run is refused, and nothing that is measured changes."""

@@ -347,7 +347,7 @@ def outcome(run: FaultTrial, onset: int, tick: float, limit: float) -> FaultOutc
         tick: (s).
         limit: of the force (N).
     """
-    # a run that fails in its very first step has no row: it has touched nobody
+    # a run that fails in its very first step has no row: it has touched nothing
     force = run.force[onset:] if len(run.force) > onset else np.zeros(1)
     at_fault = run.culprit.startswith("fault_")
     tripped = run.trip.tick if run.trip else max(onset, len(run.force) - 1) if at_fault else None

@@ -16,8 +16,9 @@ from scipy.stats import chi2
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import run_in_memory
+from twin.studies.command import Say, silent
 from twin.studies.shadow.alarm import BLOCK, CHANNELS, FIRST_BLOCKS, Blocks, ShadowWatch, Tolerances, WatchEvent
-from twin.studies.shadow.samples import Samples, followed, samples_of, shadow_of
+from twin.studies.shadow.samples import FilterSamples, followed, samples_of, shadow_of
 from twin.studies.sweep.plan import plan_of, read_definition
 
 ZERO = 0.05
@@ -55,7 +56,7 @@ class Fleet:
         """What is believed of every robot."""
         return load_experiment(self.experiment, self.settings)
 
-    def samples(self, number: int, every: int = 1, settings: Sequence[str] = ()) -> Samples:
+    def samples(self, number: int, every: int = 1, settings: Sequence[str] = ()) -> FilterSamples:
         """Of robot `number`, from 0, as they arrive.
 
         Args:
@@ -88,16 +89,18 @@ def read_fleet(path: Path, experiment: Path | None = None, runs: int = 0, seed: 
     return Fleet(plan.experiment, SCALE, robots, definition.seed)
 
 
-def arrived(samples: Samples, random: np.random.Generator) -> Samples:
+def arrived(samples: FilterSamples, random: np.random.Generator) -> FilterSamples:
     """`samples` after a way on which some are lost and stamps are off."""
     keep = random.random(len(samples.t)) >= LOST
     # the filter starts with the first one
     keep[0] = True
     t = samples.t[keep]
-    return Samples(t + random.uniform(-LATE, LATE, len(t)), samples.u[keep])
+    return FilterSamples(t + random.uniform(-LATE, LATE, len(t)), samples.u[keep])
 
 
-def block_means(twin: Experiment, samples: Samples, block: float = BLOCK) -> tuple[list[float], NDArray[np.float64]]:
+def block_means(
+    twin: Experiment, samples: FilterSamples, block: float = BLOCK
+) -> tuple[list[float], NDArray[np.float64]]:
     """Ends (s) and means (n, channels) of all blocks of a robot beside its twin."""
     y = followed(shadow_of(twin), samples)
     found = list(Blocks(block).take(samples.t, y))
@@ -120,10 +123,13 @@ def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
     return Tolerances(dict(zip(names, tolerance.tolist(), strict=True)), dict(zip(names, sigma.tolist(), strict=True)))
 
 
-def fleet_limits(fleet: Fleet, every: int = 1) -> Tolerances:
-    """The `limits_of` the robots of a fleet."""
-    twin = fleet.twin()
-    return limits_of([block_means(twin, fleet.samples(k, every))[1] for k in range(len(fleet.robots))])
+def fleet_limits(fleet: Fleet, every: int = 1, say: Say = silent) -> Tolerances:
+    """The `limits_of` the robots of a fleet; `say` takes how far it is."""
+    twin, means = fleet.twin(), []
+    for k in range(len(fleet.robots)):
+        say(f"healthy robot {k + 1} of {len(fleet.robots)}", k / len(fleet.robots))
+        means.append(block_means(twin, fleet.samples(k, every))[1])
+    return limits_of(means)
 
 
 def watched(ends: Sequence[float], means: NDArray[np.float64], watch: ShadowWatch) -> list[WatchEvent]:

@@ -25,8 +25,12 @@ from twin.robot.plant.encoder import SCALE_OUTPUTS
 from twin.studies.replay.model import LONGEST_GAP, PlantRun, RobotModel
 from twin.studies.replay.plausible import refusal
 from twin.studies.replay.text import ENCODER, FORCE_RESIDUAL, JOINT_RESIDUAL
+from twin.studies.shadow.alarm import Blocks, ShadowWatch, Tolerances, WatchEvent
+from twin.studies.shadow.layout import OUTPUTS
 from twin.studies.shadow.mapping import RobotSamples
+from twin.studies.shadow.samples import shadow_of
 
+ALARM_LEVEL = Port("level", 1, "1", "largest sum of residuals by its threshold; an alarm beyond 1")
 COMMAND_RESIDUAL = (Port("omega_ref", 3, "rad/s", "motor speeds that the twin's controller commands less the robot's"),)
 
 Rows = dict[str, NDArray[np.float64]]
@@ -215,6 +219,61 @@ class PlantModel:
         return {"plant": found, "residual/joints": theta_l - best["theta_l"]}
 
 
+class RobotState:
+    """The state of the robot with its deviations, by the filter; its residuals are those of what it expected before.
+
+    Args:
+        experiment: of the robot.
+    """
+
+    def __init__(self, experiment: Experiment):
+        self._shadow = shadow_of(experiment)
+        self._stepped = SampledSteps(self._shadow, math.inf)
+        self._omega_ref = np.full(3, np.nan)
+        self.topics: dict[str, tuple[Port, ...]] = {"shadow": OUTPUTS}
+        self.happenings: list[Happening] = []
+
+    def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
+        commanded = np.vstack([self._omega_ref, samples.omega_ref])
+        # a command holds until the next one
+        newest = np.maximum.accumulate(np.where(np.isnan(commanded), 0, np.arange(len(commanded))[:, None]), axis=0)
+        omega_ref = np.take_along_axis(commanded, newest, axis=0)[1:]
+        self._omega_ref = omega_ref[-1]
+        u = np.hstack([samples.count_m, samples.count_l, omega_ref, samples.F_z[:, None], samples.tau_motor])
+        found = np.full((len(u), width(OUTPUTS)), np.nan)
+        made = self._stepped.rows(samples.t, u)
+        found[: len(made)] = made
+        return {"shadow": found}
+
+
+class AlarmWatch:
+    """Says when robot and twin have parted, with the rate of false alarms that was asked for.
+
+    Args:
+        limits: what is no news.
+        per_hour: false alarms that the user bears.
+    """
+
+    def __init__(self, limits: Tolerances, per_hour: float):
+        self._blocks, self._watch = Blocks(), ShadowWatch(limits, per_hour)
+        self.topics: dict[str, tuple[Port, ...]] = {"alarm": (ALARM_LEVEL,)}
+        self.happenings: list[Happening] = []
+        self.alarms: list[WatchEvent] = []
+        self._level = 0.0
+
+    def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
+        levels, begin = np.full((len(samples.t), 1), np.nan), 0
+        for end, means in self._blocks.take(samples.t, named(OUTPUTS, rows["shadow"])):
+            at = int(np.searchsorted(samples.t, end))
+            levels[begin:at], begin = self._level, at
+            for change in self._watch.take(end, means):
+                self.happenings.append(Happening(end, str(change)))
+                self.alarms += [change] if change.alarm else []
+            self._level = max(self._watch.levels.values())
+        levels[begin:] = self._level
+        return {"alarm": levels}
+
+
 @dataclass
 class Twin:
     """All parts in their order.
@@ -245,7 +304,13 @@ class Twin:
         return found
 
 
-def twin_of(experiment: Experiment, model: RobotModel, where: str) -> Twin:
-    """The twin of the robot that `experiment` describes; `where`: begins sentences about what comes from it."""
+def twin_of(experiment: Experiment, model: RobotModel, where: str, watched: AlarmWatch | None = None) -> Twin:
+    """The twin of the robot that `experiment` describes.
+
+    Args:
+        where: begins sentences about what comes from the robot.
+        watched: raises the alarm; None: there is no alarm.
+    """
     law: list[Part] = [] if "controller" in experiment.stand_ins else [OwnLaw(experiment)]
-    return Twin([Estimates(model, where), *law, PlantModel(model)])
+    alarm: list[Part] = [watched] if watched else []
+    return Twin([Estimates(model, where), *law, PlantModel(model), RobotState(experiment), *alarm])

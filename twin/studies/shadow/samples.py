@@ -23,7 +23,7 @@ KNOWN_DRIVE = 0.1
 """rad/s2/sqrt(Hz). A lag of 20 ms that is 1 % off is as much, at 10 rad/s2 that change ten times a second."""
 
 
-class Samples(NamedTuple):
+class FilterSamples(NamedTuple):
     """Of a robot, n of them.
 
     Attributes:
@@ -57,7 +57,7 @@ class RobotRun(Protocol):
         """By `topic.field` what there is."""
 
 
-def samples_of(run: RobotRun) -> Samples:
+def samples_of(run: RobotRun) -> FilterSamples:
     """The samples that the computer of the robot of `run` had: counts, its commands, what was measured besides.
 
     Of a robot with broken encoders the counts are what they gave. A measured force is there at its own times only.
@@ -70,7 +70,7 @@ def samples_of(run: RobotRun) -> Samples:
         raise InputRefused("no encoder.count_m and encoder.count_l: a shadow needs the counts of all six encoders")
     t = run.time("encoder")
     u = np.full((len(t), width(INPUTS)), np.nan)
-    taken = Samples(t, u)
+    taken = FilterSamples(t, u)
     for name in ("count_m", "count_l"):
         faults = [int(m[1]) for key in has if (m := re.fullmatch(rf"fault/(\d+)\.{name}", key))]
         topic = f"fault/{max(faults)}" if faults else "encoder"
@@ -125,7 +125,7 @@ def drive_model(experiment: Experiment) -> ShadowDrive:
     return ShadowDrive(lag, droop, inertia, KNOWN_DRIVE)
 
 
-class Feed:
+class FilterFeed:
     """A filter that is given its samples one by one, as they come; nothing is allocated for one.
 
     Args:
@@ -154,7 +154,7 @@ class Feed:
         self._last = t
 
 
-def followed(shadow: Shadow, samples: Samples) -> Columns:
+def followed(shadow: Shadow, samples: FilterSamples) -> Columns:
     """What the filter says at each of `samples`, by `layout.OUTPUTS`: (n,), or (n, size); it goes on from where it is.
 
     Raises:

@@ -102,6 +102,7 @@ class Followed:
         residuals: `force` (N), `joint 1` .. `joint 3` (rad), `command 1` .. (rad/s).
         dropped: messages that the transport or we lost knowingly.
         notes: sentences.
+        alarms: sentences; None: there was no fleet to compare with.
     """
 
     source: str
@@ -116,6 +117,7 @@ class Followed:
     residuals: dict[str, Running] = field(default_factory=dict)
     dropped: int = 0
     notes: list[str] = field(default_factory=list)
+    alarms: list[str] | None = None
 
 
 class Session:

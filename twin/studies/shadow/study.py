@@ -2,13 +2,17 @@
 
 import math
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from twin.kernel.errors import plain
 from twin.studies.command import Asked, ColumnMaps, ExperimentName, Option, Say, Settings, silent, study
 from twin.studies.first_look import find_experiments
 from twin.studies.result import Result
+
+if TYPE_CHECKING:
+    from twin.studies.shadow.alarm import Tolerances
 
 HOME = Path("results") / "shadow"
 FACTS = "shadow.json"
@@ -18,6 +22,21 @@ def _find_source(asked: Asked) -> None:
     from twin.studies.shadow.sources import refuse_source
 
     refuse_source(asked["source"])
+
+
+def _limits(fleet: Path, experiment: Path, settings: Sequence[str], say: Say) -> "Tolerances":
+    """What is no news of robots like those of `fleet` that do what `experiment` says.
+
+    Raises:
+        InputRefused: with every mistake of the file.
+    """
+    from dataclasses import replace
+
+    from twin.robot.experiment.drive_files import experiment_file
+    from twin.studies.shadow.fleet import fleet_limits, read_fleet
+
+    found = read_fleet(fleet, Path(experiment_file(experiment)))
+    return fleet_limits(replace(found, settings=(*found.settings, *settings)), say=say)
 
 
 def _announce(text: str) -> None:
@@ -39,6 +58,11 @@ def shadow(
     duration_s: Annotated[
         float | None, Option("End after so much of the robot's time; default: at the log's end, or by Ctrl-C.", "S")
     ] = None,
+    fleet: Annotated[
+        Path | None,
+        Option("Raise alarms, with tolerances of these healthy robots (a sweep file); takes a second a robot.", "FILE"),
+    ] = None,
+    false_alarms_per_hour: Annotated[float, Option("With --fleet: how many false alarms to bear.", "N")] = 0.01,
     out: Annotated[Path | None, Option("Folder; default: results/shadow/EXPERIMENT/TIME.", "DIR")] = None,
     say: Say = silent,
 ) -> Result:
@@ -49,7 +73,7 @@ def shadow(
     messages as they came, and beside them what the twin makes of them.
     Domain of DDS and zenoh: ROS_DOMAIN_ID.
 
-    Exit code: 0 done, 2 input refused.
+    Exit code: 0 done, 1 an alarm, 2 input refused.
 
     Example: twin shadow fig4_force_position --source results/fig4_force_position --speed 0
 
@@ -64,7 +88,7 @@ def shadow(
     from twin.kernel.writing import write_json
     from twin.robot.assembly.load import load_experiment
     from twin.studies.replay.model import model_of
-    from twin.studies.shadow.following import twin_of
+    from twin.studies.shadow.following import AlarmWatch, twin_of
     from twin.studies.shadow.mapping import wanted_signals
     from twin.studies.shadow.session import Session
     from twin.studies.shadow.sources import opened
@@ -77,7 +101,8 @@ def shadow(
     wanted = wanted_signals(model.belief)
     robot, columns, live = opened(source, column_map(maps), wanted, model.belief, speed)
     try:
-        twin = twin_of(loaded, model, robot.name)
+        watched = AlarmWatch(_limits(fleet, experiment, settings, say), false_alarms_per_hour) if fleet else None
+        twin = twin_of(loaded, model, robot.name, watched)
         duration = math.inf if duration_s is None else duration_s
         session = Session(robot, columns, wanted, twin, model, 1e-3 * lateness_ms, duration, live, say, _announce)
         session.wait()
@@ -89,6 +114,8 @@ def shadow(
         followed = session.follow(recording)
     finally:
         robot.close()
+    if watched:
+        followed.alarms = [f"{alarm.t:.1f} s  {alarm}" for alarm in watched.alarms]
     facts = followed.recording.parent / FACTS
     write_json(facts, shadow_facts(followed, model.name))
     return shadow_result(followed, model.name, {"recording": followed.recording, "facts": facts})

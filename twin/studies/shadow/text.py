@@ -37,11 +37,13 @@ def shadow_result(followed: Followed, name: str, files: Mapping[str, Path]) -> R
             note("in hand", f"estimate after {_ms(hand.quantile(0.5))}, 99 % within {_ms(hand.quantile(0.99))}, all "
                             f"within {_ms(hand.largest)}")
         )  # fmt: skip
+    if followed.alarms is not None:
+        body += [note("alarm", text, True) for text in followed.alarms or ["none"]]
     body += [note("note", text) for text in followed.notes]
     head = f"{name}: followed {followed.source} for {followed.seconds:.2f} s"
     shown = {kind: str(path) for kind, path in files.items()}
     facts = shadow_facts(followed, name) | shown
-    return Result(head, body, facts, shown)
+    return Result(head, body, facts, shown, exit_code=1 if followed.alarms else 0)
 
 
 def _row(key: str, one: Running) -> list[str | float]:
@@ -113,6 +115,7 @@ def shadow_facts(followed: Followed, name: str) -> dict[str, object]:
             "in_hand_p99_s": followed.in_hand.quantile(0.99),
             "in_hand_largest_s": followed.in_hand.largest,
             "residuals": residuals,
+            "alarms": followed.alarms,
             "notes": followed.notes,
         }
     )

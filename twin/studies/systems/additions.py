@@ -15,7 +15,7 @@ import numpy as np
 from twin.kernel.archive import sha256
 from twin.kernel.cosim.expression import expression
 from twin.kernel.cosim.port import Port
-from twin.kernel.cosim.source import Between, Samples, Signal, source
+from twin.kernel.cosim.source import Between, SampledSignal, Signal, source
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import read_bytes
 from twin.kernel.fmi.description import FmuDescription, described
@@ -300,7 +300,7 @@ def _by_name(names: SystemNames, file: Path) -> Iterator[_Fed]:
         )
     for head in (head for head in columns if head not in others):
         name, spelled = names_of[head]
-        samples = Samples(time[1], _column(table, head), "held" if _is_held(names, known[name]) else "lines")
+        samples = SampledSignal(time[1], _column(table, head), "held" if _is_held(names, known[name]) else "lines")
         _refuse_broken(names, known[name], samples, f"{file}: column '{head}'")
         about = f"{file.name} sha256 {_sha256(file)[:12]}"
         yield _Fed(name, known[name], samples, spelled, about, tuple(f"{file.name}: {one}" for one in others))
@@ -325,7 +325,7 @@ def _is_held(names: SystemNames, place: Endpoint) -> bool:
     return any(v.variability != "continuous" or v.type not in REALS for v in variables)
 
 
-def _refuse_broken(names: SystemNames, place: Endpoint, samples: Samples, where: str) -> None:
+def _refuse_broken(names: SystemNames, place: Endpoint, samples: SampledSignal, where: str) -> None:
     for variable in (names.variable(end) for end in _ends(names, place)):
         if variable.type not in REALS and not np.all(samples.values == np.rint(samples.values)):
             bad = samples.values[samples.values != np.rint(samples.values)][0]
@@ -334,7 +334,7 @@ def _refuse_broken(names: SystemNames, place: Endpoint, samples: Samples, where:
             )
 
 
-def _series(file: Path, column: str, name: str, where: str, held: bool) -> tuple[Samples, str]:
+def _series(file: Path, column: str, name: str, where: str, held: bool) -> tuple[SampledSignal, str]:
     """(samples, unit) of a column of a CSV file, or of a series of a recording."""
     between: Between = "held" if held else "lines"
     if file.suffix.lower() != ".csv":
@@ -345,7 +345,7 @@ def _series(file: Path, column: str, name: str, where: str, held: bool) -> tuple
                 f"{where}: {file}: '{wanted}' is not there; {nearest(wanted, log.series, 'it has {}', 3)}"
             )
         series = log[wanted]
-        return Samples(series.t, series.values, between), "" if series.unit == "1" else series.unit  # type: ignore[arg-type]
+        return SampledSignal(series.t, series.values, between), "" if series.unit == "1" else series.unit  # type: ignore[arg-type]
     table = read_table(file)
     time, t = _time(table)
     heads = [head for head in table.head if head != time]
@@ -357,7 +357,7 @@ def _series(file: Path, column: str, name: str, where: str, held: bool) -> tuple
     if wanted not in heads:
         hint = nearest(column or name, heads, "it has {}")
         raise InputRefused(f"{where}: {file} has no column '{column or name}'; {hint}")
-    return Samples(t, _column(table, wanted), between), _in_brackets(wanted)[1]  # type: ignore[arg-type]
+    return SampledSignal(t, _column(table, wanted), between), _in_brackets(wanted)[1]  # type: ignore[arg-type]
 
 
 def _in_brackets(head: str) -> tuple[str, str]:
@@ -424,7 +424,7 @@ def tables_beside(package: Package, flat: FlatSystem) -> tuple[FlatSystem, Besid
             stated = component.connector_of.get(name)
             held = stated is not None and stated.type not in ("", *REALS)
             ports.append(Port(port, 1, (stated.unit if stated else "") or "1", f"column {name} of {entry}"))
-            signals.append(Samples(t, _column(table, name), "held" if held else "lines"))
+            signals.append(SampledSignal(t, _column(table, name), "held" if held else "lines"))
             for lead in flat.leads:
                 if lead.start == Endpoint(path, name):
                     spelled = stated.unit if stated else ""
