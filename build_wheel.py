@@ -22,6 +22,7 @@ from twin.kernel.compiled.native import Entry, Native
 from twin.kernel.compiled.store import sealed
 from twin.robot import shaft
 from twin.robot.controller import controller, task_controller
+from twin.robot.monitor import component as monitor
 from twin.robot.plant import component
 
 ROOT = Path(__file__).parent
@@ -31,6 +32,7 @@ CLOSED = (
     (component.step_over, 2),
     (component.outputs_at_start, 2),
     (shaft.shaft_step_over, 1),
+    (monitor.step_over, 1),
 )
 """Functions that make a step, and of how many booleans."""
 

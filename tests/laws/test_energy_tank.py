@@ -22,7 +22,13 @@ TANK = f"controller.energy_tank.size_J={SIZE}"
 ALONE = "monitor.enabled=false"
 """Nobody else helps."""
 BODIES = sorted(path.stem for path in (EXPERIMENTS / "bodies").glob("*.toml"))
-COMMANDS_AND_MESSAGES = [kind for kind, known in CATALOGUE.items() if known.mechanism in ("command", "message")]
+BEHIND_THE_TANK = {"command_held", "command_lost", "power_off"}
+"""What happens between the tank and the drives: no tank sees it."""
+COMMANDS_AND_MESSAGES = [
+    kind
+    for kind, known in CATALOGUE.items()
+    if known.mechanism in ("command", "message") and kind not in BEHIND_THE_TANK
+]
 GAINS = {
     "controller.position.kp_per_s": (1.0, 60.0, 200.0),
     "controller.force.kp_mm_per_N": (5.0, 50.0),

@@ -110,7 +110,8 @@ def test_rows_are_the_same_bytes_of_drives_in_processes_of_their_own(root: Path,
 def test_the_study_in_a_process_of_its_own_writes_the_same_rows(tmp_path: Path):
     kinds = [word for kind in FEW for word in ("--kind", kind)]
     onsets = [word for onset in ONSETS for word in ("--onset", f"{onset}")]
-    line = ("faults", EXPERIMENTS / "pressing.toml", *kinds, *onsets, "--out", tmp_path / "out")
+    out = ("--set-of", "single", "--out", tmp_path / "out")
+    line = ("faults", EXPERIMENTS / "pressing.toml", *kinds, *onsets, *out)
     done = command(*line, cwd=tmp_path, isolated=True)
     assert done.returncode in (0, 1), done.stderr
     experiment = shipped("pressing")

@@ -16,6 +16,9 @@ function ticks(low, high, count) {
   return values.map((value) => [value, (Math.abs(value) < step / 2 ? 0 : value).toFixed(digits)]);
 }
 
+/** Whether a run is drawn; one that has been taken away is not. */
+const isShown = (run) => run !== undefined && !run.hidden;
+
 class Plot {
   constructor(panel, span) {
     this.panel = panel;
@@ -62,7 +65,7 @@ class Plot {
     let high = -Infinity;
     for (const row of rows)
       row.curves.forEach((curve, run) => {
-        if (!curve || page.runs[run].hidden) return;
+        if (!curve || !isShown(page.runs[run])) return;
         const last = curve.index(to);
         for (let i = curve.index(from); i <= last; i++) {
           const y = curve.y[i];
@@ -100,7 +103,7 @@ class Plot {
     pen.clip();
     for (const row of rows)
       row.curves.forEach((curve, run) => {
-        if (curve && !page.runs[run].hidden) this.drawCurve(pen, curve, look(row, run), y);
+        if (curve && isShown(page.runs[run])) this.drawCurve(pen, curve, look(row, run), y);
       });
     pen.restore();
     for (const { row, swatch } of this.values) this.drawSwatch(swatch, look(row, 0));
@@ -135,7 +138,7 @@ class Plot {
       pen.fillText(i === marks.length - 1 ? `${text} s` : text, place, HEIGHT - MARGIN.bottom + 6);
     });
     pen.setLineDash([3, 3]);
-    for (const event of page.events.filter((e) => e.level !== "debug" && !page.runs[e.run].hidden)) {
+    for (const event of page.events.filter((e) => e.level !== "debug" && isShown(page.runs[e.run]))) {
       if (event.t < this.span.from || event.t > this.span.to) continue;
       pen.strokeStyle = color(event.level === "info" ? "--muted" : "--vermilion");
       pen.beginPath();
