@@ -13,7 +13,9 @@ from twin.kernel.recording.reader import Recording
 
 ENDS = {"falsify": 1}
 """Exit codes: what is shown is a requirement that does not hold."""
-LONG = ("converge", "faults", "tune")
+SERVES = ("explore",)
+"""Go on until they are ended: tests/browser/test_explore.py has their example."""
+LONG = ("converge", "faults", "safety", "tune")
 """Ten seconds each: `make endurance` tries them, and `make test` what they run by shorter ones of its own."""
 
 
@@ -50,7 +52,12 @@ def test_help_is_written_for_80_columns(words: str):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "words", [pytest.param(words, marks=[pytest.mark.endurance] if words in LONG else []) for words in COMMANDS]
+    "words",
+    [
+        pytest.param(words, marks=[pytest.mark.endurance] if words in LONG else [])
+        for words in COMMANDS
+        if words not in SERVES
+    ],
 )
 def test_every_example_works(repository: Path, words: str):
     done = twin(*shlex.split(EXAMPLES[words].removeprefix(f"{EXAMPLE}twin ")), cwd=repository)
