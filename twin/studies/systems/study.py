@@ -130,7 +130,7 @@ def cosim(
     Exit code: 0 done, 2 input refused, 3 a component failed while running
     (error, crash, hang), 130 interrupted, 143 terminated.
 
-    Example: twin cosim system.ssp --set Gain1.k=2 --input 'Gain1.u=step(1.0)'
+    Example: twin cosim system.ssp --input 'shaft.omega_ref=step(0.05)'
 
     Raises:
         InputRefused, ComponentFailed, NotWritten: see `recorded_system`.
