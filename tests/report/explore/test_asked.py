@@ -65,8 +65,8 @@ def test_no_file_is_overwritten_and_no_name_leads_elsewhere(tmp_path: Path, monk
     ("state", "expected"),
     [
         ([], "expected set, drive, body and faults"),
-        ({"settings": ["drive.fmu='/tmp/x.fmu'"]}, "expected set, drive, body and faults"),
-        ({"drive": "/tmp/x.fmu"}, "no such drive"),
+        ({"settings": ["drive.fmu='/elsewhere/x.fmu'"]}, "expected set, drive, body and faults"),
+        ({"drive": "/elsewhere/x.fmu"}, "no such drive"),
         ({"drive": ["x"]}, "no such drive"),
         ({"body": "/etc/passwd"}, "no such body"),
         ({"set": []}, None),

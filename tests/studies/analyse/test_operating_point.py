@@ -9,10 +9,9 @@ from twin.kernel.errors import InputRefused
 from twin.robot.assembly.drives import planned
 from twin.robot.experiment.drive_files import lone_drive
 from twin.robot.plant.dynamics import derivative
+from twin.studies.analyse.nudge import Aftermath, aftermaths, swing
 from twin.studies.analyse.operating_point import (
     CLEARANCE,
-    Aftermath,
-    aftermaths,
     identified,
     on_stiffness,
     operating_points,
@@ -20,7 +19,6 @@ from twin.studies.analyse.operating_point import (
     resting_point,
     sum_of_sines,
     surface_height,
-    swing,
 )
 
 NUDGE = 1e-4

@@ -25,7 +25,8 @@ from twin.studies.analyse.linear.hand import (
     robot_with,
 )
 from twin.studies.analyse.linear.loops import LOOPS, linear_law
-from twin.studies.analyse.operating_point import NUDGED, Linearised, OperatingPoint, held, resting_point, undisturbed
+from twin.studies.analyse.nudge import NUDGED, held
+from twin.studies.analyse.operating_point import Linearised, OperatingPoint, resting_point, undisturbed
 from twin.studies.analyse.passivity import RENDERED, WIDTH_FREQUENCIES, Passivity, largest_passive, passivity
 from twin.studies.analyse.text import passivity_result
 from twin.studies.command import silent

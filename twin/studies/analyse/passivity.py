@@ -35,15 +35,8 @@ from twin.studies.analyse.linear.hand import (
     robot_with,
 )
 from twin.studies.analyse.linear.loops import LOOPS, Matrix, closed_poles, linear_law
-from twin.studies.analyse.operating_point import (
-    NUDGED,
-    Linearised,
-    OperatingPoint,
-    closed_in,
-    nudged_paths,
-    operating_points,
-    resting_point,
-)
+from twin.studies.analyse.nudge import NUDGED, nudged_paths
+from twin.studies.analyse.operating_point import Linearised, OperatingPoint, closed_in, operating_points, resting_point
 from twin.studies.command import Say
 
 INSIDE, OUTSIDE = 0.85, 1.15

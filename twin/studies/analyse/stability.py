@@ -28,14 +28,8 @@ from twin.studies.analyse.linear.margins import (
     poles,
     worst_sensitivity,
 )
-from twin.studies.analyse.operating_point import (
-    Linearised,
-    LinearPoint,
-    OperatingPoint,
-    aftermaths,
-    on_stiffness,
-    operating_points,
-)
+from twin.studies.analyse.nudge import aftermaths
+from twin.studies.analyse.operating_point import Linearised, LinearPoint, OperatingPoint, on_stiffness, operating_points
 from twin.studies.command import Say, Steps, silent
 
 HOLDS = 0.15
