@@ -10,7 +10,19 @@ from twin.kernel.compiled.function import carray
 from twin.kernel.compiled.native import entry
 from twin.kernel.recording.messages import Field
 from twin.report.page.markup import DataBlock
-from twin.report.page.panels import MM, PANELS, Panel, PanelCurve, PanelRun, Reader, Samples, scene, series
+from twin.report.page.panels import (
+    MM,
+    PANELS,
+    Panel,
+    PanelCurve,
+    PanelRun,
+    Reader,
+    Samples,
+    panel_facts,
+    row_facts,
+    scene,
+    series,
+)
 from twin.robot.run.outcome import HeldForces, RunOutcome
 from twin.robot.run.trace import Trace
 from twin.studies.metrics.response import Curve
@@ -111,20 +123,13 @@ def drawn(
         width: of a plot (pixels).
     """
     return [
-        {
-            "title": panel.title,
-            "unit": "" if panel.unit == "1" else panel.unit,
-            "rows": [
-                {
-                    "label": quantity.label,
-                    "role": quantity.role,
-                    "member": quantity.member,
-                    "shown": quantity.shown,
-                    "curve": _curve(quantity.read, run, block, span, width),
-                }
+        panel_facts(
+            panel,
+            [
+                row_facts(quantity) | {"curve": _curve(quantity.read, run, block, span, width)}
                 for quantity in panel.quantities
             ],
-        }
+        )
         for panel in EXPLORED
         if panel.title in titles
     ]

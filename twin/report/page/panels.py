@@ -313,24 +313,31 @@ def curves(runs: Sequence[PanelRun], blocks: Sequence[DataBlock]) -> tuple[list[
     total = sum(len(one[0]) for _, rows in found for _, samples in rows for one in samples if one)
     factor = thinning(total, MOST_SAMPLES)
     facts = [
-        {
-            "title": panel.title,
-            "unit": "" if panel.unit == "1" else panel.unit,
-            "rows": [
-                {
-                    "label": quantity.label,
-                    "role": quantity.role,
-                    "member": quantity.member,
+        panel_facts(
+            panel,
+            [
+                row_facts(quantity)
+                | {
                     "shown": quantity.shown and (len(runs) == 1 or quantity.role in ("truth", "reference")),
                     "curves": [_curve(one, block, factor) for one, block in zip(samples, blocks, strict=True)],
                 }
                 for quantity, samples in rows
                 if any(samples)
             ],
-        }
+        )
         for panel, rows in found
     ]
     return facts, factor
+
+
+def panel_facts(panel: Panel, rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """What a page gets of a panel, beside its `rows`."""
+    return {"title": panel.title, "unit": "" if panel.unit == "1" else panel.unit, "rows": rows}
+
+
+def row_facts(quantity: PanelCurve) -> dict[str, Any]:
+    """What a page gets of a quantity, beside its curves."""
+    return {"label": quantity.label, "role": quantity.role, "member": quantity.member, "shown": quantity.shown}
 
 
 def _curve(samples: Samples | None, block: DataBlock, factor: int) -> list[float] | None:
