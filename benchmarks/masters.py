@@ -12,14 +12,14 @@ from pathlib import Path
 from benchmarks.macro_step import TICKS, master_seconds
 from benchmarks.measurement import Measurement, Rounds
 from tests.kernel.fmi.exchange.fmus import NoCompiler, exchange_fmu
-from tests.studies.systems.archives import archive, component, connection, connector, structure, system
+from tests.kernel.systems.archives import archive, component, connection, connector, structure, system
 from twin.kernel.cosim.observers import simulate
 from twin.kernel.errors import ComponentFailed
 from twin.kernel.ssp.package import read_package
+from twin.kernel.systems.choice import MasterChoice
+from twin.kernel.systems.opening import opened
 from twin.robot.assembly.drives import planned
 from twin.robot.experiment.schema import Drive
-from twin.studies.systems.choice import MasterChoice
-from twin.studies.systems.recorded import opened
 
 ROOT = Path(__file__).parents[1]
 FMU = ROOT / "fmus" / "ideal_velocity" / "ideal_velocity.fmu"

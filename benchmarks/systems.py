@@ -8,10 +8,10 @@ from benchmarks.measurement import Measurement, Rounds
 from twin.kernel.cosim.observers import simulate
 from twin.kernel.errors import InputRefused
 from twin.kernel.ssp.package import read_package
+from twin.kernel.systems.opening import opened
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import SLICE_TICKS
 from twin.studies.build.system import build_ssp
-from twin.studies.systems.recorded import opened
 
 ROUNDS = 15
 TITLE = "Fig. 4 as an SSP: stepping / the twin's own"

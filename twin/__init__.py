@@ -11,7 +11,7 @@ from typing import Any
 __version__ = "1.0.0"
 
 _PUBLIC = {
-    "Cosimulation": "twin.studies.systems.session:Cosimulation",
+    "Cosimulation": "twin.kernel.systems.session:Cosimulation",
     "Experiment": "twin.robot.experiment.experiment:Experiment",
     "Run": "twin.robot.run.run:Run",
     "check": "twin.studies.check.job:check",

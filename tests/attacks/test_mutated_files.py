@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 
 from tests.attacks.mutations import endure, mutated, mutated_json
+from tests.kernel.systems.archives import archive, component, connection, connector, line, structure, system, values
 from tests.studies.sweep.statistics.rows import row
-from tests.studies.systems.archives import archive, component, connection, connector, line, structure, system, values
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.reader import read_log
 from twin.kernel.ssp.flat import flattened
 from twin.kernel.ssp.package import read_package
+from twin.kernel.systems.choice import MasterChoice
+from twin.kernel.systems.plan import fmu_sources, planned
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.json_schema import commented_experiment
@@ -24,8 +26,6 @@ from twin.studies.sweep.plan import read_definition
 from twin.studies.sweep.rows import FACTS, ROWS, stored_sweep
 from twin.studies.sweep.show.parts import Asked, parts, sweep_text
 from twin.studies.sweep.statistics.ranking import bands, usual_metric
-from twin.studies.systems.choice import MasterChoice
-from twin.studies.systems.plan import fmu_sources, planned
 
 Attack = Callable[[int], object]
 FEW, MANY = range(25), 400

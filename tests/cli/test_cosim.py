@@ -7,7 +7,7 @@ import pytest
 
 from tests.command_line import twin
 from tests.kernel.fmi.faulty import faulty_drive
-from tests.studies.systems.archives import archive, component, connection, structure, system, values
+from tests.kernel.systems.archives import archive, component, connection, structure, system, values
 
 TWO = system(
     [component("a", "a.fmu", bindings=values("omega_ref=1")), component("b", "a.fmu")],

@@ -8,7 +8,7 @@ import pytest
 
 from tests.cli.commands import COMMANDS, EXAMPLE, EXAMPLES, paragraphs
 from tests.command_line import twin
-from tests.studies.systems.archives import archive, component, structure, system
+from tests.kernel.systems.archives import archive, component, structure, system
 from twin.kernel.recording.reader import Recording
 
 ENDS = {"falsify": 1}

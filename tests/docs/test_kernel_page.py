@@ -15,7 +15,7 @@ ABOVE = {
 """Folders of `twin/` that are not of the kernel."""
 
 
-@pytest.mark.parametrize(("page", "allowed"), [("docs/kernel.md", set[str]()), ("docs/from_python.md", {"studies"})])
+@pytest.mark.parametrize(("page", "allowed"), [("docs/kernel.md", set[str]()), ("docs/from_python.md", set[str]())])
 def test_two_fmus_are_run_without_loading_the_robot(root: Path, page: str, allowed: set[str]):
     example = [block.text for block in blocks(root, page) if block.language == "python"]
     listed = 'import sys; print(*{name.split(".")[1] for name in sys.modules if name.startswith("twin.")})'

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.command_line import process_run, twin_process
-from tests.studies.systems.archives import archive, component, connection, structure, system, values
+from tests.kernel.systems.archives import archive, component, connection, structure, system, values
 
 LIBRARY = """
 from pathlib import Path

@@ -6,7 +6,7 @@ import pytest
 
 from tests.command_line import twin
 from tests.kernel.process.hostile import HANG, HANG_IN_INITIALISATION, SEGFAULT
-from tests.studies.systems.archives import archive, component, structure, system, values
+from tests.kernel.systems.archives import archive, component, structure, system, values
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.studies.systems.archives import (
+from tests.kernel.systems.archives import (
     NAMESPACES,
     archive,
     bindings,

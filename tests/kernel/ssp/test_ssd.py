@@ -10,8 +10,7 @@ import fmpy.ssp
 import pytest
 from lxml import etree
 
-from tests.studies.reference.test_carried import real, ssv
-from tests.studies.systems.archives import (
+from tests.kernel.systems.archives import (
     archive,
     bindings,
     component,
@@ -22,6 +21,7 @@ from tests.studies.systems.archives import (
     system,
     values,
 )
+from tests.studies.reference.test_carried import real, ssv
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import xml_of
 from twin.kernel.ssp import package as package_module

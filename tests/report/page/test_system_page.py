@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.studies.systems.archives import archive, component, connection, structure, system, values
+from tests.kernel.systems.archives import archive, component, connection, structure, system, values
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import Recording
+from twin.kernel.systems.additions import Additions
 from twin.report.page.page import write_report
-from twin.studies.systems.additions import Additions
 from twin.studies.systems.recorded import recorded_system
 
 SHAFTS = structure(

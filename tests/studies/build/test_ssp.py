@@ -20,13 +20,13 @@ from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import read
 from twin.kernel.ssp.package import read_package
 from twin.kernel.ssp.structure import Endpoint, SspComponent, Transformation
+from twin.kernel.systems.choice import MasterChoice
 from twin.robot.assembly.build import planned_drives
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import run_in_memory
 from twin.studies.build import linking, structure
 from twin.studies.build.structure import travelling_drives
 from twin.studies.build.system import build_ssp
-from twin.studies.systems.choice import MasterChoice
 from twin.studies.systems.recorded import recorded_system
 
 VELOCITY_SERVO = ROOT / "fmus" / "velocity_servo" / "velocity_servo.fmu"

@@ -10,13 +10,14 @@ import pytest
 from tests.kernel.fmi.archives import redescribed
 from tests.kernel.fmi.first import first_description, first_drive, first_library
 from tests.kernel.fmi.three_axes import three_axes_drive
-from tests.studies.systems.archives import archive, component, connection, connector, line, structure, system, values
-from tests.studies.systems.conftest import Ran
+from tests.kernel.systems.archives import archive, component, connection, connector, line, structure, system, values
+from tests.kernel.systems.conftest import Ran
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.ssp.package import read_package
-from twin.studies.systems.choice import MasterChoice
-from twin.studies.systems.recorded import opened, system_result
+from twin.kernel.systems.choice import MasterChoice
+from twin.kernel.systems.opening import opened
+from twin.studies.systems.recorded import system_result
 
 A = component("a", "a.fmu", bindings=values("omega_ref=1"))
 B = component("b", "a.fmu")

@@ -1,1 +1,1 @@
-"""SSP systems of third-party FMUs, without a robot, in twin's master."""
+"""`twin cosim`: a system of third-party FMUs run, recorded and described."""

@@ -2,18 +2,13 @@
 
 import json
 import math
-import re
-import shutil
-import tempfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 from twin.kernel.cosim.observers import Messages, ProgressObserver, Simulated, TickEvent
-from twin.kernel.errors import ComponentFailed, EndRequested, InputRefused, TwinError
-from twin.kernel.fmi.description import build
+from twin.kernel.errors import ComponentFailed, EndRequested, InputRefused
 from twin.kernel.fmi.variable import Variable, to_json
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.process.states import (
@@ -30,24 +25,15 @@ from twin.kernel.process.states import (
 from twin.kernel.recording.folder import RECORDING, claim_run_folder, create_run_folder, recording_in
 from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, versions
 from twin.kernel.recording.writer import Writer
-from twin.kernel.ssp.flat import flattened
-from twin.kernel.ssp.package import Package
+from twin.kernel.systems.additions import Additions
+from twin.kernel.systems.choice import MasterChoice
+from twin.kernel.systems.coupling import PreparedSystem, unvarying
+from twin.kernel.systems.opening import drawn_up, opened
+from twin.kernel.systems.plan import SystemPart, SystemPlan
+from twin.kernel.systems.reading import read_system
+from twin.kernel.systems.topics import streams
 from twin.kernel.writing import made_folder, write_bytes, write_json
 from twin.studies.result import Result, counted, note, some
-from twin.studies.systems.additions import (
-    Additions,
-    SystemNames,
-    inputs_beside,
-    tables_beside,
-    with_parameters,
-    with_settings,
-)
-from twin.studies.systems.beside import Beside
-from twin.studies.systems.choice import MasterChoice
-from twin.studies.systems.coupling import PreparedSystem, coupled, folders_of, unvarying
-from twin.studies.systems.plan import SystemPart, SystemPlan, fmu_sources, planned
-from twin.studies.systems.reading import read_system
-from twin.studies.systems.topics import streams, topics
 
 MOST = 6
 """The most rows of a list in the text; JSON has all."""
@@ -265,20 +251,16 @@ def written_system(
         InputRefused: the system cannot be run, SSP has no word for what is asked, or the file is there already.
         NotWritten: the disk refuses.
     """
-    from twin.studies.systems.to_ssp import ssp_of
+    from twin.kernel.systems.to_ssp import ssp_of
 
     if additions.recorded:
         raise InputRefused("--record: an SSP archive has no word for it; choose when it is run")
-    package, scratch = read_system(system), tempfile.mkdtemp()
+    package = read_system(system)
     file = out or Path(f"{package.structure.system.name}.ssp")
     if file.exists():
         raise InputRefused(f"{file}: is there already; name another file with --out")
-    with _named(package, scratch):
-        try:
-            plan = _planned(package, Path(scratch), choice, compiled, additions, Beside())
-            content = ssp_of(plan)
-        finally:
-            shutil.rmtree(scratch, ignore_errors=True)
+    with drawn_up(package, choice, compiled, additions) as plan:
+        content = ssp_of(plan)
     made_folder(file.parent)
     write_bytes(file, content)
     rows = [
@@ -290,72 +272,6 @@ def written_system(
     rows += [note("unsaid", sentence) for sentence in package.unsaid]
     found = {"system": str(package.file), "unsaid": list(package.unsaid), "ssp": str(file)}
     return Result(f"{package.file.stem} written as SSP 1.0", rows, found, {"ssp": str(file)})
-
-
-@contextmanager
-def opened(
-    package: Package,
-    choice: MasterChoice = MasterChoice(),  # noqa: B008, it is frozen
-    compiled: bool = False,
-    additions: Additions = Additions(),  # noqa: B008, it is frozen
-    beside: Beside = Beside(),  # noqa: B008, likewise
-) -> Iterator[tuple[SystemPlan, PreparedSystem]]:
-    """The system of a package, planned and ready to be run; arguments but `package` as of `recorded_system`.
-
-    Args:
-        beside: what takes part beside its FMUs and what `additions` add.
-
-    Raises:
-        InputRefused: as `recorded_system`.
-    """
-    scratch = tempfile.mkdtemp()
-    with _named(package, scratch):
-        try:
-            plan = _planned(package, Path(scratch), choice, compiled, additions, beside)
-            folders = folders_of(plan)
-        finally:
-            # before anything is loaded: what crashes would leave it
-            shutil.rmtree(scratch, ignore_errors=True)
-        with coupled(plan, folders) as made:
-            yield plan, made
-
-
-def _planned(
-    package: Package, scratch: Path, choice: MasterChoice, compiled: bool, additions: Additions, beside: Beside
-) -> SystemPlan:
-    package = with_parameters(package, additions.parameters)
-    flat, tables = tables_beside(package, flattened(package.structure, f"{package.file}"))
-    files: dict[str, Path] = {}
-    entries = fmu_sources(package, flat)
-    for entry in entries.values():
-        if entry not in files:
-            files[entry] = scratch / entry
-            made_folder(files[entry].parent)
-            write_bytes(files[entry], package.content(entry))
-            if compiled:
-                build(files[entry])
-    if additions.settings or additions.inputs:
-        names = SystemNames(package, flat, {path: files[entry] for path, entry in entries.items()})
-        flat = with_settings(flat, names, additions.settings)
-        tables = tables + inputs_beside(names, additions.inputs, additions.settings)
-    plan = planned(package, flat, files, choice, tables + beside, additions.recorded)
-    # refuses names that a recording cannot hold, before there is one
-    topics(plan)
-    return plan
-
-
-@contextmanager
-def _named(package: Package, scratch: str) -> Iterator[None]:
-    """Sentences of the block that tell of files in `scratch` tell of the archive instead."""
-    try:
-        yield
-    except TwinError as error:
-        # how to build a file that the archive holds
-        text = re.sub(rf"twin drive info {re.escape(scratch)}/\S+ --compile builds", "--compile builds", str(error))
-        for entry, path in package.loose.items():
-            text = text.replace(f"{scratch}/{entry}", str(path))
-        error.args = (text.replace(f"{scratch}/", f"{package.file}: "),)
-        raise
 
 
 def _folder(file: Path, out: Path | None) -> Path:

@@ -42,7 +42,7 @@ class LoopCoupling(StrEnum):
 
 
 def _check_master(asked: Asked) -> None:
-    from twin.studies.systems.choice import chosen
+    from twin.kernel.systems.choice import chosen
 
     chosen(asked)
 
@@ -135,8 +135,8 @@ def cosim(
     Raises:
         InputRefused, ComponentFailed, NotWritten: see `recorded_system`.
     """
-    from twin.studies.systems.additions import Additions
-    from twin.studies.systems.choice import chosen
+    from twin.kernel.systems.additions import Additions
+    from twin.kernel.systems.choice import chosen
     from twin.studies.systems.recorded import recorded_system, written_system
 
     choice, added = chosen(locals()), Additions(settings, parameters, inputs, records)

@@ -11,8 +11,8 @@ from twin.kernel.fmi.variable import number
 from twin.kernel.ssp.flat import FlatSystem
 from twin.kernel.ssp.package import Package
 from twin.kernel.ssp.structure import Annotation, local
-from twin.studies.systems.choice import MasterChoice
-from twin.studies.systems.naming import SINGLE
+from twin.kernel.systems.choice import MasterChoice
+from twin.kernel.systems.naming import SINGLE
 
 MOST_TICKS = 1e12
 SAMPLES = 500

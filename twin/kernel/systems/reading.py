@@ -7,9 +7,9 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.description import described
 from twin.kernel.ssp.package import Package, loose_package, read_package
 from twin.kernel.ssp.structure import SspComponent, SspSystem, Structure
-from twin.studies.systems.multi_model import multi_model
-from twin.studies.systems.naming import SINGLE, word
-from twin.studies.systems.osp import NAME, osp_system
+from twin.kernel.systems.multi_model import multi_model
+from twin.kernel.systems.naming import SINGLE, word
+from twin.kernel.systems.osp import NAME, osp_system
 
 EXPECTED = "an SSP archive, an FMU, an OspSystemStructure.xml or a multi-model (JSON)"
 

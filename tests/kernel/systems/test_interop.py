@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.studies.systems.archives import archive, component, connection, connector, line, structure, system, values
+from tests.kernel.systems.archives import archive, component, connection, connector, line, structure, system, values
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import Recording, read
-from twin.studies.systems.additions import Additions
-from twin.studies.systems.choice import MasterChoice
+from twin.kernel.systems.additions import Additions
+from twin.kernel.systems.choice import MasterChoice
 from twin.studies.systems.recorded import recorded_system, written_system
 
 NAMESPACE = 'xmlns="http://opensimulationplatform.com/MSMI/OSPSystemStructure" version="0.1"'

@@ -23,11 +23,11 @@ from twin.kernel.recording.writer import EVENTS
 from twin.kernel.ssp.flat import Assigned, FlatSystem, Hop, Lead
 from twin.kernel.ssp.package import Package
 from twin.kernel.ssp.structure import FMU, Connector, Endpoint
-from twin.studies.systems.beside import Beside, Feed
-from twin.studies.systems.choice import MasterChoice
-from twin.studies.systems.naming import SINGLE, distinct, distinct_ports, matching, port_of, rank, topic
-from twin.studies.systems.timing import Timing, ordered, timing
-from twin.studies.systems.ways import SpeltUnit, measure, spelt, way
+from twin.kernel.systems.beside import Beside, Feed
+from twin.kernel.systems.choice import MasterChoice
+from twin.kernel.systems.naming import SINGLE, distinct, distinct_ports, matching, port_of, rank, topic
+from twin.kernel.systems.timing import Timing, ordered, timing
+from twin.kernel.systems.ways import SpeltUnit, measure, spelt, way
 
 MANY = 1000
 """So many names are not searched for one that is alike."""

@@ -26,8 +26,8 @@ from twin.kernel.ssp.structure import (
     SspSystem,
     Structure,
 )
-from twin.studies.systems.plan import SystemPlan
-from twin.studies.systems.timing import ORDER
+from twin.kernel.systems.plan import SystemPlan
+from twin.kernel.systems.timing import ORDER
 
 STEP = "twin.step"
 KINDS: Mapping[str, Implementation] = {"co_simulation": "CoSimulation", "model_exchange": "ModelExchange"}

@@ -2,16 +2,18 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import twin
-from tests.studies.systems.archives import component, connection, line, structure, system, values
-from tests.studies.systems.conftest import Ran
+from tests.docs.code_blocks import blocks
+from tests.kernel.systems.archives import component, connection, line, structure, system, values
+from tests.kernel.systems.conftest import Ran
 from twin.kernel.cosim.port import Port
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.studies.systems.additions import Additions
+from twin.kernel.systems.additions import Additions
 
 SERVO, MOTOR = "fmus/velocity_servo/velocity_servo.fmu", "fmus/pmsm_foc/pmsm_foc.fmu"
 WIRES = [("leader.omega_m", "follower.omega_ref"), ("follower.tau_motor", "leader.tau_load")]
@@ -73,6 +75,21 @@ def test_a_component_in_python_gives_the_bits_of_what_it_stands_for(coupled: Cou
         assert cosim.get("gain.y") == series["gain.y"][-1]
     for key in ("follower.omega_m", "follower.tau_motor"):
         np.testing.assert_array_equal(series[key], recording[key])
+
+
+def test_examples_of_the_page_are_as_short_as_asked_and_give_the_bits_of_the_command(
+    ran: Ran, root: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(root)
+    two, between = (block.text for block in blocks(root, "docs/from_python.md") if block.language == "python")
+    assert len(two.splitlines()) <= 15 and len(between.splitlines()) <= 25
+    names: dict[str, Any] = {}
+    exec(two, names)
+    exec(between, names)
+    for series, inside in ((names["seen"], ""), (names["turned"], line(2.0))):
+        recording, _ = ran(*archived(root, inside), tick=1e-3, stop=1.0)
+        for key in series.names:
+            np.testing.assert_array_equal(series[key], recording[key])
 
 
 def test_a_system_of_a_file_gives_the_bits_of_the_command(ran: Ran, root: Path, tmp_path: Path):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from tests.kernel.fmi.eventful import KINDS, maker
-from tests.studies.systems.archives import component, connection, structure, system, values
-from tests.studies.systems.conftest import Ran
-from tests.studies.systems.linear import Linear
+from tests.kernel.systems.archives import component, connection, structure, system, values
+from tests.kernel.systems.conftest import Ran
+from tests.kernel.systems.linear import Linear
 from twin.kernel.errors import InputRefused
 from twin.studies.systems.recorded import system_result
 

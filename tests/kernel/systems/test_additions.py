@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from tests.kernel.fmi.archives import redescribed
-from tests.studies.systems.archives import component, connection, connector, structure, system, values
-from tests.studies.systems.conftest import Ran
+from tests.kernel.systems.archives import component, connection, connector, structure, system, values
+from tests.kernel.systems.conftest import Ran
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import Recording, read
-from twin.studies.systems.additions import Additions
-from twin.studies.systems.choice import MasterChoice
+from twin.kernel.systems.additions import Additions
+from twin.kernel.systems.choice import MasterChoice
 from twin.studies.systems.recorded import recorded_system, system_result
 
 A, B = component("a", "a.fmu"), component("b", "a.fmu")
@@ -178,7 +178,7 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
 def test_what_cannot_be_added_is_refused_before_anything_is_written(
     bad: str, ideal: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    from tests.studies.systems.archives import archive
+    from tests.kernel.systems.archives import archive
 
     added, told = BAD[bad]
     archive(tmp_path / "x.ssp", BOTH, {"a.fmu": ideal})

@@ -25,7 +25,7 @@ from twin.kernel.ssp.structure import (
     SspSystem,
     Structure,
 )
-from twin.studies.systems.naming import distinct
+from twin.kernel.systems.naming import distinct
 
 FORM = "Maestro multi-model"
 READ = ("fmus", "connections", "parameters", "algorithm", "startTime", "endTime")

@@ -6,16 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.studies.systems.archives import archive, component, connection, structure, system
-from tests.studies.systems.conftest import Ran
-from tests.studies.systems.linear import Linear, monolith
+from tests.kernel.systems.archives import archive, component, connection, structure, system
+from tests.kernel.systems.conftest import Ran
+from tests.kernel.systems.linear import Linear, monolith
 from twin.kernel.cosim.loop import LoopComponent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.ssp.package import read_package
-from twin.studies.systems.choice import MasterChoice
-from twin.studies.systems.loops import loops
-from twin.studies.systems.recorded import opened, system_result
+from twin.kernel.systems.choice import MasterChoice
+from twin.kernel.systems.loops import loops
+from twin.kernel.systems.opening import opened
+from twin.studies.systems.recorded import system_result
 
 WIRES = [("mass.y", "load.u"), ("load.y", "mass.u")]
 PATH = "load.y -> mass.u -> mass.y -> load.u"

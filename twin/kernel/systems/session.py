@@ -33,14 +33,14 @@ from twin.kernel.ssp.structure import (
     Structure,
     Transformation,
 )
-from twin.studies.systems.additions import INPUTS, Additions
-from twin.studies.systems.beside import Beside, Feed
-from twin.studies.systems.choice import MasterChoice
-from twin.studies.systems.coupling import PreparedSystem
-from twin.studies.systems.naming import matching
-from twin.studies.systems.plan import SystemPlan
-from twin.studies.systems.reading import read_system
-from twin.studies.systems.recorded import opened
+from twin.kernel.systems.additions import INPUTS, Additions
+from twin.kernel.systems.beside import Beside, Feed
+from twin.kernel.systems.choice import MasterChoice
+from twin.kernel.systems.coupling import PreparedSystem
+from twin.kernel.systems.naming import matching
+from twin.kernel.systems.opening import opened
+from twin.kernel.systems.plan import SystemPlan
+from twin.kernel.systems.reading import read_system
 
 FORM = "Python"
 _PORT = re.compile(r"(?P<name>[^\[]+)(\[\d+\])?")

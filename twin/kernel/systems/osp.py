@@ -31,7 +31,7 @@ from twin.kernel.ssp.structure import (
     number,
     unique,
 )
-from twin.studies.systems.naming import distinct
+from twin.kernel.systems.naming import distinct
 
 FORM = "OSP system structure"
 NAME = "OspSystemStructure.xml"

@@ -9,15 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.kernel.fmi.archives import redescribed
-from tests.studies.systems.archives import archive, component, connection, connector, line, structure, system, values
+from tests.kernel.systems.archives import archive, component, connection, connector, line, structure, system, values
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.ssp.flat import Hop
 from twin.kernel.ssp.structure import Transformation, UnitDefinition
+from twin.kernel.systems import coupling
+from twin.kernel.systems.ways import Way, spelt, way
 from twin.kernel.units import Dimension
-from twin.studies.systems import coupling
 from twin.studies.systems.recorded import recorded_system
-from twin.studies.systems.ways import Way, spelt, way
 
 Change = tuple[str, str]
 A, B = component("a", "a.fmu"), component("b", "a.fmu")

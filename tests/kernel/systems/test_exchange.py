@@ -8,9 +8,9 @@ import pytest
 
 from tests.kernel.fmi.exchange.equations import exact_motor
 from tests.kernel.fmi.exchange.fmus import NoCompiler, exchange_fmu
-from tests.studies.systems.archives import component, connection, structure, system, values
-from tests.studies.systems.conftest import Ran
-from tests.studies.systems.linear import Linear, monolith
+from tests.kernel.systems.archives import component, connection, structure, system, values
+from tests.kernel.systems.conftest import Ran
+from tests.kernel.systems.linear import Linear, monolith
 from twin.kernel.errors import InputRefused
 
 SPRING = Linear(a=[[0, 1], [-4, 0]], b=[[0], [1]], c=[[1, 0], [0, 1]], x0=[1, 0])

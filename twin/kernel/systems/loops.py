@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from twin.kernel.fmi.description import feedthrough
-from twin.studies.systems.plan import SystemPart, SystemPlan
+from twin.kernel.systems.plan import SystemPart, SystemPlan
 
 Graph = Mapping[str, Sequence[str]]
 

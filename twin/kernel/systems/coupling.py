@@ -24,8 +24,8 @@ from twin.kernel.fmi.solvers import USUAL_TOLERANCE, Solver
 from twin.kernel.fmi.stepping import FmuPort, Instance
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setup, number, stop_time
-from twin.studies.systems.loops import AlgebraicLoop, loops
-from twin.studies.systems.plan import SystemPart, SystemPlan
+from twin.kernel.systems.loops import AlgebraicLoop, loops
+from twin.kernel.systems.plan import SystemPart, SystemPlan
 
 OWN_SHARE = 1e-3
 """Of the tolerance of a system in steps of varying length: what its FMUs are given for themselves."""

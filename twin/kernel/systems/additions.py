@@ -38,8 +38,8 @@ from twin.kernel.ssp.structure import (
     ParameterValue,
     SspComponent,
 )
-from twin.studies.systems.beside import Beside, Feed
-from twin.studies.systems.naming import SINGLE, distinct, topic, word
+from twin.kernel.systems.beside import Beside, Feed
+from twin.kernel.systems.naming import SINGLE, distinct, topic, word
 
 INPUTS = "inputs"
 """The component, and topic, of signals that a user feeds in."""

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from tests.studies.systems.archives import component, connection, structure, system
-from tests.studies.systems.conftest import Ran
+from tests.kernel.systems.archives import component, connection, structure, system
+from tests.kernel.systems.conftest import Ran
 from twin.kernel.errors import InputRefused
-from twin.studies.systems.choice import MasterChoice, kinds, order, steps
+from twin.kernel.systems.choice import MasterChoice, kinds, order, steps
 
 BAD: dict[str, tuple[Callable[[], Any], str]] = {
     "no kind": (lambda: kinds(["a=1"]), "--kind a=1: expected co_simulation, model_exchange"),

@@ -5,9 +5,9 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.recording.messages import Field, Topic, message_names
 from twin.kernel.recording.recorder import RowStream
-from twin.studies.systems.coupling import PreparedSystem, unvarying
-from twin.studies.systems.naming import distinct, element, field
-from twin.studies.systems.plan import SystemPart, SystemPlan
+from twin.kernel.systems.coupling import PreparedSystem, unvarying
+from twin.kernel.systems.naming import distinct, element, field
+from twin.kernel.systems.plan import SystemPart, SystemPlan
 
 OF_MASTER = Topic(adaptive.NAME, tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in adaptive.OUTPUTS), 1)
 """In a recording of steps of varying length."""

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from tests.kernel.fmi.archives import redescribed
-from tests.studies.systems.archives import bindings, component, connection, connector, structure, system
-from tests.studies.systems.conftest import Ran
-from tests.studies.systems.linear import Linear
+from tests.kernel.systems.archives import bindings, component, connection, connector, structure, system
+from tests.kernel.systems.conftest import Ran
+from tests.kernel.systems.linear import Linear
 from twin.kernel.errors import InputRefused
 from twin.studies.reference.outcome import Trial, outcome_of
 from twin.studies.systems.recorded import system_result

@@ -6,15 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.studies.systems.archives import archive, component, connection, structure, system
-from tests.studies.systems.conftest import Ran
-from tests.studies.systems.linear import Linear, Wire, monolith
+from tests.kernel.systems.archives import archive, component, connection, structure, system
+from tests.kernel.systems.conftest import Ran
+from tests.kernel.systems.linear import Linear, Wire, monolith
 from twin.kernel.cosim.adaptive import NAME
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import ComponentFailed
 from twin.kernel.ssp.package import read_package
-from twin.studies.systems.choice import MasterChoice
-from twin.studies.systems.recorded import opened, system_result
+from twin.kernel.systems.choice import MasterChoice
+from twin.kernel.systems.opening import opened
+from twin.studies.systems.recorded import system_result
 
 Case = tuple[dict[str, Linear], list[Wire]]
 CASES: dict[str, Case] = {

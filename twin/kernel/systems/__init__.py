@@ -1,0 +1,1 @@
+"""Systems of FMUs: files of several tools read, planned, coupled; from Python."""
