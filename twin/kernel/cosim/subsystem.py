@@ -53,7 +53,7 @@ def _step(m, t, h, u, y):
 
 
 class Subsystem(Component):
-    """A continuous component whose step is `substeps` ticks of an inner system.
+    """A component whose step is `substeps` ticks of an inner system.
 
     Args:
         name: of the component.
@@ -63,6 +63,7 @@ class Subsystem(Component):
         tick: of the inner system (s).
         substeps: inner ticks per outer step.
         label: what an error sentence calls it.
+        sampled: whether it is evaluated at t_k; its outputs mean nothing before the first time then.
 
     Attributes:
         system, wires: the inner system.
@@ -83,6 +84,7 @@ class Subsystem(Component):
         substeps: int,
         scheme: Scheme = "gauss_seidel",
         label: str = "",
+        sampled: bool = False,
     ):
         if substeps < 1:
             raise InputRefused(f"{name}: {substeps} substeps; expected at least 1")
@@ -110,10 +112,10 @@ class Subsystem(Component):
             name=name,
             inputs=inputs,
             outputs=tuple(port for port, _ in outputs),
-            sampled=False,
+            sampled=sampled,
             step_address=_step.address,
             self_address=self._memory.ctypes.data,
-            initial_outputs=self._y[self._outlet.astype(int)],
+            initial_outputs=np.zeros(len(self._outlet)) if sampled else self._y[self._outlet.astype(int)],
             label=label,
             keep=inlet_memory,
         )

@@ -74,6 +74,7 @@ class FlatSystem:
         assigned: by component, by variable; what counts if several values are given.
         ignored: names that parameter sets give values to, and nothing is called so.
         entrances: by each connector through which values may come into the outermost system where they get to, and how.
+        exits: by each connector through which values leave it, what comes there.
     """
 
     components: dict[str, SspComponent]
@@ -81,6 +82,7 @@ class FlatSystem:
     assigned: dict[str, dict[str, Assigned]]
     ignored: tuple[str, ...]
     entrances: dict[str, tuple[tuple[Endpoint, tuple[Hop, ...]], ...]] = field(default_factory=dict)
+    exits: dict[str, Lead] = field(default_factory=dict)
 
 
 def flattened(structure: Structure, where: str) -> FlatSystem:
@@ -121,7 +123,10 @@ class _Flat:
             # from those that are not fed themselves every way is another one
             if one.kind in ("input", "inout") and Endpoint("", one.name) not in self._into
         }
-        return FlatSystem(self._components, tuple(lead for lead in leads if lead), self._assigned, ignored, entrances)
+        found = {end.connector: self._lead(end) for end in self._into if not end.element}
+        exits = {name: lead for name, lead in found.items() if lead}
+        given = tuple(lead for lead in leads if lead)
+        return FlatSystem(self._components, given, self._assigned, ignored, entrances, exits)
 
     def _visit(self, system: SspSystem, path: str) -> None:
         for part in system.elements:

@@ -19,7 +19,7 @@ from twin.kernel.cosim.source import Between, SampledSignal, Signal, source
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import read_bytes
 from twin.kernel.fmi.description import FmuDescription, described
-from twin.kernel.fmi.variable import Variable
+from twin.kernel.fmi.variable import Value, Variable
 from twin.kernel.recording.logs.column_map import TIME_NAMES, split_unit, unit
 from twin.kernel.recording.logs.csv_file import CsvTable, read_table, table_of
 from twin.kernel.recording.logs.log import LogRefused
@@ -63,6 +63,17 @@ class Additions:
     parameters: Sequence[Path] = ()
     inputs: Sequence[str] = ()
     recorded: Sequence[str] = ()
+
+
+def given_text(value: Value) -> str:
+    """A value as `--set` says it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return value
+    if isinstance(value, Sequence | np.ndarray):
+        return f"[{', '.join(given_text(one) for one in value)}]"
+    return repr(float(value))
 
 
 def with_parameters(package: Package, files: Sequence[Path]) -> Package:

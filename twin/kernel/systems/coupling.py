@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import TypeVar
 
 import numpy as np
@@ -75,39 +76,15 @@ def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedS
         InputRefused: an FMU cannot be loaded or initialised, or takes no such steps; a loop that is to be solved
             cannot be.
     """
-    timing = plan.timing
-    for part in plan.parts:
-        _refuse_step(part, timing.tick * timing.periods[part.path])
+    refuse_steps(plan, "another --tick-ms or --step")
     found = loops(plan)
     solved = [_Solved(plan, loop) for loop in found] if plan.choice.loops == "solve" else []
     with ExitStack() as made:
-        instances: dict[str, Instance] = {}
-        for part in plan.parts:
-            instances[part.name] = _instance(plan, part, folders[part.description.sha256])
-            made.callback(instances[part.name].close)
-        settled = _Settling(plan, instances, solved).settled()
-        components: dict[str, FmuComponent] = {}
-        for part in plan.parts:
-            instance = instances[part.name]
-            instance.begin()
-            component = FmuComponent(
-                part.name,
-                part.description,
-                instance.folder,
-                part.inputs,
-                part.outputs,
-                part.settings,
-                setup=instance.setup,
-                instance=instance,
-                solver=Solver(plan.choice.solver),
-            )
-            component.period = timing.periods[part.path]
-            made.callback(component.close)
-            components[part.name] = component
+        components, settled = initialised(plan, folders, made, _given(plan), solved)
         forgiven = [
-            f"{part.path} lacks {', '.join(instances[part.name].missing)}"
+            f"{part.path} lacks {', '.join(components[part.name].instance.missing)}"
             for part in plan.parts
-            if instances[part.name].missing
+            if components[part.name].instance.missing
         ]
         if not unvarying(plan):
             yield _varying(plan, components, settled, found, forgiven)
@@ -120,9 +97,56 @@ def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedS
         ordered = list(together.values())
         if plan.beside.order:
             ordered.sort(key=lambda component: plan.beside.order.index(component.name.partition("+")[0]))
-        system = System(ordered, wires, timing.tick, plan.scheme)
-        system.first_tick = timing.first
+        system = System(ordered, wires, plan.timing.tick, plan.scheme)
+        system.first_tick = plan.timing.first
         yield PreparedSystem(system, settled, _columns(plan, system, columns), found, bool(solved), forgiven)
+
+
+def initialised(
+    plan: SystemPlan,
+    folders: Mapping[str, Path],
+    made: ExitStack,
+    given: Mapping[str, np.ndarray],
+    solved: Sequence["_Solved"] = (),
+    outputs_at_start: Mapping[str, Mapping[str, float | np.ndarray]] = MappingProxyType({}),
+) -> tuple[dict[str, FmuComponent], bool]:
+    """The FMUs of a system as components by name, and whether their initial values agree.
+
+    Args:
+        plan, folders: as of `coupled`.
+        made: what frees them.
+        given: values at the start of what is no FMU, by output.
+        solved: loops whose start values are looked for.
+        outputs_at_start: see `FmuComponent`, by component.
+
+    Raises:
+        InputRefused: as `coupled`.
+    """
+    instances: dict[str, Instance] = {}
+    for part in plan.parts:
+        instances[part.name] = _instance(plan, part, folders[part.description.sha256])
+        made.callback(instances[part.name].close)
+    settled = _Settling(plan, instances, solved, given).settled()
+    components: dict[str, FmuComponent] = {}
+    for part in plan.parts:
+        instance = instances[part.name]
+        instance.begin()
+        component = FmuComponent(
+            part.name,
+            part.description,
+            instance.folder,
+            part.inputs,
+            part.outputs,
+            part.settings,
+            outputs_at_start=outputs_at_start.get(part.name),
+            setup=instance.setup,
+            instance=instance,
+            solver=Solver(plan.choice.solver),
+        )
+        component.period = plan.timing.periods[part.path]
+        made.callback(component.close)
+        components[part.name] = component
+    return components, settled
 
 
 def unvarying(plan: SystemPlan) -> str:
@@ -192,7 +216,7 @@ def _instance(plan: SystemPlan, part: SystemPart, folder: Path) -> Instance:
         tolerance = min(tolerance or USUAL_TOLERANCE, OWN_SHARE * (plan.choice.tolerance or 1.0))
     setup = Setup(
         tolerance,
-        stop_time(timing.ticks, timing.tick, 1),
+        stop_time(timing.ticks or None, timing.tick, 1),
         timing.tick * timing.periods[part.path],
         waiting=True,
         ramped=not unvarying(plan),
@@ -215,11 +239,18 @@ def _columns(plan: SystemPlan, system: System, places: Mapping[str, tuple[str, i
     return found
 
 
-def _refuse_step(part: SystemPart, step: float) -> None:
-    try:
-        refuse_step(part.description, step, 1)
-    except InputRefused as refusal:
-        raise InputRefused(f"{str(refusal).partition(': choose ')[0]}: choose another --tick-ms or --step") from None
+def refuse_steps(plan: SystemPlan, choice: str) -> None:
+    """See whether all FMUs take the steps of a plan; `choice` is what to choose instead, for a sentence.
+
+    Raises:
+        InputRefused: one does not.
+    """
+    for part in plan.parts:
+        try:
+            refuse_step(part.description, plan.timing.tick * plan.timing.periods[part.path], 1)
+        except InputRefused as refusal:
+            what = str(refusal).partition(": choose ")[0]
+            raise InputRefused(f"{what}: choose {choice}") from None
 
 
 class _Solved:
@@ -314,9 +345,16 @@ class _Settling:
         plan: of the system.
         instances: of its FMUs, in that mode, by the names of parts.
         solved: loops whose values are looked for.
+        given: by what is no FMU at the start, by output.
     """
 
-    def __init__(self, plan: SystemPlan, instances: Mapping[str, Instance], solved: Sequence[_Solved]):
+    def __init__(
+        self,
+        plan: SystemPlan,
+        instances: Mapping[str, Instance],
+        solved: Sequence[_Solved],
+        given: Mapping[str, np.ndarray],
+    ):
         self._plan, self._solved = plan, solved
         ports = {
             f"{part.name}.{port.port.name}": (instances[part.name], port)
@@ -331,7 +369,6 @@ class _Settling:
             for source, target in plan.wires
             if source in ports and target in inputs and _readable(*ports[source], inputs[target][1])
         }
-        given = _given(plan)
         for start, end in plan.wires:
             if start in given and end in inputs and np.all(np.isfinite(given[start])):
                 instance, into = inputs[end]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from twin.kernel.errors import TwinError
 from twin.kernel.fmi.description import build
-from twin.kernel.ssp.flat import flattened
+from twin.kernel.ssp.flat import FlatSystem, flattened
 from twin.kernel.ssp.package import Package
 from twin.kernel.systems.additions import (
     Additions,
@@ -47,7 +47,7 @@ def opened(
     Raises:
         InputRefused: the system cannot be run.
     """
-    with _named(package) as scratch:
+    with at_hand(package) as scratch:
         try:
             plan = _planned(package, Path(scratch), choice, compiled, additions, beside)
             folders = folders_of(plan)
@@ -61,7 +61,7 @@ def opened(
 @contextmanager
 def drawn_up(package: Package, choice: MasterChoice, compiled: bool, additions: Additions) -> Iterator[SystemPlan]:
     """The plan of a package, as long as its FMUs are there; arguments and refusals as of `opened`."""
-    with _named(package) as scratch:
+    with at_hand(package) as scratch:
         try:
             yield _planned(package, Path(scratch), choice, compiled, additions, Beside())
         finally:
@@ -73,6 +73,24 @@ def _planned(
 ) -> SystemPlan:
     package = with_parameters(package, additions.parameters)
     flat, tables = tables_beside(package, flattened(package.structure, f"{package.file}"))
+    files, names = taken_out(package, flat, scratch, compiled)
+    if additions.settings or additions.inputs:
+        flat = with_settings(flat, names, additions.settings)
+        tables = tables + inputs_beside(names, additions.inputs, additions.settings)
+    plan = planned(package, flat, files, choice, tables + beside, additions.recorded)
+    # refuses names that a recording cannot hold, before there is one
+    topics(plan)
+    return plan
+
+
+def taken_out(
+    package: Package, flat: FlatSystem, scratch: Path, compiled: bool = False
+) -> tuple[dict[str, Path], SystemNames]:
+    """The FMUs of a system in `scratch`, by entry, and what names in it mean; `compiled` as of `opened`.
+
+    Raises:
+        InputRefused: a component is no FMU of the archive, or cannot be compiled.
+    """
     files: dict[str, Path] = {}
     entries = fmu_sources(package, flat)
     for entry in entries.values():
@@ -82,18 +100,11 @@ def _planned(
             write_bytes(files[entry], package.content(entry))
             if compiled:
                 build(files[entry])
-    if additions.settings or additions.inputs:
-        names = SystemNames(package, flat, {path: files[entry] for path, entry in entries.items()})
-        flat = with_settings(flat, names, additions.settings)
-        tables = tables + inputs_beside(names, additions.inputs, additions.settings)
-    plan = planned(package, flat, files, choice, tables + beside, additions.recorded)
-    # refuses names that a recording cannot hold, before there is one
-    topics(plan)
-    return plan
+    return files, SystemNames(package, flat, {path: files[entry] for path, entry in entries.items()})
 
 
 @contextmanager
-def _named(package: Package) -> Iterator[str]:
+def at_hand(package: Package) -> Iterator[str]:
     """A folder for files of the archive; sentences of the block that tell of it tell of the archive instead."""
     scratch = tempfile.mkdtemp()
     try:

@@ -149,6 +149,7 @@ def planned(
     choice: MasterChoice,
     beside: Beside = Beside(),  # noqa: B008, it is frozen
     patterns: Sequence[str] = (),
+    when: Timing | None = None,
 ) -> SystemPlan:
     """The plan of a system.
 
@@ -159,6 +160,7 @@ def planned(
         choice: what is asked of the master.
         beside: what takes part beside the FMUs.
         patterns: of what is recorded; none: every output, and what connections begin at.
+        when: it is run; None: as `timing` finds.
 
     Raises:
         InputRefused: an FMU that cannot be used, a connection that cannot be made, a value that cannot be set, an
@@ -169,7 +171,7 @@ def planned(
     parts = tuple(reader.part(path) for path in ordered(package, flat, choice))
     if not any(part.recorded for part in parts):
         raise InputRefused(f"{package.file}: no FMU has an output that is a number; there is nothing to record")
-    when = timing(package, flat, {part.path: part.description for part in parts}, choice)
+    when = when or timing(package, flat, {part.path: part.description for part in parts}, choice)
     ignored = (*flat.ignored, *reader.ignored, *beside.ignored)
     wires, forgiven = tuple(reader.wires()), tuple(dict.fromkeys(reader.forgiven))
     return SystemPlan(package, parts, wires, when, choice, ignored, forgiven, beside)

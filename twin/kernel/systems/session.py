@@ -33,7 +33,7 @@ from twin.kernel.ssp.structure import (
     Structure,
     Transformation,
 )
-from twin.kernel.systems.additions import INPUTS, Additions
+from twin.kernel.systems.additions import INPUTS, Additions, given_text
 from twin.kernel.systems.beside import Beside, Feed
 from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.coupling import PreparedSystem
@@ -142,7 +142,7 @@ class Cosimulation:
         described(Path(fmu))
         self._files[name] = Path(fmu)
         for variable, value in {**(start or {}), **more}.items():
-            self._settings[f"{name}.{variable}"] = _text(value)
+            self._settings[f"{name}.{variable}"] = given_text(value)
 
     def add(
         self, name: str, model: PythonModel | Component, period: int = 1, initial: Sequence[float] | None = None
@@ -242,7 +242,7 @@ class Cosimulation:
             ComponentFailed: the FMU refuses.
         """
         if self._running is None:
-            self._settings[name] = _text(value)
+            self._settings[name] = given_text(value)
             return
         component, variable = self._place(name)
         if not isinstance(component, FmuComponent):
@@ -435,14 +435,3 @@ def _columns(system: System, component: Component) -> list[tuple[str, slice]]:
         (f"{component.name}.{name}", slice(begin + place.start, begin + place.stop))
         for name, place in places(component.outputs).items()
     ]
-
-
-def _text(value: Value) -> str:
-    """A value as `--set` says it."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return value
-    if isinstance(value, Sequence | np.ndarray):
-        return f"[{', '.join(_text(one) for one in value)}]"
-    return repr(float(value))

@@ -31,7 +31,7 @@ class Timing(NamedTuple):
     Attributes:
         tick: length of a step (s).
         source: who says so.
-        first, ticks: of the run, the first tick and the last one, which gets no step.
+        first, ticks: of the run, the first tick and the last one, which gets no step; 0: that is not known.
         stop_source: who says when it ends; "": the system or the user.
         periods: by component, its step in ticks.
     """
@@ -101,6 +101,33 @@ def timing(
     return Timing(length, source, first, last, stop_source, periods)
 
 
+def timing_inside(
+    package: Package, flat: FlatSystem, descriptions: Mapping[str, FmuDescription], tick: float, every: int, ticks: int
+) -> Timing:
+    """Of a system that is stepped by another one, from 0 s on: each component as its annotation says, else as the
+    structure's, else once in each step of the whole.
+
+    Args:
+        package, flat: the system.
+        descriptions: of the FMUs, by component.
+        tick: of the other one (s).
+        every: ticks in a step of the whole.
+        ticks: of the run; 0: not known.
+
+    Raises:
+        InputRefused: a component's step is no whole number of ticks.
+    """
+    own = _steps(package, flat, MasterChoice())
+    length, source = _annotated(package)
+    periods = {}
+    for path in descriptions:
+        step = own.get(path, length)
+        where = f"{package.file}: the step of {path}, {1e3 * step:g} ms," if step else ""
+        cure = "the annotation has to fit [cosim] tick_ms, or the drive's substeps"
+        periods[path] = max(1, _whole(step, tick, where, cure)) if step else every
+    return Timing(tick, source or "the experiment", 0, ticks, "", periods)
+
+
 def _rounded(step: float) -> float:
     """The next shorter of 1, 2 and 5 times a power of ten."""
     power = 10.0 ** math.floor(math.log10(step))
@@ -161,16 +188,22 @@ def _stated(
     package: Package, descriptions: Mapping[str, FmuDescription], own: Mapping[str, float]
 ) -> tuple[float | None, str]:
     """The length of a step (s), and who says so: a tool in the structure, else who wants the shortest."""
-    structure = package.structure
-    notes = (*structure.experiment.annotations, *structure.system.annotations, *structure.annotations)
-    for step, type_ in _noted(notes, f"{package.file}"):
-        return step, f"an annotation of the structure ({type_})"
+    if (annotated := _annotated(package))[0] is not None:
+        return annotated
     wanted = {path: step for path, one in descriptions.items() if 0.0 < (step := stated_step(one)) < math.inf}
     wanted |= own
     if not wanted:
         return None, ""
     shortest = min(wanted, key=lambda path: wanted[path])
     return wanted[shortest], f"what the FMU of {shortest} wants{'' if len(wanted) == 1 else ', the shortest'}"
+
+
+def _annotated(package: Package) -> tuple[float | None, str]:
+    """The length of a step (s) by a tool in the structure, and by which; (None, ""): none says it."""
+    structure = package.structure
+    notes = (*structure.experiment.annotations, *structure.system.annotations, *structure.annotations)
+    found = next(_noted(notes, f"{package.file}"), None)
+    return (found[0], f"an annotation of the structure ({found[1]})") if found else (None, "")
 
 
 def _latest_end(descriptions: Mapping[str, FmuDescription]) -> tuple[float | None, str]:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,6 +28,9 @@ from twin.robot.controller.pid import DriveSpeedIntegrator, DriveSpeedLoop, Gain
 from twin.robot.drive.contract import COMMANDS, LOAD, OMEGA_M, SHAFT, THETA_M, DriveRotor, Unwrapped
 from twin.robot.drive.mapping import Binding, Wiring, bindings
 from twin.robot.experiment.schema import Drive, PositionCommand
+
+if TYPE_CHECKING:
+    from twin.kernel.systems.enclosed import EnclosedComponent, EnclosedSystem
 
 Start = float | np.ndarray
 ENABLE = "enable"
@@ -51,6 +55,7 @@ class DrivePlan:
         ramped: whether it is offered its inputs as lines over a step.
         folders: by their SHA-256, of FMUs whose unpacked files have been looked at for the same robot; None: they are
             looked at whenever a component is made.
+        system: that the parts are of, where the drive is an SSP.
     """
 
     label: str
@@ -63,6 +68,7 @@ class DrivePlan:
     ticks: int | None = None
     ramped: bool = False
     folders: dict[str, Path] | None = field(default=None, compare=False, repr=False)
+    system: "EnclosedSystem | None" = None
 
     def folder(self, part: str) -> Path:
         """Of the unpacked FMU of a part.
@@ -70,6 +76,8 @@ class DrivePlan:
         Raises:
             InputRefused: it cannot be written there.
         """
+        if self.system is not None:
+            return self.system.folder(part)
         fmu = self.parts[part]
         known = {} if self.folders is None else self.folders
         if fmu.sha256 not in known:
@@ -83,7 +91,7 @@ class DrivePlan:
 
     def tolerance(self, part: str) -> float | None:
         """Of the solver of a part, as the experiment says, or else the FMU itself; for a CVODE of ours there is one."""
-        own = self.table.parts[part].tolerance if part else None
+        own = self.table.parts[part].tolerance if part in self.table.parts else None
         stated = self.table.tolerance if own is None else own
         stated = self.parts[part].tolerance if stated is None else stated
         solver = self.solver(part)
@@ -93,7 +101,7 @@ class DrivePlan:
         """Of ours, for the equations of a part; None: it brings its own, being for co-simulation."""
         if self.parts[part].kind == "co_simulation":
             return None
-        own = self.table.parts[part] if part else self.table
+        own = self.table.parts.get(part, self.table)
         step = self.table.solver_step if own.solver_step is None else own.solver_step
         return Solver(own.solver or self.table.solver or "cvode", step)
 
@@ -150,36 +158,75 @@ def planned(table: Drive) -> DrivePlan:
     Raises:
         InputRefused: an FMU, its hash, the mapping, a parameter or a wire is not right.
     """
-    parts = fmus(table)
+    if table.fmu is not None and is_system(Path(table.fmu)):
+        return _checked(_of_system(table))
+    parts = _descriptions(table)
     given = {name: part.parameters for name, part in table.parts.items()} or {ALONE: table.parameters}
     parts = {name: description.resized(given[name]) for name, description in parts.items()}
     variables = {
         qualified(part, v.name): v for part, description in parts.items() for v in description.variables.values()
     }
     label = " + ".join(dict.fromkeys(d.path.name for d in parts.values()))
-    wiring = Wiring(table.command, table.sign, table.gear_ratio, table.inputs, table.outputs, table.rotor is not None)
     free = {name: v for name, v in variables.items() if name not in table.wires}
     plan = DrivePlan(
         label=label,
         table=table,
         parts=parts,
         settings={name: parts[name].settings(values) for name, values in given.items()},
-        bindings=bindings(label, free, wiring),
+        bindings=bindings(label, free, _wiring(table)),
         wires=tuple(_checked_wire(label, variables, source, target) for target, source in table.wires.items()),
     )
     _refuse_idle_solvers(plan)
+    return _checked(plan)
+
+
+def _of_system(table: Drive) -> DrivePlan:
+    """The plan of a drive that is an SSP."""
+    system = _enclosed(table)
+    label, wiring = system.path.name, _wiring(table)
+    for key in ("tolerance", "kind", "solver", "solver_step"):
+        if getattr(table, key) is not None:
+            raise InputRefused(f"{system.path}: [drive] {key}: each FMU of an SSP has its own; remove it")
+    free = {name: v for name, v in system.variables.items() if name not in table.parameters}
+    return DrivePlan(label, table, system.descriptions, system.values, bindings(label, free, wiring), system.links,
+                     system=system)  # fmt: skip
+
+
+def _enclosed(table: Drive) -> "EnclosedSystem":
+    from twin.kernel.systems.enclosed import enclosed
+
+    names = [*table.inputs.values(), *table.outputs.values()]
+    system = enclosed(Path(table.fmu or ""), "drive", table.parameters, names)
+    refuse_other_file(system.path, system.sha256, table.sha256)
+    return system
+
+
+def _wiring(table: Drive) -> Wiring:
+    return Wiring(table.command, table.sign, table.gear_ratio, table.inputs, table.outputs, table.rotor is not None)
+
+
+def _checked(plan: DrivePlan) -> DrivePlan:
+    """`plan`, if what stands between its FMUs and the robot can do with its axes."""
+    table, label = plan.table, plan.label
     if plan.axes > 1 and not plan.is_bare:
         ours = "rotor turns" if table.rotor else "loop drives"
         raise InputRefused(f"{label}: three axes in one FMU with a {table.command} command; our {ours} one axis")
     return plan
 
 
-def fmus(table: Drive) -> dict[str, FmuDescription]:
-    """The FMUs of a drive by part.
+def fmus(table: Drive) -> "Mapping[str, FmuDescription | EnclosedSystem]":
+    """The FMUs of a drive by part; of an SSP that itself, too, as the part ALONE.
 
     Raises:
         InputRefused: one cannot be used, or is not the one that was meant.
     """
+    if table.fmu is not None and is_system(Path(table.fmu)):
+        system = _enclosed(table)
+        return {ALONE: system, **system.descriptions}
+    return _descriptions(table)
+
+
+def _descriptions(table: Drive) -> dict[str, FmuDescription]:
     files = {name: (part.fmu, part.sha256, part.kind or table.kind) for name, part in table.parts.items()}
     files = files or {ALONE: (table.fmu or "", table.sha256, table.kind)}
     found = {}
@@ -199,6 +246,11 @@ def _refuse_idle_solvers(plan: DrivePlan) -> None:
         if method and fmu.kind == "co_simulation":
             remedy = 'say kind = "model_exchange"' if len(fmu.kinds) > 1 else "remove it"
             raise InputRefused(f'{fmu.path}: solver = "{method}", and it brings its own for co-simulation; {remedy}')
+
+
+def is_system(file: Path) -> bool:
+    """Whether it is called as an SSP is."""
+    return file.suffix.lower() == ".ssp"
 
 
 def refuse_other_file(file: Path, sha256: str, pinned: str | None) -> None:
@@ -273,10 +325,13 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
         InputRefused: an FMU cannot be loaded or initialised, or the rates do not fit the tick.
     """
     substeps, period = rates(name, plan.table, tick)
-    alone = plan.is_bare and len(plan.parts) == 1 and substeps == 1
+    alone = plan.is_bare and (len(plan.parts) == 1 or plan.system is not None) and substeps == 1
     with ExitStack() as made:
-        parts = []
-        for part, description in plan.parts.items():
+        parts: list[FmuComponent | EnclosedComponent] = []
+        if plan.system is not None:
+            parts.append(_whole(name if alone else "system", plan, tick / substeps, substeps, theta_m, tau_load))
+            made.callback(parts[-1].close)
+        for part, description in plan.parts.items() if plan.system is None else ():
             refuse_step(description, tick, substeps)
             stop = stop_time(plan.ticks, tick, substeps)
             setup = Setup(plan.tolerance(part), stop, tick / substeps, plan.ramped and alone)
@@ -290,6 +345,31 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
     return component
 
 
+def _whole(
+    name: str, plan: DrivePlan, tick: float, substeps: int, theta_m: Start, tau_load: Start
+) -> "EnclosedComponent":
+    """The system of a drive that is an SSP, in ticks of `tick` (s)."""
+    assert plan.system is not None
+    inputs, outputs = _ports(plan, plan.bindings)
+    started = {"tau_load": tau_load, ENABLE: 1.0, "theta_m": theta_m}
+    ticks, shaft = (plan.ticks or 0) * substeps, {"theta_m": theta_m}
+    return plan.system.component(
+        name, inputs, outputs, tick, 1, ticks, inputs_at_start=started, outputs_at_start=shaft
+    )
+
+
+def _ports(plan: DrivePlan, mine: Sequence[Binding]) -> tuple[list[FmuPort], list[FmuPort]]:
+    """Inputs and outputs of a component that fills the roles of `mine`."""
+    # an optional input keeps the value it was given before initialisation
+    inputs = [
+        FmuPort(b.port, b.variable, b.gain, b.offset)
+        for b in mine
+        if b.role.causality == "input"
+        and (b.role.required or b.role in SHAFT or (plan.switched and b.port.name == ENABLE))
+    ]
+    return inputs, [FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine if b.role.causality == "output"]
+
+
 def _part(
     name: str,
     part: str,
@@ -300,15 +380,7 @@ def _part(
     setup: Setup,
 ) -> FmuComponent:
     """One FMU: ports for the roles it fills, and for its ends of wires between parts."""
-    mine = [b for b in plan.bindings if belongs(part, b.name)]
-    # an optional input keeps the value it was given before initialisation
-    inputs = [
-        FmuPort(b.port, b.variable, b.gain, b.offset)
-        for b in mine
-        if b.role.causality == "input"
-        and (b.role.required or b.role in SHAFT or (plan.switched and b.port.name == ENABLE))
-    ]
-    outputs = [FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine if b.role.causality == "output"]
+    inputs, outputs = _ports(plan, [b for b in plan.bindings if belongs(part, b.name)])
     inputs += [_wire_port(part, description, target) for _, target in plan.wires if belongs(part, target)]
     sources = dict.fromkeys(source for source, _ in plan.wires if belongs(part, source))
     outputs += [_wire_port(part, description, source) for source in sources]
@@ -338,14 +410,21 @@ def _port_name(end: str) -> str:
 
 
 def _inner_system(
-    name: str, plan: DrivePlan, parts: list[FmuComponent], tick: float, substeps: int, period: int, theta_m: Start
+    name: str,
+    plan: DrivePlan,
+    parts: "list[FmuComponent | EnclosedComponent]",
+    tick: float,
+    substeps: int,
+    period: int,
+    theta_m: Start,
 ) -> Component:
     """The drive as a system of its own with a finer tick."""
     takes = {port.name: f"{part.name}.{port.name}" for part in parts for port in part.inputs}
     gives = {port.name: f"{part.name}.{port.name}" for part in parts for port in part.outputs}
     table, command = plan.table, COMMANDS[plan.table.command].port
     components: list[Component] = list(parts)
-    wires = [(gives[_port_name(source)], takes[_port_name(target)]) for source, target in plan.wires]
+    between = plan.wires if plan.system is None else ()
+    wires = [(gives[_port_name(source)], takes[_port_name(target)]) for source, target in between]
     servo = _servo(plan, parts)
     if math.isfinite(servo.wrap):
         components.append(Unwrapped(math.tau / abs(servo.ratio), float(theta_m)))
@@ -381,7 +460,7 @@ def _inner_system(
     )  # fmt: skip
 
 
-def _servo(plan: DrivePlan, parts: Sequence[FmuComponent]) -> Servo:
+def _servo(plan: DrivePlan, parts: "Sequence[FmuComponent | EnclosedComponent]") -> Servo:
     """How the FMU counts its shaft's angle, where it takes a position."""
     stated = plan.table.position_command or PositionCommand()
     if plan.table.command != "position":

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.port import Port, places
@@ -24,7 +24,7 @@ from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setting, Setup, Value, Variable, to_json
 from twin.kernel.units import NUMBER, known_unit
-from twin.robot.assembly.drives import refuse_other_file
+from twin.robot.assembly.drives import is_system, refuse_other_file
 from twin.robot.controller.controller import ESTIMATOR_INPUTS, ESTIMATOR_OUTPUTS, P_REF_B
 from twin.robot.controller.task_controller import TASK_INPUTS, TASK_OUTPUTS
 from twin.robot.drive.contract import Role
@@ -36,16 +36,19 @@ from twin.robot.monitor.component import OUTPUTS as MONITOR_OUTPUTS
 from twin.robot.plant.contact_law import OUTPUTS as BODY_OUTPUTS
 from twin.robot.plant.encoder import SCALE_INPUTS, SCALE_OUTPUTS
 
+if TYPE_CHECKING:
+    from twin.kernel.systems.enclosed import EnclosedSystem
+
 Names = Mapping[str, str | tuple[str, ...]]
 AXES = ("x", "y", "z")
 
 
 @dataclass(frozen=True)
 class SampledFmu:
-    """An FMU for a part of the robot, checked as far as that goes without its binary.
+    """An FMU, or a system of them, for a part of the robot, checked as far as that goes without a binary.
 
     Attributes:
-        description: of the FMU.
+        description: of the FMU, or the system.
         settings: values set before initialisation.
         bindings: a variable for each port, or for each value of a port.
         inputs, outputs: ports that it has, whole.
@@ -53,8 +56,8 @@ class SampledFmu:
         unheard, zero: values of its inputs and of its outputs that no variable is, counted from 0; these are 0.
     """
 
-    description: FmuDescription
-    settings: Sequence[Setting]
+    description: "FmuDescription | EnclosedSystem"
+    settings: Sequence[Setting] | Sequence[tuple[Variable, Value]]
     bindings: tuple[Binding, ...]
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
@@ -62,8 +65,8 @@ class SampledFmu:
     unheard: tuple[str, ...] = ()
     zero: tuple[str, ...] = ()
 
-    def component(self, name: str, tick: float, period: int, ticks: int) -> FmuComponent:
-        """The FMU in step mode, called every `period` ticks of `tick` (s) from tick 0 to tick `ticks`.
+    def component(self, name: str, tick: float, period: int, ticks: int) -> Component:
+        """It in step mode, called every `period` ticks of `tick` (s) from tick 0 to tick `ticks`.
 
         Raises:
             InputRefused: it cannot be brought there.
@@ -74,10 +77,15 @@ class SampledFmu:
         )
         # the last call is at the last of its samples, and its step goes on to the next, however that is rounded
         last = ticks // period * period
-        stop = max((last + period) * tick, last * tick + period * tick)
-        folder = unpacked(self.description.path, self.description.sha256)
-        setup = Setup(self.tolerance, stop, period * tick)
-        made = FmuComponent(name, self.description, folder, inputs, outputs, self.settings, setup=setup, sampled=True)
+        made: Component
+        if isinstance(self.description, FmuDescription):
+            stop = max((last + period) * tick, last * tick + period * tick)
+            folder = unpacked(self.description.path, self.description.sha256)
+            setup = Setup(self.tolerance, stop, period * tick)
+            values = cast(Sequence[Setting], self.settings)
+            made = FmuComponent(name, self.description, folder, inputs, outputs, values, setup=setup, sampled=True)
+        else:
+            made = self.description.component(name, inputs, outputs, tick, period, last + period, sampled=True)
         made.period = period
         if not self.unheard and not self.zero:
             made.inputs, made.outputs = self.inputs, self.outputs
@@ -130,10 +138,7 @@ def sampled_fmu(
     Raises:
         InputRefused: the FMU, the mapping or a parameter is not right; or it has an input that nothing feeds.
     """
-    description = described(file)
-    if description.kind != "co_simulation":
-        raise InputRefused(f"{file}: model exchange only; a sampled part needs co-simulation, export it for that")
-    settings = description.settings(parameters)
+    description, settings = _read(file, table, named, parameters, tolerance)
     # an input that has been given a value keeps it
     free = {n: v for n, v in description.variables.items() if v.causality != "input" or n not in parameters}
     fixed = description.variables.keys() - free.keys()
@@ -160,10 +165,28 @@ def sampled_fmu(
         lacking[side] = _lacking(mine, [port for port in whole[side] if port.name in single])
         found += mine
     _refuse_odd_units(file, found)
-    _refuse_unfed(file, table, description, found, settings)
+    _refuse_unfed(file, table, description, found, parameters)
     own = description.tolerance if tolerance is None else tolerance
     unheard, zero = (tuple(lacking[side]) for side in _SIDES)
     return SampledFmu(description, settings, found, whole["input"], whole["output"], own, unheard, zero)
+
+
+def _read(
+    file: Path, table: str, named: tuple[Names, Names], parameters: Mapping[str, Value], tolerance: float | None
+) -> "tuple[FmuDescription | EnclosedSystem, Sequence[Setting] | Sequence[tuple[Variable, Value]]]":
+    """What is in `file`, and the values that it is given."""
+    if is_system(file):
+        from twin.kernel.systems.enclosed import enclosed
+
+        if tolerance is not None:
+            raise InputRefused(f"{file}: [{table}] tolerance: each FMU of an SSP has its own; remove it")
+        texts = [of for side in named for one in side.values() for of in (one if isinstance(one, tuple) else (one,))]
+        system = enclosed(file, table, parameters, texts)
+        return system, system.settings
+    description = described(file)
+    if description.kind != "co_simulation":
+        raise InputRefused(f"{file}: model exchange only; a sampled part needs co-simulation, export it for that")
+    return description, description.settings(parameters)
 
 
 def _refuse_unknown(file: Path, table: str, side: Side, name: str, given: Names, offered: Sequence[Port]) -> None:
@@ -235,7 +258,7 @@ def _spelled(port: Port, i: int, variables: Mapping[str, Variable], causality: s
 
 
 def _refuse_lacking(
-    file: Path, table: str, description: FmuDescription, required: Sequence[Port], wired: Mapping[str, str]
+    file: Path, table: str, description: "FmuDescription | EnclosedSystem", required: Sequence[Port], wired: Mapping[str, str]
 ) -> None:
     """Nothing is guessed: a part of the robot has too many ports of one unit for that."""
     for port in required:
@@ -286,10 +309,14 @@ def _refuse_odd_units(file: Path, found: Sequence[Binding]) -> None:
 
 
 def _refuse_unfed(
-    file: Path, table: str, description: FmuDescription, found: Sequence[Binding], settings: Sequence[Setting]
+    file: Path,
+    table: str,
+    description: "FmuDescription | EnclosedSystem",
+    found: Sequence[Binding],
+    parameters: Collection[str],
 ) -> None:
     """An input without a source would stay at its start value without a word."""
-    fed = {binding.variable.name for binding in found} | {variable.name for variable, _ in settings}
+    fed = {binding.variable.name for binding in found} | set(parameters)
     unfed = [v.name for v in description.variables.values() if v.causality == "input" and v.name not in fed]
     if unfed:
         raise InputRefused(
@@ -342,7 +369,7 @@ class OtherPart:
     make: Callable[[float, int, int], Component]
     sha256: str
     facts: Mapping[str, Any]
-    fmu: FmuDescription | None = None
+    fmu: "FmuDescription | EnclosedSystem | None" = None
 
     @property
     def sentence(self) -> str:
@@ -429,9 +456,7 @@ def _fmu_part(role: str, table: StandIn) -> OtherPart:
     facts = {
         "file": fmu.path.name,
         "sha256": fmu.sha256,
-        "model": fmu.model.modelName,
-        "fmi": fmu.model.fmiVersion,
-        "generation_tool": fmu.model.generationTool,
+        **facts_of(fmu),
         "tolerance": plan.tolerance,
         "set": {variable.name: to_json(value) for variable, value in plan.settings},
         "mapped": [
@@ -445,6 +470,14 @@ def _fmu_part(role: str, table: StandIn) -> OtherPart:
         return plan.part(role, tick, period, ticks)
 
     return OtherPart(role, fmu.path.name, plan.inputs, plan.outputs, make, fmu.sha256, facts, fmu)
+
+
+def facts_of(fmu: "FmuDescription | EnclosedSystem") -> dict[str, Any]:
+    """What a recording says of the origin of an FMU, or of a system and the FMUs in it."""
+    if isinstance(fmu, FmuDescription):
+        model = fmu.model
+        return {"model": model.modelName, "fmi": model.fmiVersion, "generation_tool": model.generationTool}
+    return {"model": fmu.name, "fmi": f"SSP {fmu.version}", "generation_tool": None} | fmu.facts
 
 
 def _mapped(plan: SampledFmu, ports: Sequence[Port], side: str, arrow: str) -> list[str]:

@@ -254,8 +254,8 @@ def _archive(path: Path, folder: Path) -> Path:
         if os.path.isfile(inside):
             return inside
         raise InputRefused(f"{path}: a folder without {inside.name} or {MAPPING}; name the .fmu file itself")
-    if not os.path.isfile(path) and path.suffix == ".fmu":
-        raise InputRefused(f"{path}: no such FMU{meant(path)}")
+    if not os.path.isfile(path) and path.suffix in (".fmu", ".ssp"):
+        raise InputRefused(f"{path}: no such {path.suffix[1:].upper()}{meant(path)}")
     if not os.path.isfile(path):
         shelf = located("fmus", folder)
         beside = meant(path).removeprefix("; ")
@@ -276,7 +276,7 @@ class StandIn(Settings):
     """
 
     fmu: str | None = Field(
-        None, examples=["fmus/parts/paper_law"], description="an .fmu file, or a folder of fmus/parts/"
+        None, examples=["fmus/parts/paper_law"], description="an .fmu or .ssp file, or a folder of fmus/parts/"
     )
     python: str | None = Field(None, examples=["my_controller.py:Controller"], description="a file and a class in it")
     sha256: str | None = Field(None, examples=["00000000..."], description="refuse any other file")

@@ -304,7 +304,7 @@ class Drive(Settings):
     Either `fmu`, or `parts` with `wires` between them; variables of parts are called "part.variable".
     """
 
-    fmu: str | None = optional(example="fmus/pmsm_foc", help="an .fmu file, or a folder of fmus/")
+    fmu: str | None = optional(example="fmus/pmsm_foc", help="an .fmu or .ssp file, or a folder of fmus/")
     sha256: str | None = optional(example="00000000...", help="refuse any other file")
     command: Literal["velocity", "torque", "current", "voltage", "position"] = setting(
         default="velocity", help="what the drive takes; torque, current and voltage need a [drive.velocity_loop]"

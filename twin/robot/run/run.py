@@ -30,6 +30,7 @@ from twin.kernel.writing import made_folder, write_json
 from twin.robot.assembly.assemble import HERE, Assembly, assemble
 from twin.robot.assembly.build import DriveMaker, plant_parameters
 from twin.robot.assembly.drives import DrivePlan
+from twin.robot.assembly.roles import facts_of
 from twin.robot.controller.program import PhaseKind
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.source import NAMING, RETAINED
@@ -68,6 +69,14 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
         for name, plan in driven(assembly)
         for part, fmu in plan.parts.items()
     }
+    fmus |= {
+        name: json.dumps(
+            {"file": plan.label, "sha256": plan.system.sha256, **facts_of(plan.system), "set": {},
+             "mapped": [str(binding) for binding in plan.bindings]}
+        )
+        for name, plan in driven(assembly)
+        if plan.system is not None
+    }  # fmt: skip
     fmus |= {role: json.dumps(part.facts) for role, part in assembly.others.items() if part.fmu}
     classes = {role: json.dumps(part.facts) for role, part in assembly.others.items() if not part.fmu}
     values = named_files(experiment.values)
@@ -336,7 +345,8 @@ def _recorded(
 
 def _describe_drive(plan: DrivePlan) -> str:
     """A drive in a few lines: files, FMI versions and hashes, foreign names, warnings."""
-    lines = [f"{d.path.name}  {d.standard}  sha256 {d.sha256[:12]}" for d in plan.parts.values()]
+    lines = [f"{plan.label}  SSP {plan.system.version}  sha256 {plan.system.sha256[:12]}"] if plan.system else []
+    lines += [f"{d.path.name}  {d.standard}  sha256 {d.sha256[:12]}" for d in plan.parts.values()]
     lines += [f"  {binding}" for binding in plan.bindings if binding.name != binding.port.name]
     return "\n".join([*lines, *(f"  warning: {text}" for text in plan.warnings())])
 
@@ -354,7 +364,8 @@ def _with_remedy(experiment: Experiment, simulation: Simulation, assembly: Assem
         hint = too_fast(experiment)
         sentences += [hint] if hint else []
     elif simulation.culprit in culprits:
-        fmus = [str(fmu.path) for fmu in culprits[simulation.culprit].parts.values()]
+        plan = culprits[simulation.culprit]
+        fmus = [str(fmu.path) for fmu in ([plan.system] if plan.system else plan.parts.values())]
         sentences += [f"Try: {shlex.join(['twin', 'drive', 'check', fmu])}" for fmu in fmus]
     elif simulation.culprit in assembly.others:
         table = experiment.stand_ins[simulation.culprit]

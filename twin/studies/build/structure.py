@@ -229,6 +229,8 @@ def travelling_drives(experiment: Experiment) -> tuple[JointDrive, ...]:
 def _refuse_bound(plan: DrivePlan, tick: float) -> None:
     """Refuse a drive that cannot leave our master."""
     label = plan.label
+    if plan.system is not None:
+        raise InputRefused(f"{label}: is an SSP itself, which is not taken apart; `twin drive new` makes parts of it")
     if turns_all(plan):
         raise InputRefused(f"{label}: drives all three joints by arrays, which SSP 1.0 lacks; choose another drive")
     for fmu in plan.parts.values():

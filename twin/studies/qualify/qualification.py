@@ -86,8 +86,7 @@ def _bookkeeping_check(name: str, plan: DrivePlan) -> Check:
     problems, found = [], dict[str, str]()
     for part, description in plan.parts.items():
         inputs, outputs = _excitation(plan, part), _watched(plan, part, description)
-        folder = unpacked(description.path, description.sha256)
-        instance = opened(part or "drive", description, folder, plan.settings[part], inputs, SETUP)
+        instance = opened(part or "drive", description, plan.folder(part), plan.settings[part], inputs, SETUP)
         try:
             if name == WRITTEN:
                 problem = _written(plan, part, instance, inputs, outputs)
@@ -158,8 +157,7 @@ def gone_on(reporter: Reporter, table: Drive, part: str, content: bytes, schedul
     plan = planned(table)
     description = plan.parts[part]
     inputs, outputs = _excitation(plan, part), _watched(plan, part, description)
-    folder = unpacked(description.path, description.sha256)
-    instance = opened(part or "drive", description, folder, plan.settings[part], inputs, SETUP)
+    instance = opened(part or "drive", description, plan.folder(part), plan.settings[part], inputs, SETUP)
     try:
         state = instance.deserialized(content)
         instance.set_state(state)

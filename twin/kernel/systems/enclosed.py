@@ -1,0 +1,372 @@
+"""A system in the place of one FMU: its connectors are the variables, its step is that of what it stands in for."""
+
+import math
+import shutil
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.port import Port
+from twin.kernel.cosim.subsystem import INLET, Subsystem
+from twin.kernel.errors import InputRefused
+from twin.kernel.fmi.component import FmuComponent
+from twin.kernel.fmi.description import FmuDescription
+from twin.kernel.fmi.stepping import FmuPort
+from twin.kernel.fmi.variable import Setting, Value, Variable, conversion, to_json
+from twin.kernel.ssp.flat import FlatSystem, Hop, flattened
+from twin.kernel.ssp.package import Package, read_package
+from twin.kernel.ssp.structure import Endpoint
+from twin.kernel.systems.additions import SystemNames, given_text, with_settings
+from twin.kernel.systems.beside import Beside, Feed
+from twin.kernel.systems.choice import MasterChoice
+from twin.kernel.systems.coupling import folders_of, initialised, refuse_steps
+from twin.kernel.systems.loops import loops
+from twin.kernel.systems.opening import at_hand, taken_out
+from twin.kernel.systems.plan import SystemPart, SystemPlan, planned
+from twin.kernel.systems.timing import Timing, timing_inside
+from twin.kernel.systems.ways import SpeltUnit, Way, measure, spelt, way
+
+OUTLET = "outlet"
+_UNTIMED = Timing(math.nan, "", 0, 0, "", {})
+Start = float | np.ndarray
+Ends = tuple[tuple[Endpoint, tuple[Hop, ...]], ...]
+
+
+class EnclosedComponent(Subsystem):
+    """The system as a component."""
+
+    def zero(self, name: str) -> float:
+        """Value of the output port `name` where the FMU's own is 0."""
+        part, _, port = self.outlets[name].rpartition(".")
+        inside = next(one for one in self.system.components if one.name == part)
+        assert isinstance(inside, FmuComponent)
+        return inside.zero(port)
+
+
+@dataclass(frozen=True)
+class EnclosedSystem:
+    """A system that has passed every check that needs no binary.
+
+    Attributes:
+        path, sha256: of the archive.
+        version: of its standard.
+        name: of the system.
+        variables: its connectors, and of what is inside what was asked for by name; a system without connectors offers
+            what is inside.
+        plan: of what is inside; it takes its inputs from the component INLET.
+        settings: values that were given.
+    """
+
+    path: Path
+    sha256: str
+    version: str
+    name: str
+    variables: dict[str, Variable]
+    plan: SystemPlan
+    settings: tuple[tuple[Variable, Value], ...]
+    _flat: FlatSystem
+    _exits: Mapping[str, tuple[Endpoint, Way]]
+    _folders: Mapping[str, Path]
+
+    tolerance = None
+    """Of a solver: each FMU has its own."""
+
+    @property
+    def descriptions(self) -> dict[str, FmuDescription]:
+        """Of the FMUs, by component."""
+        return {part.path: part.description for part in self.plan.parts}
+
+    @property
+    def values(self) -> dict[str, Sequence[Setting]]:
+        """What is set in the FMUs, by component."""
+        return {part.path: part.settings for part in self.plan.parts}
+
+    @property
+    def links(self) -> tuple[tuple[str, str], ...]:
+        """(output, input) of components, "component.variable" each."""
+        return tuple((".".join(lead.start), ".".join(lead.end)) for lead in self._flat.leads)
+
+    def folder(self, part: str) -> Path:
+        """Where the FMU of a component is unpacked."""
+        return self._folders[self.descriptions[part].sha256]
+
+    def offered(self, causality: str) -> list[Variable]:
+        """Its variables of a causality."""
+        return [v for v in self.variables.values() if v.causality == causality]
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What a recording says of what is inside."""
+        return {
+            "components": {
+                part.path: {
+                    "file": part.description.path.name,
+                    "sha256": part.description.sha256,
+                    "model": part.description.model.modelName,
+                    "fmi": part.description.model.fmiVersion,
+                    "kind": part.description.kind,
+                    "set": {variable.name: to_json(value) for variable, value in part.settings},
+                }
+                for part in self.plan.parts
+            },
+            "connections": [f"{start} -> {end}" for start, end in self.links],
+            "not_fed": [f"{part.path}.{v.name}" for part in self.plan.parts for v in part.unfed],
+            "loops": [one.path for one in loops(self.plan)],
+        }
+
+    def component(
+        self,
+        name: str,
+        inputs: Sequence[FmuPort],
+        outputs: Sequence[FmuPort],
+        tick: float,
+        every: int = 1,
+        ticks: int = 0,
+        sampled: bool = False,
+        inputs_at_start: Mapping[str, Start] = MappingProxyType({}),
+        outputs_at_start: Mapping[str, Start] = MappingProxyType({}),
+    ) -> EnclosedComponent:
+        """The system as a component that makes `every` ticks in a step.
+
+        Args:
+            name: of the component.
+            inputs, outputs: its ports, of variables of this system; of other inputs the start values stand.
+            tick: (s).
+            every: ticks in a step.
+            ticks: of the run; 0: not known.
+            sampled: see `FmuComponent`.
+            inputs_at_start: likewise, by port.
+            outputs_at_start: likewise, by port.
+
+        Raises:
+            InputRefused: a step does not fit, or an FMU cannot be brought into step mode.
+        """
+        when = timing_inside(self.plan.package, self._flat, self.descriptions, tick, every, ticks)
+        fed = {_wire(self, port.variable.name): (f"in{n}", port) for n, port in enumerate(inputs)}
+        read = [(f"out{n}", port, *self._exits[port.variable.name]) for n, port in enumerate(outputs)]
+        wires = [(f"{INLET}.{fed[source][0]}" if source in fed else source, target)
+                 for source, target in self.plan.wires
+                 if not target.startswith(f"{OUTLET}.") and (source in fed or not source.startswith(f"{INLET}."))]  # fmt: skip
+        parts = tuple(self._part(part, fed, read, wires) for part in self.plan.parts)
+        plan = replace(self.plan, parts=parts, wires=tuple(wires), timing=when)
+        refuse_steps(plan, "the step of the archive or of the experiment")
+        given = {f"{INLET}.{entry}": _values(inputs_at_start.get(port.port.name, 0.0), port)
+                 for entry, port in fed.values()}  # fmt: skip
+        names = {part.path: part.name for part in parts}
+        starts: dict[str, dict[str, Start]] = {}
+        for own, port, end, _ in read:
+            if port.port.name in outputs_at_start:
+                starts.setdefault(names[end.element], {})[own] = outputs_at_start[port.port.name]
+        with ExitStack() as made:
+            inside, _ = initialised(plan, self._folders, made, given, outputs_at_start=starts)
+            component = EnclosedComponent(
+                name,
+                tuple(replace(port.port, name=entry) for entry, port in fed.values()),
+                [(port.port, f"{names[end.element]}.{own}") for own, port, end, _ in read],
+                list(inside.values()),
+                wires,
+                tick,
+                every,
+                plan.scheme,
+                self.path.name,
+                sampled,
+            )
+            made.pop_all()
+        component.inputs = tuple(port.port for port in inputs)
+        return component
+
+    def _part(
+        self,
+        part: SystemPart,
+        fed: Mapping[str, tuple[str, FmuPort]],
+        read: Sequence[tuple[str, FmuPort, Endpoint, Way]],
+        wires: Collection[tuple[str, str]],
+    ) -> SystemPart:
+        """A component whose inputs are scaled for what feeds the whole, with the outputs that somebody reads."""
+        sources = {target: source for source, target in self.plan.wires}
+        there, begun = {target for _, target in wires}, {source for source, _ in wires}
+        inputs = []
+        for port in part.inputs:
+            end = f"{part.name}.{port.port.name}"
+            if end in there:
+                outer = fed.get(sources[end], ("", FmuPort(port.port, port.variable)))[1]
+                gain, offset = outer.gain * port.gain, outer.gain * port.offset + outer.offset
+                inputs.append(replace(port, gain=gain, offset=offset) if sources[end] in fed else port)
+        outputs = [port for port in part.outputs if f"{part.name}.{port.port.name}" in begun]
+        for own, port, end, led in read:
+            if end.element == part.path:
+                gain = port.gain / led.gain
+                inner = part.description.variables[end.connector]
+                named = replace(port.port, name=own)
+                outputs.append(FmuPort(named, inner, gain, port.offset - gain * led.shift))
+        return replace(part, inputs=tuple(inputs), outputs=tuple(outputs), recorded=len(outputs))
+
+
+def _wire(system: EnclosedSystem, name: str) -> str:
+    return f"{INLET}.{list(system.variables).index(name)}"
+
+
+def _values(start: Start, port: FmuPort) -> np.ndarray:
+    return np.full(port.port.size, start) if np.ndim(start) == 0 else np.asarray(start)
+
+
+def enclosed(file: Path, table: str, values: Mapping[str, Value], named: Collection[str]) -> EnclosedSystem:
+    """The SSP archive `file` for a place where one FMU is expected.
+
+    Args:
+        table: of the experiment that names it, for sentences.
+        values: of parameters, and of inputs that nothing feeds then: "component.variable", or a connector.
+        named: names that the mapping uses; variables inside may be among them.
+
+    Raises:
+        InputRefused: no SSP that can be run, a value that cannot be set, a connector that leads nowhere or whose unit
+            is not clear.
+    """
+    package = read_package(file)
+    flat = flattened(package.structure, f"{file}")
+    with at_hand(package) as scratch:
+        try:
+            files, names = taken_out(package, flat, Path(scratch))
+            flat = _with_values(flat, names, table, values)
+            face = _Face(package, flat, names, values, named)
+            place = Component(INLET, (), (), True, 0, 0, np.zeros(0))
+            beside = Beside((place,), tuple(face.feeds()), tuple(face.drains()))
+            plan = planned(package, flat, files, MasterChoice(), beside, when=_UNTIMED)
+            settings = tuple((face.variable(name), value) for name, value in values.items())
+            folders = folders_of(plan)
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
+    # where the FMUs are from, as what they were taken out to is gone
+    parts = tuple(
+        replace(part, description=replace(part.description, path=file / part.description.path.relative_to(scratch)))
+        for part in plan.parts
+    )
+    system = package.structure.system.name
+    return EnclosedSystem(
+        file, package.sha256, package.structure.version, system, face.variables, replace(plan, parts=parts), settings,
+        flat, face.exits, folders,
+    )  # fmt: skip
+
+
+def _with_values(flat: FlatSystem, names: SystemNames, table: str, values: Mapping[str, Value]) -> FlatSystem:
+    try:
+        return with_settings(flat, names, [f"{name}={given_text(value)}" for name, value in values.items()])
+    except InputRefused as refusal:
+        raise InputRefused(str(refusal).replace("--set ", f"[{table}.parameters] ")) from None
+
+
+class _Face:
+    """What of a system is to be seen from outside.
+
+    Attributes:
+        variables: as of an `EnclosedSystem`.
+        exits: by those that are outputs, what inside they are, and how.
+    """
+
+    def __init__(
+        self,
+        package: Package,
+        flat: FlatSystem,
+        names: SystemNames,
+        values: Mapping[str, Value],
+        named: Collection[str],
+    ):
+        self._package, self._flat, self._names, self._values = package, flat, names, values
+        self.variables: dict[str, Variable] = {}
+        self.exits: dict[str, tuple[Endpoint, Way]] = {}
+        self._ends: dict[str, Ends] = {}
+        self._units: dict[str, str] = {}
+        for name, ends in flat.entrances.items():
+            if ends:
+                self._enter(name, ends)
+        for name, lead in flat.exits.items():
+            self._leave(name, lead.start, lead.hops)
+        asked = {name.removeprefix("-").strip() for name in named}
+        for name in package.structure.system.connector_of.keys() & asked - self.variables.keys():
+            raise InputRefused(f"{package.file}: its connector '{name}' leads to no component; connect it in the archive")
+        self._look_inside(asked)
+
+    def _look_inside(self, asked: Collection[str]) -> None:
+        """Variables of components: those that are asked for; all of a side on which there are no connectors."""
+        fed = {lead.end for lead in self._flat.leads}
+        for path in self._flat.components:
+            given = self._flat.assigned.get(path, {})
+            for variable in self._names.description(path).variables.values():
+                name, end = f"{path}.{variable.name}", Endpoint(path, variable.name)
+                if variable.kind < 0 or name in self.variables:
+                    continue
+                if variable.causality == "input" and end not in fed:
+                    if name in asked or (not self._flat.entrances and variable.name not in given):
+                        self._enter(name, ((end, ()),))
+                elif (variable.causality == "output" and not self._flat.exits) or name in asked:
+                    self._leave(name, end, ())
+
+    def variable(self, name: str) -> Variable:
+        """What a value is given to, which is of this face or inside."""
+        return self.variables.get(name) or self._names.variable(self._names.place(name, "parameter"))
+
+    def feeds(self) -> Iterator[Feed]:
+        """Of what nothing is given to."""
+        for number, (name, variable) in enumerate(self.variables.items()):
+            for end, hops in self._ends.get(name, ()) if name not in self._values else ():
+                by = f"{self._package.file}: {name}"
+                yield Feed(end, f"{INLET}.{number}", by, self._units[name], hops, variable.size)
+
+    def drains(self) -> Iterator[tuple[Endpoint, str]]:
+        for number, name in enumerate(self.variables):
+            if name in self.exits:
+                yield self.exits[name][0], f"{OUTLET}.{number}"
+
+    def _measured(self, end: Endpoint) -> SpeltUnit:
+        description, where = self._names.description(end.element), f"{self._package.file}: {'.'.join(end)}"
+        connector = self._flat.components[end.element].connector_of.get(end.connector)
+        return measure(self._names.variable(end).unit, connector, self._package.structure.units, description, where)
+
+    def _stated(self, name: str, end: Endpoint) -> SpeltUnit:
+        """The unit of a connector by what the archive says, else by the FMU behind it; "": it states none."""
+        connector = self._package.structure.system.connector_of.get(name)
+        if connector is None or not connector.unit:
+            return SpeltUnit("", None)
+        read = spelt(connector.unit, self._package.structure.units)
+        known = self._names.description(end.element).model.unitDefinitions
+        return read if read.conversion else SpeltUnit(connector.unit, conversion(connector.unit, known))
+
+    def _enter(self, name: str, ends: Ends) -> None:
+        inner = [self._inside(end, ("input",), name) for end, _ in ends]
+        measured = [self._measured(end) for end, _ in ends]
+        stated = self._stated(name, ends[0][0])
+        if not stated.text and len({one.conversion for one in measured}) > 1:
+            units = ", ".join(f"{'.'.join(end)} [{one.text}]" for (end, _), one in zip(ends, measured, strict=True))
+            raise InputRefused(f"{self._package.file}: connector '{name}' feeds {units}; state its unit")
+        self._ends[name], self._units[name] = ends, stated.text
+        self._seen(name, "input", inner[0], stated if stated.text else measured[0])
+
+    def _leave(self, name: str, start: Endpoint, hops: tuple[Hop, ...]) -> None:
+        inner, measured = self._inside(start, ("output", "local"), name), self._measured(start)
+        stated = self._stated(name, start)
+        there = stated if stated.text else measured
+        where = f"{self._package.file}: connector '{name}'"
+        self.exits[name] = start, way(measured, hops, there, self._package.structure.units, where)
+        self._seen(name, "output", inner, there)
+
+    def _inside(self, end: Endpoint, causes: Sequence[str], name: str) -> Variable:
+        found = self._names.description(end.element).variables.get(end.connector)
+        if found is None or found.causality not in causes or found.kind < 0:
+            what = "no such variable" if found is None else f"{found.causality} {found.type}"
+            raise InputRefused(
+                f"{self._package.file}: connector '{name}' leads to {'.'.join(end)}, which is {what}; expected a number "
+                f"that is {' or '.join(causes)}"
+            )
+        return found
+
+    def _seen(self, name: str, causality: str, inner: Variable, unit: SpeltUnit) -> None:
+        limits = {"start": math.nan, "low": math.nan, "high": math.nan}
+        self.variables[name] = replace(
+            inner, name=name, causality=causality, unit=unit.text, conversion=unit.conversion, **limits
+        )
