@@ -177,7 +177,7 @@ def begin(m, u):
     for i in range(COUNTS):
         m.counts[i] = u.count_m[i] if i < 3 else u.count_l[i - 3]
         m.kept[i] = m.refused[i] = 0.0
-    m.still = 0.0
+    m.still = m.slow[0] = m.slow[1] = 0.0
     return True
 
 
