@@ -128,7 +128,10 @@ SKIN = 1250.0
 def intensity(x: NDArray[np.float64], noises: Noises) -> NDArray[np.float64]:
     """Of what a state `x` (15,) wanders by, per square root of time (15,)."""
     touching = abs(x[14]) > 0.3
-    own, rate = (noises.F if touching else noises.air) ** 2, noises.touch * (SKIN * (noises.unsure if touching else 1)) ** 2
+    own, rate = (
+        (noises.F if touching else noises.air) ** 2,
+        noises.touch * (SKIN * (noises.unsure if touching else 1)) ** 2,
+    )
     across = x[3] ** 2 + x[4] ** 2 if touching else 0.0
     sideways = np.sqrt(own + rate * noises.mu**2 * (x[5] ** 2 + across))
     down = np.sqrt(own + rate * x[5] ** 2)
