@@ -121,10 +121,17 @@ def wandering(seed: int, F_z: float, seconds: float = 8.0) -> Wandering:
     return Wandering(FilterSamples(np.asarray(t), np.hstack([counts, omega_ref, np.full((n, 4), np.nan)])), states)
 
 
+SKIN = 1250.0
+"""N/m, of Fig. 4."""
+
+
 def intensity(x: NDArray[np.float64], noises: Noises) -> NDArray[np.float64]:
     """Of what a state `x` (15,) wanders by, per square root of time (15,)."""
     touching = abs(x[14]) > 0.3
-    own, rate = (noises.F if touching else noises.air) ** 2, noises.touch * noises.K**2
+    own, rate = (
+        (noises.F if touching else noises.air) ** 2,
+        noises.touch * (SKIN * (noises.unsure if touching else 1)) ** 2,
+    )
     across = x[3] ** 2 + x[4] ** 2 if touching else 0.0
     sideways = np.sqrt(own + rate * noises.mu**2 * (x[5] ** 2 + across))
     down = np.sqrt(own + rate * x[5] ** 2)
@@ -168,6 +175,7 @@ class Reference:
         self.p, self.model, self.noises = free, model, noises
         self.equations, self.geometry = PlantEquations(free), geometry(model)
         self.x, self.P = np.zeros(15), np.diag(np.repeat([1e-3, 0.05, 1e-3, 0.5, 1.0], 3) ** 2)
+        self.slow, self.turning, self.K = np.zeros(2), 0.0, 0.0
 
     def rate(self, x: NDArray[np.float64], omega_ref: NDArray[np.float64]) -> NDArray[np.float64]:
         """dx/dt."""
@@ -181,9 +189,15 @@ class Reference:
         deflection = x[6:9] - p.N * theta_l
         tau_load = p.k_s * np.sign(deflection) * np.maximum(np.abs(deflection) - p.backlash, 0.0)
         alpha = (omega_ref - DRIVE.droop * tau_load - x[9:12]) / DRIVE.lag
-        return np.concatenate([x[3:6], free - np.linalg.solve(M, x[12:]), x[9:12], alpha, np.zeros(3)])
+        touched = np.array([-self.turning * x[13], self.turning * x[12], self.K * x[5]])
+        return np.concatenate([x[3:6], free - np.linalg.solve(M, x[12:]), x[9:12], alpha, touched])
 
     def predict(self, h: float, omega_ref: NDArray[np.float64]) -> None:
+        touching, by = self.x[14] < -0.3, (self.x[3:5] - self.slow) / 0.1
+        across = self.slow[0] * by[1] - self.slow[1] * by[0]
+        # friction turns as a slow mean of the way does, the skin gives way
+        self.turning, self.K = touching * across / (self.slow @ self.slow + 5e-3**2), touching * SKIN
+        self.slow = self.slow + h * by
         steps = np.repeat([1e-5, 1e-3, 3e-4, 1e-3, 1.0], 3)
         A = np.array(
             [

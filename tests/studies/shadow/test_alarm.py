@@ -126,10 +126,29 @@ def test_less_spread_is_no_news():
     assert taken(watch, *[off(30.0, spread)] * 9)[-1] != WatchState.LISTENING
 
 
+COMMAND = list(CHANNELS).index("command")
+
+
+def test_a_controller_that_leaves_the_twins_is_an_alarm_and_one_that_never_was_with_it_is_not_compared():
+    watch = ShadowWatch(ONES, 1.0)
+    assert taken(watch, *[off(30.0, COMMAND)] * 3)[-1] == WatchState.GATHERING
+    assert watch.alarms[0].channel == "command"
+    late = ShadowWatch(ONES, 1.0)
+    for k in range(9):
+        late.take(float(k), off(30.0 + 9.0 * k, COMMAND))
+    (said,) = late.changes
+    assert not said.alarm and "the twin's controller is not compared" in str(said)
+
+
 def outputs(n: int, started: list[int], value: float = 1.0) -> dict[str, np.ndarray]:
     """Of a filter, n samples."""
     y: dict[str, np.ndarray] = {name: np.full((n, 3), value) for name in ("residual_m", "residual_l", "residual_tau")}
-    y |= {"residual_F": np.full(n, value), "NIS": np.full(n, 6 * value), "used": np.full(n, 6.0)}
+    y |= {
+        "residual_F": np.full(n, value),
+        "residual_command": np.full(n, value),
+        "NIS": np.full(n, 6 * value),
+        "used": np.full(n, 6.0),
+    }
     y["started"] = np.isin(np.arange(n), started).astype(float)
     return y
 
@@ -148,13 +167,18 @@ def test_blocks_are_the_same_however_the_samples_are_cut():
     for k in range(0, 5000, 77):
         cut += blocks.take(t[k : k + 77], {name: values[k : k + 77] for name, values in y.items()})
     assert [end for end, _ in whole] == [end for end, _ in cut] == pytest.approx([SETTLING + k for k in range(1, 10)])
-    assert np.array([means for _, means in whole]) == pytest.approx(np.array([means for _, means in cut]))
+    assert np.array([means for _, means in whole]) == pytest.approx(np.array([means for _, means in cut]), nan_ok=True)
 
 
 def test_of_a_gap_there_is_no_block():
     t = np.concatenate([times(2000), 1e4 + times(2000)])
     ends = [end for end, _ in Blocks().take(t, outputs(4000, [0, 2000]))]
     assert len(ends) == 8 and np.all(np.diff(ends) > 0.99)
+
+
+def test_after_a_gap_the_twins_controller_is_not_where_the_robots_is():
+    found = [means[COMMAND] for _, means in Blocks().take(times(4000), outputs(4000, [0, 2000]))]
+    assert found[:3] == [1.0] * 3 and np.isnan(found[4:]).all()
 
 
 def test_what_the_filter_says_while_it_settles_does_not_count():

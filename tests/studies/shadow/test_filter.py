@@ -121,12 +121,13 @@ def moving(run: Run):
 EXPERIMENTS = ["fig4_force_position", "fig4_imperfect", "pressing", "tapping", "rolling", "pushing", "massage"]
 
 
+@pytest.mark.parametrize("noise", [(), NOISE], ids=["rounding", "noise"])
 @pytest.mark.parametrize(
     "name", [EXPERIMENTS[0], *(pytest.param(one, marks=pytest.mark.slow) for one in EXPERIMENTS[1:])]
 )
-def test_its_force_is_no_worse_than_that_of_statics(name):
+def test_its_force_is_no_worse_than_that_of_statics(name, noise):
     # of fig4_imperfect the twin would have to know the zeros
-    run = ran(name, *NOISE)
+    run = ran(name, *noise)
     chosen = moving(run) & run.touching
     error = np.sqrt((run.error[chosen][:, 12:] ** 2).sum(axis=1).mean())
     assert error <= np.sqrt((run.static[chosen] ** 2).sum(axis=1).mean())

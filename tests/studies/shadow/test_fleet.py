@@ -25,6 +25,7 @@ from twin.studies.shadow.fleet import (
     block_means,
     fleet_limits,
     limits_of,
+    own_commands,
     read_fleet,
     watched,
 )
@@ -133,6 +134,15 @@ def test_in_contact_softer_springs_are_found_by_the_motors_torques_and_not_witho
     assert not alarms_of(samples)
     samples.only("F_z")[:] = np.nan
     assert not alarms_of(samples, per_hour=100.0)
+
+
+@pytest.mark.slow
+def test_a_robot_that_takes_its_springs_for_others_is_found_by_its_commands():
+    belief = "fault=[{kind='belief_k_s', target='estimator', onset_s=10.0, magnitude_factor=1.2}]"
+    (alarm, *_) = alarms_of(robot(belief))
+    assert alarm.channel == "command" and alarm.t <= ONSET + 10.0
+    # its twin's tasks go by single samples
+    assert own_commands(load_experiment(EXPERIMENTS / "rolling.toml"), robot()) == {}
 
 
 ONSET = 10.0

@@ -38,16 +38,22 @@ RESERVE = 5.0
 CONFIRMING = 0.5
 """Share of the threshold from which on a sum is worth watching."""
 
+COMMAND = "command"
+APART = "the twin's controller is not compared"
 CHANNELS = {
     **{f"motor {i + 1}": ("residual_m", i, "rad") for i in range(3)},
     **{f"joint {i + 1}": ("residual_l", i, "rad") for i in range(3)},
     "force": ("residual_F", 0, "N"),
     **{f"torque {i + 1}": ("residual_tau", i, "N m") for i in range(3)},
     "spread": ("NIS", 0, "1"),
+    COMMAND: ("residual_command", 0, "rad/s"),
 }
-"""Residuals that are watched: the filter's output, which of its values, unit. `spread` is NIS by the counts in it."""
-SIDES = 2 * len(CHANNELS) - 1
-"""Sums that may alarm: two a channel, but for the spread, of which less is no news."""
+"""Residuals that are watched: the filter's output, which of its values, unit. `spread` is NIS by the counts in it;
+`command` how far the robot's commands are from those of the twin's own controller."""
+ONE_SIDED = ("spread", COMMAND)
+"""Less of these is no news."""
+SIDES = 2 * len(CHANNELS) - len(ONE_SIDED)
+"""Sums that may alarm."""
 
 
 def run_length(H: float) -> float:
@@ -149,7 +155,7 @@ class Blocks:
         self._length = length
         self._start, self._settled = math.nan, -math.inf
         self._sums, self._counts, self._samples = np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS)), 0
-        self._most = 0
+        self._most, self._anew = 0, math.inf
 
     def take(self, t: NDArray[np.float64], y: Columns) -> Iterator[tuple[float, NDArray[np.float64]]]:
         """End (s) and means (channels,) of each block that ends within these samples; NaN where a channel had none.
@@ -163,9 +169,13 @@ class Blocks:
         for at in t[np.asarray(y["started"]) > 0.0].tolist():
             if math.isnan(self._start):
                 self._start = at + SETTLING
+            else:
+                self._anew = min(self._anew, at)
             self._settled = at + SETTLING
             # the sample at which it starts anew tells why
             values[(t > at) & (t < self._settled)] = math.nan
+        # after a gap the twin's controller is not where the robot's is
+        values[t >= self._anew, list(CHANNELS).index(COMMAND)] = math.nan
         yield from self._stretch(t, values)
 
     def _stretch(self, t: NDArray[np.float64], values: NDArray[np.float64]) -> Iterator[tuple[float, NDArray]]:
@@ -196,7 +206,9 @@ def residuals(y: Columns) -> NDArray[np.float64]:
     """Of every channel at every sample, (n, channels); NaN where there was none."""
     with np.errstate(invalid="ignore", divide="ignore"):
         spread = y["NIS"] / y["used"]
-    single = {"residual_F": y["residual_F"], "NIS": spread}
+    # not every twin has a controller of its own
+    command = y.get("residual_command", np.full(len(spread), math.nan))
+    single = {"residual_F": y["residual_F"], "NIS": spread, "residual_command": command}
     return np.column_stack([single[name] if name in single else y[name][:, i] for name, i, _ in CHANNELS.values()])
 
 
@@ -235,6 +247,7 @@ class ShadowWatch:
         self._reidentify = reidentify
         self._normal: list[NDArray[np.float64]] = []
         self._sums = {name: _Sum() for name in CHANNELS}
+        self._compares = True
         self._left, self._alarm = 0, WatchEvent(math.nan, WatchState.LISTENING)
 
     @property
@@ -248,11 +261,19 @@ class ShadowWatch:
         means = np.asarray(means, dtype=float)
         if len(self._normal) < FIRST_BLOCKS:
             self._normal.append(means)
+            self._refuse_other_beginning(t)
         elif self.state in self._after:
             self._wait(t)
         else:
             self._look(t, means)
         return self.changes[first:]
+
+    def _refuse_other_beginning(self, t: float) -> None:
+        """Robot and twin did not begin together if their commands differ from the first blocks on."""
+        tolerance, sigma = self._limits.tolerance.get(COMMAND, math.nan), self._limits.sigma.get(COMMAND, math.nan)
+        if self._compares and self._normal[-1][list(CHANNELS).index(COMMAND)] > tolerance + self._H * sigma:
+            self._compares = False
+            self._go(WatchEvent(t, self.state, found=f"{APART}: it did not begin with the robot's, or is another"))
 
     def _wait(self, t: float) -> None:
         self._left -= 1
@@ -271,6 +292,8 @@ class ShadowWatch:
         with np.errstate(invalid="ignore"):
             shift = means - np.mean(self._normal, axis=0)
         for k, name in enumerate(CHANNELS):
+            if name == COMMAND and not self._compares:
+                continue
             tolerance, sigma = self._limits.tolerance.get(name, math.nan), self._limits.sigma.get(name, math.nan)
             K = self._share * tolerance + 0.5 * sigma
             # a channel that the fleet did not have, or that is silent, says nothing
@@ -297,7 +320,7 @@ class ShadowWatch:
             setattr(one, side, max(0.0, before + step))
         if one.up == 0.0 and one.low == 0.0:
             one.taken.clear()
-        if name == "spread":
+        if name in ONE_SIDED:
             one.low = 0.0
         return max(one.up, one.low)
 

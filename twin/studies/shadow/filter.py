@@ -1,10 +1,11 @@
 """The state of a running robot from its encoder counts: an extended Kalman filter, one compiled step a sample.
 
 x = (p_B, v_B, theta_m, omega_m, F_ee_B), three of each. The platform moves as the plant does (P5), whatever it presses
-on being a force that wanders; the drives follow their commands with a lag and give way under load (P12):
+on being a force that wanders, grows with the way into a surface and turns with the way across it by w; the drives
+follow their commands with a lag and give way under load (P12):
 
     dp/dt = v,  dv/dt = a(p, v, theta_m, F) + n_v,  d theta_m/dt = omega,
-    d omega/dt = (omega_ref - droop tau_load - omega)/T_m + n_omega,  dF/dt = n_F.
+    d omega/dt = (omega_ref - droop tau_load - omega)/T_m + n_omega,  dF/dt = (-w F_y, w F_x, K v_z) + n_F.
 
 Measured are theta_m and theta_l(p) by counts. docs/shadow_method.md has the derivation, where the noises come from, and
 what six counts cannot tell. A motor's torque and a measured force are compared with the estimate and do not enter it:
@@ -177,7 +178,7 @@ def begin(m, u):
     for i in range(COUNTS):
         m.counts[i] = u.count_m[i] if i < 3 else u.count_l[i - 3]
         m.kept[i] = m.refused[i] = 0.0
-    m.still = 0.0
+    m.still = m.slow[0] = m.slow[1] = 0.0
     return True
 
 
@@ -276,7 +277,8 @@ class Shadow(NativeComponent):
     anything.
 
     Args:
-        parameters: of the plant; what its contact is plays no role, and dry friction of joints and springs neither.
+        parameters: of the plant; of its contact the stiffness counts alone, and dry friction of joints and springs does
+            not.
         believed: what turns counts into angles.
         sensors, drive, noises: see there.
     """

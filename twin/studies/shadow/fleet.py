@@ -13,12 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from twin.robot.assembly.build import belief
 from twin.robot.assembly.load import load_experiment
+from twin.robot.controller.controller import Estimator
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import run_in_memory
 from twin.studies.command import Say, silent
 from twin.studies.shadow.alarm import BLOCK, CHANNELS, FIRST_BLOCKS, Blocks, ShadowWatch, Tolerances, WatchEvent
-from twin.studies.shadow.samples import FilterSamples, followed, samples_of, shadow_of
+from twin.studies.shadow.following import SampledSteps, farthest_command, own_law
+from twin.studies.shadow.mapping import RobotSamples
+from twin.studies.shadow.samples import Columns, FilterSamples, followed, samples_of, shadow_of
 from twin.studies.sweep.plan import plan_of, read_definition
 
 ZERO = 0.05
@@ -98,11 +102,27 @@ def arrived(samples: FilterSamples, random: np.random.Generator) -> FilterSample
     return FilterSamples(t + random.uniform(-LATE, LATE, len(t)), samples.u[keep])
 
 
+def own_commands(twin: Experiment, samples: FilterSamples) -> Columns:
+    """How far the commands of the twin's own controller, on the same counts, are from the robot's: `farthest_command`.
+
+    Empty if the twin has no controller of its own, or one that tasks lead: where it is in its program depends on single
+    samples, and some are lost.
+    """
+    law = [] if twin.reference is None else own_law(twin)
+    u = [samples.only(name) for name in ("count_m", "count_l", "F_z", "omega_ref", "tau_motor")]
+    robot = RobotSamples(samples.t, u[0], u[1], u[2][:, 0], u[3], u[4])
+    estimator = SampledSteps(Estimator(belief(twin), twin.controller.gravity_compensation))
+    rows = {"estimator": estimator.rows(samples.t, np.hstack(u[:2]))} if law else {}
+    for part in law:
+        rows |= part.feed(robot, rows)
+    return farthest_command(rows)
+
+
 def block_means(
     twin: Experiment, samples: FilterSamples, block: float = BLOCK
 ) -> tuple[list[float], NDArray[np.float64]]:
     """Ends (s) and means (n, channels) of all blocks of a robot beside its twin."""
-    y = followed(shadow_of(twin), samples)
+    y = followed(shadow_of(twin), samples) | own_commands(twin, samples)
     found = list(Blocks(block).take(samples.t, y))
     return [t for t, _ in found], np.array([means for _, means in found]).reshape(-1, len(CHANNELS))
 

@@ -160,17 +160,27 @@ class OwnLaw:
         inputs = np.hstack(
             [np.ones((n, 1)) if port == SHARE else estimate[port.name].reshape(n, -1) for port in self._inputs]
         )
-        called = []
-        for k, t in enumerate(samples.t):
-            # a sample that is a little early is still that of its call
-            if t >= self._next - 0.25 * self._period:
-                called.append(k)
-                self._next = max(self._next + self._period, t + 0.5 * self._period)
+        called = self._called(samples.t)
         found = np.full((n, width(self._stepped.component.outputs)), np.nan)
-        if called:
+        if len(called):
             found[called] = self._stepped.rows(samples.t[called], inputs[called])
         omega_ref = named(self._stepped.component.outputs, found)[OMEGA_REF.name]
         return {"controller": found, "residual/command": omega_ref - samples.omega_ref}
+
+    def _called(self, t: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Which of the samples at `t` (n,), s, are those of a call; one that is a little early still is."""
+        T, number = self._period, np.arange(-1, len(t))
+        # when the next one is due if each sample so far was one
+        due = np.maximum.accumulate(np.concatenate([[self._next], t + 0.5 * T]) - T * number) + T * number
+        if np.all(t >= due[:-1] - 0.25 * T):
+            self._next = float(due[-1])
+            return number[1:]
+        called = []
+        for k, at in enumerate(t.tolist()):
+            if at >= self._next - 0.25 * T:
+                called.append(k)
+                self._next = max(self._next + T, at + 0.5 * T)
+        return np.array(called, dtype=np.intp)
 
 
 class PlantModel:
@@ -246,6 +256,16 @@ class RobotState:
         return {"shadow": found}
 
 
+def own_law(experiment: Experiment) -> list[Part]:
+    """The twin's own controller, if it has one of its own."""
+    return [] if "controller" in experiment.stand_ins else [OwnLaw(experiment)]
+
+
+def farthest_command(rows: Rows) -> Rows:
+    """Of the three commands how far the one that is farthest is off (n,), rad/s, for the alarm."""
+    return {"residual_command": np.abs(rows["residual/command"]).max(axis=1)} if "residual/command" in rows else {}
+
+
 class AlarmWatch:
     """Says when robot and twin have parted, with the rate of false alarms that was asked for.
 
@@ -263,7 +283,8 @@ class AlarmWatch:
 
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
         levels, begin = np.full((len(samples.t), 1), np.nan), 0
-        for end, means in self._blocks.take(samples.t, named(OUTPUTS, rows["shadow"])):
+        residuals = named(OUTPUTS, rows["shadow"]) | farthest_command(rows)
+        for end, means in self._blocks.take(samples.t, residuals):
             at = int(np.searchsorted(samples.t, end))
             levels[begin:at], begin = self._level, at
             for change in self._watch.take(end, means):
@@ -311,6 +332,5 @@ def twin_of(experiment: Experiment, model: RobotModel, where: str, watched: Alar
         where: begins sentences about what comes from the robot.
         watched: raises the alarm; None: there is no alarm.
     """
-    law: list[Part] = [] if "controller" in experiment.stand_ins else [OwnLaw(experiment)]
     alarm: list[Part] = [watched] if watched else []
-    return Twin([Estimates(model, where), *law, PlantModel(model), RobotState(experiment), *alarm])
+    return Twin([Estimates(model, where), *own_law(experiment), PlantModel(model), RobotState(experiment), *alarm])

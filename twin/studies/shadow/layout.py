@@ -31,7 +31,9 @@ class Noises(NamedTuple):
     Attributes:
         v: intensity of accelerations that the mechanism does not have (m/s2/sqrt(Hz)).
         F: intensity of the wander of a force on a platform that stands (N/sqrt(s)).
-        K: stiffness (N/m) by which the force changes with the way of the platform.
+        air: the same in free air.
+        unsure: share of the stiffness of what is touched that is not known.
+        mu: share of that which changes a force sideways.
         touch: for how long (s) such a change goes on in one sense.
         omega: intensity of the wander of a motor's acceleration whose command is not known (rad/s2/sqrt(Hz)).
     """
@@ -39,7 +41,7 @@ class Noises(NamedTuple):
     v: float = 1e-3
     F: float = 0.4
     air: float = 0.05
-    K: float = 1500.0
+    unsure: float = 0.5
     mu: float = 0.3
     touch: float = 2e-3
     omega: float = 5.0
@@ -66,6 +68,8 @@ DITHERED = 0.5
 """Deviation of an encoder's noise, in counts, from which on rounding is white: each sample is a new measurement."""
 TOUCHED = 0.3
 """N. Pressing less than that the robot is in free air, where a force does not wander."""
+HEADING, SLOW = 0.1, 5e-3
+"""s, m/s. The way across a surface is known by a mean over so long, where it is faster than that."""
 EDGE = 0.1
 """Counts. Where a count changes is not known better than that."""
 JUST_CHANGED = math.sqrt(3.0)
@@ -118,6 +122,7 @@ MEMORY = record(
         P=MATRIX,
         anchors=("f8", (3, ANCHORS)),
         omega_ref="3f8",
+        slow="2f8",
         counts=("f8", (COUNTS,)),
         kept=("f8", (COUNTS,)),
         still="f8",

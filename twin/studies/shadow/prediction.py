@@ -8,7 +8,18 @@ import math
 from twin.kernel.compiled.function import njit
 from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN, angle_near, leg_motion, leg_vectors, move_anchor
 from twin.robot.plant.dynamics import acceleration_against, loaded_deflection, spring_stiffness
-from twin.studies.shadow.layout import FORCE, MOTOR, POSITION, SPEED, STATES, TOUCHED, VELOCITY, WIDE
+from twin.studies.shadow.layout import (
+    FORCE,
+    HEADING,
+    MOTOR,
+    POSITION,
+    SLOW,
+    SPEED,
+    STATES,
+    TOUCHED,
+    VELOCITY,
+    WIDE,
+)
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -81,7 +92,7 @@ def stiffness(m, leg):
 
 
 @njit(cache=True, error_model="numpy")
-def transition(m, h, E, reach, droop):
+def transition(m, h, E, reach, droop, K, turn):
     """d x(t + h) / d x(t) into `m.phi`: exact for the drives, a series up to h^3 for the platform.
 
     Args:
@@ -89,6 +100,7 @@ def transition(m, h, E, reach, droop):
         E: what is left of a difference of speed after h.
         reach: the way that it goes in that time (s).
         droop: rad/s per N m.
+        K, turn: of the force, see `predict`.
     """
     phi, term, after, slope = m.phi, m.term, m.next, m.slope
     for i in range(STATES):
@@ -115,6 +127,12 @@ def transition(m, h, E, reach, droop):
             term[3 + i, VELOCITY + k] = slope[i, VELOCITY + k]
             term[3 + i, FORCE + k] = slope[i, FORCE + k]
             term[3 + i, MOTOR + k] += 0.5 * slope[i, MOTOR + k]
+        # the force is that of the middle of the step
+        slope[i, VELOCITY + 2] += 0.5 * h * K * slope[i, FORCE + 2]
+        term[3 + i, VELOCITY + 2] = slope[i, VELOCITY + 2]
+        c, s = math.cos(0.5 * turn), math.sin(0.5 * turn)
+        term[3 + i, FORCE] = c * slope[i, FORCE] + s * slope[i, FORCE + 1]
+        term[3 + i, FORCE + 1] = c * slope[i, FORCE + 1] - s * slope[i, FORCE]
         for k in range(3):
             half = 0.5 * slope[i, MOTOR + k]
             for j in range(WIDE):
@@ -136,6 +154,12 @@ def transition(m, h, E, reach, droop):
         for i in range(6):
             for j in range(WIDE):
                 term[i, j] = after[i, j]
+    for j in range(WIDE):
+        phi[FORCE + 2, j] += K * phi[POSITION + 2, j]
+    phi[FORCE + 2, POSITION + 2] -= K
+    c, s = math.cos(turn), math.sin(turn)
+    phi[FORCE, FORCE], phi[FORCE, FORCE + 1] = c, -s
+    phi[FORCE + 1, FORCE], phi[FORCE + 1, FORCE + 1] = s, c
 
 
 @njit(cache=True, error_model="numpy")
@@ -161,17 +185,18 @@ def spread(m):
 
 
 @njit(cache=True, error_model="numpy")
-def wander(m, h, commanded):
+def wander(m, h, commanded, touching):
     """What half a step of `h` (s) adds to P."""
     P, n = m.P, m.noises
     v = 0.5 * h * n.v * n.v
     own = m.drive.wander if commanded else n.omega
     omega = 0.5 * h * own * own
     v_x, v_y, v_z = at(m, VELOCITY)
-    touching = abs(m.x[FORCE + 2]) > TOUCHED
     own_F = n.F * n.F if touching else n.air * n.air
     across = n.mu * n.mu * (v_x * v_x + v_y * v_y) if touching else 0.0
-    rate = n.touch * n.K * n.K
+    # in the air it is not known whether it touches
+    unsure = m.parameters.K * (n.unsure if touching else 1.0)
+    rate = n.touch * unsure * unsure
     F = 0.5 * h * (own_F + rate * (n.mu * n.mu * v_z * v_z + across))
     F_z = 0.5 * h * (own_F + rate * v_z * v_z)
     for i in range(3):
@@ -181,20 +206,42 @@ def wander(m, h, commanded):
 
 
 @njit(cache=True, error_model="numpy")
+def heading(m, h):
+    """How far (rad) the platform turns its way across the surface in `h` (s), by its slow velocity `m.slow`."""
+    s_x, s_y, across = m.slow[0], m.slow[1], h / HEADING
+    d_x, d_y = across * (m.x[VELOCITY] - s_x), across * (m.x[VELOCITY + 1] - s_y)
+    m.slow[0], m.slow[1] = s_x + d_x, s_y + d_y
+    return (s_x * d_y - s_y * d_x) / (s_x * s_x + s_y * s_y + SLOW * SLOW)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _turned(F, by):
+    c, s = math.cos(by), math.sin(by)
+    return c * F[0] - s * F[1], s * F[0] + c * F[1], F[2]
+
+
+@njit(cache=True, error_model="numpy")
 def predict(m, h, special):
-    """State and covariance `h` seconds later: Runge-Kutta for the platform, (6) of velocity_servo for the drives."""
+    """State and covariance `h` seconds later: Runge-Kutta for the platform, (6) of velocity_servo for the drives.
+
+    What the platform touches gives way by the believed stiffness K, and its friction turns as its way does.
+    """
     pose(m)
+    touching = abs(m.x[FORCE + 2]) > TOUCHED
+    turn = heading(m, h)
+    # nothing that it touches pulls
+    K, turn = (m.parameters.K, turn) if m.x[FORCE + 2] < -TOUCHED else (0.0, 0.0)
     commanded = not math.isnan(m.omega_ref[0] + m.omega_ref[1] + m.omega_ref[2])
     lag = m.drive.lag if commanded else math.inf
     E = math.exp(-h / lag)
     reach = lag * (1.0 - E) if commanded else h
     droop = m.drive.droop if commanded else 0.0
     linearise(m, special)
-    transition(m, h, E, reach, droop)
-    wander(m, h, commanded)
+    transition(m, h, E, reach, droop, K, turn)
+    wander(m, h, commanded, touching)
     spread(m)
-    wander(m, h, commanded)
-    p, v, start, F = at(m, POSITION), at(m, VELOCITY), at(m, MOTOR), at(m, FORCE)
+    wander(m, h, commanded, touching)
+    p, v, start, before = at(m, POSITION), at(m, VELOCITY), at(m, MOTOR), at(m, FORCE)
     for leg in range(3):
         _, tau_load = stiffness(m, leg)
         omega = m.x[SPEED + leg]
@@ -203,6 +250,8 @@ def predict(m, h, special):
         m.x[SPEED + leg] = target + (omega - target) * E
     end, half = at(m, MOTOR), 0.5 * h
     middle = _ahead(start, (end[0] - start[0], end[1] - start[1], end[2] - start[2]), 0.5)
+    F_x, F_y, F_z = _turned(before, 0.5 * turn)
+    F = F_x, F_y, F_z + half * K * v[2]
     a = push(m, special, p, v, start, F)
     v_2 = _ahead(v, a, half)
     a_2 = push(m, special, _ahead(p, v, half), v_2, middle, F)
@@ -213,3 +262,5 @@ def predict(m, h, special):
     for i in range(3):
         m.x[POSITION + i] += h * (v[i] + 2.0 * v_2[i] + 2.0 * v_3[i] + v_4[i]) / 6.0
         m.x[VELOCITY + i] += h * (a[i] + 2.0 * a_2[i] + 2.0 * a_3[i] + a_4[i]) / 6.0
+    m.x[FORCE], m.x[FORCE + 1], _ = _turned(before, turn)
+    m.x[FORCE + 2] += K * (m.x[POSITION + 2] - p[2])
