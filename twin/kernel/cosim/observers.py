@@ -208,6 +208,7 @@ def stepped(simulation: Simulation, observers: Sequence[Observer], until: int) -
     or until one of them has seen enough."""
     halts = sorted({until, *(tick for observer in observers for tick in observer.halts)})
     stepping, began_at = 0.0, simulation.next_tick
+    waited = simulation.waited
     while simulation.next_tick < until and not simulation.finished and not any(o.enough for o in observers):
         first = simulation.next_tick
         for observer in observers:
@@ -220,4 +221,4 @@ def stepped(simulation: Simulation, observers: Sequence[Observer], until: int) -
         events: list[TickEvent] = []
         for observer in observers:
             observer.take(first, rows, events)
-    return Simulated(simulation, stepping, began_at)
+    return Simulated(simulation, stepping - (simulation.waited - waited), began_at)

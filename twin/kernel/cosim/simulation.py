@@ -9,8 +9,10 @@ from functools import cached_property
 
 import numpy as np
 
+from twin.kernel.cosim import adaptive, deadlines, master
 from twin.kernel.cosim.component import NOT_FINITE, Component
-from twin.kernel.cosim.master import NO_COMPONENT, advance
+from twin.kernel.cosim.deadlines import Deadlines
+from twin.kernel.cosim.master import NO_COMPONENT
 from twin.kernel.cosim.port import by_port, named_values, width
 from twin.kernel.cosim.state import SavedState, StatePlaces, SystemState
 from twin.kernel.cosim.system import System
@@ -113,11 +115,24 @@ class Simulation:
         self._unchanged = [change.memory.copy() for change in system.changes]
         # no ticks: compiles, or loads from the cache, before anyone's clock runs
         self._address = self._loop.ctypes.data
-        self._advance = advance.native.called
+        self._advance = master.advance.native.called
         self.control = system.control(self._loop, self._y, self._u) if system.control else None
         if self.control is not None:
             self._address, self._advance = self.control.address, self.control.advance
         self._advance(self._address, 0, 0, 0)
+        self._deadlines: Deadlines | None = None
+
+    def pace(self, kept: Deadlines) -> None:
+        """From now on no tick begins before it is due."""
+        step = (adaptive if self.control else master).advance.native
+        kept.of(step.address, self._address)
+        self._deadlines, self._address, self._advance = kept, kept.address, deadlines.advance.native.called
+        self._advance(self._address, 0, 0, 0)
+
+    @property
+    def waited(self) -> float:
+        """Wall time (s) that was waited for ticks to be due."""
+        return float(self._deadlines.memory["waited"][0]) if self._deadlines else 0.0
 
     @property
     def finished(self) -> bool:

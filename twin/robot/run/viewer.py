@@ -1,14 +1,13 @@
 """Viewers of a running simulation: the interface that a run calls."""
 
 import math
-import time
-from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
+from twin.kernel.cosim.deadlines import Deadlines, clock_functions
 from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.recording.recorder import RowStream
@@ -53,7 +52,7 @@ class Shown(Observer):
 
 
 SLICE = 0.01
-"""Wall time (s) between two deadlines: short for a user who turns a knob, long compared with what a slice costs."""
+"""Wall time (s) of a slice of a paced run: short for a user who turns a knob, long compared with what it costs."""
 
 
 @dataclass(frozen=True)
@@ -87,10 +86,7 @@ class Punctuality:
 
 
 class Pace(Observer):
-    """Lets simulated time pass `factor` times as fast as the clock on the wall.
-
-    Deadlines are absolute: the slice that ends before tick k is due k tick/factor after the beginning, whatever came
-    before, so nothing adds up, and a run that was held up catches up.
+    """Lets simulated time pass `factor` times as fast as the clock on the wall, see `Deadlines`.
 
     Args:
         factor: simulated time per wall time, > 0.
@@ -98,52 +94,33 @@ class Pace(Observer):
 
     Attributes:
         tick_time: wall time of a tick (s).
+        deadlines: of its ticks.
     """
 
     def __init__(self, factor: float, tick: float):
         self._factor = factor
         self.tick_time = tick / factor
-        self._began = math.nan
-        self._first_tick = self._last_tick = 0
-        self._lateness = array("d")
-        self._misses = array("d")
+        self.deadlines = Deadlines(self.tick_time, clock_functions())
 
     def slice_ticks(self, block: int) -> int:
-        """Ticks from one deadline to the next: at most `SLICE`, at least one tick, and a divisor of `block`."""
+        """Ticks between two looks at what has come: at most `SLICE`, at least one tick, and a divisor of `block`."""
         most = max(1, math.floor(SLICE / self.tick_time + 1e-9))
         return max(n for n in range(1, block + 1) if n <= most and block % n == 0)
 
-    def ready(self, tick: int) -> None:
-        """The first tick of this run is now."""
-        if math.isnan(self._began):
-            self._began = time.monotonic() - tick * self.tick_time
-            self._first_tick = tick
-
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        self.keep(first + len(rows))
-
-    def keep(self, tick: int) -> None:
-        """Wait until `tick` is due; go on at once if that is over."""
-        deadline = self._began + tick * self.tick_time
-        ahead = deadline - time.monotonic()
-        if ahead > 0.0:
-            time.sleep(ahead)
-        else:
-            self._misses.append(-ahead)
-        self._lateness.append(time.monotonic() - deadline)
-        self._last_tick = tick
+    def begin(self, simulation: Simulation) -> None:
+        simulation.pace(self.deadlines)
 
     def punctuality(self) -> Punctuality:
-        """Of every deadline so far, at least one."""
-        lateness = np.array(self._lateness)
-        due = (self._last_tick - self._first_tick) * self.tick_time
-        taken = due + self._lateness[-1]
+        """Of every deadline so far."""
+        kept = self.deadlines.counts
+        count, mean = max(1, kept["count"]), kept["sum"] / max(1, kept["count"])
+        due = (kept["last"] - kept["start"]) * self.tick_time if kept["count"] else 0.0
         return Punctuality(
             factor=self._factor,
-            achieved=self._factor * due / taken,
-            deadlines=len(lateness),
-            misses=len(self._misses),
-            worst=max(self._misses, default=0.0),
-            jitter=float(lateness.std()),
-            jitter_99=float(np.percentile(lateness, 99)),
+            achieved=self._factor * due / (due + kept["newest"]) if due else self._factor,
+            deadlines=int(kept["count"]),
+            misses=int(kept["missed"]),
+            worst=kept["worst"],
+            jitter=math.sqrt(max(0.0, kept["squares"] / count - mean**2)),
+            jitter_99=self.deadlines.lateness.quantile(0.99) if kept["count"] else 0.0,
         )

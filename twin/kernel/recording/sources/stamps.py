@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from twin.kernel.cosim.histogram import Histogram
 from twin.kernel.recording.logs.log import LONGEST, REGULAR
 from twin.kernel.recording.logs.topics import BACK, PERIODS, SAME_CLOCK
 from twin.kernel.recording.sources.signals import Reading
@@ -77,35 +78,6 @@ class Counts:
     late: int = 0
     invalid: int = 0
     restarts: int = 0
-
-
-class Histogram:
-    """Times of any number in little memory: their quantiles to 2 %.
-
-    Attributes:
-        count: how many.
-        largest: s.
-    """
-
-    LEAST, STEP, BINS = 1e-6, math.log(1.02), 1200
-
-    def __init__(self) -> None:
-        self._bins = [0] * self.BINS
-        self.count, self.largest = 0, 0.0
-
-    def add(self, seconds: float) -> None:
-        """One more time; below 0 it counts as 0."""
-        place = int(math.log(seconds / self.LEAST) / self.STEP) + 1 if seconds > self.LEAST else 0
-        self._bins[min(place, self.BINS - 1)] += 1
-        self.count += 1
-        self.largest = max(self.largest, seconds)
-
-    def quantile(self, share: float) -> float:
-        """The time (s) that so large a share of them does not exceed; NaN without any."""
-        if not self.count:
-            return math.nan
-        place = int(np.searchsorted(np.cumsum(self._bins), share * self.count))
-        return min(self.LEAST * math.exp(self.STEP * place), self.largest) if place else min(self.LEAST, self.largest)
 
 
 class Clocks:

@@ -1,0 +1,52 @@
+"""Times of any number in little memory, counted by compiled code or by Python."""
+
+import math
+
+import numpy as np
+
+from twin.kernel.compiled.function import carray, njit, pointer_to
+
+LEAST, STEP, BINS = 1e-6, math.log(1.02), 1200
+_integers = pointer_to(np.int64)
+
+
+@njit(cache=True)
+def place_of(seconds):
+    """The bin of a time; below `LEAST` it is the first one."""
+    return min(int(math.log(seconds / LEAST) / STEP) + 1, BINS - 1) if seconds > LEAST else 0
+
+
+@njit(cache=True)
+def count_in(bins, seconds):
+    """Count a time in the bins at this address."""
+    carray(_integers(bins), BINS)[place_of(seconds)] += 1
+
+
+class Histogram:
+    """Quantiles of times to 2 %.
+
+    Attributes:
+        bins: how many times are in each, (BINS,) int64.
+        largest: s.
+    """
+
+    def __init__(self) -> None:
+        self.bins = np.zeros(BINS, dtype=np.int64)
+        self.largest = 0.0
+
+    def add(self, seconds: float) -> None:
+        """One more time; below 0 it counts as 0."""
+        self.bins[place_of.__wrapped__(seconds)] += 1
+        self.largest = max(self.largest, seconds)
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return int(self.bins.sum())
+
+    def quantile(self, share: float) -> float:
+        """The time (s) that so large a share of them does not exceed; NaN without any."""
+        if not self.count:
+            return math.nan
+        place = int(np.searchsorted(np.cumsum(self.bins), share * self.count))
+        return min(LEAST * math.exp(STEP * place), self.largest) if place else min(LEAST, self.largest)
