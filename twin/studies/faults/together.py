@@ -6,7 +6,7 @@ trips: what no other reaction of the same robot, seeing no more, is asked to bet
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from enum import StrEnum
 from itertools import product
 from typing import Any, Literal, NamedTuple
