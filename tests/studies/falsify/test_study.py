@@ -19,8 +19,8 @@ BOUND = "always (|plant.F_ee_B| <= 18 N)"
 
 def asked(folder: Path, **options) -> Result:
     told: dict[str, Any] = {
-        "experiment": EXPERIMENTS / "pressing.toml", "requirements": [BOUND], "kinds": [], "bodies": [], "reach": 0.0, "runs": RUNS,
-        "duration": None, "processes": 2, "drive": None, "settings": [], "out": folder, "say": silent,
+        "experiment": EXPERIMENTS / "pressing.toml", "requirements": [BOUND], "kinds": [], "bodies": [], "reach": 0.0,
+        "runs": RUNS, "duration": None, "processes": 2, "drive": None, "settings": [], "out": folder, "say": silent,
     }  # fmt: skip
     return falsify(**told | options)
 

@@ -33,8 +33,9 @@ from twin.robot.run.past import NOT_WANTED, SharedPast, before_fault
 from twin.robot.run.trace import Trace, fields_of
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.command import Say
-from twin.studies.falsify.space import HERE, Ended, Place, Requirement, Space, TriedFault, offset_text, ways_of
+from twin.studies.falsify.space import Ended, Place, Requirement, Space, TriedFault, offset_text, ways_of
 from twin.studies.faults.matrix import default_onsets
+from twin.studies.faults.together import HERE
 from twin.studies.faults.trials import fault_trial_of
 from twin.studies.metrics.requirement import checked_requirement
 from twin.studies.sweep.measures import RunFinding
@@ -379,9 +380,9 @@ class Search:
         return [self.tried.get(wrong, np.inf) for wrong in batch]
 
     def _rounds(self, kind: str) -> list[tuple[Place, int]]:
-        """Where `kind` is in its first rounds, and its onset: the catalogue's place at each of the onsets given, of a set
-        of faults there the other signs, then each other place, in an order that is drawn, at the onsets in turn until it
-        has been at each."""
+        """Where `kind` is in its first rounds, and its onset: the catalogue's place at each of the onsets given, there
+        the other signs of a set of faults, then each other place, in an order that is drawn, at the onsets in turn
+        until it has been at each."""
         first, *others = self.space.places(kind)
         turned = [place for place in others if len(place.ways) > 1 and place._replace(ways=first.ways) == first]
         others = [place for place in others if place not in turned]
@@ -438,7 +439,7 @@ class Search:
         lower, upper = np.array(bounds, dtype=float).T
         population = lower + first * (upper - lower)
         where = targets.index(best.target), bodies.index(best.body)
-        here = space.on_disc(best.offset) if space.reach else ()
+        here = space.polar(best.offset) if space.reach else ()
         population[0] = best.onset, *space.shares(best), *where, best.seed, *here
         # a generation may bring fewer runs than it has members: some have been made before
         differential_evolution(

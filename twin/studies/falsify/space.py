@@ -10,7 +10,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-import numpy as np
 import tomlkit
 
 from twin.robot.experiment.fault import CATALOGUE, Kind
@@ -18,6 +17,7 @@ from twin.robot.experiment.source import laid_over
 from twin.robot.experiment.together import AND, OF, common_names, named_set, pair_names
 from twin.studies.faults.matrix import GLITCH_SHARE
 from twin.studies.faults.text import magnitude_text
+from twin.studies.faults.together import HERE, has_two_ways, magnitude_between, moved_tasks, on_disc, share_of
 from twin.studies.result import Block, Cell, Column, Note, Result, Table, counted, wrapped
 
 RANDOM = (
@@ -25,10 +25,6 @@ RANDOM = (
     "sample_loss",
 )  # fmt: skip
 """Kinds whose seed matters."""
-
-
-HERE = (0.0, 0.0)
-"""Where the experiment's own tasks are."""
 
 
 class Place(NamedTuple):
@@ -85,7 +81,7 @@ class Space:
         bodies: None among them: the experiment's own.
         seed: of the experiment.
         noisy: whether its encoders have noise.
-        tasks: (m) where each [[task]] of the experiment is, and where it goes to, or None.
+        tasks: of the experiment.
         reach: how far they may be moved (m).
     """
 
@@ -98,7 +94,7 @@ class Space:
     bodies: Sequence[str | None]
     seed: int
     noisy: bool = False
-    tasks: Sequence[tuple[Sequence[float], Sequence[float] | None]] = ()
+    tasks: Sequence[Any] = ()
     reach: float = 0.0
 
     def draws(self, kind: str) -> bool:
@@ -141,52 +137,23 @@ class Space:
         return TriedFault(kind, target, None, onset, body, seed, rounded, offset)
 
     def offset(self, outward: float, around: float) -> tuple[float, float]:
-        """A place of the disc that `reach` is the radius of, evenly over its area, to a tenth of a millimetre.
+        """See `on_disc`."""
+        return on_disc(self.reach, outward, around)
 
-        Args:
-            outward: 0 .. 1, the area within.
-            around: 0 .. 1, from x over y.
-        """
-        radius, angle = self.reach * math.sqrt(outward), 2.0 * math.pi * around
-        return round(radius * math.cos(angle), 4), round(radius * math.sin(angle), 4)
-
-    def on_disc(self, offset: tuple[float, float]) -> tuple[float, float]:
+    def polar(self, offset: tuple[float, float]) -> tuple[float, float]:
         """What `offset` makes it of."""
         x, y = offset
         return min(1.0, (math.hypot(x, y) / self.reach) ** 2), math.atan2(y, x) / (2.0 * math.pi) % 1.0
 
     def magnitude(self, kind: str, share: float) -> float | None:
-        """Of a single `kind`, |share| of the way from its smallest to its largest in the catalogue, by ratio.
-
-        Args:
-            share: -1 .. 1; negative: the other sign, or, of a factor, its inverse.
-        """
-        known = CATALOGUE[named_set(kind)[0].kind]
-        if known.magnitudes is None:
-            return None
-        smallest, largest = known.magnitudes[0], known.magnitudes[-1]
-        # the largest is the catalogue's to the last bit
-        size = largest if abs(share) >= 1.0 else smallest * (largest / smallest) ** abs(share)
-        if known.unit == "ms":
-            # delays are whole ticks
-            return float(f"{1e3 * self.tick * max(1, round(1e-3 * size / self.tick)):.12g}")
-        turned = size if share >= 0.0 else 1.0 / size if known.unit == "factor" else -size
-        # four digits are enough of a search
-        return largest if turned == largest else float(f"{turned:.4g}")
+        """Of a single `kind`, see `magnitude_between`."""
+        return magnitude_between(named_set(kind)[0].kind, share, self.tick)
 
     def shares(self, wrong: TriedFault) -> tuple[float, ...]:
         """Those that `fault` makes `wrong` of; 0 where the kind has no magnitude."""
-        known = alone(wrong.kind)
-        if known is None:
-            return wrong.shares
-        if known.magnitudes is None or wrong.magnitude is None:
-            return (0.0,)
-        size, middle = wrong.magnitude, 1.0 if known.unit == "factor" else 0.0
-        way = -1 if (size - middle) * (known.magnitudes[-1] - middle) < 0.0 else 1
-        if way < 0:
-            size = 1.0 / size if known.unit == "factor" else -size
-        smallest, largest = known.magnitudes[0], known.magnitudes[-1]
-        return (way * float(np.log(size / smallest) / np.log(largest / smallest)),)
+        return (
+            wrong.shares if alone(wrong.kind) is None else (share_of(named_set(wrong.kind)[0].kind, wrong.magnitude),)
+        )
 
     def file(self, wrong: TriedFault, experiment: Path, comments: Sequence[str] = ()) -> str:
         """The experiment with what is wrong in it and what is required of it, as TOML that `twin run` takes.
@@ -198,24 +165,13 @@ class Space:
             self.base,
             ({"contact": {"body": wrong.body}} if wrong.body is not None else {})
             | ({"seed": self.seed + wrong.seed} if wrong.seed else {})
-            | ({"task": self._moved(wrong.offset)} if wrong.offset != HERE else {})
+            | ({"task": moved_tasks(self.tasks, wrong.offset)} if wrong.offset != HERE else {})
             | ({"fault": self._tables(wrong)} if wrong.kind else {}),
         )
         tables["measure"] = [
             {"name": name, "kind": "requirement", "formula": formula} for name, formula in self.requirements
         ]
         return "".join(f"# {comment}\n" for comment in comments) + tomlkit.dumps(tables)
-
-    def _moved(self, offset: tuple[float, float]) -> dict[str, dict[str, list[float]]]:
-        """Keys of each [[task]] that move it."""
-
-        def moved(point: Sequence[float]) -> list[float]:
-            return [float(f"{1e3 * (a + b):.9g}") for a, b in zip(point, offset, strict=True)]
-
-        return {
-            str(number): {"point_mm": moved(point)} | ({} if to is None else {"to_mm": moved(to)})
-            for number, (point, to) in enumerate(self.tasks, start=1)
-        }
 
     def _tables(self, wrong: TriedFault) -> list[dict[str, Any]]:
         parts, targets = named_set(wrong.kind), wrong.target.split(AND)
@@ -282,9 +238,7 @@ def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
 
 def ways_of(kind: str) -> list[tuple[int, ...]]:
     """Of each fault of a set whether its magnitude may have the other sign, or be the inverse of a factor, too."""
-    every = [CATALOGUE[part.kind] for part in named_set(kind)]
-    signed = [known.magnitudes is not None and not {"gt", "ge"} & known.bounds.keys() for known in every]
-    return [(1, -1) if known.unit == "factor" or two else (1,) for known, two in zip(every, signed, strict=True)]
+    return [(1, -1) if has_two_ways(part.kind) else (1,) for part in named_set(kind)]
 
 
 class Ended(NamedTuple):

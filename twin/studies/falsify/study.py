@@ -119,7 +119,7 @@ def falsify(
         list(dict.fromkeys([None, *bodies])),
         loaded.seed,
         loaded.plant.motor_noise > 0.0 or loaded.plant.joint_noise > 0.0,
-        [(task.point, getattr(task, "to", None)) for task in loaded.tasks],
+        loaded.tasks,
         1e-3 * reach,
     )
     folder = made_folder(out or HOME / path.stem).absolute()

@@ -5,6 +5,7 @@ trips: what no other reaction of the same robot, seeing no more, is asked to bet
 """
 
 import hashlib
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from enum import StrEnum
@@ -162,11 +163,82 @@ class Together(NamedTuple):
     magnitude: float | None = None
 
 
+def has_two_ways(kind: str) -> bool:
+    """Whether a magnitude of `kind` may have the other sign, or be the inverse of a factor."""
+    known = CATALOGUE[kind]
+    return known.unit == "factor" or (known.magnitudes is not None and not {"gt", "ge"} & known.bounds.keys())
+
+
+def magnitude_between(kind: str, share: float, tick: float) -> float | None:
+    """Of `kind`, |share| of the way from its smallest to its largest in the catalogue, by ratio; None: it has none.
+
+    Args:
+        share: -1 .. 1; negative: the other sign, or, of a factor, its inverse.
+        tick: (s).
+    """
+    known = CATALOGUE[kind]
+    if known.magnitudes is None:
+        return None
+    smallest, largest = known.magnitudes[0], known.magnitudes[-1]
+    # the largest is the catalogue's to the last bit
+    size = largest if abs(share) >= 1.0 else smallest * (largest / smallest) ** abs(share)
+    if known.unit == "ms":
+        # delays are whole ticks
+        return float(f"{1e3 * tick * max(1, round(1e-3 * size / tick)):.12g}")
+    turned = size if share >= 0.0 else 1.0 / size if known.unit == "factor" else -size
+    # four digits are enough of a search
+    return largest if turned == largest else float(f"{turned:.4g}")
+
+
+def share_of(kind: str, magnitude: float | None) -> float:
+    """The share that makes `magnitude`, see `magnitude_between`; 0 where there is none."""
+    known = CATALOGUE[kind]
+    if known.magnitudes is None or magnitude is None:
+        return 0.0
+    size, middle = magnitude, 1.0 if known.unit == "factor" else 0.0
+    way = -1 if (size - middle) * (known.magnitudes[-1] - middle) < 0.0 else 1
+    if way < 0:
+        size = 1.0 / size if known.unit == "factor" else -size
+    smallest, largest = known.magnitudes[0], known.magnitudes[-1]
+    return way * float(np.log(size / smallest) / np.log(largest / smallest))
+
+
+HERE = (0.0, 0.0)
+"""Where the experiment's own tasks are."""
+
+
+def on_disc(reach: float, outward: float, around: float) -> tuple[float, float]:
+    """A place of a disc about the axis, evenly over its area, to a tenth of a millimetre: x, y (m).
+
+    Args:
+        reach: radius of the disc (m).
+        outward: 0 .. 1, the area within.
+        around: 0 .. 1, from x over y.
+    """
+    radius, angle = reach * math.sqrt(outward), 2.0 * math.pi * around
+    return round(radius * math.cos(angle), 4), round(radius * math.sin(angle), 4)
+
+
+def moved_tasks(tasks: Sequence[Any], offset: tuple[float, float]) -> dict[str, dict[str, list[float]]]:
+    """By the number of each [[task]] the keys that move it.
+
+    Args:
+        tasks: of an experiment.
+        offset: x, y (m).
+    """
+
+    def moved(point: Sequence[float]) -> list[float]:
+        return [float(f"{1e3 * (a + b):.9g}") for a, b in zip(point, offset, strict=True)]
+
+    return {
+        str(number): {f"{key}_mm": moved(getattr(task, key)) for key in ("point", "to") if hasattr(task, key)}
+        for number, task in enumerate(tasks, start=1)
+    }
+
+
 def directions(kind: str) -> tuple[float, ...]:
     """Signs with which magnitudes of `kind` are tried: both, where a magnitude has one."""
-    known = CATALOGUE[kind]
-    signed = known.magnitudes is not None and known.unit != "factor" and not {"gt", "ge"} & known.bounds.keys()
-    return (1.0, -1.0) if signed else (1.0,)
+    return (1.0, -1.0) if has_two_ways(kind) and CATALOGUE[kind].unit != "factor" else (1.0,)
 
 
 def common_causes(onset: float, kinds: Sequence[str] = ()) -> Iterator[Together]:
