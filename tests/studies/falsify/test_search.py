@@ -1,11 +1,13 @@
 """The race and the evolution on a robot of which it is known what breaks it."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import pytest
 
 from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.together import common_names, pair_names
 from twin.studies.falsify.search import Search
 from twin.studies.falsify.space import Space, TriedFault
 from twin.studies.falsify.study import RUNS
@@ -81,11 +83,11 @@ def test_a_fault_that_violates_at_one_target_or_with_one_sign_only_is_found(kind
     where = space()
 
     def of(wrong: TriedFault) -> float:
-        violates = wrong.kind == kind and wrong.target == target and where.place(wrong).way == way
+        violates = wrong.kind == kind and wrong.target == target and where.place(wrong).ways == (way,)
         return -1.0 if violates else 1.0
 
     found, nearest = searched(RUNS, of=of).worst[kind]
-    assert nearest == -1.0 and (found.target, where.place(found).way) == (target, way)
+    assert nearest == -1.0 and (found.target, where.place(found).ways) == (target, (way,))
 
 
 def test_with_few_runs_every_kind_has_one_and_the_nearest_have_more():
@@ -144,3 +146,45 @@ def test_only_what_is_drawn_at_random_gets_other_seeds():
     assert seeds == {0}
     random = searched(20, space("sample_loss")).tried
     assert len({wrong.seed for wrong in random}) > 3
+
+
+def test_a_planted_pair_that_no_single_fault_shows_is_found_among_all_pairs_in_its_direction():
+    """It presses only if the encoder drifts one way and the belt slips the other."""
+
+    def of(wrong: TriedFault) -> float:
+        if wrong.kind != "encoder_drift+belt_slip":
+            return 1.0
+        drift, slip = wrong.shares
+        return 0.5 + drift * slip
+
+    single = searched(RUNS, of=of)
+    assert min(share for _, share in single.worst.values()) == 1.0
+    found, nearest = searched(RUNS, space(*pair_names()), of).worst["encoder_drift+belt_slip"]
+    assert nearest < -0.4 and math.prod(found.shares) < -0.9
+
+
+def test_each_axis_of_a_common_cause_has_a_direction_of_its_own():
+    worst = (1.0, -1.0, 0.5)
+
+    def of(wrong: TriedFault) -> float:
+        if wrong.kind != "drive_runaway@each_drive":
+            return 1.0
+        return 0.1 + sum(abs(share - each) for share, each in zip(wrong.shares, worst, strict=True))
+
+    search = searched(400, space(*common_names()), of)
+    found, nearest = search.worst["drive_runaway@each_drive"]
+    assert nearest < 0.4 and [math.copysign(1.0, share) for share in found.shares] == [1.0, -1.0, 1.0]
+    assert found.target == "drive_1+drive_2+drive_3"
+
+
+def test_offsets_are_searched_for_the_worst_within_reach():
+    where = replace(space("breathing"), reach=0.02)
+
+    def of(wrong: TriedFault) -> float:
+        x, y = wrong.offset
+        return -0.1 + math.hypot(x + 0.012, y - 0.008) / 0.02
+
+    search = searched(80, where, of)
+    found, nearest = search.worst["breathing"]
+    assert nearest < 0.0 and math.hypot(found.offset[0] + 0.012, found.offset[1] - 0.008) < 0.002
+    assert all(math.hypot(*wrong.offset) <= 0.0201 for wrong in search.tried)

@@ -1,6 +1,8 @@
 """What is searched, and the experiment files that it becomes."""
 
+import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,7 +51,7 @@ def test_each_kind_at_its_largest_is_an_experiment_that_can_be_run_with_either_s
     where = space()
     for kind in where.kinds:
         for place in where.places(kind)[-2:]:
-            wrong = TriedFault(kind, place.target, where.magnitude(kind, float(place.way)), 500, place.body)
+            wrong = TriedFault(kind, place.target, where.magnitude(kind, float(place.ways[0])), 500, place.body)
             assert where.place(wrong) == place
             with assemble(load_experiment(written(tmp_path, where, wrong), ())):
                 pass
@@ -58,12 +60,12 @@ def test_each_kind_at_its_largest_is_an_experiment_that_can_be_run_with_either_s
 @given(st.sampled_from([kind for kind in CATALOGUE if CATALOGUE[kind].magnitudes]), st.floats(-1.0, 1.0))
 def test_a_magnitude_and_its_share_say_the_same(kind: str, share: float):
     where = space()
-    if len({place.way for place in where.places(kind)}) == 1:
+    if len({place.ways for place in where.places(kind)}) == 1:
         share = abs(share)
     magnitude = where.magnitude(kind, share)
     assert magnitude is not None
     # four digits, over a range of 1.4 at least: belief_eta and encoder_bias; of delays whole ticks of at least 2
-    again = where.share(TriedFault(kind, "", magnitude))
+    (again,) = where.shares(TriedFault(kind, "", magnitude))
     assert again == pytest.approx(share, abs=0.2 if CATALOGUE[kind].unit == "ms" else 2e-3)
     if CATALOGUE[kind].unit == "ms":
         assert magnitude == pytest.approx(round(magnitude), abs=1e-9)
@@ -74,4 +76,32 @@ def test_the_other_way_is_the_other_sign_or_the_inverse_of_a_factor():
     assert where.magnitude("encoder_bias", -1.0) == -2.0
     assert where.magnitude("belt_slip", -1.0) == 30.0
     assert where.magnitude("belief_k_s", -1.0) == 0.6667
-    assert {place.way for place in where.places("joint_friction")} == {1}
+    assert {place.ways for place in where.places("joint_friction")} == {(1,)}
+
+
+@given(st.floats(0.0, 1.0), st.floats(0.0, 0.999))
+def test_a_place_of_the_disc_is_as_far_out_as_its_share_of_the_area(outward: float, around: float):
+    where = replace(space(), reach=0.03)
+    x, y = where.offset(outward, around)
+    # a tenth of a millimetre
+    assert math.hypot(x, y) ** 2 == pytest.approx(outward * where.reach**2, abs=2 * 1e-4 * where.reach)
+    assert where.offset(*where.polar((x, y))) == pytest.approx((x, y), abs=1.5e-4)
+
+
+def test_an_offset_moves_every_task_and_the_signs_of_a_set_are_those_of_its_faults(tmp_path: Path):
+    tasks = load_experiment(EXPERIMENTS / "massage.toml").tasks
+    where = replace(space(), tasks=tasks, reach=0.01)
+    wrong = where.fault(
+        "encoder_drift+belt_slip", ("joint_encoder_2+joint_1", None), (-1.0, 0.5), 500, 0, (0.003, -0.001)
+    )
+    file = tmp_path / "moved.toml"
+    file.write_text(where.file(wrong, EXPERIMENTS / "massage.toml"))
+    loaded = load_experiment(file, ())
+    for new, old in zip(loaded.tasks, tasks, strict=True):
+        ends = [(getattr(new, key), getattr(old, key)) for key in ("point", "to") if hasattr(old, key)]
+        assert all(end == pytest.approx((was[0] + 0.003, was[1] - 0.001)) for end, was in ends)
+    drift, slip = loaded.faults
+    # half the way from -2 to -30 deg, by ratio
+    assert (drift.target, drift.magnitude) == ("joint_encoder_2", pytest.approx(math.radians(-2.0)))
+    assert slip.magnitude == pytest.approx(-math.radians(math.sqrt(2.0 * 30.0)), rel=1e-3)
+    assert where.place(wrong).ways == (-1, 1)

@@ -19,8 +19,8 @@ BOUND = "always (|plant.F_ee_B| <= 18 N)"
 
 def asked(folder: Path, **options) -> Result:
     told: dict[str, Any] = {
-        "experiment": EXPERIMENTS / "pressing.toml", "requirements": [BOUND], "kinds": [], "bodies": [], "runs": RUNS,
-        "duration": None, "processes": 2, "drive": None, "settings": [], "out": folder, "say": silent,
+        "experiment": EXPERIMENTS / "pressing.toml", "requirements": [BOUND], "kinds": [], "bodies": [], "reach": 0.0,
+        "runs": RUNS, "duration": None, "processes": 2, "drive": None, "settings": [], "out": folder, "say": silent,
     }  # fmt: skip
     return falsify(**told | options)
 
@@ -105,6 +105,7 @@ def test_a_run_that_a_failed_component_ends_is_not_kept(tmp_path: Path):
         ({"runs": 5}, "--runs 5: there are 35 kinds of fault"),
         ({"kinds": ["drive_dad"]}, "did you mean 'drive_dead'"),
         ({"duration": 0.0}, "--duration 0: a fault lasts longer"),
+        ({"experiment": EXPERIMENTS / "fig4_force_position.toml", "reach": 5.0}, r"has no \[\[task\]\] that could be"),
         ({"settings": ['fault=[{kind="drive_dead", onset_s=1.0}]']}, r"has \[\[fault\]\] tables"),
     ],
 )
@@ -142,3 +143,21 @@ def test_a_common_cause_is_searched_by_its_name(tmp_path: Path):
     lines = [line for line in answer.text.splitlines() if str(tmp_path) not in line]
     assert answer.exit_code == 1 and max(map(len, lines)) <= 80
     assert 'target = "all drives"' in (tmp_path / f"{kind}.toml").read_text()
+
+
+@pytest.mark.slow
+def test_of_poses_only_those_count_where_the_healthy_robot_keeps_what_is_required(tmp_path: Path):
+    """The shoulder is a dome: beyond 11 deg the head slides, which the experiment refuses."""
+    dome = ["contact.body=shoulder"]
+    answer = asked(tmp_path, kinds=["surface_jump"], settings=dome, reach=30.0, runs=24)
+    (found,) = answer.facts["found"]
+    assert found["share"] < 0.0 and answer.exit_code == 1
+    again = trial(tmp_path / "surface_jump.toml", None, ())
+    assert again.metrics["requirement_1.distance"] == found["distances"]["requirement_1"]
+    # on the flank the healthy robot pushes sideways, too
+    sideways = ["always (|plant.F_ee_B[0]| <= 0.5 N)", "always (|plant.F_ee_B[1]| <= 0.5 N)"]
+    flank = asked(tmp_path, requirements=sideways, kinds=["breathing"], settings=dome, reach=30.0, runs=24)
+    refused = [one for one in flank.facts["ended_early"] if one["refused"]]
+    assert flank.exit_code == 0 and all(one["offset_m"] != [0.0, 0.0] for one in refused)
+    for reason in ("friction cannot hold", "without any fault: violated"):
+        assert any(reason in one["reason"] for one in refused)

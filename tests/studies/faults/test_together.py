@@ -15,13 +15,13 @@ from twin.robot.experiment.together import table
 from twin.studies.faults.matrix import healthy_trial, onsets_of, touching
 from twin.studies.faults.together import (
     FaultSet,
+    FeltRuns,
     Stage,
     Together,
     TogetherRow,
     common_causes,
     faults_of,
     felt,
-    ideal_peak,
     pairs,
     together_row,
 )
@@ -49,7 +49,8 @@ def rows(body: str) -> list[TogetherRow]:
     there = stage(body)
     onset, in_contact = there.onsets[1]
     wanted = [one for one in common_causes(onset) if is_largest(one)]
-    return [together_row(there, one, onset, in_contact) for one in wanted]
+    with FeltRuns(there.experiment) as runs:
+        return [together_row(there, runs, one, onset, in_contact) for one in wanted]
 
 
 def run_away(experiment: Experiment, onset: float) -> tuple:
@@ -65,7 +66,7 @@ def test_three_runaway_drives_press_with_a_seventh_of_what_they_did(body: str, b
     assert (old.peak, new.peak) == pytest.approx((before, after), rel=0.02)
     assert old.power_off is not None and old.power_off > 0.15
     assert new.power_off == new.seen == old.seen
-    assert new.peak == ideal_peak(now.experiment, faults, new.seen or 0.0)
+    assert new.peak == FeltRuns(now.experiment, share=False).ideal_peak(faults, new.seen or 0.0)
 
 
 @pytest.mark.parametrize("body", ["scale", "back"])
@@ -164,7 +165,7 @@ def test_members_of_a_group_lose_the_same_samples():
 
 def test_what_is_felt_is_what_the_force_says():
     there = stage("back")
-    quiet = felt(there.experiment, (), since=0)
+    quiet = felt(there.experiment, ())
     assert (quiet.seen, quiet.power_off, quiet.below, quiet.reason) == (None, None, 0.0, "")
     assert 7.5 < quiet.peak < 9.0 and 0.0 <= quiet.energy < 0.2
     # a mean force over the run
@@ -172,11 +173,40 @@ def test_what_is_felt_is_what_the_force_says():
     assert np.isfinite(quiet.left)
 
 
-def test_pairs_begin_together_and_are_listed_not_judged():
+def row_of(there: Stage, *kinds: str) -> TogetherRow:
+    """The worst of the pair of `kinds`, of all its directions, that begins in free motion."""
+    onset, in_contact = there.onsets[0]
+    with FeltRuns(there.experiment) as runs:
+        found = [together_row(there, runs, pair, onset, in_contact) for pair in pairs(onset, kinds)]
+    return max(found, key=lambda row: row.watched.peak)
+
+
+def test_pairs_begin_together_in_every_direction_and_are_judged_by_the_bound_of_common_causes():
     there = stage("scale")
-    onset, in_contact = there.onsets[1]
-    one = next(pair for pair in pairs(onset, ("drive_runaway", "sample_loss")))
-    row = together_row(there, one, onset, in_contact)
+    onset, _ = there.onsets[1]
+    both = list(pairs(onset, ("encoder_drift", "belt_slip")))
+    assert len(both) == 4 and {table["onset_s"] for pair in both for table in pair.tables} == {onset}
+    row = row_of(there, "drive_runaway", "sample_loss")
     assert row.faults.kind is FaultSet.PAIRS and not row.detection_expected
-    assert not replace(row, watched=replace(row.watched, peak=1e3)).fails
-    assert {fault["onset_s"] for fault in row.facts()["fault"]} == {onset}
+    assert row.verdict == "kept" and not row.fails
+    far = replace(row, watched=replace(row.watched, peak=1.01 * row.bound))
+    assert far.verdict == "beyond" and far.fails and far.facts()["verdict"] == "beyond"
+
+
+def test_with_the_monitor_off_a_pair_fails():
+    row = row_of(stage("back"), "encoder_stuck", "command_held")
+    assert row.verdict == "kept"
+    assert replace(row, watched=row.unwatched).verdict == "beyond"
+
+
+@pytest.mark.parametrize("kinds", [("drive_runaway", "belief_eta"), ("surface_jump", "drive_runaway"), ("brown_out",)])
+def test_rows_of_runs_that_share_their_past_are_those_of_runs_from_the_start(kinds: tuple[str, ...]):
+    there = stage("back")
+    onset, in_contact = there.onsets[1]
+    few = [*common_causes(onset, kinds), *pairs(onset, kinds)][-3:]
+
+    def facts(share: bool) -> list[dict[str, Any]]:
+        with FeltRuns(there.experiment, share) as runs:
+            return [together_row(there, runs, one, onset, in_contact).facts() for one in few]
+
+    assert len(few) == 3 and facts(True) == facts(False)

@@ -155,6 +155,11 @@ def table(kind: str, target: str, magnitude: float | None, onset: float) -> dict
 
 OF, AND = "@", "+"
 """In names of sets of faults: `drive_runaway@all_drives`, `drive_runaway+sample_loss`."""
+ALL, EACH = "all ", "each "
+"""Of a group that breaks at once: with one magnitude, or each member with a magnitude and a sign of its own."""
+
+
+AXES = 3
 
 
 class SetPart(NamedTuple):
@@ -167,6 +172,8 @@ class SetPart(NamedTuple):
 def named_set(name: str) -> tuple[SetPart, ...]:
     """The faults that a set's name says: one kind of the catalogue, a kind of a group, or several kinds.
 
+    `drive_runaway@each_drive` are three of them, of `all drives`.
+
     Raises:
         InputRefused: there is no such kind or group.
     """
@@ -175,18 +182,35 @@ def named_set(name: str) -> tuple[SetPart, ...]:
         kind, of, group = text.partition(OF)
         if kind not in CATALOGUE:
             raise InputRefused(f"--kind {name}: {expected(kind, tuple(CATALOGUE))}")
-        targets = (group.replace("_", " "),) if of else CATALOGUE[kind].targets
-        if of and targets[0] not in CATALOGUE[kind].groups + CATALOGUE[kind].targets:
-            known = ", ".join(known.replace(" ", "_") for known in CATALOGUE[kind].groups) or "none"
-            raise InputRefused(f"--kind {name}: no group '{group}' of {kind}; there are {known}")
-        parts.append(SetPart(kind, targets))
+        known = CATALOGUE[kind]
+        each = {_each(one): known.members(one) for one in known.groups if one.startswith(ALL)}
+        whole = {one.replace(" ", "_"): (one,) for one in known.groups} | {one: (one,) for one in known.targets}
+        if of and group not in each | whole:
+            there = ", ".join([*(one.replace(" ", "_") for one in known.groups), *each]) or "none"
+            raise InputRefused(f"--kind {name}: no group '{group}' of {kind}; there are {there}")
+        if group in each:
+            parts += [SetPart(kind, (member,)) for member in each[group]]
+        else:
+            parts.append(SetPart(kind, whole[group] if of else known.targets))
     return tuple(parts)
 
 
+def _each(group: str) -> str:
+    """`each_drive` of `all drives`."""
+    return (EACH + group.removeprefix(ALL).removesuffix("s")).replace(" ", "_")
+
+
 def common_names() -> tuple[str, ...]:
-    """Sets of the common causes that are a group."""
-    grouped = [cause for cause in COMMON_CAUSES if cause.target in CATALOGUE[cause.kind].groups]
-    return tuple(f"{cause.kind}{OF}{cause.target.replace(' ', '_')}" for cause in grouped)
+    """Sets of the common causes that are a group; of one with signs besides that in which each axis has its own."""
+    names = []
+    for cause in COMMON_CAUSES:
+        known = CATALOGUE[cause.kind]
+        if cause.target in known.groups:
+            names.append(f"{cause.kind}{OF}{cause.target.replace(' ', '_')}")
+            signed = known.magnitudes is not None and not {"gt", "ge"} & known.bounds.keys()
+            if signed and len(known.members(cause.target)) == AXES:
+                names.append(f"{cause.kind}{OF}{_each(cause.target)}")
+    return tuple(names)
 
 
 def pair_names() -> tuple[str, ...]:

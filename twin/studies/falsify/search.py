@@ -33,8 +33,9 @@ from twin.robot.run.past import NOT_WANTED, SharedPast, before_fault
 from twin.robot.run.trace import Trace, fields_of
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.command import Say
-from twin.studies.falsify.space import Ended, Place, Requirement, Space, TriedFault
+from twin.studies.falsify.space import Ended, Place, Requirement, Space, TriedFault, offset_text, ways_of
 from twin.studies.faults.matrix import default_onsets
+from twin.studies.faults.together import HERE
 from twin.studies.faults.trials import fault_trial_of
 from twin.studies.metrics.requirement import checked_requirement
 from twin.studies.sweep.measures import RunFinding
@@ -186,6 +187,7 @@ class Judge:
         self._space, self._requirements, self._workers = space, requirements, workers
         self._experiment, self._scratch, self._runs, self._say = experiment, scratch, runs, say
         self._scales: dict[str, float] = {}
+        self._moved: dict[TriedFault, str] = {}
         self.distances: dict[TriedFault, dict[str, float]] = {}
         self.first: dict[str, int] = {}
         self.ended: dict[TriedFault, Ended] = {}
@@ -229,10 +231,22 @@ class Judge:
             self.distances[wrong] = distances
             if facts.get("status") not in ("done", "tripped"):
                 self.ended[wrong] = Ended(facts.get("status") == "refused", facts.get("reason") or "")
+            if share < 0.0 and wrong.offset != HERE and (wanting := self._without_fault(wrong)):
+                self.ended[wrong], share = Ended(True, wanting), math.inf
             if share < 0.0:
                 self.first.setdefault(wrong.kind, len(self.distances))
             shares.append(share)
         return shares
+
+    def _without_fault(self, wrong: TriedFault) -> str:
+        """Why the place of `wrong` says nothing of its fault: the healthy robot violates there, trips or fails; ""."""
+        unbroken = TriedFault("", body=wrong.body, offset=wrong.offset)
+        if unbroken not in self._moved:
+            (facts,) = self._found([unbroken])
+            violated = any(self._distance(facts, name) < 0.0 for name in self._scales)
+            reason = facts.get("reason") if facts.get("status") != "done" else "violated" if violated else ""
+            self._moved[unbroken] = f"{offset_text(wrong.offset)}, without any fault: {reason}" if reason else ""
+        return self._moved[unbroken]
 
     @staticmethod
     def _distance(facts: dict, name: str) -> float:
@@ -366,39 +380,53 @@ class Search:
         return [self.tried.get(wrong, np.inf) for wrong in batch]
 
     def _rounds(self, kind: str) -> list[tuple[Place, int]]:
-        """Where `kind` is in its first rounds, and its onset: the catalogue's place at each of the onsets given, then
-        each other place, in an order that is drawn, at these in turn until it has been at each."""
+        """Where `kind` is in its first rounds, and its onset: the catalogue's place at each of the onsets given, there
+        the other signs of a set of faults, then each other place, in an order that is drawn, at the onsets in turn
+        until it has been at each."""
         first, *others = self.space.places(kind)
+        turned = [place for place in others if len(place.ways) > 1 and place._replace(ways=first.ways) == first]
+        others = [place for place in others if place not in turned]
         order = np.random.default_rng(_number(kind)).permutation(len(others))
+        others = [*turned, *(others[i] for i in order)]
         rounds = [(first, onset) for onset in self.onsets]
         for past in range(len(self.onsets)):
-            rounds += [(others[i], self.onsets[(n + past) % len(self.onsets)]) for n, i in enumerate(order)]
+            rounds += [(one, self.onsets[(n + past) % len(self.onsets)]) for n, one in enumerate(others)]
         return rounds
 
     def _probe(self, kind: str, lap: int, rounds: Sequence[tuple[Place, int]]) -> TriedFault:
-        """The run of `kind` in a round: at its largest in `rounds`, later ever finer between all times and sizes."""
+        """The run of `kind` in a round: at its largest in `rounds`, later ever finer between all times, sizes and
+        offsets."""
         place, onset = rounds[lap % len(rounds)]
-        share = 1.0
+        shares, offset = [1.0] * len(place.ways), HERE
         if lap >= len(rounds):
-            time, less = qmc.Halton(2, scramble=False).random(lap + 1)[-1]
-            onset, share = round(float(time) * (self.space.ticks - 1)), 1.0 - 0.5 * float(less)
-        magnitude, seed = self.space.magnitude(kind, place.way * share), lap if self.space.draws(kind) else 0
-        return TriedFault(kind, place.target, magnitude, onset, place.body, seed)
+            wide = 1 + len(shares) + (2 if self.space.reach else 0)
+            time, *rest = (float(each) for each in qmc.Halton(wide, scramble=False).random(lap + 1)[-1])
+            onset = round(time * (self.space.ticks - 1))
+            shares = [1.0 - 0.5 * less for less in rest[: len(shares)]]
+            offset = self.space.offset(*rest[-2:]) if self.space.reach else HERE
+        shares = [way * share for way, share in zip(place.ways, shares, strict=True)]
+        seed = lap if self.space.draws(kind) else 0
+        return self.space.fault(kind, (place.target, place.body), shares, onset, seed, offset)
 
     def _evolve(self, kind: str, runs: int) -> None:
         """Spend `runs` around what is known of `kind`."""
-        targets, bodies = self.space.targets(kind), self.space.bodies
-        seeds = SEEDS if self.space.draws(kind) else 0
-        ways = {place.way for place in self.space.places(kind)}
-        least = -1.0 if -1 in ways else 0.0
-        bounds = [(0, self.space.ticks - 1), (least, 1.0), (0, len(targets) - 1), (0, len(bodies) - 1), (0, seeds)]
-        whole = np.array([True, False, True, True, True])
+        space = self.space
+        targets, bodies = space.targets(kind), space.bodies
+        seeds = SEEDS if space.draws(kind) else 0
+        sizes = [(float(min(0, *ways)), 1.0) for ways in ways_of(kind)]
+        bounds: list[tuple[float, float]] = [(0, space.ticks - 1), *sizes]
+        bounds += [(0, len(targets) - 1), (0, len(bodies) - 1), (0, seeds)]
+        whole = [True, *[False] * len(sizes), True, True, True]
+        if space.reach:
+            bounds += [(0.0, 1.0)] * 2
+            whole += [False] * 2
         best = self.worst[kind][0]
 
         def made(x: NDArray[np.float64]) -> TriedFault:
-            onset, target, body, seed = (round(float(x[i])) for i in (0, 2, 3, 4))
-            magnitude = self.space.magnitude(kind, float(x[1]))
-            return TriedFault(kind, targets[target], magnitude, onset, bodies[body], seed)
+            onset, *rest = (float(each) for each in x)
+            shares, (target, body, seed) = rest[: len(sizes)], map(round, rest[len(sizes) : len(sizes) + 3])
+            offset = space.offset(*rest[-2:]) if space.reach else HERE
+            return space.fault(kind, (targets[target], bodies[body]), shares, round(onset), seed, offset)
 
         last = len(self.tried) + min(runs, self._left)
 
@@ -411,10 +439,11 @@ class Search:
         lower, upper = np.array(bounds, dtype=float).T
         population = lower + first * (upper - lower)
         where = targets.index(best.target), bodies.index(best.body)
-        population[0] = best.onset, self.space.share(best), *where, best.seed
+        here = space.polar(best.offset) if space.reach else ()
+        population[0] = best.onset, *space.shares(best), *where, best.seed, *here
         # a generation may bring fewer runs than it has members: some have been made before
         differential_evolution(
-            shares, bounds, maxiter=max(1, runs), init=population, integrality=whole, seed=0, polish=False,
+            shares, bounds, maxiter=max(1, runs), init=population, integrality=np.array(whole), seed=0, polish=False,
             callback=lambda x, convergence: len(self.tried) >= last, vectorized=True, updating="deferred", tol=0.0,
             mutation=(0.5, 1.0), recombination=0.7,
         )  # fmt: skip

@@ -3,13 +3,13 @@
 What the search found, as text of at most 80 columns and as facts.
 """
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-import numpy as np
 import tomlkit
 
 from twin.robot.experiment.fault import CATALOGUE, Kind
@@ -17,6 +17,7 @@ from twin.robot.experiment.source import laid_over
 from twin.robot.experiment.together import AND, OF, common_names, named_set, pair_names
 from twin.studies.faults.matrix import GLITCH_SHARE
 from twin.studies.faults.text import magnitude_text
+from twin.studies.faults.together import HERE, has_two_ways, magnitude_between, moved_tasks, on_disc, share_of
 from twin.studies.result import Block, Cell, Column, Note, Result, Table, counted, wrapped
 
 RANDOM = (
@@ -31,12 +32,13 @@ class Place(NamedTuple):
 
     Attributes:
         target: one of the kind's.
-        way: 1: as the catalogue has the magnitude; -1: the other sign, or, of a factor, its inverse.
+        ways: of each fault of a set 1: as the catalogue has the magnitude; -1: the other sign, or, of a factor, its
+            inverse.
         body: what is pressed on; None: the experiment's own.
     """
 
     target: str
-    way: int
+    ways: tuple[int, ...]
     body: str | None
 
 
@@ -47,11 +49,12 @@ class TriedFault:
     Attributes:
         kind: of the catalogue, or the name of a set of faults; "": nothing is wrong.
         target: one of the kind's; of a set that of each, joined by "+".
-        magnitude: in the catalogue's unit; None where the kind has none. Of a set of several kinds the share, from the
-            smallest to the largest, of each.
+        magnitude: in the catalogue's unit; None where the kind has none, and of a set of several.
         onset: tick.
         body: what is pressed on; None: the experiment's own.
         seed: of the fault, and added to that of the encoders' noise.
+        shares: of a set of several faults that of each, see `Space.magnitude`.
+        offset: by which all tasks are moved, x and y (m).
     """
 
     kind: str
@@ -60,6 +63,8 @@ class TriedFault:
     onset: int = 0
     body: str | None = None
     seed: int = 0
+    shares: tuple[float, ...] = ()
+    offset: tuple[float, float] = HERE
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,8 @@ class Space:
         bodies: None among them: the experiment's own.
         seed: of the experiment.
         noisy: whether its encoders have noise.
+        tasks: of the experiment.
+        reach: how far they may be moved (m).
     """
 
     base: Mapping[str, Any]
@@ -87,6 +94,8 @@ class Space:
     bodies: Sequence[str | None]
     seed: int
     noisy: bool = False
+    tasks: Sequence[Any] = ()
+    reach: float = 0.0
 
     def draws(self, kind: str) -> bool:
         """Whether another seed makes another run of a fault of `kind`."""
@@ -98,53 +107,53 @@ class Space:
 
     def places(self, kind: str) -> list[Place]:
         """Every place of `kind`, that of the catalogue and of the experiment first."""
-        ways = (1, -1) if _has_two_ways(kind) else (1,)
-        return [Place(*place) for place in product(self.targets(kind), ways, self.bodies)]
+        return [Place(*place) for place in product(self.targets(kind), product(*ways_of(kind)), self.bodies)]
 
     def place(self, wrong: TriedFault) -> Place:
         """That of `wrong`."""
-        known = alone(wrong.kind)
-        if known is None or known.magnitudes is None or wrong.magnitude is None:
-            return Place(wrong.target, 1, wrong.body)
-        magnitudes = known.magnitudes
-        middle = 1.0 if known.unit == "factor" else 0.0
-        other = (wrong.magnitude - middle) * (magnitudes[-1] - middle) < 0.0
-        return Place(wrong.target, -1 if other else 1, wrong.body)
+        signs = (-1 if share < 0.0 else 1 for share in self.shares(wrong))
+        ways = tuple(sign if sign in ways else 1 for sign, ways in zip(signs, ways_of(wrong.kind), strict=True))
+        return Place(wrong.target, ways, wrong.body)
 
-    def magnitude(self, kind: str, share: float) -> float | None:
-        """Of `kind`, |share| of the way from its smallest to its largest in the catalogue, by ratio.
+    def fault(
+        self,
+        kind: str,
+        place: tuple[str, str | None],
+        shares: Sequence[float],
+        onset: int,
+        seed: int = 0,
+        offset: tuple[float, float] = HERE,
+    ) -> TriedFault:
+        """The run of `kind` at a target and on a body.
 
         Args:
-            share: -1 .. 1; negative: the other sign, or, of a factor, its inverse.
+            shares: of each of its faults, see `magnitude`.
         """
-        known = alone(kind)
-        if known is None:
-            return float(f"{abs(share):.4g}")
-        if known.magnitudes is None:
-            return None
-        smallest, largest = known.magnitudes[0], known.magnitudes[-1]
-        # the largest is the catalogue's to the last bit
-        size = largest if abs(share) >= 1.0 else smallest * (largest / smallest) ** abs(share)
-        if known.unit == "ms":
-            # delays are whole ticks
-            return float(f"{1e3 * self.tick * max(1, round(1e-3 * size / self.tick)):.12g}")
-        turned = size if share >= 0.0 else 1.0 / size if known.unit == "factor" else -size
+        target, body = place
+        if alone(kind) is not None:
+            return TriedFault(kind, target, self.magnitude(kind, shares[0]), onset, body, seed, offset=offset)
         # four digits are enough of a search
-        return largest if turned == largest else float(f"{turned:.4g}")
+        rounded = tuple(float(f"{share:.4g}") for share in shares)
+        return TriedFault(kind, target, None, onset, body, seed, rounded, offset)
 
-    def share(self, wrong: TriedFault) -> float:
-        """The share that `magnitude` makes that of `wrong` of, 0 where the kind has none."""
-        known = alone(wrong.kind)
-        if known is None:
-            return wrong.magnitude or 0.0
-        magnitudes = known.magnitudes
-        if magnitudes is None or wrong.magnitude is None:
-            return 0.0
-        way = self.place(wrong).way
-        size = wrong.magnitude
-        if way < 0:
-            size = 1.0 / size if known.unit == "factor" else -size
-        return way * float(np.log(size / magnitudes[0]) / np.log(magnitudes[-1] / magnitudes[0]))
+    def offset(self, outward: float, around: float) -> tuple[float, float]:
+        """See `on_disc`."""
+        return on_disc(self.reach, outward, around)
+
+    def polar(self, offset: tuple[float, float]) -> tuple[float, float]:
+        """What `offset` makes it of."""
+        x, y = offset
+        return min(1.0, (math.hypot(x, y) / self.reach) ** 2), math.atan2(y, x) / (2.0 * math.pi) % 1.0
+
+    def magnitude(self, kind: str, share: float) -> float | None:
+        """Of a single `kind`, see `magnitude_between`."""
+        return magnitude_between(named_set(kind)[0].kind, share, self.tick)
+
+    def shares(self, wrong: TriedFault) -> tuple[float, ...]:
+        """Those that `fault` makes `wrong` of; 0 where the kind has no magnitude."""
+        return (
+            wrong.shares if alone(wrong.kind) is None else (share_of(named_set(wrong.kind)[0].kind, wrong.magnitude),)
+        )
 
     def file(self, wrong: TriedFault, experiment: Path, comments: Sequence[str] = ()) -> str:
         """The experiment with what is wrong in it and what is required of it, as TOML that `twin run` takes.
@@ -156,6 +165,7 @@ class Space:
             self.base,
             ({"contact": {"body": wrong.body}} if wrong.body is not None else {})
             | ({"seed": self.seed + wrong.seed} if wrong.seed else {})
+            | ({"task": moved_tasks(self.tasks, wrong.offset)} if wrong.offset != HERE else {})
             | ({"fault": self._tables(wrong)} if wrong.kind else {}),
         )
         tables["measure"] = [
@@ -165,22 +175,22 @@ class Space:
 
     def _tables(self, wrong: TriedFault) -> list[dict[str, Any]]:
         parts, targets = named_set(wrong.kind), wrong.target.split(AND)
-        together = len(parts) > 1
+        sizes = [wrong.magnitude]
+        if len(parts) > 1:
+            sizes = [self.magnitude(part.kind, share) for part, share in zip(parts, wrong.shares, strict=True)]
         return [
-            self._table(
-                wrong, part.kind, target, self.magnitude(part.kind, wrong.magnitude or 0.0) if together else None
-            )
-            for part, target in zip(parts, targets, strict=True)
+            self._table(wrong, part.kind, target, size)
+            for part, target, size in zip(parts, targets, sizes, strict=True)
         ]
 
     def _table(self, wrong: TriedFault, kind: str, target: str, magnitude: float | None) -> dict[str, Any]:
-        """Of one of its faults; `magnitude`: None: that of the whole."""
+        """Of one of its faults."""
         known = CATALOGUE[kind]
         table: dict[str, Any] = {"kind": kind, "target": target, "onset_s": self.onset(wrong)}
         if self.duration is not None:
             table["duration_s"] = self.duration
         if known.magnitude_key is not None:
-            table[known.magnitude_key] = wrong.magnitude if magnitude is None else magnitude
+            table[known.magnitude_key] = magnitude
         if known.has_share:
             table["share"] = GLITCH_SHARE
         return table | ({"seed": wrong.seed} if wrong.seed else {})
@@ -196,12 +206,17 @@ def alone(kind: str) -> Kind | None:
     return CATALOGUE[parts[0].kind] if len(parts) == 1 else None
 
 
-def size_text(kind: str, magnitude: float | None) -> str:
-    """A magnitude, or of a set of several kinds the share of each, as people write it."""
-    parts = named_set(kind)
+def size_text(wrong: TriedFault) -> str:
+    """A magnitude, or of a set of several faults the share of each, as people write it."""
+    parts = named_set(wrong.kind)
     if len(parts) > 1:
-        return f"{100 * (magnitude or 0.0):.0f} % each"
-    return magnitude_text(parts[0].kind, magnitude)
+        return " ".join(f"{100 * share:.0f}" for share in wrong.shares) + " %"
+    return magnitude_text(parts[0].kind, wrong.magnitude)
+
+
+def offset_text(offset: tuple[float, float]) -> str:
+    """`at 12.3 -4 mm`; empty where the tasks are where they are."""
+    return "" if offset == HERE else "at " + " ".join(f"{1e3 * each:.3g}" for each in offset) + " mm"
 
 
 def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
@@ -221,12 +236,9 @@ def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
     return tuple(name for each, names in lists.items() if each in sets for name in names)
 
 
-def _has_two_ways(kind: str) -> bool:
-    """Whether a magnitude of `kind` may have the other sign, or be the inverse of a factor."""
-    known = alone(kind)
-    if known is None:
-        return False
-    return known.unit == "factor" or (known.magnitudes is not None and not {"gt", "ge"} & known.bounds.keys())
+def ways_of(kind: str) -> list[tuple[int, ...]]:
+    """Of each fault of a set whether its magnitude may have the other sign, or be the inverse of a factor, too."""
+    return [(1, -1) if has_two_ways(part.kind) else (1,) for part in named_set(kind)]
 
 
 class Ended(NamedTuple):
@@ -294,9 +306,13 @@ class Holes:
             "not_violated": self.not_violated,
             # the name of 1.0
             "kept": self.not_violated,
-            "not_tried": [{"kind": kind, **place._asdict()} for kind, some in self.untried.items() for place in some],
+            "not_tried": [
+                {"kind": kind, "target": place.target, "way": list(place.ways), "body": place.body}
+                for kind, some in self.untried.items()
+                for place in some
+            ],
             "ended_early": [
-                {**vars(wrong), "refused": end.refused, "reason": end.reason}
+                {**vars(wrong), "offset_m": list(wrong.offset), "refused": end.refused, "reason": end.reason}
                 for some in self.ended.values()
                 for wrong, end in some
             ],
@@ -374,7 +390,9 @@ class Found:
         return {
             "kind": wrong.kind,
             "target": wrong.target,
-            (known.magnitude_key if known else "share") or "magnitude": wrong.magnitude,
+            (known and known.magnitude_key) or "magnitude": wrong.magnitude,
+            "shares": list(wrong.shares),
+            "offset_mm": [1e3 * each for each in wrong.offset],
             "onset_s": space.onset(wrong),
             "body": wrong.body,
             "seed": wrong.seed,
@@ -455,11 +473,11 @@ def _row(one: Found, requirements: Sequence[Requirement], holes: Holes, space: S
     return [
         ("! " if one.share < 0.0 else "? " if wrong.kind in holes.ended else "  ") + wrong.kind,
         _distance(one, min(requirements, key=lambda r: one.distances[r.name])),
-        size_text(wrong.kind, wrong.magnitude),
+        size_text(wrong),
         f"{space.onset(wrong):.3f} s",
         wrong.target,
         one.run,
-        f"on {wrong.body}" if wrong.body else "",
+        " ".join(filter(None, (f"on {wrong.body}" if wrong.body else "", offset_text(wrong.offset)))),
     ]
 
 

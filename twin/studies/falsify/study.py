@@ -51,6 +51,9 @@ def falsify(
         ),
     ] = (Sets.SINGLE,),
     bodies: Annotated[Sequence[str], Option("Also press on this body; may be repeated.", "BODY", "--body")] = (),
+    reach: Annotated[
+        float, Option("Also move all tasks sideways, by up to this much.", "MM", "--reach-mm", least=0.0)
+    ] = 0.0,
     runs: Annotated[int, Option("Maximum number of runs with a fault.", "N", least=1)] = RUNS,
     duration: Annotated[float | None, Option("Duration of each fault; default: to the end of the run.", "S")] = None,
     processes: Annotated[
@@ -100,6 +103,8 @@ def falsify(
     wanted = requirements_of(loaded, requirements, path)
     # a duration is refused as `twin faults` refuses it
     cases(loaded, (), (), duration)
+    if reach and not loaded.tasks:
+        raise InputRefused(f"--reach-mm {reach:g}: {path} has no [[task]] that could be moved")
     base = Source()
     override(base, settings)
     if drive is not None:
@@ -114,6 +119,8 @@ def falsify(
         list(dict.fromkeys([None, *bodies])),
         loaded.seed,
         loaded.plant.motor_noise > 0.0 or loaded.plant.joint_noise > 0.0,
+        loaded.tasks,
+        1e-3 * reach,
     )
     folder = made_folder(out or HOME / path.stem).absolute()
     with held_folder(SCRATCH) as scratch, crew(scratch, processes or cores()) as workers:

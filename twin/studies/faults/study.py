@@ -51,7 +51,7 @@ def faults(
     bodies: Annotated[
         Sequence[str],
         Option(
-            "Body to press on, such as back; may be repeated: common causes and pairs are tried on each.",
+            "Body to press on, such as back; may be repeated: common causes and pairs are tried on each, worst first.",
             "BODY",
             "--body",
             complete="body",
@@ -64,9 +64,9 @@ def faults(
 
     The catalogue of faults states beforehand which ones the monitor detects,
     and which exceed the force limit by more than 20 % all the same. A common
-    cause breaks several parts at once, such as all drives; after it the force
-    is to stay below 1.5 times the limit, or 1.2 times what an ideal monitor
-    reaches. Pairs are listed, not judged.
+    cause breaks several parts at once, such as all drives. After it, and after
+    a pair, the force is to stay below 1.5 times the limit, or 1.2 times what an
+    ideal monitor reaches.
 
     Exit code: 0 as stated, 1 a fault is missed or exceeds the limit
     unexpectedly, 2 input refused, 3 a drive crashed or hung (the rows until

@@ -54,10 +54,12 @@ def fault_matrix_result(
     first = rows[0]
     safe, safe_unwatched = sum(r.safe for r in rows), sum(r.safe_unwatched for r in rows)
     failing = any(r.fails for r in rows) or any(r.fails for r in together)
+    sets = f" Common causes and pairs: {sum(not r.fails for r in together)} of {len(together)} kept."
     verdict = (
         f"{experiment}  {'FAILED' if failing else 'PASSED'}: {safe} of {len(rows)} cases stay below {first.bound:g} N, "
         f"the limit of {first.limit:g} N plus {100 * (ALLOWANCE - 1):.0f} %; without the monitor {safe_unwatched}. "
         f"Healthy: no trip, at most {max(r.healthy_peak for r in rows):.1f} N."
+        f"{sets if together else ''}"
     )
     claimed, allowed = [r for r in rows if r.detection_expected], [r for r in rows if r.expected_beyond]
     counts = (
@@ -95,7 +97,10 @@ def together_result(experiment: str, rows: Sequence[TogetherRow], wanted: Sequen
     """The verdict on common causes and pairs alone."""
     failing = sum(row.fails for row in rows)
     names = " and ".join({FaultSet.COMMON: "common causes", FaultSet.PAIRS: "pairs"}.get(one, one) for one in wanted)
-    verdict = f"{experiment}  {'FAILED' if failing else 'PASSED'}: {counted(len(rows), 'case')} of {names}."
+    verdict = (
+        f"{experiment}  {'FAILED' if failing else 'PASSED'}: {len(rows) - failing} of {counted(len(rows), 'case')} of "
+        f"{names} kept."
+    )
     facts = {"experiment": experiment, "rows": [], "together": [row.facts() for row in rows]}
     return Result(Note(verdict, later=4), together_blocks(rows), facts, exit_code=int(failing > 0))
 
@@ -107,13 +112,12 @@ def together_blocks(rows: Sequence[TogetherRow]) -> list[Block]:
         of_kind = sorted((row for row in rows if row.faults.kind is kind), key=lambda row: -row.watched.peak)
         if not of_kind:
             continue
-        beyond, missed = sum(row.beyond for row in of_kind), sum(row.missed for row in of_kind)
-        seen = sum(row.detected for row in of_kind)
-        high = sum(row.watched.peak > REACHABLE * row.limit for row in of_kind)
+        count = {verdict: sum(row.verdict == verdict for row in of_kind) for verdict in ("kept", "beyond", "missed")}
         text = (
-            f"{len(of_kind)} {title}: {seen} seen, {missed} missed that were said to be seen; {high} above "
-            f"{REACHABLE * of_kind[0].limit:g} N, {REACHABLE:g} times the limit, of which {beyond} also above "
-            f"{OF_IDEAL:g} times the peak with an ideal monitor, which cuts all power when this one trips."
+            f"{len(of_kind)} {title}: {count['kept']} kept, {count['beyond']} beyond (!), {count['missed']} not seen "
+            f"that were said to be (!); {sum(row.detected for row in of_kind)} seen. Bound: "
+            f"{REACHABLE * of_kind[0].limit:g} N, {REACHABLE:g} times the limit, or (~) {OF_IDEAL:g} times the peak "
+            "with an ideal monitor, which cuts all power when this one trips."
         )
         # of equal names the worst comes first
         worst = {row.faults.name: row for row in reversed(of_kind)}
@@ -128,7 +132,7 @@ def _together_cells(row: TogetherRow) -> tuple[str, ...]:
         return "-" if value is None else f"{value:.3f}"
 
     return (
-        f"{'! ' if row.fails or row.beyond else '  '}{row.faults.name}",
+        f"{'!' if row.fails else '~' if row.watched.peak > REACHABLE * row.limit else ' '} {row.faults.name}",
         row.body,
         _force(row.watched.peak),
         "-" if row.ideal is None else _force(row.ideal),

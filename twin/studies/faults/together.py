@@ -5,21 +5,21 @@ trips: what no other reaction of the same robot, seeing no more, is asked to bet
 """
 
 import hashlib
+import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from enum import StrEnum
-from typing import Any, NamedTuple
+from itertools import product
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from twin.kernel.cosim.observers import simulate
 from twin.kernel.errors import InputRefused
-from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE, Fault, checked_faults
 from twin.robot.experiment.together import COMMON_CAUSES, PAIRS, CommonCause, expects, table
 from twin.robot.monitor.component import own_monitor
-from twin.robot.run.trace import Trace
+from twin.studies.faults.trials import TrialRun, Trials
 
 REACHABLE = 1.5
 """Share of the force limit that the peak after a common cause is to stay below."""
@@ -76,41 +76,73 @@ class Felt:
         return {f"{key}_{units[key]}" if key in units else key: value for key, value in asdict(self).items()}
 
 
-def felt(experiment: Experiment, faults: Sequence[Fault], watched: bool = True, since: int | None = None) -> Felt:
-    """Run `experiment` with `faults` in memory, with its monitor or without.
+SIGNALS = ("plant.F_ee_B", "plant.v_B")
+
+
+class FeltRuns(Trials):
+    """Runs of one experiment by what a person feels; they share their past. A context manager.
 
     Args:
-        since: tick from which on it counts; None: the first onset.
-
-    Raises:
-        InputRefused: a drive FMU or a fault does not fit.
+        experiment: healthy.
+        share: see `Trials`.
     """
-    monitor = experiment.monitor if watched else None
-    run = Trace(only=("plant.F_ee_B", "plant.v_B"))
-    with assemble(replace(experiment, faults=tuple(faults), monitor=monitor)) as assembly:
-        done = simulate(assembly, experiment.duration_ticks, [run])
-    own, tick = own_monitor(done.simulation.system), experiment.cosim.tick
-    onset = min((fault.onset for fault in faults), default=0) if since is None else since
-    F, v = run["plant.F_ee_B"][onset:], run["plant.v_B"][onset:]
-    force = np.linalg.norm(F, axis=1)
-    high = np.flatnonzero(force >= LOW)
-    given = tick * np.cumsum(np.einsum("ij,ij->i", F, v))
-    trip = own.trip if own else None
-    off = own.power_off_tick if own else None
-    seen = None if trip is None else tick * (trip.tick - onset)
-    return Felt(
-        seen=seen,
-        acted=None if seen is None else seen + tick * experiment.controller.bus_delay_ticks,
-        power_off=None if off is None else tick * (off - onset),
-        below=0.0 if not len(high) else None if high[-1] == len(force) - 1 else tick * (int(high[-1]) + 1),
-        reason=trip.reason.name if trip else "",
-        peak=float(force.max()),
-        impulse=float(tick * force.sum()),
-        energy=max(0.0, float(given.max())),
-        left=float(force[-max(1, round(LEFT / tick)) :].mean()),
-        failure=str(done.failure or ""),
-        digest=hashlib.sha256(run["plant.F_ee_B"].tobytes()).hexdigest()[:12],
-    )
+
+    def __init__(self, experiment: Experiment, share: bool = True):
+        super().__init__(experiment, share, SIGNALS)
+
+    def felt(self, faults: Sequence[Fault], watched: bool = True, since: int | None = None) -> Felt:
+        """The run with `faults`, with the monitor or without.
+
+        Args:
+            since: tick from which on it counts; None: the first onset.
+
+        Raises:
+            InputRefused: a drive FMU or a fault does not fit.
+        """
+        return self._judged(self.run(faults, watched), faults, since)
+
+    def both(self, faults: Sequence[Fault]) -> tuple[Felt, Felt]:
+        """The run with the monitor and that without."""
+        watched = self.run(faults)
+        one = self._judged(watched, faults, None)
+        return one, one if self.serves_unwatched(watched) else self.felt(faults, watched=False)
+
+    def ideal_peak(self, faults: Sequence[Fault], seen: float) -> float:
+        """Largest force (N) if all drives lose their power `seen` (s) after the onset."""
+        onset = min(fault.onset for fault in faults)
+        off = Fault("power_off", "power", onset + round(seen / self._experiment.cosim.tick))
+        return self.felt((*faults, off), since=onset).peak
+
+    def _judged(self, one: TrialRun, faults: Sequence[Fault], since: int | None) -> Felt:
+        run, done = one.trace, one.done
+        own, tick = own_monitor(done.simulation.system), self._experiment.cosim.tick
+        onset = min((fault.onset for fault in faults), default=0) if since is None else since
+        # a run that fails in its very first step has no row: it has touched nothing
+        F, v = (run[name][onset:] if len(run[name]) > onset else np.zeros((1, 3)) for name in SIGNALS)
+        force = np.linalg.norm(F, axis=1)
+        high = np.flatnonzero(force >= LOW)
+        given = tick * np.cumsum(np.einsum("ij,ij->i", F, v))
+        trip = own.trip if own else None
+        off = own.power_off_tick if own else None
+        seen = None if trip is None else tick * (trip.tick - onset)
+        return Felt(
+            seen=seen,
+            acted=None if seen is None else seen + tick * self._experiment.controller.bus_delay_ticks,
+            power_off=None if off is None else tick * (off - onset),
+            below=0.0 if not len(high) else None if high[-1] == len(force) - 1 else tick * (int(high[-1]) + 1),
+            reason=trip.reason.name if trip else "",
+            peak=float(force.max()),
+            impulse=float(tick * force.sum()),
+            energy=max(0.0, float(given.max())),
+            left=float(force[-max(1, round(LEFT / tick)) :].mean()),
+            failure=str(done.failure or ""),
+            digest=hashlib.sha256(run["plant.F_ee_B"].tobytes()).hexdigest()[:12],
+        )
+
+
+def felt(experiment: Experiment, faults: Sequence[Fault], watched: bool = True) -> Felt:
+    """A single run of `experiment`, from the start; see `FeltRuns.felt`."""
+    return FeltRuns(experiment, share=False).felt(faults, watched)
 
 
 class Together(NamedTuple):
@@ -131,11 +163,82 @@ class Together(NamedTuple):
     magnitude: float | None = None
 
 
+def has_two_ways(kind: str) -> bool:
+    """Whether a magnitude of `kind` may have the other sign, or be the inverse of a factor."""
+    known = CATALOGUE[kind]
+    return known.unit == "factor" or (known.magnitudes is not None and not {"gt", "ge"} & known.bounds.keys())
+
+
+def magnitude_between(kind: str, share: float, tick: float) -> float | None:
+    """Of `kind`, |share| of the way from its smallest to its largest in the catalogue, by ratio; None: it has none.
+
+    Args:
+        share: -1 .. 1; negative: the other sign, or, of a factor, its inverse.
+        tick: (s).
+    """
+    known = CATALOGUE[kind]
+    if known.magnitudes is None:
+        return None
+    smallest, largest = known.magnitudes[0], known.magnitudes[-1]
+    # the largest is the catalogue's to the last bit
+    size = largest if abs(share) >= 1.0 else smallest * (largest / smallest) ** abs(share)
+    if known.unit == "ms":
+        # delays are whole ticks
+        return float(f"{1e3 * tick * max(1, round(1e-3 * size / tick)):.12g}")
+    turned = size if share >= 0.0 else 1.0 / size if known.unit == "factor" else -size
+    # four digits are enough of a search
+    return largest if turned == largest else float(f"{turned:.4g}")
+
+
+def share_of(kind: str, magnitude: float | None) -> float:
+    """The share that makes `magnitude`, see `magnitude_between`; 0 where there is none."""
+    known = CATALOGUE[kind]
+    if known.magnitudes is None or magnitude is None:
+        return 0.0
+    size, middle = magnitude, 1.0 if known.unit == "factor" else 0.0
+    way = -1 if (size - middle) * (known.magnitudes[-1] - middle) < 0.0 else 1
+    if way < 0:
+        size = 1.0 / size if known.unit == "factor" else -size
+    smallest, largest = known.magnitudes[0], known.magnitudes[-1]
+    return way * float(np.log(size / smallest) / np.log(largest / smallest))
+
+
+HERE = (0.0, 0.0)
+"""Where the experiment's own tasks are."""
+
+
+def on_disc(reach: float, outward: float, around: float) -> tuple[float, float]:
+    """A place of a disc about the axis, evenly over its area, to a tenth of a millimetre: x, y (m).
+
+    Args:
+        reach: radius of the disc (m).
+        outward: 0 .. 1, the area within.
+        around: 0 .. 1, from x over y.
+    """
+    radius, angle = reach * math.sqrt(outward), 2.0 * math.pi * around
+    return round(radius * math.cos(angle), 4), round(radius * math.sin(angle), 4)
+
+
+def moved_tasks(tasks: Sequence[Any], offset: tuple[float, float]) -> dict[str, dict[str, list[float]]]:
+    """By the number of each [[task]] the keys that move it.
+
+    Args:
+        tasks: of an experiment.
+        offset: x, y (m).
+    """
+
+    def moved(point: Sequence[float]) -> list[float]:
+        return [float(f"{1e3 * (a + b):.9g}") for a, b in zip(point, offset, strict=True)]
+
+    return {
+        str(number): {f"{key}_mm": moved(getattr(task, key)) for key in ("point", "to") if hasattr(task, key)}
+        for number, task in enumerate(tasks, start=1)
+    }
+
+
 def directions(kind: str) -> tuple[float, ...]:
     """Signs with which magnitudes of `kind` are tried: both, where a magnitude has one."""
-    known = CATALOGUE[kind]
-    signed = known.magnitudes is not None and known.unit != "factor" and not {"gt", "ge"} & known.bounds.keys()
-    return (1.0, -1.0) if signed else (1.0,)
+    return (1.0, -1.0) if has_two_ways(kind) and CATALOGUE[kind].unit != "factor" else (1.0,)
 
 
 def common_causes(onset: float, kinds: Sequence[str] = ()) -> Iterator[Together]:
@@ -151,11 +254,13 @@ def common_causes(onset: float, kinds: Sequence[str] = ()) -> Iterator[Together]
 
 
 def pairs(onset: float, kinds: Sequence[str] = ()) -> Iterator[Together]:
-    """Pairs at `onset` (s); of `kinds` only, if some are named."""
+    """Pairs at `onset` (s), each fault in each of its directions; of `kinds` only, if some are named."""
     for pair in PAIRS:
         if not kinds or {part.kind for part in pair} <= set(kinds):
-            tables = tuple(table(part.kind, part.target, part.magnitude, onset) for part in pair)
-            yield Together(FaultSet.PAIRS, " + ".join(part.kind for part in pair), tables)
+            each = [[part.magnitude and sign * part.magnitude for sign in directions(part.kind)] for part in pair]
+            for sizes in product(*each):
+                tables = tuple(table(p.kind, p.target, size, onset) for p, size in zip(pair, sizes, strict=True))
+                yield Together(FaultSet.PAIRS, " + ".join(part.kind for part in pair), tables)
 
 
 GLITCHES = 0.02
@@ -229,9 +334,13 @@ class TogetherRow:
         return self.detection_expected and not self.detected
 
     @property
+    def verdict(self) -> Literal["kept", "beyond", "missed"]:
+        """Whether the force stayed below its bound, and what was said to be seen was seen."""
+        return "beyond" if self.beyond else "missed" if self.missed else "kept"
+
+    @property
     def fails(self) -> bool:
-        """Whether a common cause did worse than was said; a pair is only listed."""
-        return self.faults.kind is FaultSet.COMMON and (self.missed or self.beyond)
+        return self.verdict != "kept"
 
     def facts(self) -> dict[str, Any]:
         """For JSON."""
@@ -246,6 +355,7 @@ class TogetherRow:
             "bound_N": self.bound,
             "ideal_peak_N": self.ideal,
             "detectable": self.detection_expected,
+            "verdict": self.verdict,
             "failed": self.fails,
             "with_monitor": self.watched.facts(),
             "without_monitor": self.unwatched.facts(),
@@ -278,25 +388,18 @@ def together_rows(stage: Stage, wanted: Sequence[FaultSet], kinds: Sequence[str]
     Raises:
         InputRefused: a fault does not fit this robot.
     """
-    for kind in (FaultSet.COMMON, FaultSet.PAIRS):
-        for onset, in_contact in stage.onsets:
-            for one in together_of(kind, onset, kinds) if kind in wanted else ():
-                yield together_row(stage, one, onset, in_contact)
+    with FeltRuns(stage.experiment) as runs:
+        for kind in (FaultSet.COMMON, FaultSet.PAIRS):
+            for onset, in_contact in stage.onsets:
+                for one in together_of(kind, onset, kinds) if kind in wanted else ():
+                    yield together_row(stage, runs, one, onset, in_contact)
 
 
-def together_row(stage: Stage, one: Together, onset: float, in_contact: bool) -> TogetherRow:
-    """The row of `one`."""
+def together_row(stage: Stage, runs: FeltRuns, one: Together, onset: float, in_contact: bool) -> TogetherRow:
+    """The row of `one`; `runs` are those of the stage."""
     experiment = stage.experiment
     assert experiment.monitor is not None
     faults = faults_of(experiment, one.tables)
-    watched, unwatched = (felt(experiment, faults, with_monitor) for with_monitor in (True, False))
-    ideal = None if watched.seen is None else ideal_peak(experiment, faults, watched.seen)
-    limit = experiment.monitor.force_limit
-    return TogetherRow(one, stage.body, onset, in_contact, limit, watched, unwatched, ideal)
-
-
-def ideal_peak(experiment: Experiment, faults: Sequence[Fault], seen: float) -> float:
-    """Largest force (N) if all drives lose their power `seen` (s) after the onset."""
-    onset = min(fault.onset for fault in faults)
-    off = Fault("power_off", "power", onset + round(seen / experiment.cosim.tick))
-    return felt(experiment, (*faults, off), since=onset).peak
+    watched, unwatched = runs.both(faults)
+    ideal = None if watched.seen is None else runs.ideal_peak(faults, watched.seen)
+    return TogetherRow(one, stage.body, onset, in_contact, experiment.monitor.force_limit, watched, unwatched, ideal)

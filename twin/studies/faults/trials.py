@@ -7,7 +7,7 @@ it is the same one, to the last bit: one that never does anything saves the seco
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,23 +121,38 @@ class _Past(NamedTuple):
     faults: tuple[Fault, ...]
 
 
+class TrialRun(NamedTuple):
+    """A run of `Trials`.
+
+    Attributes:
+        trace: what was kept of it, from tick 0 on.
+        done: the simulation.
+        idle: whether the monitor never did anything to the robot.
+    """
+
+    trace: Trace
+    done: Simulated
+    idle: bool
+
+
 class Trials:
     """Makes the runs; a context manager that frees what they share.
 
     Args:
         experiment: without faults, with the monitor of twin.
         share: False: every run is made from the start, for comparison. The numbers are the same.
+        only: the signals that are kept of a run.
     """
 
-    def __init__(self, experiment: Experiment, share: bool = True):
-        self._experiment, self._share = experiment, share
+    def __init__(self, experiment: Experiment, share: bool = True, only: Sequence[str] = SIGNALS):
+        self._experiment, self._share, self._only = experiment, share, only
         self._pasts: dict[bool, _Past] = {}
 
-    def __enter__(self) -> "Trials":
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *failure: object) -> None:
-        self._close()
+        self.close()
 
     def pair(self, fault: Fault) -> tuple[FaultTrial, FaultTrial]:
         """The run with `fault` as its only one and the monitor, and that without the monitor.
@@ -145,26 +160,41 @@ class Trials:
         Raises:
             InputRefused: a drive FMU or the fault does not fit.
         """
-        watched, never_worked = self._run(fault, watched=True)
-        # the sentence of a failure may name what is asked of the monitor
-        if self._share and never_worked and not watched.failure:
-            return watched, watched
-        return watched, self._run(fault, watched=False)[0]
+        watched = self.run((fault,))
+        trial = fault_trial_of(watched.trace, watched.done)
+        if self.serves_unwatched(watched):
+            return trial, trial
+        unwatched = self.run((fault,), watched=False)
+        return trial, fault_trial_of(unwatched.trace, unwatched.done)
 
-    def _run(self, fault: Fault, watched: bool) -> tuple[FaultTrial, bool]:
+    def serves_unwatched(self, watched: TrialRun) -> bool:
+        """Whether the run without monitor has the bits of `watched`."""
+        # the sentence of a failure may name what is asked of the monitor
+        return self._share and watched.idle and not watched.done.failure
+
+    def run(self, faults: Sequence[Fault], watched: bool = True) -> TrialRun:
+        """The run with `faults`, with the monitor or without; what it holds is there until the next one.
+
+        Raises:
+            InputRefused: a drive FMU or a fault does not fit.
+        """
         monitor = self._experiment.monitor if watched else None
-        experiment = replace(self._experiment, faults=(fault,), monitor=monitor)
+        experiment = replace(self._experiment, faults=tuple(faults), monitor=monitor)
         past = self._past(experiment, watched)
-        run, work = Trace(only=SIGNALS, past=past.run), MonitorWork(past.work)
-        done = past.shared.go_on(experiment, fault.onset, self._observers(run, work, watched))
-        return fault_trial_of(run, done), work.first == math.inf
+        trace, work = Trace(only=self._only, past=past.run), MonitorWork(past.work)
+        onset = min((fault.onset for fault in faults), default=experiment.duration_ticks)
+        done = past.shared.go_on(experiment, onset, self._observers(trace, work, watched))
+        return TrialRun(trace, done, work.first == math.inf)
 
     def _past(self, experiment: Experiment, watched: bool) -> _Past:
         before = before_fault(experiment)
+        if before.faults and len(experiment.faults) > 1:
+            # which of the faults an idle one stands for is known of a single one only
+            return _Past(SharedPast(before, share=False), Trace(only=self._only), MonitorWork(), before.faults)
         if any(past.faults != before.faults for past in self._pasts.values()):
-            self._close()
+            self.close()
         if watched not in self._pasts:
-            run, work = Trace(only=SIGNALS), MonitorWork()
+            run, work = Trace(only=self._only), MonitorWork()
             shared = SharedPast(before, self._observers(run, work, watched), self._share)
             self._pasts[watched] = _Past(shared, run, work, before.faults)
         return self._pasts[watched]
@@ -173,7 +203,8 @@ class Trials:
     def _observers(run: Trace, work: MonitorWork, watched: bool) -> Sequence[Observer]:
         return [run, work] if watched else [run]
 
-    def _close(self) -> None:
+    def close(self) -> None:
+        """Free what the runs share; a run after that makes it again."""
         # the last one first: drives in processes of their own leave the processor to those before them
         for past in reversed(self._pasts.values()):
             past.shared.close()

@@ -40,12 +40,11 @@ def worse(old: Mapping[str, Mapping[str, Any]], lines: Sequence[Mapping[str, Any
             yield f"{name}: {after['status']}, was kept"
         elif after["status"] == "failed" and before["status"] != "failed":
             yield f"{name}: a run failed"
-        if _share(after) < _share(before):
-            yield f"{name}: {after['detected']} of {after['runs']} seen, were {before['detected']} of {before['runs']}"
+        for of, seen, made in ((None, "detected", "runs"), ("drawn", "count", "of")):
+            was, now = (line if of is None else line.get(of) for line in (before, after))
+            if was and now and now[made] and was[made] and now[seen] / now[made] < was[seen] / was[made]:
+                what = "" if of is None else f" {of} runs"
+                yield f"{name}: {now[seen]} of {now[made]}{what} seen, were {was[seen]} of {was[made]}"
         was, now = before["peak_N"], after["peak_N"]
         if was is not None and now is not None and now > MORE * was and now > was + SMALL:
             yield f"{name}: peak {now:.1f} N, was {was:.1f} N"
-
-
-def _share(line: Mapping[str, Any]) -> float:
-    return line["detected"] / line["runs"] if line["runs"] else 1.0

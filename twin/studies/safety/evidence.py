@@ -1,27 +1,22 @@
-"""The runs behind each line: all causes on all bodies, the worst one searched for a worse, with and without monitor."""
+"""Runs behind a line of a hazard table, with the monitor and without, and what they come to."""
 
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-import numpy as np
-from scipy.stats import binomtest, qmc
+from scipy.stats import binomtest
 
-from twin.kernel.errors import TwinError
-from twin.robot.assembly.assemble import assemble
+from twin.kernel.errors import InputRefused, TwinError
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.experiment.together import table
-from twin.robot.run.trace import fields_of, run_in_memory
-from twin.studies.faults.matrix import healthy_trial, onsets_of, touching
-from twin.studies.faults.together import Felt, directions, faults_of, felt, with_share
-from twin.studies.metrics.requirement import checked_requirement, distance
-from twin.studies.safety.hazards import Cause, Hazard, SafetyTable, magnitudes_of
+from twin.studies.faults.matrix import healthy_trial, onsets_of
+from twin.studies.faults.together import HERE, Felt, FeltRuns, faults_of, felt, moved_tasks, with_share
+from twin.studies.safety.hazards import Cause, Hazard, SafetyTable
 
 CONFIDENCE = 0.95
 """Of intervals of a detected share, by Clopper and Pearson (1934)."""
@@ -32,17 +27,27 @@ class HazardRobot(NamedTuple):
 
     Attributes:
         body: its name.
+        point: by how much its tasks are moved (m).
         settings: that make it of the experiment's file.
         experiment: loaded.
         onsets: (s) in free motion and in contact.
-        touches: at each tick.
+        runs: makes runs of it.
     """
 
     body: str
+    point: tuple[float, float]
     settings: tuple[str, ...]
     experiment: Experiment
     onsets: tuple[float, ...]
-    touches: np.ndarray
+    runs: FeltRuns
+
+
+Robots = Callable[[str, tuple[float, float]], HazardRobot]
+"""The robot of a body and a point, made once."""
+
+
+Origin = Literal["grid", "search", "draw"]
+"""Of a run: one of the grid of all causes, one that was searched for a worse case, or one that was drawn at random."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,7 @@ class EvidenceRun:
         seed: of the experiment.
         watched: with the monitor; None: it failed.
         unwatched: without; None: not made.
-        searched: whether the search found it.
+        found: how it came to be made.
         failure: why it failed.
     """
 
@@ -67,7 +72,7 @@ class EvidenceRun:
     seed: int
     watched: Felt | None
     unwatched: Felt | None = None
-    searched: bool = False
+    found: Origin = "grid"
     failure: str = ""
 
     @property
@@ -91,7 +96,7 @@ class EvidenceRun:
             "settings": list(self.settings),
             "fault": list(self.tables),
             "seed": self.seed,
-            "searched": self.searched,
+            "found": self.found,
             "failure": self.failure,
             "with_monitor": self.watched and self.watched.facts(),
             "without_monitor": self.unwatched and self.unwatched.facts(),
@@ -112,7 +117,6 @@ class HazardLine:
     Attributes:
         hazard: the line of the table.
         runs: all, those of the search last.
-        searched: how many runs the search made.
         distances: of requirements, by body and formula, how far the healthy robot is from violating them.
         variants: what the worst run gives with other hardware, (peak, left) in N by name; None: it fails.
         head_area: of the head (m2).
@@ -120,7 +124,6 @@ class HazardLine:
 
     hazard: Hazard
     runs: tuple[EvidenceRun, ...]
-    searched: int
     distances: dict[str, float]
     head_area: float
     variants: dict[str, tuple[float, float] | None] = field(default_factory=dict)
@@ -165,23 +168,37 @@ class HazardLine:
         return "exceeded as stated" if self.hazard.table.beyond else "exceeded"
 
     @property
-    def detected(self) -> tuple[int, int]:
-        """(runs that the monitor saw, runs) without those of the search, which are not drawn independently of them."""
-        made = [run for run in self.runs if run.watched is not None and not run.searched]
-        return sum(bool(run.watched and run.watched.reason) for run in made), len(made)
+    def searched(self) -> int:
+        """How many runs the search made."""
+        return len(self._found("search"))
+
+    def _found(self, origin: Origin) -> list[EvidenceRun]:
+        return [run for run in self.runs if run.watched is not None and run.found == origin]
 
     @property
-    def coverage(self) -> tuple[float, float] | None:
-        """Interval of the share that is seen, if the runs were drawn at random; None: there are no runs."""
-        seen, made = self.detected
-        if not made:
-            return None
-        interval = binomtest(seen, made).proportion_ci(CONFIDENCE, method="exact")
-        return float(interval.low), float(interval.high)
+    def detected(self) -> tuple[int, int]:
+        """(runs that the monitor saw, runs) of the grid."""
+        return _seen(self._found("grid"))
+
+    @property
+    def drawn(self) -> tuple[int, int]:
+        """(runs that the monitor saw, runs) of those that were drawn at random, independently of each other."""
+        return _seen(self._found("draw"))
+
+    @property
+    def dangerous(self) -> tuple[int, int]:
+        """Of the drawn runs those that exceed the limit, or fail, without the monitor: (kept below it by the monitor,
+        runs)."""
+        bad = [
+            run
+            for run in self._found("draw")
+            if run.unwatched and (run.unwatched.failure or self.measured(run.unwatched) > self.hazard.limit)
+        ]
+        return sum(bool(run.watched and self.measured(run.watched) <= self.hazard.limit) for run in bad), len(bad)
 
     def facts(self) -> dict[str, Any]:
         """For JSON; what `--against` compares."""
-        worst, coverage = self.worst, self.coverage
+        worst = self.worst
         seen, made = self.detected
         return {
             "id": self.hazard.table.id,
@@ -196,133 +213,85 @@ class HazardLine:
             "detected": seen,
             "runs": made,
             "searched": self.searched,
-            "coverage": list(coverage) if coverage else None,
+            "drawn": _share_facts(self.drawn),
+            "dangerous": _share_facts(self.dangerous),
             "distances": self.distances,
             "variants": self.variants,
             "evidence": [run.facts() for run in self.runs],
         }
 
 
-def robot_of(path: Path, settings: Sequence[str], body: str, point: tuple[float, float]) -> HazardRobot:
-    """The experiment on `body`, its first task at `point` (m).
+def interval(share: tuple[int, int]) -> tuple[float, float]:
+    """That of a share, (so many, of how many at least one), by Clopper and Pearson (1934)."""
+    found = binomtest(*share).proportion_ci(CONFIDENCE, method="exact")
+    return float(found.low), float(found.high)
+
+
+def _seen(runs: Sequence[EvidenceRun]) -> tuple[int, int]:
+    return sum(bool(run.watched and run.watched.reason) for run in runs), len(runs)
+
+
+def _share_facts(share: tuple[int, int]) -> dict[str, Any] | None:
+    return {"count": share[0], "of": share[1], "interval": list(interval(share))} if share[1] else None
+
+
+def robot_of(
+    path: Path, settings: Sequence[str], body: str, point: tuple[float, float], share: bool = False
+) -> HazardRobot:
+    """The experiment on `body`, its tasks moved by `point` (m).
+
+    Args:
+        share: whether more than one run is made of it; then its `runs` are to be closed.
 
     Raises:
         InputRefused: it cannot be made so. SafetyTrip, ComponentFailed: it trips or fails without any fault.
     """
-    moved = (f"task.1.point_mm=[{1e3 * point[0]:g},{1e3 * point[1]:g}]",) if point != (0.0, 0.0) else ()
-    experiment = load_experiment(path, (*settings, *moved), None, body)
-    healthy = healthy_trial(experiment)
-    return HazardRobot(body, (*settings, *moved), experiment, onsets_of(experiment, healthy, ()), touching(healthy))
+    experiment = load_experiment(path, settings, None, body)
+    moved: tuple[str, ...] = ()
+    if point != HERE:
+        if not experiment.tasks:
+            raise InputRefused(
+                f"{path}: has no [[task]] that could be moved by {1e3 * point[0]:g}, {1e3 * point[1]:g} mm"
+            )
+        keys = [
+            (f"task.{n}.{key}", to)
+            for n, new in moved_tasks(experiment.tasks, point).items()
+            for key, to in new.items()
+        ]
+        moved = tuple(f"{key}=[{x:g},{y:g}]" for key, (x, y) in keys)
+        experiment = load_experiment(path, (*settings, *moved), None, body)
+    onsets = onsets_of(experiment, healthy_trial(experiment), ())
+    return HazardRobot(body, point, (*settings, *moved), experiment, onsets, FeltRuns(experiment, share))
 
 
-def run_of(
-    robot: HazardRobot, cause: Cause, sizes: Sequence[float | None], onset: float, searched: bool = False
-) -> EvidenceRun:
-    """One run with the monitor; one that is refused or fails is a failed run, never none."""
-    parts = zip(cause.faults, sizes, strict=True)
-    tables = tuple(with_share(table(kind, target, size, onset)) for (kind, target), size in parts)
-    one = EvidenceRun(str(cause), robot.body, robot.settings, tables, robot.experiment.seed, None, searched=searched)
+def run_of(robot: HazardRobot, cause: Cause, tables: Sequence[dict[str, Any]], found: Origin = "grid") -> EvidenceRun:
+    """One run with the monitor, a drawn one also without; one that is refused or fails is a failed run, never none.
+
+    Args:
+        tables: of its [[fault]]s.
+    """
+    one = EvidenceRun(str(cause), robot.body, robot.settings, tuple(tables), robot.experiment.seed, None, found=found)
     try:
-        watched = felt(robot.experiment, faults_of(robot.experiment, tables))
+        faults = faults_of(robot.experiment, tables)
+        watched, unwatched = robot.runs.both(faults) if found == "draw" else (robot.runs.felt(faults), None)
     except TwinError as problem:
         return replace(one, failure=str(problem))
     meant = any(kind == "drive_failure" for kind, _ in cause.faults)
     if watched.failure and not meant:
         return replace(one, failure=watched.failure)
-    return replace(one, watched=watched)
+    return replace(one, watched=watched, unwatched=unwatched)
+
+
+def tables_of(cause: Cause, sizes: Sequence[float | None], onset: float, seed: int = 0) -> list[dict[str, Any]]:
+    """The [[fault]]s of `cause`, which begin together at `onset` (s)."""
+    parts = zip(cause.faults, sizes, strict=True)
+    made = [with_share(table(kind, target, size, onset)) for (kind, target), size in parts]
+    return [one | ({"seed": seed} if seed else {}) for one in made]
 
 
 def without_monitor(robot: HazardRobot, run: EvidenceRun) -> EvidenceRun:
     """`run` with that of the same robot without its monitor."""
-    faults = faults_of(robot.experiment, run.tables)
-    return replace(run, unwatched=felt(robot.experiment, faults, watched=False))
-
-
-def line_of(
-    hazard: Hazard,
-    robots: Callable[[str, tuple[float, float]], HazardRobot],
-    head_area: float,
-    say: Callable[[str], None],
-) -> tuple[HazardLine, HazardRobot | None]:
-    """The line of a hazard, and the robot of its worst run.
-
-    Args:
-        robots: by body and point.
-        head_area: (m2).
-        say: called before each robot, with what is done.
-    """
-    runs: list[EvidenceRun] = []
-    distances: dict[str, float] = {}
-    of_run: dict[int, tuple[HazardRobot, Cause, tuple[float | None, ...]]] = {}
-    for body in hazard.evidence.bodies:
-        for point in hazard.evidence.points:
-            say(f"{hazard.table.id}: {hazard.table.hazard}")
-            try:
-                robot = robots(body, point)
-            except TwinError as problem:
-                runs.append(EvidenceRun("healthy", body, (), (), 0, None, failure=str(problem)))
-                continue
-            for cause, sizes, onset in _cases(hazard, robot):
-                of_run[len(runs)] = robot, cause, sizes
-                runs.append(run_of(robot, cause, sizes, onset))
-            for cause in hazard.causes:
-                if cause.requirement:
-                    distances |= _distance(robot, cause.requirement, runs)
-    line = HazardLine(hazard, tuple(runs), 0, distances, head_area)
-    worst = line.worst
-    if worst is None:
-        return line, None
-    robot, cause, sizes = of_run[runs.index(worst)]
-    found = list(_searched(hazard, robot, cause, sizes))
-    line = HazardLine(hazard, (*runs, *found), len(found), distances, head_area)
-    last = line.worst
-    assert last is not None
-    every = tuple(without_monitor(robot, run) if run is last else run for run in line.runs)
-    return HazardLine(hazard, every, len(found), distances, head_area), robot
-
-
-def _cases(hazard: Hazard, robot: HazardRobot) -> Iterator[tuple[Cause, tuple[float | None, ...], float]]:
-    for cause in hazard.causes:
-        if cause.faults:
-            signs = {kind: directions(kind) for kind, _ in cause.faults}
-            for sizes in magnitudes_of(cause, signs):
-                for onset in robot.onsets:
-                    yield cause, sizes, onset
-
-
-def _distance(robot: HazardRobot, formula: str, runs: list[EvidenceRun]) -> dict[str, float]:
-    try:
-        with assemble(robot.experiment) as assembly:
-            fields = fields_of(assembly.system)
-        checked, _ = checked_requirement(formula, fields)
-        return {f"{formula} on {robot.body}": distance(checked, run_in_memory(robot.experiment))}
-    except TwinError as problem:
-        failed = EvidenceRun(formula, robot.body, robot.settings, (), robot.experiment.seed, None, failure=str(problem))
-        runs.append(failed)
-        return {}
-
-
-def _searched(hazard: Hazard, robot: HazardRobot, cause: Cause, sizes: Sequence[float | None]) -> Iterator[EvidenceRun]:
-    """Runs about the worst: other times over the whole run, magnitudes down to the catalogue's smallest.
-
-    Points of a Halton sequence, scrambled by the seed of the evidence: the same seed gives the same runs.
-    """
-    experiment = robot.experiment
-    points = qmc.Halton(2, seed=hazard.evidence.seed).random(hazard.evidence.search)
-    for time, less in points:
-        onset = round(float(time) * (experiment.duration_ticks - 1)) * experiment.cosim.tick
-        scaled = tuple(_scaled(kind, size, float(less)) for (kind, _), size in zip(cause.faults, sizes, strict=True))
-        yield run_of(robot, cause, scaled, float(f"{onset:.12g}"), searched=True)
-
-
-def _scaled(kind: str, size: float | None, less: float) -> float | None:
-    """A magnitude between the largest (0) and the smallest (1) of the catalogue, with the sign of `size`."""
-    known = CATALOGUE[kind].magnitudes
-    if size is None or known is None or CATALOGUE[kind].unit == "ms":
-        return size
-    ratio = known[0] / known[-1]
-    largest = math.copysign(abs(known[-1]), size)
-    return float(f"{largest * ratio**less:.4g}")
+    return replace(run, unwatched=robot.runs.felt(faults_of(robot.experiment, run.tables), watched=False))
 
 
 def hardware(

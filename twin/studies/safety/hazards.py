@@ -10,8 +10,10 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from pydantic import model_validator
+
 from twin.kernel.errors import InputRefused
-from twin.kernel.settings import Settings, setting
+from twin.kernel.settings import Settings, optional, setting
 from twin.robot.experiment.fault import CATALOGUE, kind_named, refuse_target
 from twin.robot.experiment.measure import requirement
 from twin.robot.experiment.mistakes import checked, numbered
@@ -37,18 +39,35 @@ class Evidence(Settings):
 
     bodies: tuple[str, ...] = setting(min_length=1, help="bodies that are pressed on")
     points: tuple[tuple[float, float], ...] = setting(
-        "mm", into=None, default=((0.0, 0.0),), min_length=1, help="where, x and y of the first task"
+        "mm", into=None, default=((0.0, 0.0),), min_length=1, help="where, x and y from where the tasks are"
     )
+    reach: float = setting("mm", default=0.0, ge=0, help="search and draws move the tasks by up to this much more")
     search: int = setting(default=16, ge=0, le=10_000, help="runs spent on looking for a worse case")
-    seed: int = setting(default=0, ge=0, lt=2**31, help="of that search")
+    draws: int = setting(default=0, ge=0, le=10_000, help="runs drawn at random, for the share that is seen")
+    seed: int = setting(default=0, ge=0, lt=2**31, help="of search and draws")
+
+
+ASSUMED = "assumed"
+"""How the source of a number begins that is not published."""
 
 
 class Threshold(Settings):
-    """[[threshold]]: at which pressure people begin to feel pain."""
+    """[[threshold]]: at which pressure, or force, people begin to feel pain."""
 
-    name: str = setting(min_length=1, help="for people")
-    pressure: float = setting("kPa", gt=0, help="mean over people, in kPa")
+    name: str = setting(min_length=1, help="where, and of whom")
+    pressure: float | None = optional("kPa", gt=0, example=130.0, help="under a probe of about the head's area")
+    force: float | None = optional("N", gt=0, example=30.0, help="in place of a pressure")
     source: str = setting(min_length=1, help="where it is published, or 'assumed: ...'")
+
+    @model_validator(mode="after")
+    def _is_one(self) -> "Threshold":
+        if (self.pressure is None) == (self.force is None):
+            raise ValueError("expected one of pressure_kPa, force_N")
+        return self
+
+    @property
+    def published(self) -> bool:
+        return not self.source.startswith(ASSUMED)
 
 
 class Variant(Settings):

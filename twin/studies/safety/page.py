@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 
 from twin.studies.faults.together import LOW, Felt
-from twin.studies.safety.evidence import CONFIDENCE, EvidenceRun, HazardLine
+from twin.studies.safety.evidence import CONFIDENCE, EvidenceRun, HazardLine, interval
 from twin.studies.safety.hazards import SafetyTable
 
 NOTICE = (
@@ -33,6 +33,8 @@ th{background:#f3f3f3}td.n{text-align:right;font-variant-numeric:tabular-nums}
 code{font-size:.8rem;overflow-wrap:anywhere}img{max-width:100%}details{margin:.5rem 0}
 @media print{body{max-width:none;margin:0}h2{break-after:avoid}tr,img{break-inside:avoid}details>*{display:block}}
 """
+PUBLISHED = 2
+"""So many published thresholds of pain a table has at least."""
 CLASSES = {"kept": "kept", "exceeded": "exceeded", "exceeded as stated": "stated", "failed": "failed"}
 
 
@@ -95,14 +97,20 @@ def _overview(lines: Sequence[HazardLine]) -> str:
 
 
 def _summary(line: HazardLine) -> Iterator[str]:
-    worst, (seen, made) = line.worst, line.detected
+    worst = line.worst
     yield f'<a href="#{escape(line.hazard.table.id)}">{escape(line.hazard.table.id)}</a>'
     yield escape(line.hazard.table.hazard)
     yield escape(line.hazard.limit_text)
     yield value_text(line, worst.watched if worst else None)
     yield value_text(line, worst.unwatched if worst else None)
-    yield f"{seen} of {made}"
+    yield seen_text(line)
     yield _status(line)
+
+
+def seen_text(line: HazardLine) -> str:
+    """Runs that the monitor saw: of those drawn at random if there are any, else of the grid."""
+    seen, made = line.drawn if line.drawn[1] else line.detected
+    return f"{seen} of {made}"
 
 
 def value_text(line: HazardLine, run: Felt | None) -> str:
@@ -138,9 +146,9 @@ def _line(table: SafetyTable, line: HazardLine) -> Iterator[str]:
 
 def _worst(table: SafetyTable, line: HazardLine, worst: EvidenceRun, run: Felt) -> Iterator[str]:
     how = (
-        f"found by the search, {line.searched} runs"
-        if worst.searched
-        else f"{line.searched} more runs found none worse"
+        f"{line.searched} more runs searched for a worse one found none"
+        if worst.found == "grid"
+        else f"found by {'the search' if worst.found == 'search' else 'a draw'}, {line.searched} runs of search"
     )
     yield f"<h3>Worst run: {escape(worst.cause)} on {escape(worst.body)} ({how})</h3>"
     without = worst.unwatched
@@ -165,10 +173,15 @@ def _worst(table: SafetyTable, line: HazardLine, worst: EvidenceRun, run: Felt) 
     pressure = _pressure(line, run)
     against = [
         (escape(t.name), f"{t.pressure:g} kPa", f"{100 * pressure / t.pressure:.0f} %", escape(t.source))
+        if t.pressure
+        else (escape(t.name), f"{t.force:g} N", f"{100 * run.peak / (t.force or 1.0):.0f} %", escape(t.source))
         for t in table.thresholds
     ]
     if against:
-        yield _table(("pain begins at", "mean", "this run", "source"), against)
+        yield _table(("pain begins at", "threshold", "this run", "source"), against)
+    published = sum(t.published for t in table.thresholds)
+    if published < PUBLISHED:
+        yield f"<p>Pain: {published} published thresholds, fewer than {PUBLISHED}: taken as assumed.</p>"
     if line.variants:
         others = [
             (escape(v.name), _pair(line.variants.get(v.name), 0), _pair(line.variants.get(v.name), 1), escape(v.why))
@@ -192,19 +205,38 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3g}"
 
 
+def share_text(share: tuple[int, int]) -> str:
+    """`38 of 40 (95 % interval 83 to 99 %)`."""
+    low, high = interval(share)
+    return f"{share[0]} of {share[1]} ({100 * CONFIDENCE:.0f} % interval {100 * low:.0f} to {100 * high:.0f} %)"
+
+
+def _dangerous(line: HazardLine) -> str:
+    if not line.dangerous[1]:
+        return "None of them exceeds the limit without the monitor."
+    return (
+        f"Of those that exceed the limit, or fail, without the monitor it keeps {share_text(line.dangerous)} below it."
+    )
+
+
 def _runs(line: HazardLine) -> Iterator[str]:
     seen, made = line.detected
-    if line.coverage:
-        low, high = line.coverage
+    grid = f"Seen: {seen} of {made} runs of the grid, which chance did not choose."
+    if line.drawn[1]:
+        evidence = line.hazard.evidence
         yield (
-            f"<p>Seen: {seen} of {made} runs of the grid; {100 * CONFIDENCE:.0f} % interval {100 * low:.0f} to "
-            f"{100 * high:.0f} % (Clopper and Pearson), were they drawn at random, which they are not: small "
-            "magnitudes that need no detection are among them.</p>"
+            f"<p>Drawn at random (seed {evidence.seed}): {share_text(line.drawn)} seen. Cause, body, time and place "
+            f"within {1e3 * evidence.reach:g} mm evenly, magnitudes evenly by ratio, from ones on that need no "
+            f"detection. {_dangerous(line)} {grid}</p>"
         )
+    elif made:
+        yield f"<p>{grid} None was drawn, so no interval.</p>"
     head = (
         "run",
         "cause",
         "body",
+        "by",
+        "moved (mm)",
         "magnitudes",
         "onset (s)",
         "seed",
@@ -222,5 +254,7 @@ def _runs(line: HazardLine) -> Iterator[str]:
         if felt := run.watched:
             digest = f"<code>{felt.digest}</code>"
             cells = (f"{felt.peak:.1f}", f"{felt.left:.1f}", _number(felt.seen), felt.reason or "-", digest)
-        rows.append((f"<code>{run.id}</code>", escape(run.cause), run.body, sizes, onset, str(run.seed), *cells))
+        where = "; ".join(text.partition("=")[2].strip("[]") for text in run.settings if "point_mm" in text)
+        made_by = (f"<code>{run.id}</code>", escape(run.cause), run.body, run.found, where)
+        rows.append((*made_by, sizes, onset, str(run.seed), *cells))
     yield f"<details open><summary>{len(line.runs)} runs</summary>{_table(head, rows)}</details>"

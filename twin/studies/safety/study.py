@@ -101,7 +101,8 @@ def written_page(
     from twin.kernel.writing import made_folder, write_text
     from twin.robot.experiment.drive_files import experiment_file
     from twin.studies.safety.argument import draw_argument
-    from twin.studies.safety.evidence import HazardRobot, hardware, line_of, robot_of
+    from twin.studies.safety.evidence import HazardRobot, hardware, robot_of
+    from twin.studies.safety.lines import line_of
     from twin.studies.safety.page import page
     from twin.studies.safety.sensitivity import draw_sensitivity, threshold_points
 
@@ -110,9 +111,13 @@ def written_page(
     path = experiment_file(Path(table.head.experiment))
     known: dict[tuple[str, tuple[float, float]], HazardRobot] = {}
 
+    grid = {(body, point) for h in table.hazards for body in h.evidence.bodies for point in h.evidence.points}
+
     def robots(body: str, point: tuple[float, float]) -> HazardRobot:
+        if (body, point) not in grid:
+            return robot_of(path, settings, body, point)
         if (body, point) not in known:
-            known[body, point] = robot_of(path, settings, body, point)
+            known[body, point] = robot_of(path, settings, body, point, share=True)
         return known[body, point]
 
     asked = None if quick else table.sensitivity
@@ -120,12 +125,16 @@ def written_page(
     steps = Steps(say, places + (len(asked.keys) * len(asked.factors) if asked else 0))
     lines: list[HazardLine] = []
     worst: list[tuple[HazardLine, HazardRobot]] = []
-    for hazard in table.hazards:
-        line, robot = line_of(hazard, robots, pi * table.head.head_radius**2, steps.next)
-        if not quick:
-            line = replace(line, variants=hardware(line, table, path, robot))
-        lines.append(line)
-        worst += [(line, robot)] if robot is not None else []
+    try:
+        for hazard in table.hazards:
+            line, robot = line_of(hazard, robots, pi * table.head.head_radius**2, steps.next)
+            if not quick:
+                line = replace(line, variants=hardware(line, table, path, robot))
+            lines.append(line)
+            worst += [(line, robot)] if robot is not None else []
+    finally:
+        for one in known.values():
+            one.runs.close()
     pictures = [("The argument", home / "argument.png")]
     draw_argument(table, lines, pictures[0][1])
     points = threshold_points(asked, path, settings, worst, steps.next) if asked else []

@@ -5,7 +5,7 @@ from typing import Any
 
 from twin.studies.result import Block, Column, Note, Result, Table
 from twin.studies.safety.evidence import HazardLine
-from twin.studies.safety.page import value_text
+from twin.studies.safety.page import seen_text, value_text
 
 COLUMNS = (
     Column("", 4, left=True),
@@ -21,9 +21,11 @@ def lines_table(lines: Sequence[HazardLine]) -> Table:
     """One row for each: its worst run with the monitor and without, how many were seen, and whether it is kept."""
     rows = []
     for line in lines:
-        worst, (seen, made) = line.worst, line.detected
+        worst = line.worst
         values = [value_text(line, run) for run in ((worst.watched, worst.unwatched) if worst else (None, None))]
-        rows.append((line.hazard.table.id, line.hazard.table.hazard, *values, f"{seen}/{made}", line.status))
+        rows.append(
+            (line.hazard.table.id, line.hazard.table.hazard, *values, seen_text(line).replace(" of ", "/"), line.status)
+        )
     return Table(COLUMNS, rows, indent=0)
 
 
