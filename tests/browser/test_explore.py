@@ -443,11 +443,50 @@ def test_claims_of_the_paper_turn_over_with_the_state(opened: Opened):
     page = opened.page
     page.click("#score summary")
     page.locator("#score tbody tr").first.wait_for(timeout=60_000)
-    expect(page.locator("#score .hint")).to_contain_text("0 turned over")
+    expect(page.locator("#score .hint")).to_contain_text("0 turned over. All four runs of Fig. 4")
+    expect(page.locator("#score tbody tr", has_text="imperfect runs")).not_to_have_count(0)
     opened.type(SPRING, "8")
     page.locator("#score tr.turned").first.wait_for(timeout=60_000)
     expect(page.locator("#score tr.turned").first).to_contain_text("(was: holds)")
     assert opened.messages == []
+
+
+def test_fig_4_as_the_paper_has_it_follows_and_a_link_brings_it_back(
+    opened: Opened, context: BrowserContext, explorer: Explorer
+):
+    page = opened.page
+    page.select_option("#layout", "fig4")
+    expect(page.locator("figcaption").first).to_have_text("A: z position mm")
+    expect(page.locator(".plot")).to_have_count(4)
+    drawn = opened.answers()
+    opened.type(GAIN, "4")
+    assert opened.answers() > drawn and page.locator(".plot").count() == 4
+    page.click("#pin")
+    page.locator(".plot .several").first.wait_for()
+    other = Opened(context.new_page(), page.url)
+    expect(other.page.locator("figcaption").first).to_have_text("A: z position mm")
+    expect(other.page.locator("#panels")).to_be_hidden()
+    assert opened.messages == other.messages == []
+
+
+def test_fig_5_has_its_tasks_side_by_side_and_its_own_claims(context: BrowserContext, tmp_path: Path):
+    with Explorer(tmp_path, "rolling") as explorer:
+        opened = Opened(context.new_page(), f"{explorer.address}#layout=fig5")
+        page = opened.page
+        expect(page.locator(".task h3")).to_have_text("C Rolling: 5 N, radius 5 mm at 1 Hz, 6 turns")
+        expect(page.locator(".way figcaption")).to_have_text(["C: in space", "C: on the surface"])
+        # pointing at the circle sets the one clock, and the coordinates have units
+        box = page.locator(".way canvas").last.bounding_box()
+        assert box is not None
+        page.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + 90)
+        expect(page.locator(".way .value").last).to_have_text(re.compile(r"^x [-\d.]+ mm, y [-\d.]+ mm$"))
+        assert float(page.input_value("#time")) > 1.0
+        page.locator(".way .legend button").last.click()
+        expect(page.locator(".way .legend button").last).to_have_attribute("aria-pressed", "false")
+        page.click("#score summary")
+        expect(page.locator("#score summary")).to_have_text("Scorecard of Fig. 5")
+        expect(page.locator("#score tbody tr", has_text="radius over that asked for")).to_contain_text("holds")
+        assert opened.messages == []
 
 
 def test_a_map_fills_coarse_to_fine_and_a_click_goes_there(opened: Opened):

@@ -52,7 +52,7 @@ ASSETS = files("twin.report.explore") / "assets"
 SHARED = files("twin.report.page") / "assets"
 OF_REPORT = ("data", "clock", "look", "plot", "plots", "scene", "player")
 """Scripts that the explorer has in common with the report, in an order in which each finds what it needs."""
-MODULES = ("explore", "brought", "faults", "link", "loops", "map", "picture", "score", "sliders", "state")
+MODULES = ("explore", "brought", "faults", "link", "loops", "map", "picture", "score", "sliders", "state", "ways")
 KINDS = {"css": "text/css", "js": "text/javascript", "html": "text/html"}
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self' {link}; "

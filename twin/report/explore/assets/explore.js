@@ -8,7 +8,7 @@ import { Mapped } from "./map.js";
 import { Picture } from "./picture.js";
 import { Score } from "./score.js";
 import { Sliders } from "./sliders.js";
-import { copied, fresh, History, MOST_PINS, read, written } from "./state.js";
+import { copied, fresh, History, MOST_PINS, plainView, read, written } from "./state.js";
 
 const element = (id) => document.getElementById(id);
 const KEPT = 500;
@@ -18,6 +18,7 @@ let begun = null;
 let history = new History(fresh());
 let pins = [];
 let chosen = new Set();
+let view = plainView();
 let file = {};
 let now = {};
 let command = "";
@@ -33,6 +34,7 @@ const link = new Link(hear, (there) => {
   status.classList.toggle("lost", !there);
   status.textContent = there ? "" : "The server does not answer: twin explore has ended, or was started anew. Trying again; your state is kept.";
   element("picture").classList.toggle("old", !there);
+  if (!there) loops.lost();
 });
 const picture = new Picture(() => askAll(), () => measure());
 const sliders = new Sliders(element("sliders"), element("search"), change);
@@ -58,7 +60,7 @@ function measure() {
   }
 }
 
-const look = (slot) => ({ panels: [...chosen], span: picture.span, width: picture.width, robot: slot === 0 && element("player").open, list: slot === 0 && !listed });
+const look = (slot) => ({ panels: [...chosen], layout: element("layout").value, span: picture.span, width: picture.width, robot: slot === 0 && element("player").open, list: slot === 0 && !listed });
 
 /** Ask for the present state; `since`: when the hand moved. */
 function askNow(since = performance.now()) {
@@ -80,7 +82,10 @@ function askAll() {
 }
 
 function hear(answer) {
-  if (answer.outdated) return;
+  if (answer.outdated) {
+    if (answer.op === "loops") loops.lost();
+    return;
+  }
   if (answer.op === "begin") begin(answer);
   else if (answer.op === "describe") describe(answer);
   else if (answer.op === "runs") offerRuns(answer.runs ?? []);
@@ -100,12 +105,12 @@ function begin(answer) {
   const first = begun === null;
   begun = answer;
   if (first) {
-    chosen = new Set(answer.panels_at_first);
     const given = read(location.hash.slice(1));
     if (given === null) say("What stands behind # in the address is no state of this page; the file is shown.", true);
-    const [state, pinned] = given && location.hash.length > 1 ? given : [answer.state, []];
+    const [state, pinned, seen] = given && location.hash.length > 1 ? given : [answer.state, [], view];
     history = new History({ ...fresh(), ...state });
     pins = pinned;
+    lookAs(seen);
   }
   element("title").textContent = answer.title;
   document.title = `${answer.name}: twin explore`;
@@ -117,10 +122,32 @@ function begin(answer) {
   refresh();
 }
 
+/** Look at it as a link says. */
+function lookAs(seen) {
+  view = seen;
+  chosen = new Set(view.panels ?? begun.panels_at_first);
+  element("panels").querySelector(".choices").dataset.titles = "";
+  listed = false;
+  offerLayout(begun.figure);
+}
+
+const FIGURES = { fig4: "Fig. 4", fig5: "Fig. 5" };
+
+/** The layout of the figure that the experiment is one of. */
+function offerLayout(figure) {
+  const own = figure ? [made("option", { value: figure }, `as ${FIGURES[figure]}`)] : [];
+  element("layout").replaceChildren(made("option", { value: "" }, "plots"), ...own);
+  element("layout").value = view.layout === figure ? view.layout : "";
+  element("panels").hidden = element("layout").value !== "";
+  element("score").hidden = !figure;
+  element("score").querySelector("summary").textContent = `Scorecard of ${FIGURES[figure]}`;
+}
+
 function describe(answer) {
   if (answer.refused) return;
   offer(element("drive"), answer.drives, history.now.drive);
   offer(element("body"), answer.bodies, history.now.body);
+  offerLayout(answer.figure);
   listed = false;
   sliders.describe(answer.sliders);
   sliders.show(history.now.set);
@@ -165,7 +192,7 @@ function remember() {
 }
 
 function address() {
-  const text = written(history.now, pins);
+  const text = written(history.now, pins, view);
   window.history.replaceState(null, "", text ? `#${text}` : location.pathname);
   element("undo").disabled = history.before.length === 0;
   element("redo").disabled = history.after.length === 0;
@@ -294,6 +321,8 @@ function offerPanels(titles) {
       tick.addEventListener("change", () => {
         if (tick.checked) chosen.add(title);
         else chosen.delete(title);
+        view.panels = [...chosen];
+        address();
         askAll();
       });
       return made("label", {}, tick, ` ${title}`);
@@ -355,6 +384,12 @@ function hearButtons() {
     if (event.target.value) addPin({ name: event.target.value, run: event.target.value });
     event.target.value = "";
   });
+  element("layout").addEventListener("change", () => {
+    view.layout = element("layout").value;
+    element("panels").hidden = view.layout !== "";
+    address();
+    askAll();
+  });
   element("player").addEventListener("toggle", () => askNow());
   window.addEventListener("hashchange", () => {
     const given = read(location.hash.slice(1));
@@ -363,6 +398,7 @@ function hearButtons() {
       return;
     }
     pins = given[1];
+    lookAs(given[2]);
     namePins();
     go(given[0]);
   });
