@@ -254,7 +254,7 @@ def fig5_panels(
         if kind not in last:
             continue
         run = last[kind]
-        of = f"{TITLES[kind]}: {manner(run.task)}"
+        of = f"{TITLES[kind].replace('  ', ' ')}: {manner(run.task)}"
         t = run.t[seen_part(run)]
         span = float(t[0]), float(t[-1])
         over_time = [Panel(f"{TITLES[kind][0]}: pressing force F_z", "N", FORCE)]

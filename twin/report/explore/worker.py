@@ -19,6 +19,7 @@ from twin.kernel.recording.folder import recording_in
 from twin.report.explore.asked import Base, PageState, asked, first_state, known, saved
 from twin.report.explore.brought import inspected, settled
 from twin.report.explore.figures import SIGNALS, claims, fig4_panels, fig4_runs, fig5_panels, figure_of
+from twin.report.explore.logs import known_logs, log_run, proposed_map, stored
 from twin.report.explore.picture import AT_FIRST, EXPLORED, MemoryRun, drawn, headline, poses, shown_panels
 from twin.report.page.markup import DataBlock
 from twin.report.page.panels import PanelRun
@@ -263,6 +264,19 @@ def _recorded(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
             "command": "", **Look.of(ask).picture(run, run.end)}  # fmt: skip
 
 
+def _log(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """A log of a robot, to be laid beside others."""
+    run, note = log_run(ask, asked(base, {}).unchanged)
+    found = Look.of(ask).picture(run, run.end)
+    if not ask.get("layout") and not any(row["curve"] for panel in found["panels"] for row in panel["rows"]):
+        raise InputRefused(
+            "the log has no signal of the plots that are shown; map its columns to encoder.count_m[0..2] and "
+            "count_l[0..2], or scale.F_z, or show other plots"
+        )
+    return {"title": ask["log"], "trip": "", "numbers": [], "events": [], "values": {}, "command": "", "note": note,
+            **found}  # fmt: skip
+
+
 def _numbers_of(folder: Path) -> list[Any]:
     """Those that the run has written beside its recording."""
     try:
@@ -279,8 +293,8 @@ def _folders() -> list[Path]:
 
 
 def _runs(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Runs of results/ that can be laid beside others, the newest first."""
-    return {"runs": [str(folder) for folder in _folders()[:MOST_RUNS]]}
+    """What can be laid beside others: runs of results/, the newest first, and logs of robots."""
+    return {"runs": [str(folder) for folder in _folders()[:MOST_RUNS]], "logs": known_logs()}
 
 
 def _saved(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
@@ -337,6 +351,9 @@ ANSWERS: Mapping[str, Callable[[Base, Mapping[str, Any]], dict[str, Any]]] = {
     "runs": _runs,
     "save": _saved,
     "command": _command,
+    "columns": lambda base, ask: proposed_map(ask),
+    "log": _log,
+    "store": lambda base, ask: {"stored": stored(Path(ask["file"]))},
     "loops": _loops,
     "score": _score,
     "map": _mapped,

@@ -3,6 +3,7 @@
 import { Brought } from "./brought.js";
 import { Faults } from "./faults.js";
 import { Link } from "./link.js";
+import { Log } from "./log.js";
 import { Loops } from "./loops.js";
 import { Mapped } from "./map.js";
 import { Picture } from "./picture.js";
@@ -43,7 +44,12 @@ const loops = new Loops(element("loops"), (point) => link.ask({ op: "loops", sta
 const score = new Score(element("score"), (slot) => link.ask({ op: "score", slot, state: slot === "file" ? fresh() : history.now }));
 const map = new Mapped(element("map"), (state, slot) => link.ask({ op: "map", slot, state }), (state) => go(state), () => history.now);
 const faults = new Faults(element("faults"), breakIt, () => picture.clock.time);
-const brought = new Brought((what) => link.ask(what), say, (name) => go({ ...copied(history.now), drive: name }));
+const log = new Log((what) => link.ask({ ...what, ...look("try") }), say, addPin);
+const useDrive = (name) => go({ ...copied(history.now), drive: name });
+const brought = new Brought((what) => link.ask(what), say, useDrive, (path) => {
+  link.ask({ op: "runs" });
+  log.open(path);
+});
 
 /** From the input event to the frame in which the answer to it was drawn. */
 function measure() {
@@ -72,7 +78,7 @@ function askNow(since = performance.now()) {
 }
 
 function askPin(pin, number) {
-  const what = pin.run === undefined ? { op: "show", state: pin.state } : { op: "recorded", run: pin.run };
+  const what = pin.state ? { op: "show", state: pin.state } : { op: pin.log ? "log" : "recorded", ...pin };
   link.ask({ ...what, slot: number + 1, ...look(number + 1) });
 }
 
@@ -88,7 +94,9 @@ function hear(answer) {
   }
   if (answer.op === "begin") begin(answer);
   else if (answer.op === "describe") describe(answer);
-  else if (answer.op === "runs") offerRuns(answer.runs ?? []);
+  else if (answer.op === "runs") offerBeside(answer);
+  else if (answer.op === "columns") log.proposed(answer);
+  else if (answer.slot === "try") log.tried(answer);
   else if (answer.op === "save") say(answer.saved ? `Saved: ${answer.saved}` : answer.refused ?? answer.failed, !answer.saved);
   else if (answer.op === "record") tellRecorded(answer);
   else if (answer.op === "score") score.take(answer);
@@ -162,10 +170,12 @@ function offer(select, names, value) {
   select.value = value;
 }
 
-function offerRuns(runs) {
-  const select = element("runs-of-results");
-  select.replaceChildren(select.firstElementChild, ...runs.map((run) => made("option", { value: run }, run)));
-  select.disabled = runs.length === 0;
+function offerBeside({ runs = [], logs = [] }) {
+  const select = element("beside");
+  const group = (label, kind, names) => made("optgroup", { label }, ...names.map((name) => made("option", { value: `${kind} ${name}` }, name)));
+  const groups = [runs.length && group("Runs", "run", runs), logs.length && group("Logs of robots", "log", logs)];
+  select.replaceChildren(select.firstElementChild, ...groups.filter(Boolean));
+  select.disabled = runs.length + logs.length === 0;
 }
 
 /** Something was changed: show it in the settings, ask for it, and at the end of a movement remember it. */
@@ -274,7 +284,7 @@ function namePins() {
       namePins();
       address();
     });
-    const to = made("button", { type: "button", hidden: pin.run !== undefined, title: "Return to this state" }, "go");
+    const to = made("button", { type: "button", hidden: !pin.state, title: "Return to this state" }, "go");
     to.addEventListener("click", () => go(pin.state));
     const away = made("button", { type: "button", title: "Take it off the picture" }, "×");
     away.setAttribute("aria-label", `Unpin ${pin.name}`);
@@ -380,8 +390,10 @@ function hearButtons() {
   });
   for (const id of ["drive", "body"])
     element(id).addEventListener("change", () => go({ ...copied(history.now), [id]: element(id).value }));
-  element("runs-of-results").addEventListener("change", (event) => {
-    if (event.target.value) addPin({ name: event.target.value, run: event.target.value });
+  element("beside").addEventListener("change", (event) => {
+    const [kind, name] = event.target.value.split(/ (.*)/);
+    if (kind === "run") addPin({ name, run: name });
+    if (kind === "log") log.open(name);
     event.target.value = "";
   });
   element("layout").addEventListener("change", () => {

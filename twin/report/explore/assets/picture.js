@@ -68,11 +68,16 @@ export class Picture {
     if (number === 0 && answer.scene) this.player.draw();
   }
 
-  /** Of several runs what is true and what is wanted, as in a report; where a panel has neither, all it has. */
+  /** Of several runs what is true and what is wanted, as in a report; where one of them has neither, as a log of a
+   * robot, all it has. */
   isShown({ title, rows }, row) {
     const asSwitched = this.switched.get(`${title} ${row.label}`);
-    const few = this.labels.length > 1 && rows.some(({ role }) => MAIN.includes(role));
-    return asSwitched ?? (row.shown && (!few || MAIN.includes(row.role)));
+    const wanted = this.labels.some((_, run) => {
+      const own = rows.filter(({ curves }) => curves[run]);
+      return row.curves[run] && !own.some(({ role }) => MAIN.includes(role));
+    });
+    const usual = row.shown && (this.labels.length === 1 || MAIN.includes(row.role));
+    return asSwitched ?? (usual || (this.labels.length > 1 && wanted));
   }
 
   /** Plots are made anew only where other curves are to be seen. */

@@ -74,9 +74,11 @@ export function read(text) {
     }
     else if (key !== "pin") set.push([key, content]);
     else if (pins.length < MOST_PINS && typeof content?.name === "string") {
-      const inner = content.run === undefined ? understood(content.state) : null;
-      if (typeof content.run === "string") pins.push({ name: content.name, run: content.run });
-      else if (inner) pins.push({ name: content.name, state: inner });
+      const { name, log, map = "", shift_s = 0 } = content;
+      const inner = content.run === undefined && log === undefined ? understood(content.state) : null;
+      if (typeof content.run === "string") pins.push({ name, run: content.run });
+      else if (typeof log === "string" && typeof map === "string" && typeof shift_s === "number") pins.push({ name, log, map, shift_s });
+      else if (inner) pins.push({ name, state: inner });
       else return null;
     } else return null;
   }
