@@ -11,12 +11,15 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Dialog, Locator, Page, expect
 
 from tests.browser.explorer import Explorer
 from tests.kernel.process.hostile import HANG, NONE, SEGFAULT, hostile_drive
 from twin.kernel.recording.reader import read
+from twin.robot.assembly.load import load_experiment
+from twin.robot.run.trace import run_in_memory
 
 pytestmark = pytest.mark.slow
 
@@ -256,7 +259,7 @@ def test_the_copied_command_records_the_bytes_that_record_does(opened: Opened, e
     subprocess.run(words, cwd=folder.parents[2], env=os.environ | {"PYTHONPATH": os.getcwd()}, check=True)
     assert (folder / "run.mcap").read_bytes() == (tmp_path / "again" / "run.mcap").read_bytes()
     assert read(folder / "run.mcap").metadata["origins"][GAIN] == "set on the command line"
-    opened.page.select_option("#runs-of-results", index=1)
+    opened.page.select_option("#beside", index=1)
     expect(opened.page.locator(".pinned")).to_have_count(2)
 
 
@@ -443,11 +446,84 @@ def test_claims_of_the_paper_turn_over_with_the_state(opened: Opened):
     page = opened.page
     page.click("#score summary")
     page.locator("#score tbody tr").first.wait_for(timeout=60_000)
-    expect(page.locator("#score .hint")).to_contain_text("0 turned over")
+    expect(page.locator("#score .hint")).to_contain_text("0 turned over. All four runs of Fig. 4")
+    expect(page.locator("#score tbody tr", has_text="imperfect runs")).not_to_have_count(0)
     opened.type(SPRING, "8")
     page.locator("#score tr.turned").first.wait_for(timeout=60_000)
     expect(page.locator("#score tr.turned").first).to_contain_text("(was: holds)")
     assert opened.messages == []
+
+
+def test_fig_4_as_the_paper_has_it_follows_and_a_link_brings_it_back(
+    opened: Opened, context: BrowserContext, explorer: Explorer
+):
+    page = opened.page
+    page.select_option("#layout", "fig4")
+    expect(page.locator("figcaption").first).to_have_text("A: z position mm")
+    expect(page.locator("#plots .plot")).to_have_count(4)
+    drawn = opened.answers()
+    opened.type(GAIN, "4")
+    assert opened.answers() > drawn and page.locator("#plots .plot").count() == 4
+    page.click("#pin")
+    page.locator("#plots .several").first.wait_for()
+    other = Opened(context.new_page(), page.url)
+    expect(other.page.locator("figcaption").first).to_have_text("A: z position mm")
+    expect(other.page.locator("#panels")).to_be_hidden()
+    assert opened.messages == other.messages == []
+
+
+def test_fig_5_has_its_tasks_side_by_side_and_its_own_claims(context: BrowserContext, tmp_path: Path):
+    with Explorer(tmp_path, "rolling") as explorer:
+        opened = Opened(context.new_page(), f"{explorer.address}#layout=fig5")
+        page = opened.page
+        expect(page.locator(".task h3")).to_have_text("C Rolling: 5 N, radius 5 mm at 1 Hz, 8 turns")
+        expect(page.locator(".way figcaption")).to_have_text(["C: in space", "C: on the surface"])
+        # pointing at the circle sets the one clock, and the coordinates have units
+        page.locator(".way .stage canvas").last.scroll_into_view_if_needed()
+        box = page.locator(".way .stage canvas").last.bounding_box()
+        assert box is not None
+        page.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + 90)
+        expect(page.locator(".way .value").last).to_have_text(re.compile(r"^x [-\d.]+ mm, y [-\d.]+ mm$"))
+        assert float(page.input_value("#time")) > 1.0
+        page.locator(".way .legend button").last.click()
+        expect(page.locator(".way .legend button").last).to_have_attribute("aria-pressed", "false")
+        page.click("#score summary")
+        expect(page.locator("#score summary")).to_have_text("Scorecard of Fig. 5")
+        expect(page.locator("#score tbody tr", has_text="radius over that asked for")).to_contain_text("holds")
+        assert opened.messages == []
+
+
+def test_a_log_of_a_robot_is_dropped_mapped_laid_beside_and_brought_back_by_the_link(
+    opened: Opened, context: BrowserContext, tmp_path: Path
+):
+    trace = run_in_memory(load_experiment("fig4_force_position", ["duration_s=8"]))
+    t, counts = trace.time("encoder"), np.hstack([trace["encoder.count_m"], trace["encoder.count_l"]])
+    names = [f"q_{side}_{i}" for side in ("motor", "joint") for i in (1, 2, 3)]
+    np.savetxt(
+        tmp_path / "robot.csv", np.column_stack([t, counts]), "%.9g", ",", header="t," + ",".join(names), comments=""
+    )
+    page = opened.page
+    page.set_input_files("#fmu", tmp_path / "robot.csv")
+    page.locator("#log[open]").wait_for()
+    # what the proposal leaves in doubt is a comment, and the sentence says what is missing
+    assert "# time = " in page.input_value("#log-map")
+    page.fill("#log-map", 'time = "t"\n"encoder.count_m[0]" = "nothing"')
+    page.click("#lay")
+    expect(page.locator("#log-problem")).to_contain_text("nothing")
+    lines = ['time = { column = "t", unit = "s" }']
+    lines += [
+        f'"encoder.count_{c}[{i}]" = "q_{n}_{i + 1}"' for c, n in (("m", "motor"), ("l", "joint")) for i in range(3)
+    ]
+    page.fill("#log-map", "\n".join(lines))
+    page.click("#lay")
+    expect(page.locator(".pinned")).to_have_count(2)
+    page.locator("#plots .several").first.wait_for()
+    value = page.locator("#plots .legend button", has_text="estimated").first.locator(".value").nth(1)
+    expect(value).to_be_visible()
+    other = Opened(context.new_page(), page.url)
+    expect(other.page.locator(".pinned input")).to_have_value(re.compile(r"^robot-\w{8}\.csv$"))
+    other.page.locator("#plots .several").first.wait_for()
+    assert opened.messages == other.messages == []
 
 
 def test_a_map_fills_coarse_to_fine_and_a_click_goes_there(opened: Opened):

@@ -12,14 +12,16 @@ import pytest
 from tests.laws.runs import shipped
 from twin.kernel.places import HOME
 from twin.kernel.process.reporter import DirectReporter
+from twin.kernel.recording.reader import read
 from twin.report.explore.picture import AT_FIRST, EXPLORED, extremes
 from twin.report.explore.worker import answered
 from twin.robot.run.run import execute
 from twin.robot.run.trace import run_in_memory
 from twin.studies.analyse.operating_point import Linearised, operating_points
 from twin.studies.analyse.stability import judged_point
-from twin.studies.paper.fig4 import fig4_score
+from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, fig4_score
 from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
+from twin.studies.paper.fig5 import fig5_score
 
 BASE: dict[str, Any] = {
     "experiment": "fig4_force_position",
@@ -32,10 +34,9 @@ LOOK = {"panels": list(AT_FIRST), "span": None, "width": 300}
 GAIN = "controller.force.kp_mm_per_N"
 
 
-def answer(op: str, state: object = None, **more: Any) -> dict[str, Any]:
-    found = answered(
-        DirectReporter(lambda note: None), os.getcwd(), BASE, {"op": op, "state": state or {}, **LOOK, **more}
-    )
+def answer(op: str, state: object = None, base: dict[str, Any] | None = None, **more: Any) -> dict[str, Any]:
+    ask = {"op": op, "state": state or {}, **LOOK, **more}
+    found = answered(DirectReporter(lambda note: None), os.getcwd(), BASE | (base or {}), ask)
     # it goes through JSON
     return json.loads(json.dumps(found))
 
@@ -161,15 +162,67 @@ def test_loops_have_the_margins_of_twin_analyse():
     assert np.interp(np.log(row["crossover_Hz"]), np.log(block[0]), block[1 + 2 * n]) == pytest.approx(0.0, abs=0.1)
 
 
-def test_claims_are_those_of_the_same_two_runs_and_another_experiment_has_none():
-    found = {row["text"]: row for row in answer("score")["claims"]}
-    runs = [Fig4Run(run_in_memory(shipped(name))) for name in ("fig4_force_position", "fig4_position")]
-    score = fig4_score(Fig4Runs(runs[0], runs[1], imperfect=(runs[0], runs[1])))
+@pytest.mark.parametrize("name", FIG4_EXPERIMENTS)
+def test_claims_are_those_of_the_papers_four_runs_with_the_state_laid_over_each(name: str):
+    found = {row["text"]: row for row in answer("score", {"set": {GAIN: 3}}, base={"experiment": name})["claims"]}
+    runs = [Fig4Run(run_in_memory(shipped(one, f"{GAIN}=3"))) for one in FIG4_EXPERIMENTS]
+    score = fig4_score(Fig4Runs(runs[0], runs[1], imperfect=(runs[2], runs[3])))
     judged = [one for one in (*score.claims, *score.quality) if one.claim.measure is not None]
     assert {one.claim.text: (one.verdict, one.measured) for one in judged} == {
         text: (row["verdict"], row["measured"]) for text, row in found.items()
     }
-    assert "needs" in answer("score", {"set": {"controller.mode": "position"}})["refused"]
+
+
+def test_a_state_that_tilts_the_scale_tilts_all_four():
+    # of what the imperfect ones have by themselves the page's value holds
+    claims = answer("score", {"set": {"contact.tilt_deg": 0.0}})["claims"]
+    assert {row["text"]: row for row in claims} != {row["text"]: row for row in answer("score")["claims"]}
+
+
+def test_claims_of_tasks_are_those_of_fig_5_on_the_recorded_run(tmp_path: Path):
+    run = execute(shipped("pressing", f"{GAIN}=0.5"), tmp_path)
+    (task,) = fig5_score([read(run.recording)]).tasks
+    found = answer("score", {"set": {GAIN: 0.5}}, base={"experiment": "pressing"})
+    assert found["figure"] == "fig5"
+    assert [(f"1 press: {one.claim.text}", one.verdict, one.measured) for one in task.findings] == [
+        (row["text"], row["verdict"], row["measured"]) for row in found["claims"]
+    ]
+
+
+def test_an_experiment_that_is_none_of_the_papers_has_no_claims_and_no_layout():
+    # a step of 6 s
+    assert answer("describe", base={"experiment": "step_z_air"})["figure"] is None
+    assert "needs" in answer("score", base={"experiment": "step_z_air"})["refused"]
+    assert "none of the paper's Fig. 5" in answer("show", layout="fig5")["refused"]
+    assert "expected fig4 or fig5" in answer("show", layout="fig6")["refused"]
+
+
+def test_the_layout_of_fig_4_has_its_four_runs():
+    found = answer("show", {"set": {GAIN: 3}}, layout="fig4", span=[13.0, 14.0])
+    shown = curves(found)
+    assert [panel["title"][0] for panel in found["panels"]] == ["A", "B", "C", "D"]
+    alone, askew = (run_in_memory(shipped(FIG4_EXPERIMENTS[n], f"{GAIN}=3")) for n in (1, 3))
+    for key, run, signal, column in (
+        (("B: F_z, pressing", "P-based"), alone, "controller.F_z", ...),
+        (("C: F_x, imperfect runs", "P-based"), askew, "estimator.F_ee_B", 0),
+    ):
+        values, start, _ = shown[key]
+        first = round(start / 2e-3)
+        np.testing.assert_array_equal(values, run[signal][first : first + len(values)].T[column].astype("<f4"))
+    assert [name for name, *_ in found["numbers"]] == [name for name, *_ in answer("show")["numbers"]]
+
+
+def test_the_layout_of_fig_5_has_each_kind_of_task_with_its_own_time_and_its_way():
+    found = answer("show", layout="fig5", base={"experiment": "massage"})
+    assert [way["title"][0] for way in found["ways"]] == ["A", "B", "C", "C", "D", "D"]
+    spans = [panel["span"] for panel in found["panels"]]
+    assert all(0.0 <= start < end <= 62.0 for start, end in spans) and spans == sorted(spans)
+    block = np.frombuffer(base64.b64decode(found["block"]), "<f4")
+    (roll,) = (way for way in found["ways"] if way["title"] == "C: on the surface")
+    (turns,) = (row for row in roll["rows"] if row["label"] == "full turns")
+    x, y = block[turns["place"][0] : sum(turns["place"])].reshape(2, -1)
+    # a radius of 5 mm, 10 % either way is the claim's bound
+    assert np.nanmean(np.hypot(x, y)) == pytest.approx(5.0, rel=0.1)
 
 
 def test_a_point_of_a_map_has_the_numbers_of_the_picture():

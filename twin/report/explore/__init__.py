@@ -5,4 +5,6 @@ import re
 ANSWERED = "twin.report.explore.worker:answered"
 """The job of the processes that run experiments; here, for importing it means importing what runs them."""
 FMU_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,60}\.fmu")
-"""Of a file that may be brought in."""
+"""Of a drive that may be brought in."""
+LOG_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,60}\.(csv|mcap|db3)(\.zstd)?")
+"""Of a log that may be."""

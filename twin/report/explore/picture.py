@@ -1,7 +1,7 @@
 """What the page draws of a run: the panels of a report, as far and as finely as the screen shows them."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -108,17 +108,17 @@ def shown_panels(run: PanelRun) -> list[str]:
 
 
 def drawn(
-    run: PanelRun, block: DataBlock, titles: Sequence[str], span: tuple[float, float], width: int
+    panels: Iterable[Panel], run: Any, block: DataBlock, span: tuple[float, float], width: int
 ) -> list[dict[str, Any]]:
-    """The panels with `titles` for JSON; their samples go into `block`.
+    """`panels` for JSON; their samples go into `block`.
 
     Of each `width`-th part of `span` the extremes are there, so no spike is lost. Whatever is shown beyond the span
     stays coarse.
 
     Args:
-        run: what is drawn.
+        panels: which ones.
+        run: what is drawn: what the panels read.
         block: takes the samples.
-        titles: of panels.
         span: from when to when (s).
         width: of a plot (pixels).
     """
@@ -130,12 +130,11 @@ def drawn(
                 for quantity in panel.quantities
             ],
         )
-        for panel in EXPLORED
-        if panel.title in titles
+        for panel in panels
     ]
 
 
-def _curve(read: Reader, run: PanelRun, block: DataBlock, span: tuple[float, float], width: int) -> list[float] | None:
+def _curve(read: Reader, run: Any, block: DataBlock, span: tuple[float, float], width: int) -> list[float] | None:
     """[first sample in the block, number, time of the first (s), time from one to the next (s)]."""
     samples = read(run)
     if samples is None or not len(samples[0]):

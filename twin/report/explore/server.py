@@ -33,7 +33,7 @@ from twin.kernel.errors import InputRefused, SafetyTrip, TwinError, plain
 from twin.kernel.live import OwnPageGate
 from twin.kernel.process.guard import guarded
 from twin.kernel.process.job import JobLimits
-from twin.report.explore import FMU_NAME
+from twin.report.explore import FMU_NAME, LOG_NAME
 from twin.report.explore.processes import AnsweringProcess, Outdated
 from twin.studies.left_behind import SCRATCH, held_folder
 
@@ -52,7 +52,20 @@ ASSETS = files("twin.report.explore") / "assets"
 SHARED = files("twin.report.page") / "assets"
 OF_REPORT = ("data", "clock", "look", "plot", "plots", "scene", "player")
 """Scripts that the explorer has in common with the report, in an order in which each finds what it needs."""
-MODULES = ("explore", "brought", "faults", "link", "loops", "map", "picture", "score", "sliders", "state")
+MODULES = (
+    "explore",
+    "brought",
+    "faults",
+    "link",
+    "log",
+    "loops",
+    "map",
+    "picture",
+    "score",
+    "sliders",
+    "state",
+    "ways",
+)
 KINDS = {"css": "text/css", "js": "text/javascript", "html": "text/html"}
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self' {link}; "
@@ -65,12 +78,12 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-FROM_PAGES = ("describe", "show", "recorded", "runs", "save", "command", "loops", "score", "map")
+FROM_PAGES = ("describe", "show", "recorded", "runs", "columns", "log", "save", "command", "loops", "score", "map")
 """What a page may ask a process for."""
 MOST_BYTES = 100_000_000
-"""Of an FMU that is brought in."""
+"""Of a file that is brought in."""
 MOST_BROUGHT = 16
-"""FMUs that may be brought in while a server lives."""
+"""Files that may be brought in while a server lives."""
 STUDY_JOB = "twin.studies.command:answered"
 """A study in a process of its own."""
 RECORD_JOB = "twin.robot.live.runs:recorded_runs"
@@ -217,7 +230,7 @@ class ExplorerServer:
         assets = read_assets()
         routes: list[Any] = [Route(path, _sending(*content)) for path, content in assets.items()]
         routes += [Route("/recorded/{number:int}", self._report), WebSocketRoute("/link", self._attend)]
-        routes += [Route("/drive", self._take_drive, methods=["POST"])]
+        routes += [Route("/file", self._take_file, methods=["POST"])]
         gate = OwnPageGate(listening.getsockname()[1], token)
         config = uvicorn.Config(
             Guard(Starlette(routes=routes), gate),
@@ -268,13 +281,16 @@ class ExplorerServer:
         self._reports.append(folder / "report.html")
         return {"recorded": str(folder), "report": f"/recorded/{len(self._reports) - 1}"}
 
-    async def _take_drive(self, request: Request) -> Response:
-        """An FMU that was dropped onto the page: kept as it came, nothing of it is looked at yet."""
+    async def _take_file(self, request: Request) -> Response:
+        """A file that was dropped onto the page. An FMU stays as it came, nothing of it is looked at yet; a log is one
+        of those below the current folder from now on."""
         name = request.query_params.get("name", "")
-        if not FMU_NAME.fullmatch(name):
-            return PlainTextResponse("expected the name of an .fmu file: letters, digits, dots, - and _\n", 400)
+        is_log = LOG_NAME.fullmatch(name)
+        if not is_log and not FMU_NAME.fullmatch(name):
+            sentence = "expected the name of an .fmu, .csv, .mcap or .db3 file: letters, digits, dots, - and _\n"
+            return PlainTextResponse(sentence, 400)
         if len(self._brought) >= MOST_BROUGHT:
-            return PlainTextResponse(f"{MOST_BROUGHT} FMUs were brought in already\n", 400)
+            return PlainTextResponse(f"{MOST_BROUGHT} files were brought in already\n", 400)
         number = len(self._brought)
         path = self._scratch / str(number) / name
         self._brought.append(path)
@@ -289,7 +305,12 @@ class ExplorerServer:
         if size > MOST_BYTES:
             path.unlink()
             return PlainTextResponse(f"{name}: expected at most {MOST_BYTES / 1e6:g} MB\n", 413)
-        return PlainTextResponse(str(number))
+        if not is_log:
+            return PlainTextResponse(str(number))
+        found = await self.answer({"op": "store", "file": str(path)}, threading.Event())
+        path.unlink()
+        refused = found.get("refused") or found.get("failed")
+        return PlainTextResponse(refused or found["stored"], 400 if refused else 200)
 
     async def inspect(self, ask: Mapping[str, Any]) -> dict[str, Any]:
         """What an FMU that was brought in is, and which of its variables may play which role."""

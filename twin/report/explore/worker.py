@@ -9,7 +9,7 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from twin.kernel.cosim.observers import Observer, TickEvent, simulate
 from twin.kernel.errors import ComponentFailed, InputRefused, UnknownSeries
@@ -18,30 +18,31 @@ from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import recording_in
 from twin.report.explore.asked import Base, PageState, asked, first_state, known, saved
 from twin.report.explore.brought import inspected, settled
-from twin.report.explore.picture import AT_FIRST, MemoryRun, drawn, headline, poses, shown_panels
+from twin.report.explore.figures import SIGNALS, claims, fig4_panels, fig4_runs, fig5_panels, figure_of
+from twin.report.explore.logs import known_logs, log_run, proposed_map, stored
+from twin.report.explore.picture import AT_FIRST, EXPLORED, MemoryRun, drawn, headline, poses, shown_panels
 from twin.report.page.markup import DataBlock
 from twin.report.page.panels import PanelRun
 from twin.report.page.run import report_runs
 from twin.robot.assembly.assemble import assemble
-from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.experiment.source import at
 from twin.robot.monitor.component import own_monitor, trip_reason
 from twin.robot.run.outcome import RunOutcome
 from twin.robot.run.run import SUMMARY
-from twin.robot.run.trace import Trace, fields_of, run_in_memory
+from twin.robot.run.trace import Trace, fields_of
 from twin.robot.run.watch import run_observers
-from twin.studies.paper.fig4 import fig4_score
-from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
 from twin.studies.results.stored import stored_runs
-from twin.studies.sweep.worker import COMPANION, refuse_unfit
 
 WIDEST = 4000
 """Pixels of a plot."""
 MOST_TICKS = 400_000
 """Of an experiment that is run while a slider moves: about half a second, and half a gigabyte of rows."""
 
+Layout = Literal["", "fig4", "fig5"]
+FIGURES: dict[Layout, str] = {"fig4": "Fig. 4", "fig5": "Fig. 5"}
+"""Layouts that take the place of the panels."""
 MOST_RUNS = 100
 """Of results/ that are offered."""
 
@@ -82,6 +83,7 @@ def _described(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
         "drives": list(base.drives),
         "bodies": list(base.bodies),
         "panels_at_first": AT_FIRST,
+        "figure": figure_of(experiment),
         "kinds": [
             {"kind": name} | {key: getattr(kind, key) for key in ("meaning", "targets", "unit", "magnitudes")}
             for name, kind in CATALOGUE.items()
@@ -109,10 +111,10 @@ def _shown(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     experiment = _bounded(state.loaded())
     facts = {"title": experiment.title, "values": _moved(state, experiment), "command": state.command}
     try:
-        return facts | _run(experiment, look, _looked_at.get(look.form, frozenset()))
+        return facts | _run(state, experiment, look, _looked_at.get(look.form, frozenset()))
     except UnknownSeries:
         # another drive or controller has other signals
-        return facts | _run(experiment, look, frozenset())
+        return facts | _run(state, experiment, look, frozenset())
 
 
 def _bounded(experiment: Experiment) -> Experiment:
@@ -129,8 +131,8 @@ def _bounded(experiment: Experiment) -> Experiment:
     return experiment
 
 
-def _run(experiment: Experiment, look: "Look", only: frozenset[str]) -> dict[str, Any]:
-    """What a run of `experiment` comes to, of which only those signals are kept; none: all of them."""
+def _run(state: PageState, experiment: Experiment, look: "Look", only: frozenset[str]) -> dict[str, Any]:
+    """What a run of `experiment`, which is `state`, comes to; only those signals of it are kept; none: all of them."""
     trace, events = Trace(only=only), _Events()
     with assemble(experiment) as assembly:
         fields = fields_of(assembly.system)
@@ -143,8 +145,8 @@ def _run(experiment: Experiment, look: "Look", only: frozenset[str]) -> dict[str
         onset, trip = min(fault.onset for fault in experiment.faults), monitor.trip if monitor else None
         numbers += [("monitor trips after the fault", "s", (trip.tick - onset) * tick if trip else None)]
     run = MemoryRun(trace, fields, experiment.values)
-    found = look.picture(run, run.end)
-    _looked_at[look.form] = frozenset(run.looked_at)
+    found = look.picture(run, run.end, _panels_of(state, experiment, look, trace))
+    _looked_at[look.form] = frozenset(run.looked_at).union(SIGNALS[look.layout] if look.layout else ())
     return found | {
         "trip": trip_reason(done.simulation),
         "numbers": numbers,
@@ -154,6 +156,27 @@ def _run(experiment: Experiment, look: "Look", only: frozenset[str]) -> dict[str
             if event.level != "DEBUG"
         ],
     }
+
+
+PanelMaker = Callable[[DataBlock, tuple[float, float]], dict[str, Any]]
+"""What a page draws of a span of time (s), for JSON, with its samples in the block."""
+
+
+def _panels_of(state: PageState, experiment: Experiment, look: "Look", trace: Trace) -> PanelMaker | None:
+    """Of a layout of the paper's; None: of no such."""
+    if not look.layout:
+        return None
+    if look.layout != figure_of(experiment):
+        raise InputRefused(f"layout: this experiment is none of the paper's {FIGURES[look.layout]}")
+    if look.layout == "fig4":
+        runs = fig4_runs(state, (experiment, trace))
+        return lambda block, span: {"panels": fig4_panels(runs, block, span, look.width)}
+
+    def made(block: DataBlock, span: tuple[float, float]) -> dict[str, Any]:
+        panels, ways = fig5_panels(experiment, trace, block, look.width)
+        return {"panels": panels, "ways": ways}
+
+    return made
 
 
 def _moved(state: PageState, experiment: Experiment) -> dict[str, Any]:
@@ -173,15 +196,19 @@ class Look:
         width: of a plot (pixels).
         robot: whether the player is open.
         listed: whether it wants to know which panels there are.
+        layout: of the figure of the paper that takes the place of the panels; "": of none.
     """
 
-    def __init__(self, titles: list[str], span: tuple[float, float], width: int, robot: bool, listed: bool):
+    def __init__(
+        self, titles: list[str], span: tuple[float, float], width: int, robot: bool, listed: bool, layout: Layout
+    ):
         self.titles, self.span, self.width, self.robot, self.listed = titles, span, width, robot, listed
+        self.layout = layout
 
     @property
     def form(self) -> tuple[object, ...]:
         """What decides on the signals that it needs."""
-        return (tuple(self.titles), self.robot, self.listed)
+        return (tuple(self.titles), self.robot, self.listed, self.layout)
 
     @classmethod
     def of(cls, ask: Mapping[str, Any]) -> "Look":
@@ -201,20 +228,29 @@ class Look:
             raise InputRefused("span: expected two times in s, the earlier one first")
         if not isinstance(width, int) or not 10 <= width <= WIDEST:
             raise InputRefused(f"width: expected pixels from 10 to {WIDEST}")
-        return cls(
-            titles, (float(numbers[0]), float(numbers[1])), width, ask.get("robot") is True, ask.get("list") is True
-        )
+        layout = ask.get("layout") or ""
+        if layout not in ("", *FIGURES):
+            raise InputRefused(f"layout: expected {' or '.join(FIGURES)}")
+        begin, end = map(float, numbers)
+        return cls(titles, (begin, end), width, ask.get("robot") is True, ask.get("list") is True, layout)
 
-    def picture(self, run: PanelRun, end: float) -> dict[str, Any]:
-        """It, for JSON; end: of the run (s)."""
+    def picture(self, run: PanelRun, end: float, made: "PanelMaker | None" = None) -> dict[str, Any]:
+        """It, for JSON.
+
+        Args:
+            run: of which.
+            end: of the run (s).
+            made: makes what takes the place of the panels.
+        """
         block = DataBlock()
         span = self.span[0], min(self.span[1], end)
-        found = {
+        found: dict[str, Any] = {
             "end": end,
             "all_panels": shown_panels(run) if self.listed else None,
-            "panels": drawn(run, block, self.titles, span, self.width),
             "scene": poses(run, block) if self.robot else None,
         }
+        panels = [] if self.layout else [panel for panel in EXPLORED if panel.title in self.titles]
+        found |= made(block, span) if made else {"panels": drawn(panels, run, block, span, self.width)}
         return found | {"block": base64.b64encode(block.content()).decode("ascii")}
 
 
@@ -226,6 +262,19 @@ def _recorded(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     (run,) = report_runs([recording_in(Path(str(name)))])
     return {"title": run.title, "trip": "", "numbers": _numbers_of(Path(str(name))), "events": [], "values": {},
             "command": "", **Look.of(ask).picture(run, run.end)}  # fmt: skip
+
+
+def _log(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """A log of a robot, to be laid beside others."""
+    run, note = log_run(ask, asked(base, {}).unchanged)
+    found = Look.of(ask).picture(run, run.end)
+    if not ask.get("layout") and not any(row["curve"] for panel in found["panels"] for row in panel["rows"]):
+        raise InputRefused(
+            "the log has no signal of the plots that are shown; map its columns to encoder.count_m[0..2] and "
+            "count_l[0..2], or scale.F_z, or show other plots"
+        )
+    return {"title": ask["log"], "trip": "", "numbers": [], "events": [], "values": {}, "command": "", "note": note,
+            **found}  # fmt: skip
 
 
 def _numbers_of(folder: Path) -> list[Any]:
@@ -244,8 +293,8 @@ def _folders() -> list[Path]:
 
 
 def _runs(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Runs of results/ that can be laid beside others, the newest first."""
-    return {"runs": [str(folder) for folder in _folders()[:MOST_RUNS]]}
+    """What can be laid beside others: runs of results/, the newest first, and logs of robots."""
+    return {"runs": [str(folder) for folder in _folders()[:MOST_RUNS]], "logs": known_logs()}
 
 
 def _saved(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
@@ -270,27 +319,8 @@ def _loops(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _score(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """What the run, and one of the same robot without force control, say to the paper's Fig. 4."""
-    state = asked(base, ask["state"])
-    experiment = state.loaded()
-    refuse_unfit(experiment)
-    without = load_experiment(base.experiment, [*state.settings, COMPANION], state.drive, state.body)
-    runs = Fig4Run(run_in_memory(experiment)), Fig4Run(run_in_memory(without))
-    score = fig4_score(Fig4Runs(*runs, imperfect=runs))
-    rows = [finding for finding in (*score.claims, *score.quality) if finding.claim.measure is not None]
-    return {
-        "claims": [
-            {
-                "text": finding.claim.text,
-                "quote": finding.claim.quote,
-                "verdict": finding.verdict,
-                "measured": finding.measured,
-                "expected": f"{finding.expected} {finding.claim.unit}".rstrip(),
-                "reason": finding.reason,
-            }
-            for finding in rows
-        ]
-    }
+    """What the runs of the paper's figure, with this state, say to its claims."""
+    return claims(asked(base, ask["state"]))
 
 
 def _mapped(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
@@ -321,6 +351,9 @@ ANSWERS: Mapping[str, Callable[[Base, Mapping[str, Any]], dict[str, Any]]] = {
     "runs": _runs,
     "save": _saved,
     "command": _command,
+    "columns": lambda base, ask: proposed_map(ask),
+    "log": _log,
+    "store": lambda base, ask: {"stored": stored(Path(ask["file"]))},
     "loops": _loops,
     "score": _score,
     "map": _mapped,

@@ -16,6 +16,8 @@ from twin.studies.paper import fig4_measures as measure
 from twin.studies.paper.claim import Claim, ClaimFinding, KnownMiss, Verdict, as_facts, judged
 from twin.studies.paper.fig4_measures import Fig4Runs, in_x, while_sweeping
 
+FIG4_EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
+"""Whose runs the claims are judged on, in this order."""
 SMALL_Z = "ours: 0.6 mm, 3 % of the 20 mm that it comes down"
 CURVE = "ours: half of the last digit printed of a height, in the worst of descent, arrival, sweep and end"
 LAGS = (

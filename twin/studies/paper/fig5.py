@@ -282,11 +282,12 @@ def _task_scores(recording: Recording) -> list[TaskScore]:
     for run in runs:
         findings = tuple(judged(claim, run) for claim in CLAIMS[run.task.kind])
         number = f" {run.number}" if len(runs) > 1 else ""
-        scores.append(TaskScore(run, drive, body, f"{run.task.kind}{number}", _manner(run.task), findings))
+        scores.append(TaskScore(run, drive, body, f"{run.task.kind}{number}", manner(run.task), findings))
     return scores
 
 
-def _manner(task: Task) -> str:
+def manner(task: Task) -> str:
+    """What a task asks for, in words."""
     match task:
         case Press():
             return f"{task.force:g} N for {task.hold:g} s"
@@ -298,6 +299,24 @@ def _manner(task: Task) -> str:
             return f"{task.force:g} N at {1e3 * task.speed:g} mm/s"
 
 
+TITLES = {"press": "A  Pressing", "tap": "B  Tapping", "roll": "C  Rolling", "push": "D  Pushing"}
+TAPS = 3
+"""How many taps the panels over time show."""
+
+
+def seen_part(run: TaskRun) -> slice:
+    """The samples that the panels over time show: the whole task; of taps the last ones."""
+    if isinstance(run.task, Tap) and len(run.taps) > 1:
+        last = run.taps[-TAPS:]
+        return slice(last[0].start, last[-1].start + round(run.task.period / (run.t[1] - run.t[0])))
+    return slice(0, len(run.t))
+
+
+def bound_of(key: str) -> Claim:
+    """The claim of this key, for its bounds."""
+    return next(claim for claims in CLAIMS.values() for claim in claims if claim.key == key)
+
+
 TRUTH, REFERENCE, TRACE, MOVING = INK, GREY, VERMILION, BLUE
 """Truth black, reference grey; the paper's red and blue in the shades of Okabe and Ito."""
 SURFACE = "#f2d9c4"
@@ -307,7 +326,7 @@ TOP = -86.0
 MARGIN = 3.0
 HEIGHT = 0.75
 """Height of the box over its width as drawn; z is drawn larger than x and y."""
-WORK = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH, PhaseKind.TAP, PhaseKind.RISE)
+WORKING = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH, PhaseKind.TAP, PhaseKind.RISE)
 
 
 def draw_in_space(axes: "Axes3D", run: TaskRun, floor: float) -> None:
@@ -323,7 +342,7 @@ def draw_in_space(axes: "Axes3D", run: TaskRun, floor: float) -> None:
     _draw_box(axes, bottom)
     _draw_surface(axes, 1e3 * _height(run))
     p = 1e3 * run.p_B
-    working = np.isin(run.phase, WORK)
+    working = np.isin(run.phase, WORKING)
     with suppress(UnknownSeries):
         axes.plot(*(1e3 * run.commanded("p_ref_B")).T, color=REFERENCE, lw=1.2, ls="--", zorder=2)
     axes.plot(*p.T, color=TRUTH, lw=1.0, zorder=3)

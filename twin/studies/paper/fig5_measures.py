@@ -137,7 +137,7 @@ class TaskRun:
     @property
     def watched(self) -> bool:
         """Whether the run had a safety monitor."""
-        return "monitor" in self.recording.streams
+        return "monitor.tripped" in self.recording.fields()
 
     @cached_property
     def tripped(self) -> bool:
@@ -189,7 +189,7 @@ def body_of(recording: Recording) -> str:
 
 def trip_time(recording: Recording) -> float:
     """When the safety monitor tripped (s); infinity: never, or there is none."""
-    if "monitor" not in recording.streams:
+    if "monitor.tripped" not in recording.fields():
         return np.inf
     return first_time(recording.time("monitor"), recording["monitor.tripped"].astype(bool))
 

@@ -18,18 +18,20 @@ from twin.robot.monitor.checks import Monitor
 from twin.studies.command import judged
 from twin.studies.figure import GREEN, ORANGE, Axes, picture
 from twin.studies.metrics.response import along_and_off
-from twin.studies.paper.claim import Claim, ClaimFinding
-from twin.studies.paper.fig4 import Score, bound_used, fig4_score, standing, tally
+from twin.studies.paper.claim import ClaimFinding
+from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, Score, bound_used, fig4_score, standing, tally
 from twin.studies.paper.fig4_measures import draw_fig4, fig4_runs
 from twin.studies.paper.fig5 import (
-    CLAIMS,
     REFERENCE,
+    TITLES,
     TRACE,
     TRUTH,
     Fig5Score,
     TaskScore,
+    bound_of,
     draw_in_space,
     fig5_score,
+    seen_part,
     shown_tasks,
 )
 from twin.studies.paper.fig5_measures import TaskRun, settings
@@ -37,13 +39,10 @@ from twin.studies.result import WIDTH, Block, Column, Note, Result, Row, Table, 
 
 ESTIMATE, SHIFTED = ORANGE, GREEN
 JUDGED = "#e9eef5"
-TITLES = {"press": "A  Pressing", "tap": "B  Tapping", "roll": "C  Rolling", "push": "D  Pushing"}
 COLUMN, LEFT, RIGHT = 3.5, 0.803, 0.4088
 """Inches of a task's panels, and beside all of them for the numbers of their axes."""
 LEGEND_COLUMNS = 2
 """Entries of the legend that fit below a task's panels, side by side."""
-TAPS = 3
-"""How many taps the panels over time show."""
 WORK = {"press": PhaseKind.HOLD, "roll": PhaseKind.CIRCLE, "push": PhaseKind.PUSH}
 ALIKE = 0.35
 """Share of the reference by which a measured force may miss the limit of the monitor for both to fit one axis."""
@@ -85,16 +84,8 @@ def draw_fig5(score: Fig5Score, path: Path) -> None:
         )
 
 
-def _seen(run: TaskRun) -> slice:
-    """The samples that the panels over time show: the whole task; of taps the last ones."""
-    if isinstance(run.task, Tap) and len(run.taps) > 1:
-        last = run.taps[-TAPS:]
-        return slice(last[0].start, last[-1].start + round(run.task.period / (run.t[1] - run.t[0])))
-    return slice(0, len(run.t))
-
-
 def _draw_height(axes: Axes, run: TaskRun) -> None:
-    seen = _seen(run)
+    seen = seen_part(run)
     t = run.t[seen]
     with suppress(UnknownSeries):
         axes.plot(t, 1e3 * run.commanded("p_cmd_B")[seen, 2], color=SHIFTED, lw=1.6, label="after the force loop")
@@ -111,8 +102,10 @@ def _draw_circle(axes: Axes, run: TaskRun) -> None:
     axes.plot(x, y, color="#bbbbbb", lw=0.8)
     axes.plot(*(1e3 * run.p_B[run.full_turns, i] for i in (0, 1)), color=TRACE, lw=1.6, label="trace under force")
     axes.add_patch(_ring(run.task, 1.0, color=REFERENCE, lw=1.6, ls="--", label="reference"))
-    for bound in (_bounds("radius").low, _bounds("radius").high):
-        axes.add_patch(_ring(run.task, bound / _bounds("radius").scale, color=REFERENCE, lw=1.0, ls=":", label="bound"))
+    for bound in (bound_of("radius").low, bound_of("radius").high):
+        axes.add_patch(
+            _ring(run.task, bound / bound_of("radius").scale, color=REFERENCE, lw=1.0, ls=":", label="bound")
+        )
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
     axes.set_aspect("equal", adjustable="datalim")
 
@@ -122,17 +115,13 @@ def _ring(task: Roll, share: float, **look: Any) -> Circle:
     return Circle((1e3 * task.point[0], 1e3 * task.point[1]), 1e3 * share * task.radius, fill=False, **look)
 
 
-def _bounds(key: str) -> Claim:
-    return next(claim for claims in CLAIMS.values() for claim in claims if claim.key == key)
-
-
 def _draw_line(axes: Axes, run: TaskRun) -> None:
     assert isinstance(run.task, Push)
     along, off = along_and_off(run.p_B[run.during(PhaseKind.PUSH), :2], run.task.point, run.task.to)
     axes.plot(1e3 * along, 1e3 * off, color=TRACE, lw=1.8, label="trace under force")
     axes.axhline(0.0, color=REFERENCE, lw=1.6, ls="--", label="reference")
     for side in (-1.0, 1.0):
-        axes.axhline(side * _bounds("line_worst").high, color=REFERENCE, lw=1.0, ls=":", label="bound")
+        axes.axhline(side * bound_of("line_worst").high, color=REFERENCE, lw=1.0, ls=":", label="bound")
     axes.set(xlabel="along the line (mm)", ylabel="off the line (mm)")
 
 
@@ -146,7 +135,7 @@ WAYS: dict[str, Callable[[Axes, TaskRun], None]] = {
 
 
 def _draw_force(axes: Axes, run: TaskRun) -> None:
-    seen = _seen(run)
+    seen = seen_part(run)
     t = run.t[seen]
     on = run.full_turns if isinstance(run.task, Roll) else run.during(WORK.get(run.task.kind, PhaseKind.TAP))
     if not isinstance(run.task, Tap) and np.any(on):
@@ -293,7 +282,6 @@ def _folded(line: str) -> Note:
     return Note(line, later=len(line) - len(line.lstrip()) + 2)
 
 
-FIG4_EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
 FIG5_EXPERIMENTS = ("pressing", "tapping", "rolling", "pushing")
 FIGURE_EXPERIMENTS = {"fig4": FIG4_EXPERIMENTS, "fig5": FIG5_EXPERIMENTS}
 HOME = Path("results")

@@ -1,12 +1,15 @@
-// A supplier's FMU dropped onto the page: asked about, its mapping shown with what is in doubt as choices, then swapped in.
+// What is dropped onto the page. A supplier's FMU: asked about, its mapping shown with what is in doubt as choices, then
+// swapped in. A log of a robot: kept with the others.
 
 const element = (id) => document.getElementById(id);
 
 export class Brought {
-  /** `ask` sends, `say` shows a sentence, `use` is called with the name of a drive that shall be used. */
-  constructor(ask, say, use) {
+  /** `ask` sends, `say` shows a sentence, `use` is called with the name of a drive that shall be used, `log` with the
+   * path of a log that was brought in. */
+  constructor(ask, say, use, log) {
     this.ask = ask;
     this.say = say;
+    this.log = log;
     this.dialog = element("brought");
     this.file = element("fmu");
     this.file.addEventListener("change", () => this.file.files.length && this.send(this.file.files[0]));
@@ -32,7 +35,7 @@ export class Brought {
     this.file.value = "";
     let answer;
     try {
-      answer = await fetch(`drive?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file });
+      answer = await fetch(`file?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file });
     } catch {
       this.say(`${file.name}: the server did not take it; it may be too large.`, true);
       return;
@@ -40,6 +43,11 @@ export class Brought {
     const text = await answer.text();
     if (!answer.ok) {
       this.say(text, true);
+      return;
+    }
+    if (!/\.fmu$/.test(file.name)) {
+      this.say("");
+      this.log(text);
       return;
     }
     this.number = Number(text);

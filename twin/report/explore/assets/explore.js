@@ -3,12 +3,13 @@
 import { Brought } from "./brought.js";
 import { Faults } from "./faults.js";
 import { Link } from "./link.js";
+import { Log } from "./log.js";
 import { Loops } from "./loops.js";
 import { Mapped } from "./map.js";
 import { Picture } from "./picture.js";
 import { Score } from "./score.js";
 import { Sliders } from "./sliders.js";
-import { copied, fresh, History, MOST_PINS, read, written } from "./state.js";
+import { copied, fresh, History, MOST_PINS, plainView, read, written } from "./state.js";
 
 const element = (id) => document.getElementById(id);
 const KEPT = 500;
@@ -18,6 +19,7 @@ let begun = null;
 let history = new History(fresh());
 let pins = [];
 let chosen = new Set();
+let view = plainView();
 let file = {};
 let now = {};
 let command = "";
@@ -33,6 +35,7 @@ const link = new Link(hear, (there) => {
   status.classList.toggle("lost", !there);
   status.textContent = there ? "" : "The server does not answer: twin explore has ended, or was started anew. Trying again; your state is kept.";
   element("picture").classList.toggle("old", !there);
+  if (!there) loops.lost();
 });
 const picture = new Picture(() => askAll(), () => measure());
 const sliders = new Sliders(element("sliders"), element("search"), change);
@@ -41,7 +44,12 @@ const loops = new Loops(element("loops"), (point) => link.ask({ op: "loops", sta
 const score = new Score(element("score"), (slot) => link.ask({ op: "score", slot, state: slot === "file" ? fresh() : history.now }));
 const map = new Mapped(element("map"), (state, slot) => link.ask({ op: "map", slot, state }), (state) => go(state), () => history.now);
 const faults = new Faults(element("faults"), breakIt, () => picture.clock.time);
-const brought = new Brought((what) => link.ask(what), say, (name) => go({ ...copied(history.now), drive: name }));
+const log = new Log((what) => link.ask({ ...what, ...look("try") }), say, addPin);
+const useDrive = (name) => go({ ...copied(history.now), drive: name });
+const brought = new Brought((what) => link.ask(what), say, useDrive, (path) => {
+  link.ask({ op: "runs" });
+  log.open(path);
+});
 
 /** From the input event to the frame in which the answer to it was drawn. */
 function measure() {
@@ -58,7 +66,7 @@ function measure() {
   }
 }
 
-const look = (slot) => ({ panels: [...chosen], span: picture.span, width: picture.width, robot: slot === 0 && element("player").open, list: slot === 0 && !listed });
+const look = (slot) => ({ panels: [...chosen], layout: element("layout").value, span: picture.span, width: picture.width, robot: slot === 0 && element("player").open, list: slot === 0 && !listed });
 
 /** Ask for the present state; `since`: when the hand moved. */
 function askNow(since = performance.now()) {
@@ -70,7 +78,7 @@ function askNow(since = performance.now()) {
 }
 
 function askPin(pin, number) {
-  const what = pin.run === undefined ? { op: "show", state: pin.state } : { op: "recorded", run: pin.run };
+  const what = pin.state ? { op: "show", state: pin.state } : { op: pin.log ? "log" : "recorded", ...pin };
   link.ask({ ...what, slot: number + 1, ...look(number + 1) });
 }
 
@@ -80,10 +88,15 @@ function askAll() {
 }
 
 function hear(answer) {
-  if (answer.outdated) return;
+  if (answer.outdated) {
+    if (answer.op === "loops") loops.lost();
+    return;
+  }
   if (answer.op === "begin") begin(answer);
   else if (answer.op === "describe") describe(answer);
-  else if (answer.op === "runs") offerRuns(answer.runs ?? []);
+  else if (answer.op === "runs") offerBeside(answer);
+  else if (answer.op === "columns") log.proposed(answer);
+  else if (answer.slot === "try") log.tried(answer);
   else if (answer.op === "save") say(answer.saved ? `Saved: ${answer.saved}` : answer.refused ?? answer.failed, !answer.saved);
   else if (answer.op === "record") tellRecorded(answer);
   else if (answer.op === "score") score.take(answer);
@@ -100,12 +113,12 @@ function begin(answer) {
   const first = begun === null;
   begun = answer;
   if (first) {
-    chosen = new Set(answer.panels_at_first);
     const given = read(location.hash.slice(1));
     if (given === null) say("What stands behind # in the address is no state of this page; the file is shown.", true);
-    const [state, pinned] = given && location.hash.length > 1 ? given : [answer.state, []];
+    const [state, pinned, seen] = given && location.hash.length > 1 ? given : [answer.state, [], view];
     history = new History({ ...fresh(), ...state });
     pins = pinned;
+    lookAs(seen);
   }
   element("title").textContent = answer.title;
   document.title = `${answer.name}: twin explore`;
@@ -117,10 +130,32 @@ function begin(answer) {
   refresh();
 }
 
+/** Look at it as a link says. */
+function lookAs(seen) {
+  view = seen;
+  chosen = new Set(view.panels ?? begun.panels_at_first);
+  element("panels").querySelector(".choices").dataset.titles = "";
+  listed = false;
+  offerLayout(begun.figure);
+}
+
+const FIGURES = { fig4: "Fig. 4", fig5: "Fig. 5" };
+
+/** The layout of the figure that the experiment is one of. */
+function offerLayout(figure) {
+  const own = figure ? [made("option", { value: figure }, `as ${FIGURES[figure]}`)] : [];
+  element("layout").replaceChildren(made("option", { value: "" }, "plots"), ...own);
+  element("layout").value = view.layout === figure ? view.layout : "";
+  element("panels").hidden = element("layout").value !== "";
+  element("score").hidden = !figure;
+  element("score").querySelector("summary").textContent = `Scorecard of ${FIGURES[figure]}`;
+}
+
 function describe(answer) {
   if (answer.refused) return;
   offer(element("drive"), answer.drives, history.now.drive);
   offer(element("body"), answer.bodies, history.now.body);
+  offerLayout(answer.figure);
   listed = false;
   sliders.describe(answer.sliders);
   sliders.show(history.now.set);
@@ -135,10 +170,12 @@ function offer(select, names, value) {
   select.value = value;
 }
 
-function offerRuns(runs) {
-  const select = element("runs-of-results");
-  select.replaceChildren(select.firstElementChild, ...runs.map((run) => made("option", { value: run }, run)));
-  select.disabled = runs.length === 0;
+function offerBeside({ runs = [], logs = [] }) {
+  const select = element("beside");
+  const group = (label, kind, names) => made("optgroup", { label }, ...names.map((name) => made("option", { value: `${kind} ${name}` }, name)));
+  const groups = [runs.length && group("Runs", "run", runs), logs.length && group("Logs of robots", "log", logs)];
+  select.replaceChildren(select.firstElementChild, ...groups.filter(Boolean));
+  select.disabled = runs.length + logs.length === 0;
 }
 
 /** Something was changed: show it in the settings, ask for it, and at the end of a movement remember it. */
@@ -165,7 +202,7 @@ function remember() {
 }
 
 function address() {
-  const text = written(history.now, pins);
+  const text = written(history.now, pins, view);
   window.history.replaceState(null, "", text ? `#${text}` : location.pathname);
   element("undo").disabled = history.before.length === 0;
   element("redo").disabled = history.after.length === 0;
@@ -247,7 +284,7 @@ function namePins() {
       namePins();
       address();
     });
-    const to = made("button", { type: "button", hidden: pin.run !== undefined, title: "Return to this state" }, "go");
+    const to = made("button", { type: "button", hidden: !pin.state, title: "Return to this state" }, "go");
     to.addEventListener("click", () => go(pin.state));
     const away = made("button", { type: "button", title: "Take it off the picture" }, "×");
     away.setAttribute("aria-label", `Unpin ${pin.name}`);
@@ -294,6 +331,8 @@ function offerPanels(titles) {
       tick.addEventListener("change", () => {
         if (tick.checked) chosen.add(title);
         else chosen.delete(title);
+        view.panels = [...chosen];
+        address();
         askAll();
       });
       return made("label", {}, tick, ` ${title}`);
@@ -351,9 +390,17 @@ function hearButtons() {
   });
   for (const id of ["drive", "body"])
     element(id).addEventListener("change", () => go({ ...copied(history.now), [id]: element(id).value }));
-  element("runs-of-results").addEventListener("change", (event) => {
-    if (event.target.value) addPin({ name: event.target.value, run: event.target.value });
+  element("beside").addEventListener("change", (event) => {
+    const [kind, name] = event.target.value.split(/ (.*)/);
+    if (kind === "run") addPin({ name, run: name });
+    if (kind === "log") log.open(name);
     event.target.value = "";
+  });
+  element("layout").addEventListener("change", () => {
+    view.layout = element("layout").value;
+    element("panels").hidden = view.layout !== "";
+    address();
+    askAll();
   });
   element("player").addEventListener("toggle", () => askNow());
   window.addEventListener("hashchange", () => {
@@ -363,6 +410,7 @@ function hearButtons() {
       return;
     }
     pins = given[1];
+    lookAs(given[2]);
     namePins();
     go(given[0]);
   });

@@ -2,13 +2,12 @@
 
 const HEIGHT = 190;
 const EDGE = { left: 52, right: 10, top: 8, bottom: 22 };
-const QUIET = 250;
 const DECADES = ["0.01", "0.1", "1", "10", "100", "1000"];
 
 const said = (value, unit, digits = 3) => (value === null ? "none" : `${value.toPrecision(digits)} ${unit}`);
 
 export class Loops {
-  /** `ask` is called when the loops are to be seen again, a moment after the last change. */
+  /** `ask` is called when the loops are to be seen again: after each change, or once the answer before is there. */
   constructor(box, ask) {
     this.box = box;
     this.ask = ask;
@@ -26,18 +25,26 @@ export class Loops {
     box.addEventListener("toggle", () => this.changed());
     this.point.addEventListener("change", () => {
       this.chosen = Number(this.point.value);
-      this.ask(this.chosen);
+      this.changed();
     });
     new ResizeObserver(() => this.draw()).observe(box);
   }
 
   /** The state is another one. */
   changed() {
-    clearTimeout(this.timer);
-    if (this.box.open) this.timer = setTimeout(() => this.ask(this.chosen), QUIET);
+    if (!this.box.open) return;
+    this.stale = Boolean(this.waiting);
+    if (!this.waiting) this.waiting = this.ask(this.chosen);
+  }
+
+  /** No answer will come to what was asked for. */
+  lost() {
+    this.waiting = 0;
+    if (this.stale) this.changed();
   }
 
   take(answer) {
+    this.lost();
     this.problem.textContent = answer.refused ?? answer.failed ?? (answer.stable ? "" : "Unstable at this point: there are no margins.");
     this.box.classList.toggle("old", !answer.loops);
     if (!answer.loops) return;

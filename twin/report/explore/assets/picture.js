@@ -1,11 +1,14 @@
 // The picture: the report's plots and player, fed by answers. Run 0 is the present state, the others are pinned.
 
+import { Way, withPoints } from "./ways.js";
+
 const MAIN = ["truth", "reference"];
 
 /** The rows of an answer's panels with curves that the plots draw. */
 function withCurves(answer) {
   return answer.panels.map((panel) => ({
     ...panel,
+    span: panel.span && { from: panel.span[0], to: panel.span[1] },
     rows: panel.rows.map((row) => ({ ...row, curve: row.curve && new Curve(answer.samples, row.curve) })),
   }));
 }
@@ -22,6 +25,7 @@ export class Picture {
     this.answers = [null];
     this.switched = new Map();
     this.labels = ["now"];
+    this.ways = [];
     const by = (id, act) => document.getElementById(id).addEventListener("click", () => this.plots && act(this.plots));
     by("closer", (plots) => plots.zoomBy(0.5));
     by("wider", (plots) => plots.zoomBy(2));
@@ -52,7 +56,7 @@ export class Picture {
 
   /** Show an answer as run `number`. */
   take(number, answer) {
-    this.answers[number] = { panels: withCurves(answer), end: answer.end };
+    this.answers[number] = { panels: withCurves(answer), ways: withPoints(answer), end: answer.end };
     if (number === 0) {
       page.events = answer.events;
       if (answer.scene) answer.scene.samples = answer.samples;
@@ -64,11 +68,16 @@ export class Picture {
     if (number === 0 && answer.scene) this.player.draw();
   }
 
-  /** Of several runs what is true and what is wanted, as in a report; where a panel has neither, all it has. */
+  /** Of several runs what is true and what is wanted, as in a report; where one of them has neither, as a log of a
+   * robot, all it has. */
   isShown({ title, rows }, row) {
     const asSwitched = this.switched.get(`${title} ${row.label}`);
-    const few = this.labels.length > 1 && rows.some(({ role }) => MAIN.includes(role));
-    return asSwitched ?? (row.shown && (!few || MAIN.includes(row.role)));
+    const wanted = this.labels.some((_, run) => {
+      const own = rows.filter(({ curves }) => curves[run]);
+      return row.curves[run] && !own.some(({ role }) => MAIN.includes(role));
+    });
+    const usual = row.shown && (this.labels.length === 1 || MAIN.includes(row.role));
+    return asSwitched ?? (usual || (this.labels.length > 1 && wanted));
   }
 
   /** Plots are made anew only where other curves are to be seen. */
@@ -82,10 +91,15 @@ export class Picture {
         return { ...panel, rows: rows.filter(({ curves }) => curves.some(Boolean)) };
       })
       .filter(({ rows }) => rows.length);
+    const ways = now.ways.map(({ title }) => this.answers.map((answer) => answer?.ways.find((way) => way.title === title) ?? null));
     const end = Math.max(...this.answers.map((answer) => answer?.end ?? 0));
-    const form = JSON.stringify([end, this.labels, this.answers.map(Boolean), panels.map(({ title, rows }) => [title, rows.map(({ label }) => label)])]);
+    const form = JSON.stringify([end, this.labels, this.answers.map(Boolean), panels.map(({ title, of, rows }) => [title, of, rows.map(({ label }) => label)])]);
     if (form === this.form) {
-      page.panels.forEach((panel, p) => panel.rows.forEach((row, r) => (row.curves = panels[p].rows[r].curves)));
+      page.panels.forEach((panel, p) => {
+        if (panel.span) Object.assign(panel.span, panels[p].span);
+        panel.rows.forEach((row, r) => (row.curves = panels[p].rows[r].curves));
+      });
+      this.ways.forEach((way, w) => way.put(ways[w]));
       for (const plot of this.plots.plots) plot.decimals = plot.fittingDecimals();
       this.plots.redraw();
       this.plots.point();
@@ -99,10 +113,22 @@ export class Picture {
     for (const panel of panels) for (const row of panel.rows) row.before = row.shown = this.isShown(panel, row);
     page.panels = panels;
     this.form = form;
-    this.rebuild(end);
+    this.rebuild(end, ways);
   }
 
-  rebuild(end) {
+  /** Of several tasks each has its heading, as in Fig. 5. */
+  arrange() {
+    const figures = [...this.ways.map(({ way, figure }) => [way.of, figure]), ...this.plots.plots.map(({ panel, figure }) => [panel.of, figure])];
+    for (const of of new Set(figures.map(([one]) => one).filter(Boolean))) {
+      const own = figures.filter(([one]) => one === of).map(([, figure]) => figure);
+      this.box.append(made("section", { className: "task" }, made("h3", {}, of), ...own));
+    }
+    this.box.classList.toggle("tasks", this.ways.length > 0);
+    // each plot shows its task, and no span in common
+    this.box.parentElement.classList.toggle("tasks-shown", this.ways.length > 0);
+  }
+
+  rebuild(end, ways) {
     const span = this.span;
     this.clock.end = end;
     this.player.slider.max = end;
@@ -110,7 +136,14 @@ export class Picture {
     this.plots?.forget();
     this.box.replaceChildren();
     this.plots = new Plots(this.box, this.clock);
-    this.plots.drawn = () => this.drawn();
+    this.ways = ways.map((runs) => new Way(runs, this.clock));
+    this.arrange();
+    const drawWays = () => this.ways.forEach((way) => way.draw());
+    if (ways.length) this.clock.listen(drawWays);
+    this.plots.drawn = () => {
+      drawWays();
+      this.drawn();
+    };
     if (span && span[1] <= end) this.plots.zoom(...span);
     else this.plots.all();
     this.plots.zoomed = () => this.zoomed();

@@ -1,6 +1,10 @@
-// The scorecard of the paper's Fig. 4: claims that turn over stand first.
+// The scorecard of the paper's figure that the experiment is one of: claims that turn over stand first.
 
-const QUIET = 250;
+const QUIET = 120;
+const JUDGED = {
+  fig4: "All four runs of Fig. 4 with these settings: with and without force control, straight and askew.",
+  fig5: "The tasks of this run, by Fig. 5, on the true force and position.",
+};
 const MARKS = { holds: "✓", fails: "✗", "not reproduced": "✗", "reproduced after all": "✓" };
 
 export class Score {
@@ -8,6 +12,7 @@ export class Score {
   constructor(box, ask) {
     this.box = box;
     this.ask = ask;
+    this.judged = "";
     this.note = made("p", { className: "hint", role: "status" });
     this.table = made("div", { className: "scroll" });
     box.append(this.note, this.table);
@@ -29,6 +34,7 @@ export class Score {
     if (answer.slot === "file") this.file = answer.claims ?? [];
     else {
       this.now = answer.claims ?? [];
+      this.judged = JUDGED[answer.figure] ?? "";
       this.note.textContent = answer.refused ?? answer.failed ?? "";
       this.box.classList.toggle("old", !answer.claims);
     }
@@ -47,7 +53,7 @@ export class Score {
       return made("tr", { className: turned(claim) ? "turned" : "" }, name, mark, made("td", {}, claim.measured), made("td", {}, claim.expected));
     });
     const held = this.now.filter(({ verdict }) => verdict === "holds").length;
-    if (this.now.length) this.note.textContent = `${held} of ${this.now.length} hold; ${order.filter(turned).length} turned over. Judged on this robot alone, with and without force control.`;
+    if (this.now.length) this.note.textContent = `${held} of ${this.now.length} hold; ${order.filter(turned).length} turned over. ${this.judged}`;
     const head = made("tr", {}, ...["claim", "verdict", "measured", "expected"].map((text) => made("th", {}, text)));
     this.table.replaceChildren(made("table", {}, made("thead", {}, head), made("tbody", {}, ...rows)));
   }

@@ -26,26 +26,39 @@ function understood(found) {
   return { set: Object.fromEntries(pairs), drive, body, faults: broken };
 }
 
-/** What stands behind # for a state and what is pinned; "" for nothing. */
-export function written(state, pins) {
+const LAYOUTS = ["", "fig4", "fig5"];
+const MOST_PANELS = 100;
+
+/** How a state is looked at: the layout, and the titles of plots; null: those that come first. */
+export const plainView = () => ({ layout: "", panels: null });
+
+/** What stands behind # for a state, what is pinned and how it is looked at; "" for nothing. */
+export function written(state, pins, { layout, panels } = plainView()) {
   const parts = new URLSearchParams();
   for (const [key, value] of Object.entries(state.set)) parts.append(key, JSON.stringify(value));
   if (state.drive) parts.append("drive", state.drive);
   if (state.body) parts.append("body", state.body);
   for (const fault of state.faults) parts.append("fault", JSON.stringify(fault));
   for (const pin of pins) parts.append("pin", JSON.stringify(pin));
+  if (layout) parts.append("layout", layout);
+  if (panels) parts.append("panels", JSON.stringify(panels));
   return parts.toString();
 }
 
-/** [state, pins] of what stands behind #, which may be anything; null if it is none of ours. */
+/** [state, pins, view] of what stands behind #, which may be anything; null if it is none of ours. */
 export function read(text) {
   if (text.length > LONGEST) return null;
   const state = fresh();
   const set = [];
   const pins = [];
+  const view = plainView();
   for (const [key, value] of new URLSearchParams(text)) {
     if (key === "drive" || key === "body") {
       state[key] = value;
+      continue;
+    }
+    if (key === "layout" && LAYOUTS.includes(value)) {
+      view.layout = value;
       continue;
     }
     let content;
@@ -55,16 +68,22 @@ export function read(text) {
       return null;
     }
     if (key === "fault") state.faults.push(content);
+    else if (key === "panels") {
+      if (!Array.isArray(content) || content.length > MOST_PANELS || !content.every((title) => typeof title === "string")) return null;
+      view.panels = content;
+    }
     else if (key !== "pin") set.push([key, content]);
     else if (pins.length < MOST_PINS && typeof content?.name === "string") {
-      const inner = content.run === undefined ? understood(content.state) : null;
-      if (typeof content.run === "string") pins.push({ name: content.name, run: content.run });
-      else if (inner) pins.push({ name: content.name, state: inner });
+      const { name, log, map = "", shift_s = 0 } = content;
+      const inner = content.run === undefined && log === undefined ? understood(content.state) : null;
+      if (typeof content.run === "string") pins.push({ name, run: content.run });
+      else if (typeof log === "string" && typeof map === "string" && typeof shift_s === "number") pins.push({ name, log, map, shift_s });
+      else if (inner) pins.push({ name, state: inner });
       else return null;
     } else return null;
   }
   const checked = understood({ ...state, set: Object.fromEntries(set) });
-  return checked && [checked, pins];
+  return checked && [checked, pins, view];
 }
 
 /** The present state and those before and after it. */

@@ -9,7 +9,7 @@ const ROLES = {
   display: { color: "--purple", width: 1.4, dash: [2, 3] },
 };
 const OF_SEVERAL = { truth: [], belief: [8, 3], reference: [2, 3], shifted: [7, 3, 2, 3], display: [1, 4] };
-const MEMBER_DASHES = [[], [9, 3], [2, 2]];
+const MEMBER_DASHES = [[], [9, 3], [2, 2], [12, 3, 2, 3], [5, 2, 1, 2], [4, 4], [1, 3]];
 
 function color(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();

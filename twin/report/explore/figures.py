@@ -1,0 +1,360 @@
+"""The paper's figures of a state: the experiments that they take, what those say to the claims, the figures' panels.
+
+Fig. 4 takes four runs: with force control and without it, on a robot and a scale that stand straight and on those of
+fig4_imperfect.toml; the state is laid over all four. Fig. 5 takes one run of tasks.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, cast
+
+import numpy as np
+
+from twin.report.explore.asked import PageState
+from twin.report.explore.picture import drawn
+from twin.report.page.markup import DataBlock
+from twin.report.page.panels import MM, Panel, PanelCurve, Reader, Samples
+from twin.robot.assembly.load import load_experiment
+from twin.robot.controller.program import PhaseKind, Push, Roll
+from twin.robot.experiment.drive_files import experiment_file
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.source import toml_value
+from twin.robot.run.trace import Trace, run_in_memory
+from twin.studies.metrics.requirement import FIG4, FIG5
+from twin.studies.metrics.response import Curve, along_and_off
+from twin.studies.paper.claim import ClaimFinding, judged
+from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, fig4_score
+from twin.studies.paper.fig4_measures import WHOLE, Fig4Run, Fig4Runs
+from twin.studies.paper.fig5 import CLAIMS, TITLES, WORKING, bound_of, manner, seen_part
+from twin.studies.paper.fig5_measures import Mask, TaskRun
+from twin.studies.sweep.worker import COMPANION, refuse_unfit
+
+Figure = Literal["fig4", "fig5"]
+FORCE_CONTROL = 'controller.mode="force_position"'
+SIGNALS: Mapping[Figure, tuple[str, ...]] = {
+    "fig4": FIG4,
+    "fig5": (
+        *FIG5, "controller.F_z", "controller.F_z_ref", "controller.p_ref_B", "controller.p_cmd_B", "monitor.tripped",
+    ),
+}  # fmt: skip
+"""What of their runs the figures need."""
+MOST_POINTS = 1000
+"""Of a way in space."""
+
+
+def figure_of(experiment: Experiment) -> Figure | None:
+    """The figure that an experiment is one of; None: of none."""
+    if experiment.tasks:
+        return "fig5"
+    whole = experiment.duration_ticks * experiment.cosim.tick >= WHOLE
+    return "fig4" if whole and "mode" in experiment.values["controller"] else None
+
+
+@lru_cache(1)
+def _askew() -> tuple[str, ...]:
+    """As --set takes it, what sets robot and scale of fig4_imperfect.toml apart from those that stand straight."""
+    straight, askew = (load_experiment(FIG4_EXPERIMENTS[number]).values for number in (0, 2))
+    return tuple(
+        f"{name}.{key}={toml_value(value)}"
+        for name, table in askew.items()
+        if isinstance(table, Mapping)
+        for key, value in table.items()
+        if straight[name].get(key) != value
+    )
+
+
+def fig4_experiments(state: PageState) -> list[Experiment]:
+    """The four of Fig. 4 in the order of `FIG4_EXPERIMENTS`, `state` laid over each.
+
+    Of another file than those the first one is the file itself; the others are made of it as they are of the first.
+
+    Raises:
+        InputRefused: Fig. 4 cannot be asked of it.
+    """
+    own = experiment_file(state.base.experiment).resolve()
+    base = FIG4_EXPERIMENTS[0] if own in map(Path.resolve, map(experiment_file, FIG4_EXPERIMENTS)) else own
+    found = [
+        load_experiment(base, [*askew, *state.settings, mode], state.drive, state.body)
+        for askew in ((), _askew())
+        for mode in (FORCE_CONTROL, COMPANION)
+    ]
+    refuse_unfit(found[0])
+    return found
+
+
+def fig4_runs(state: PageState, known: tuple[Experiment, Trace] | None = None) -> Fig4Runs:
+    """Their runs.
+
+    Args:
+        state: of the page.
+        known: an experiment with its run, which need not be made again.
+
+    Raises:
+        InputRefused: Fig. 4 cannot be asked of it.
+        ComponentFailed: one failed.
+    """
+    own = known[0].values if known else None
+    titled = {"title": own["title"]} if own else {}
+    first, second, *others = [
+        Fig4Run(known[1] if known and one.values | titled == own else run_in_memory(one, only=FIG4))
+        for one in fig4_experiments(state)
+    ]
+    return Fig4Runs(first, second, (others[0], others[1]))
+
+
+def task_runs(experiment: Experiment, trace: Trace) -> list[TaskRun]:
+    """The tasks of a run in memory, which is read as a recording is."""
+    return [TaskRun(cast(Any, trace), number, task) for number, task in enumerate(experiment.tasks, start=1)]
+
+
+def claims(state: PageState) -> dict[str, Any]:
+    """What the runs of a state say to the paper, for JSON.
+
+    Raises:
+        InputRefused: the paper says nothing of such an experiment.
+        ComponentFailed: a run failed.
+    """
+    experiment = state.loaded()
+    if figure_of(experiment) == "fig5":
+        rows = [
+            (f"{task.number} {task.task.kind}: ", judged(claim, task))
+            for task in task_runs(experiment, run_in_memory(experiment, only=SIGNALS["fig5"]))
+            for claim in CLAIMS[task.task.kind]
+        ]
+        return {"figure": "fig5", "claims": [_claim(*row) for row in rows]}
+    score = fig4_score(fig4_runs(state))
+    found = [one for one in (*score.claims, *score.quality) if one.claim.measure is not None]
+    return {"figure": "fig4", "claims": [_claim("", one) for one in found]}
+
+
+def _claim(of: str, finding: ClaimFinding) -> dict[str, Any]:
+    return {
+        "text": f"{of}{finding.claim.text}",
+        "quote": finding.claim.quote,
+        "verdict": finding.verdict,
+        "measured": finding.measured,
+        "expected": f"{finding.expected} {finding.claim.unit}".rstrip(),
+        "reason": finding.reason,
+    }
+
+
+def _of_run(name: str, curve: str, scale: float = 1.0) -> Reader:
+    """Reads a curve of one of the two straight runs at the controller's rate."""
+
+    def samples(runs: Any) -> Samples:
+        run = getattr(runs, name)
+        return run.t, scale * getattr(run, curve)
+
+    return samples
+
+
+def _askew_force(number: int) -> Reader:
+    def samples(runs: Any) -> Samples:
+        run = runs.imperfect[number]
+        return run.t, run.F_ee_B[:, 0]
+
+    return samples
+
+
+def _force_along_y(name: str) -> Reader:
+    def samples(runs: Any) -> Samples:
+        run = getattr(runs, name)
+        return run.t, run.F_ee_B[:, 1]
+
+    return samples
+
+
+def _desired_force(runs: Any) -> Samples:
+    run = runs.force_position
+    return run.t, np.full(len(run.t), run.F_z_ref)
+
+
+BLUE, VERMILION, ORANGE, INK = 0, 1, 4, 6
+"""Numbers of the page's colours that are the nearest to the paper's."""
+FIG4_PANELS = (
+    Panel(
+        "A: z position", "mm",
+        (
+            PanelCurve("Pre-define", "truth", _of_run("force_position", "z_ref", MM), BLUE),
+            PanelCurve("P-based", "truth", _of_run("position", "z", MM), ORANGE),
+            PanelCurve("F&P-based", "truth", _of_run("force_position", "z", MM), VERMILION),
+            PanelCurve("F&P-based-ref", "reference", _of_run("force_position", "z_cmd", MM), INK),
+        ),
+    ),
+    Panel(
+        "B: F_z, pressing", "N",
+        (
+            PanelCurve("Pre-define", "truth", _desired_force, BLUE),
+            PanelCurve("P-based", "truth", _of_run("position", "F_z"), ORANGE),
+            PanelCurve("F&P-based", "truth", _of_run("force_position", "F_z"), VERMILION),
+        ),
+    ),
+    Panel(
+        "C: F_x, imperfect runs", "N",
+        (
+            PanelCurve("P-based", "truth", _askew_force(1), ORANGE),
+            PanelCurve("F&P-based", "truth", _askew_force(0), VERMILION),
+        ),
+    ),
+    Panel(
+        "D: F_y", "N",
+        (
+            PanelCurve("P-based", "truth", _force_along_y("position"), ORANGE),
+            PanelCurve("F&P-based", "truth", _force_along_y("force_position"), VERMILION),
+        ),
+    ),
+)  # fmt: skip
+
+
+def fig4_panels(runs: Fig4Runs, block: DataBlock, span: tuple[float, float], width: int) -> list[dict[str, Any]]:
+    """Fig. 4 as the paper has it, by the controller's estimates; see `drawn`."""
+    return drawn(FIG4_PANELS, runs, block, span, width)
+
+
+def _of_task(name: str, column: int | None, scale: float) -> Reader:
+    """Reads a curve of a task: of the plant, or a held one of the controller."""
+
+    def samples(run: Any) -> Samples:
+        part = seen_part(run)
+        values = run.commanded(name) if name not in ("F_z_true", "p_B") else run.F_z if name == "F_z_true" else run.p_B
+        return run.t[part], scale * (values if column is None else values[:, column])[part]
+
+    return samples
+
+
+HEIGHT = (
+    PanelCurve("after the force loop", "shifted", _of_task("p_cmd_B", 2, MM)),
+    PanelCurve("reference", "reference", _of_task("p_ref_B", 2, MM)),
+    PanelCurve("true", "truth", _of_task("p_B", 2, MM)),
+)
+FORCE = (
+    PanelCurve("estimated", "belief", _of_task("F_z", None, 1.0)),
+    PanelCurve("true", "truth", _of_task("F_z_true", None, 1.0)),
+    PanelCurve("reference", "reference", _of_task("F_z_ref", None, 1.0)),
+)
+
+
+def fig5_panels(
+    experiment: Experiment, trace: Trace, block: DataBlock, width: int
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Fig. 5 as the paper has it, of each kind of task the last one that was begun: (panels over time, each with the
+    span of its task; ways in space and on the surface), each with the title of its task under "of".
+
+    Args:
+        experiment: has tasks.
+        trace: its run.
+        block: takes the samples.
+        width: of a plot (pixels).
+    """
+    last = {run.task.kind: run for run in task_runs(experiment, trace) if len(run.t)}
+    panels: list[dict[str, Any]] = []
+    ways: list[dict[str, Any]] = []
+    for kind in CLAIMS:
+        if kind not in last:
+            continue
+        run = last[kind]
+        of = f"{TITLES[kind].replace('  ', ' ')}: {manner(run.task)}"
+        t = run.t[seen_part(run)]
+        span = float(t[0]), float(t[-1])
+        over_time = [Panel(f"{TITLES[kind][0]}: pressing force F_z", "N", FORCE)]
+        if isinstance(run.task, Roll | Push):
+            ways += [_in_space(run, experiment, block), _on_surface(run, run.task, block)]
+        else:
+            ways += [_in_space(run, experiment, block)]
+            over_time.insert(0, Panel(f"{TITLES[kind][0]}: height z", "mm", HEIGHT))
+        panels += [one | {"span": span, "of": of} for one in drawn(over_time, run, block, span, width)]
+        for way in ways:
+            way.setdefault("of", of)
+    return panels, ways
+
+
+class WayLine(NamedTuple):
+    """A line of a picture that has no time.
+
+    Attributes:
+        label: what it is.
+        role: decides colour and line; "mark": the work.
+        points: (n, 2) or (n, 3), mm; not a number where it is interrupted.
+        start: time of the first point (s); None: it has no times.
+        step: time from one to the next (s).
+    """
+
+    label: str
+    role: str
+    points: Curve
+    start: float | None = None
+    step: float = 0.0
+
+
+def _way(title: str, axes: Sequence[str], lines: Iterable[WayLine], block: DataBlock, equal: bool) -> dict[str, Any]:
+    """For JSON: of each line its coordinates, each of all points together, in the block."""
+    rows = [
+        {
+            "label": line.label,
+            "role": line.role,
+            "place": block.add(line.points.T),
+            "start": line.start,
+            "step": line.step,
+        }
+        for line in lines
+    ]
+    return {"title": title, "axes": list(axes), "rows": rows, "equal": equal}
+
+
+def _timed(run: TaskRun, label: str, role: str, points: Curve) -> WayLine:
+    """A line of the whole task, or of a part of it, elsewhere not a number."""
+    stride = max(1, len(points) // MOST_POINTS)
+    return WayLine(label, role, points[::stride], float(run.t[0]), stride * float(run.t[1] - run.t[0]))
+
+
+def _only(on: Mask, points: Curve) -> Curve:
+    return np.where(on[:, None], points, np.nan)
+
+
+def _in_space(run: TaskRun, experiment: Experiment, block: DataBlock) -> dict[str, Any]:
+    """The whole task, and in another colour its work; the untouched surface lies below."""
+    p = MM * run.p_B
+    working = np.isin(run.phase, WORKING)
+    lines = [
+        _timed(run, "reference", "reference", MM * run.commanded("p_ref_B")),
+        _timed(run, "true", "truth", p),
+        _timed(run, "working", "mark", _only(working, p)),
+    ]
+    name = TITLES[run.task.kind][0]
+    way = _way(f"{name}: in space", ("x (mm)", "y (mm)", "z (mm)"), lines, block, True)
+    return way | {"surface": experiment.values["contact"]["height_mm"]}
+
+
+def _on_surface(run: TaskRun, task: Roll | Push, block: DataBlock) -> dict[str, Any]:
+    """Of a roll the circle, of a push how far it is off the line; with the bounds of the claims."""
+    name = TITLES[task.kind][0]
+    if isinstance(task, Roll):
+        circling = run.during(PhaseKind.CIRCLE)
+        turn = np.linspace(0.0, 2.0 * np.pi, 73)
+        ring = MM * np.array(task.point) + MM * task.radius * np.column_stack([np.cos(turn), np.sin(turn)])
+        centre, radius = MM * np.array(task.point), bound_of("radius")
+        bounds = [
+            WayLine("bound", "display", centre + (ring - centre) * bound / radius.scale)
+            for bound in (radius.low, radius.high)
+        ]
+        p = MM * run.p_B[:, :2]
+        lines = [
+            _timed(run, "true", "truth", _only(circling, p)),
+            _timed(run, "full turns", "mark", _only(run.full_turns, p)),
+            WayLine("reference", "reference", ring),
+            *bounds,
+        ]
+        return _way(f"{name}: on the surface", ("x (mm)", "y (mm)"), lines, block, True)
+    pushing = run.during(PhaseKind.PUSH)
+    along, off = along_and_off(run.p_B[:, :2], task.point, task.to)
+    length, bound = MM * float(np.hypot(*np.subtract(task.to, task.point))), bound_of("line_worst").high
+    lines = [
+        _timed(run, "pushing", "mark", _only(pushing, MM * np.column_stack([along, off]))),
+        *(
+            WayLine("reference" if side == 0.0 else "bound", "reference" if side == 0.0 else "display",
+                    np.array([[0.0, side], [length, side]]))
+            for side in (0.0, -bound, bound)
+        ),
+    ]  # fmt: skip
+    return _way(f"{name}: off the line", ("along (mm)", "off (mm)"), lines, block, False)
