@@ -261,6 +261,11 @@ class AlarmWatch:
         self.alarms: list[WatchEvent] = []
         self._level = 0.0
 
+    @property
+    def changes(self) -> list[WatchEvent]:
+        """Of the state so far."""
+        return self._watch.changes
+
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
         levels, begin = np.full((len(samples.t), 1), np.nan), 0
         for end, means in self._blocks.take(samples.t, named(OUTPUTS, rows["shadow"])):
