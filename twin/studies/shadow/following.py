@@ -303,7 +303,7 @@ class Twin:
 
     def happenings(self) -> list[Happening]:
         """What has happened since the last call, in order of time."""
-        found = sorted(one for part in self.parts for one in part.happenings)
+        found = sorted((one for part in self.parts for one in part.happenings), key=lambda one: one.t)
         for part in self.parts:
             part.happenings.clear()
         return found

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from twin.kernel.cosim.port import Port
 from twin.kernel.recording.messages import Field, Topic
+from twin.kernel.recording.recorder import versions
 from twin.kernel.recording.sources.arrival import Arrival
 from twin.kernel.recording.writer import OthersTopic, Writer
 from twin.kernel.writing import json_text
@@ -53,6 +54,7 @@ class ShadowRecording:
         declared = [Topic(name, fields_of(ports), 1) for name, ports in topics.items()]
         metadata = {
             "experiment": {"name": model.name, "title": f"shadow of {source}", "values": json.dumps(model.values)},
+            "versions": versions(),
             "shadow": {"source": source, "stamp_0_ns": str(first[0]), "arrived_0_ns": str(first[1])},
         }
         self._writer = Writer(path, declared, TICK, metadata, others=others)
