@@ -1,12 +1,16 @@
 """The page of sessions beside a robot: how well the twin followed, its alarms, what did not come, and when it came."""
 
-import json
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import json_of
 from twin.kernel.recording.reader import Recording
 from twin.report.page.markup import Markup, element, joined, table
 from twin.report.page.panels import DEG, MM, MOST_SAMPLES, Panel, PanelCurve, PanelRun, Reader, Samples, series
@@ -28,10 +32,65 @@ def is_followed(recording: Recording) -> bool:
     return "shadow" in recording.metadata
 
 
-def recorded_facts(run: ReportRun) -> dict[str, Any]:
-    """What the session came to, as it says itself; empty if it did not come to its end."""
-    facts = json.loads(run.recording.metadata.get("followed", {}).get("facts", "{}"))
-    return facts if isinstance(facts, dict) else {}
+class _Read(BaseModel):
+    """Out of a recording, which may come from anybody."""
+
+    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
+
+
+Whole = Annotated[int, Field(ge=0, lt=2**63)]
+
+
+class StateChange(_Read):
+    """Of the alarm, see `WatchEvent`; without a channel there is no evidence."""
+
+    t_s: float
+    state: str
+    alarm: bool
+    text: str
+    channel: str = ""
+    unit: str = ""
+    size: float | None = None
+    since_s: float | None = None
+    level: float | None = None
+
+
+class SessionFacts(_Read):
+    """What the page takes of `shadow_facts`."""
+
+    counts: dict[str, Whole]
+    dropped: Whole
+    messages: Whole
+    nis_per_count: float | None
+    lateness_p99_s: float | None
+    lateness_largest_s: float
+    lateness_at_most_s: list[tuple[float, Whole]]
+    clock_offset_s: float | None
+    clock_drift: float | None
+    in_hand_p99_s: float | None
+    in_hand_largest_s: float
+    alarm_states: list[StateChange] | None
+    notes: list[str]
+
+
+def recorded_facts(run: ReportRun) -> SessionFacts | None:
+    """What the session came to, as it says itself; None if it did not come to its end.
+
+    Raises:
+        InputRefused: that is damaged.
+    """
+    text = run.recording.metadata.get("followed", {}).get("facts")
+    return None if text is None else _facts_of(text, run.recording.path)
+
+
+@lru_cache(8)
+def _facts_of(text: str, path: Path) -> SessionFacts:
+    try:
+        return SessionFacts.model_validate(json_of(text, f"{path}: followed"))
+    except ValidationError as mistake:
+        first = mistake.errors(include_url=False)[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise InputRefused(f"{path}: what it says of its session is damaged: {place}: {first['msg']}") from None
 
 
 def evenly(read: Reader) -> Reader:
@@ -42,11 +101,15 @@ def evenly(read: Reader) -> Reader:
         if found is None or len(found[0]) < 3:
             return found
         t, values = found
-        step = max(float(np.median(np.diff(t))), float(t[-1] - t[0]) / MOST_SAMPLES)
+        between = np.diff(t)
+        if np.max(between) <= LONGEST_INTERVAL * np.median(between):
+            return found
+        step = max(float(np.median(between)), float(t[-1] - t[0]) / MOST_SAMPLES)
         grid = t[0] + step * np.arange(round((t[-1] - t[0]) / step) + 1)
         after = np.clip(np.searchsorted(t, grid), 1, len(t) - 1)
         nearest = after - (grid - t[after - 1] < t[after] - grid)
-        return grid, np.where(np.abs(t[nearest] - grid) < 0.75 * step, values[nearest], np.nan)
+        there = np.abs(t[nearest] - grid) < 0.5 * LONGEST_INTERVAL * step
+        return grid, np.where(there, values[nearest], np.nan).astype(np.float32)
 
     return samples
 
@@ -108,30 +171,25 @@ TABLE = (
 
 def followed_verdict(runs: Sequence[ReportRun]) -> PageVerdict:
     """How the sessions went: alarms first."""
-    alarms = [one for run in runs for one in _states(run) or () if one["alarm"]]
-    unfinished = [run.recording.note for run in runs if run.recording.note]
-    watched = all(_states(run) is not None for run in runs)
-    clauses = []
+    clauses, alarms, others, watched = [], list[str](), list[str](), True
     for run in runs:
-        mine = [one for one in _states(run) or () if one["alarm"]]
-        how = f"{counted(len(mine), 'alarm')}, the first at {mine[0]['t_s']:.1f} s" if mine else "no alarm"
-        if _states(run) is None:
-            how = "no fleet was given, so that nothing raised an alarm"
-        clauses.append(f"followed {run.recording.metadata['shadow']['source']} for {run.end:.1f} s, {how}")
+        facts, note = recorded_facts(run), run.recording.note
+        own = [one for one in (facts.alarm_states or () if facts else ()) if one.alarm]
+        how = f"{counted(len(own), 'alarm')}, the first at {own[0].t_s:.1f} s" if own else "no alarm"
+        if facts is None or facts.alarm_states is None:
+            watched, how = False, "no fleet was given, so that nothing raised an alarm" if facts else "not to its end"
+        clauses.append(f"followed {_source(run)} for {run.end:.1f} s, {how}")
+        alarms += [one.text for one in own]
+        others += [*([note] if note else []), *(facts.notes if facts else ())]
     headline = "; ".join(clauses)
-    remarks = [*unfinished, *(one["text"] for one in alarms), *(note for run in runs for note in _notes(run))]
+    unfinished = any(run.recording.note for run in runs)
     good = False if alarms or unfinished else True if watched else None
-    return PageVerdict(headline[0].upper() + headline[1:], good, tuple(dict.fromkeys(remarks)), (), None, None)
+    remarks = tuple(dict.fromkeys([*alarms, *others]))
+    return PageVerdict(headline[0].upper() + headline[1:], good, remarks, (), None, None)
 
 
-def _notes(run: ReportRun) -> list[str]:
-    return list(recorded_facts(run).get("notes", []))
-
-
-def _states(run: ReportRun) -> list[dict[str, Any]] | None:
-    """Changes of the alarm's state; None: nothing could raise one, or it is not known."""
-    found: list[dict[str, Any]] | None = recorded_facts(run).get("alarm_states")
-    return found
+def _source(run: ReportRun) -> str:
+    return run.recording.metadata["shadow"].get("source", "a robot")
 
 
 def boxes(run: ReportRun) -> Markup:
@@ -139,14 +197,13 @@ def boxes(run: ReportRun) -> Markup:
     facts, found = recorded_facts(run), []
     if joints := [one.rms for _, _, one in _residuals(run, TABLE[:1])]:
         found.append((f"{max(joints):.3g} deg", "joints off, rms, the worst"))
-    if "NIS" in facts.get("residuals", {}):
-        found.append((number(facts["residuals"]["NIS"]["mean"]), "NIS per count"))
     if facts:
-        counts = facts["counts"]
-        found.append((f"{counts['missing']}", f"missing, of {counts['samples'] + counts['missing']}"))
-        found.append((f"{1e3 * facts['lateness_p99_s']:.3g} ms", "late, 99 % of messages"))
-    if _states(run) is not None:
-        found.append((str(sum(one["alarm"] for one in _states(run) or ())), "alarms"))
+        missing = facts.counts.get("missing", 0)
+        found += [(number(facts.nis_per_count), "NIS per count")] if facts.nis_per_count is not None else []
+        found.append((str(missing), f"missing, of {facts.counts.get('samples', 0) + missing}"))
+        found.append((_ms(facts.lateness_p99_s), "late, 99 % of messages"))
+        if facts.alarm_states is not None:
+            found.append((str(sum(one.alarm for one in facts.alarm_states)), "alarms"))
     return element(
         "div",
         *(element("div", element("strong", value), element("span", text), class_="box") for value, text in found),
@@ -183,49 +240,51 @@ def _residuals(run: ReportRun, shown: Sequence[tuple[str, str, str, float]] = TA
 
 def alarms(run: ReportRun) -> Markup:
     """Every change of the alarm's state with its evidence."""
-    states = _states(run)
-    if states is None:
-        known = recorded_facts(run)
-        text = "No fleet of healthy robots was given (--fleet), so that nothing raised an alarm." if known else NOT_SAID
-        return element("p", text)
-    if not states:
+    facts = recorded_facts(run)
+    if facts is None:
+        return element("p", NOT_SAID)
+    if facts.alarm_states is None:
+        return element("p", "No fleet of healthy robots was given (--fleet), so that nothing raised an alarm.")
+    if not facts.alarm_states:
         return element("p", "None; the watch was listening all the time.")
     rows = []
-    for one in states:
-        unit = one.get("unit", "").replace("1", "")
-        off = f"{one['size']:+.3g} {unit}" if one.get("size") is not None else ""
-        level = f"{one['level']:.2f}" if one.get("level") is not None else ""
-        since = _at(one["since_s"]) if one.get("since_s") is not None else ""
-        state = element("span", "robot and twin have parted", class_="bad") if one["alarm"] else one["state"]
-        rows.append((_at(one["t_s"]), state, one.get("channel", ""), off, since, level, "" if off else one["text"].partition(": ")[2]))
+    for one in facts.alarm_states:
+        unit = "" if one.unit == "1" else one.unit
+        off = "" if one.size is None else f"{one.size:+.3g} {unit}"
+        level = "" if one.level is None else f"{one.level:.2f}"
+        since = "" if one.since_s is None else _at(one.since_s)
+        state = element("span", "robot and twin have parted", class_="bad") if one.alarm else one.state
+        rows.append((_at(one.t_s), state, one.channel, off, since, level, "" if off else one.text.partition(": ")[2]))
     head = ("at", "state", "of", "off by", "since", "level", "found")
     return table(head, rows, f"states of the alarm in {run.label}")
 
 
+COUNTS = {
+    "samples": "samples", "missing": "missing", "gaps": "gaps", "incomplete": "incomplete", "invalid": "with NaN",
+    "duplicates": "messages twice", "out_of_order": "out of order", "late": "too late",
+    "restarts": "restarts of the robot's clock",
+}  # fmt: skip
+
+
 def gaps(run: ReportRun) -> Markup:
     """What did not come: counts, and the longest gaps."""
-    facts = recorded_facts(run)
-    counts = facts.get("counts", {})
-    parts = []
-    words = {"samples": "samples", "missing": "missing", "gaps": "gaps", "incomplete": "incomplete", "invalid":
-             "with NaN", "duplicates": "messages twice", "out_of_order": "out of order", "late": "too late",
-             "restarts": "restarts of the robot's clock"}  # fmt: skip
-    if counts:
-        rows = [(text, str(counts[key])) for key, text in words.items()]
-        rows.append(("lost by the transport, as it says itself", str(facts["dropped"])))
-        parts.append(table(("", "number"), rows, f"what came in {run.label}"))
-    else:
-        parts.append(element("p", NOT_SAID))
-    longest = sorted(_gaps(run), key=lambda one: -one[1])[:MOST_GAPS]
-    if longest:
-        rows = [(_at(at), f"{length:.4g} s", str(missing)) for at, length, missing in longest]
-        parts += [element("h3", "The longest gaps"), table(("from", "length", "missing"), rows, f"gaps of {run.label}")]
+    facts, parts = recorded_facts(run), [element("p", NOT_SAID)]
+    if facts:
+        rows = [(text, str(facts.counts[key])) for key, text in COUNTS.items() if key in facts.counts]
+        rows.append(("lost by the transport, as it says itself", str(facts.dropped)))
+        parts = [table(("", "number"), rows, f"what came in {run.label}")]
+    if longest := sorted(_gaps(run), key=lambda one: -one[1])[:MOST_GAPS]:
+        found = [(_at(at), f"{length:.4g} s", str(missing)) for at, length, missing in longest]
+        parts += [
+            element("h3", "The longest gaps"),
+            table(("from", "length", "missing"), found, f"gaps of {run.label}"),
+        ]
     return joined(parts)
 
 
 def _gaps(run: ReportRun) -> Iterator[tuple[float, float, int]]:
     """When each begins and how long it is (s), and how many samples are missing in it."""
-    t: Curve = run.times["encoder"]
+    t: Curve = run.times.get("encoder", np.empty(0))
     if len(t) < 3:
         return
     between = np.diff(t)
@@ -237,37 +296,35 @@ def _gaps(run: ReportRun) -> Iterator[tuple[float, float, int]]:
 def punctuality(run: ReportRun) -> Markup:
     """How late messages came, as a histogram; the robot's clock beside ours."""
     facts = recorded_facts(run)
-    if not facts:
+    if facts is None:
         return element("p", NOT_SAID)
-    total, rows, before, low = facts["messages"], [], 0, 0.0
-    for bound, sum_ in [*facts["lateness_at_most_s"], [math.inf, total]]:
-        count, before = sum_ - before, sum_
-        above = f"{1e3 * low:g}"
-        text = f"{above} to {1e3 * bound:g} ms" if math.isfinite(bound) else f"more than {above} ms"
-        low = bound
-        rows.append((text, count))
-    # from the first bin to the last one that has some
-    there = [k for k, (_, count) in enumerate(rows) if count]
-    most = max((count for _, count in rows), default=1) or 1
-    shown = [
-        (text, str(count), f"{count / max(total, 1):.2%}",
+    bins, before, low = [], 0, 0.0
+    for bound, total in [*facts.lateness_at_most_s, (math.inf, facts.messages)]:
+        up_to = f"{1e3 * low:g} to {1e3 * bound:g} ms" if math.isfinite(bound) else f"more than {1e3 * low:g} ms"
+        bins.append((up_to, total - before))
+        before, low = total, bound
+    # up to the last one that has some
+    while bins and not bins[-1][1]:
+        del bins[-1]
+    most = max((count for _, count in bins), default=1)
+    rows = [
+        (text, str(count), f"{count / max(facts.messages, 1):.2%}",
          element("div", element("div", style=f"width:{100 * count / most:.1f}%"), class_="bar"))
-        for text, count in (rows[: there[-1] + 1] if there else [])
+        for text, count in bins
     ]  # fmt: skip
-    found = [table(("later than the quickest", "messages", "share", ""), shown, f"lateness in {run.label}")]
     clock = [
-        ("late, 99 % of messages", _ms(facts["lateness_p99_s"])),
-        ("late, at most", _ms(facts["lateness_largest_s"])),
+        ("late, 99 % of messages", _ms(facts.lateness_p99_s)),
+        ("late, at most", _ms(facts.lateness_largest_s)),
     ]
-    offset, drift = facts["clock_offset_s"], facts["clock_drift"]
-    if offset is not None:
-        clock.append(("the robot's clock is behind ours by", f"{offset:+.4f} s"))
-    if drift is not None:
-        clock.append(("and goes slow by", f"{1e6 * drift:+.1f} us per s"))
-    if facts["in_hand_p99_s"] is not None:
-        clock.append(("from a sample in our hands to its estimate, 99 %", _ms(facts["in_hand_p99_s"])))
-        clock.append(("at most", _ms(facts["in_hand_largest_s"])))
-    return joined([*found, element("h3", "Clock"), table(("", "is"), clock, f"clock in {run.label}")])
+    if facts.clock_offset_s is not None:
+        clock.append(("the robot's clock is behind ours by", f"{facts.clock_offset_s:+.4f} s"))
+    if facts.clock_drift is not None:
+        clock.append(("and goes slow by", f"{1e6 * facts.clock_drift:+.1f} us per s"))
+    if facts.in_hand_p99_s is not None:
+        clock.append(("from a sample in our hands to its estimate, 99 %", _ms(facts.in_hand_p99_s)))
+        clock.append(("at most", _ms(facts.in_hand_largest_s)))
+    lateness = table(("later than the quickest", "messages", "share", ""), rows, f"lateness in {run.label}")
+    return joined([lateness, element("h3", "Clock"), table(("", "is"), clock, f"clock in {run.label}")])
 
 
 def _ms(seconds: float | None) -> str:
@@ -278,7 +335,7 @@ def origin(run: ReportRun) -> Markup:
     """What was followed, with what, and where that is recorded."""
     versions = run.recording.metadata.get("versions", {})
     rows = [
-        ("source", run.recording.metadata["shadow"]["source"]),
+        ("source", _source(run)),
         ("experiment of the twin", run.name),
         ("recording", run.recording.path.name),
         ("its sha256", element("code", run.sha256)),

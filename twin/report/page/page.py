@@ -395,8 +395,7 @@ REPORT = "report.html"
 SEVERAL = Path("results/report")
 FORCES = Markup('<span class="true">true</span> <span class="estimated">estimated</span>')
 SESSION_KEY = Markup(
-    '<span class="true">by the plant model</span> <span class="estimated">by the robot\'s counts</span>; '
-    'over the robot <span class="model">the plant model</span>'
+    '<span class="estimated">by the robot\'s counts</span>; <span class="true">plant model</span>, its force and pose'
 )
 """What the player shows."""
 

@@ -25,12 +25,10 @@ from twin.studies.shadow.layout import OUTPUTS
 from twin.studies.shadow.mapping import NEEDED, WIDTH, samples_of
 from twin.studies.shadow.recording import ShadowRecording
 from twin.studies.shadow.seen import ShadowViewer
-from twin.studies.shadow.text import shadow_facts
+from twin.studies.shadow.text import shadow_facts, status_line
 
 SLICE = 0.01
 """s of arrivals that are taken together."""
-COLUMNS = 79
-"""Of the line; terminals go on to the next one behind column 80."""
 LINE_PERIOD = 0.25
 """s between two lines."""
 FLUSH_PERIOD = 0.5
@@ -415,29 +413,15 @@ class Session:
         one.notes += [f"{count} publishers on {topic}" for topic, count in self._several.items()]
 
     def line(self, quiet: float) -> str:
-        """How it goes, in at most 80 columns. quiet: since the last message, s."""
+        """How it goes, in less than 80 columns. quiet: since the last message, s."""
         counts, period = self._aligner.counts, self._aligner.period
         if self._live and quiet > SILENT:
             return f"{self._t:.1f} s  silent for {quiet:.0f} s; waiting for messages"
-        rate = f"{1e9 / period:.0f} Hz" if period < math.inf else "- Hz"
-        late = 1e3 * self._aligner.clocks.lateness.quantile(0.99)
-        parts = [
-            f"{self._t:.1f} s",
-            rate,
-            f"late {late:.1f} ms",
-            f"{counts.missing} missing in {counted(counts.gaps, 'gap')}",
-        ]
-        joints, NIS = self._joints(), self.followed.residuals.get("NIS")
-        if NIS is not None and math.isfinite(NIS.recent) and self._t - NIS.last < 1.0:
-            parts.append(f"NIS {NIS.recent:.2f}")
-        if math.isfinite(self._level):
-            parts.append(f"alarm {self._level:.2f}")
-        if math.isfinite(joints):
-            parts.append(f"joints {math.degrees(joints):.3f} deg")
-        # what comes last is the first that has no room
-        while len(line := "  ".join(parts)) > COLUMNS:
-            del parts[-1]
-        return line
+        NIS = self.followed.residuals.get("NIS")
+        # a robot that stands still has none
+        recent = NIS.recent if NIS and self._t - NIS.last < 1.0 else math.nan
+        late = self._aligner.clocks.lateness.quantile(0.99)
+        return status_line(self._t, 1e-9 * period, late, counts, recent, self._level, self._joints())
 
     def _joints(self) -> float:
         """The largest recent residual of a joint, rad; NaN: none yet."""

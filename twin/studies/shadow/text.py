@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from twin.kernel.recording.sources.stamps import Counts
 from twin.kernel.writing import finite
 from twin.studies.result import Block, Column, Result, Table, counted, note
 from twin.studies.shadow.alarm import CHANNELS, WatchEvent
@@ -13,6 +14,8 @@ from twin.studies.shadow.alarm import CHANNELS, WatchEvent
 if TYPE_CHECKING:
     from twin.studies.shadow.session import Followed, Running
 
+COLUMNS = 79
+"""Of the line; some terminals go on to the next one behind column 80."""
 LATE = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 10.0)
 """s. Bounds by which lateness is counted."""
 RESIDUALS = (
@@ -27,16 +30,42 @@ WHAT = {"force": ("pressing force, estimated", "N", 1.0), "joint": ("", "deg", m
         "command": ("", "rad/s", 1.0)}  # fmt: skip
 
 
+def status_line(t: float, period: float, late: float, counts: Counts, NIS: float, level: float, joints: float) -> str:
+    """How it goes, in `COLUMNS`; what is not there, NaN, is left out.
+
+    Args:
+        t: of the last sample (s).
+        period: of the samples (s); infinite: not known.
+        late: what 99 % of the messages are not later than (s).
+        counts: of samples.
+        NIS: per count, mean of the last second.
+        level: of the alarm.
+        joints: the largest mean residual of a joint in the last second (rad).
+    """
+    gaps = counted(counts.gaps, "gap")
+    missing, joint = f"{counts.missing} missing in {gaps}", f"joints {math.degrees(joints):.3f} deg"
+    rate = f"{1.0 / period:.0f} Hz" if period < math.inf else "- Hz"
+    line = ""
+    # where there is no room
+    for lost, last in ((missing, joint), (missing, ""), (gaps, "")):
+        parts = [f"{t:.1f} s", rate, "" if math.isnan(late) else f"late {1e3 * late:.3g} ms", lost]
+        parts += [f"{name} {value:.3g}" for name, value in (("NIS", NIS), ("alarm", level)) if math.isfinite(value)]
+        line = "  ".join(filter(None, [*parts, last if math.isfinite(joints) else ""]))
+        if len(line) <= COLUMNS:
+            break
+    return line
+
+
 def shadow_result(followed: "Followed", name: str, files: Mapping[str, Path]) -> Result:
     """The whole report; name: of the experiment; files: kind -> path."""
     counts = followed.counts
     rate = f", {1.0 / followed.period:.4g} Hz" if math.isfinite(followed.period) else ""
     body: list[Block] = []
-    shown = {key: one for key, one in followed.residuals.items() if one.count}
-    NIS = shown.pop("NIS", None)
+    NIS = followed.residuals.get("NIS")
+    shown = {key: one for key, one in followed.residuals.items() if one.count and one is not NIS}
     if shown:
         body += ["", Table(RESIDUALS, [_row(key, one) for key, one in shown.items()]), ""]
-    if NIS:
+    if NIS and NIS.count:
         body.append(note("filter", f"NIS {NIS.mean:.3g} per count while it moves; beyond 1 is worse than expected"))
     body += [note("samples", f"{counts.samples}{rate}, {_missing(followed)}"), note("order", _order(followed))]
     if math.isfinite(followed.offset):
@@ -102,13 +131,14 @@ def _ms(seconds: float) -> str:
 
 def shadow_facts(followed: "Followed", name: str) -> dict[str, object]:
     """All of it in numbers; keys carry units, what does not exist is None."""
+    NIS = followed.residuals.get("NIS")
     residuals = {
         key: {
-            "unit": {"force": "N", "joint": "rad", "command": "rad/s", "NIS": "1"}[key.partition(" ")[0]],
+            "unit": {"force": "N", "joint": "rad", "command": "rad/s"}[key.partition(" ")[0]],
             "count": one.count, "mean": one.mean, "rms": one.rms, "largest": one.largest, "at_s": one.at,
         }
         for key, one in followed.residuals.items()
-        if one.count
+        if one.count and one is not NIS
     }  # fmt: skip
     lateness = followed.lateness
     return finite(
@@ -128,6 +158,7 @@ def shadow_facts(followed: "Followed", name: str) -> dict[str, object]:
             "in_hand_p99_s": followed.in_hand.quantile(0.99),
             "in_hand_largest_s": followed.in_hand.largest,
             "residuals": residuals,
+            "nis_per_count": NIS.mean if NIS else math.nan,
             "alarms": followed.alarms,
             "alarm_states": None if followed.changes is None else [_change(one) for one in followed.changes],
             "notes": followed.notes,

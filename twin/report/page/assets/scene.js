@@ -59,7 +59,7 @@ class Scene {
   secondParts(t, column) {
     const ends = this.read(t, column, 9);
     const p = this.read(t, column + 9, 3);
-    const style = { line: "--vermilion", width: 2.2, bias: 20 };
+    const style = { line: "--ink", width: 1.6, bias: 20 };
     const corners = this.platform.map((P) => plus(p, P));
     const legs = this.B.map((B, i) => ({ points: [B, ends.slice(3 * i, 3 * i + 3), corners[i]], ...style }));
     return [...legs, { points: [...corners, corners[0]], ...style }];
