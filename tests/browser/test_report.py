@@ -9,7 +9,9 @@ from PIL import Image
 from playwright.sync_api import Browser, Locator, Page
 
 from tests.browser.conftest import Opened
+from tests.report.page.test_followed_page import recorded_session
 from twin.kernel.recording.reader import Recording
+from twin.report.page.page import write_report
 
 pytestmark = pytest.mark.slow
 
@@ -198,6 +200,17 @@ def test_a_phone_shows_all_without_scrolling_sideways(browser: Browser, two_runs
     assert (ground < 90) == (scheme == "dark")
     assert opened.messages == []
     context.close()
+
+
+def test_an_alarm_of_a_session_leads_to_its_time_on_a_phone_too(browser: Browser, tmp_path: Path):
+    page = browser.new_page(viewport={"width": 400, "height": 800})
+    opened = Opened(page, Path(write_report([recorded_session(tmp_path)]).facts["page"]))
+    assert page.evaluate("document.documentElement.scrollWidth") == 400
+    page.locator("#alarms button.at").first.click()
+    assert 3.0 < opened.time() < 4.5
+    opened.settle()
+    assert opened.messages == []
+    page.close()
 
 
 def test_on_paper_the_page_is_light_whole_and_without_controls(browser: Browser, one_run: Path):

@@ -2,6 +2,8 @@
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from twin.cli.streams import show
@@ -41,6 +43,7 @@ def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
     code = 0
     try:
         for answer in _answers(function, marked, own, asked, given):
+            answer = _with_page(answer) if given.get("report") else answer
             show(answer, given.get("as_json", False))
             code = max(code, answer.exit_code)
     except ComponentFailed as failure:
@@ -48,6 +51,15 @@ def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
         raise ComponentFailed("\n".join(filter(None, [str(failure), more]))) from None
     if code:
         raise SystemExit(code)
+
+
+def _with_page(answer: Answer) -> Answer:
+    """`answer`, and where the page on its recording is."""
+    # what draws it takes a while to load
+    from twin.report.page.page import write_report
+
+    page = write_report([Path(answer.facts["recording"])]).facts["page"]
+    return replace(answer, text=f"{answer.text}\n  page       {page}", facts=answer.facts | {"page": page})
 
 
 def _answers(

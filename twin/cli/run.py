@@ -18,6 +18,7 @@ from twin.kernel.process.guard import GRACE
 from twin.kernel.process.job import LONG, JobLimits
 from twin.studies.command import (
     JOB_ISOLATION,
+    PORT,
     Answer,
     Argument,
     AsJson,
@@ -29,7 +30,10 @@ from twin.studies.command import (
     Isolation,
     LimitStep,
     LimitWall,
+    LiveOrigins,
+    LivePort,
     Option,
+    Page,
     Say,
     Settings,
     answer_apart,
@@ -39,7 +43,6 @@ from twin.studies.first_look import load_experiments, print_latest
 from twin.studies.sweep.study import By
 
 LIVE_JOB = "twin.robot.live.runs:served_runs"
-PORT = 8765
 MEMORY = 4000.0
 
 
@@ -60,7 +63,7 @@ def run(
     ] = None,
     out: Annotated[Path | None, Option("Folder of the run; default: results/EXPERIMENT/TIME.", "DIR")] = None,
     as_json: Annotated[bool, Option("Print one JSON object per run instead of text.", flags="--json")] = False,
-    report: Annotated[bool, Option("Also write an HTML page, like twin report.")] = False,
+    report: Page = False,
     isolate: Annotated[
         Isolation,
         Option("Processes: one for the run, one more per drive, or none (for debuggers)."),
@@ -69,11 +72,8 @@ def run(
     limit_wall: LimitWall = math.inf,
     limit_memory: Annotated[float, Option("Most memory of the run's process.", "MB", least=0.0)] = MEMORY,
     live: Annotated[bool, Option("Serve the run to Lichtblick or Foxglove; starts with the first viewer.")] = False,
-    port: Annotated[int, Option("With --live: port; 0: any free one.", "N", least=0, most=65535)] = PORT,
-    origins: Annotated[
-        Sequence[str],
-        Option("With --live: also allow pages from this origin, https://host:port.", "ORIGIN", "--origin"),
-    ] = (),
+    port: LivePort = PORT,
+    origins: LiveOrigins = (),
     realtime: Annotated[
         float | None,
         Option("Speed as a multiple of real time; 0: as fast as possible; with --live: 1.", "[=FACTOR]", least=0.0),

@@ -59,7 +59,7 @@ class Gate:
         if not origins or origin in self._origins or re.fullmatch(rf"https?://{HERE}", origin):
             return ""
         named = ", ".join(origins)
-        return f"a page of {named}: not an origin that may watch; twin run --live --origin {named} lets it in"
+        return f"a page of {named}: not an origin that may watch; --origin {named} lets it in"
 
     def knows(self, path: str) -> bool | None:
         """Whether the `path` of a request names the token; None if it names none at all."""
@@ -174,10 +174,13 @@ def advertisement(channels: Sequence[Channel]) -> str:
     )
 
 
-def parameter_values(values: Mapping[str, float], request: str | None = None) -> str:
+def parameter_values(values: Mapping[str, bool | float | str], request: str | None = None) -> str:
     """Parameters, in answer to the `request` of that id."""
     # without the type a whole number would come back as one, and then never again take a fraction
-    listed = [{"name": name, "value": value, "type": "float64"} for name, value in values.items()]
+    listed = [
+        {"name": name, "value": value} | ({} if isinstance(value, bool | str) else {"type": "float64"})
+        for name, value in values.items()
+    ]
     return _message("parameterValues", parameters=listed, **({} if request is None else {"id": request}))
 
 

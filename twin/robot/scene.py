@@ -162,6 +162,10 @@ SURFACES = {
     "skin": Color(r=204 / 255, g=121 / 255, b=167 / 255, a=0.4),
 }
 
+SECOND = Color(r=213 / 255, g=94 / 255, b=0.0, a=0.35)
+HULL = 0.003
+"""By which the second robot is thicker (m): both are seen where they agree."""
+
 PLATE = 0.003
 """Thickness of base, platform and a flat surface (m)."""
 SURFACE_EXTENT = 0.2
@@ -178,6 +182,20 @@ def scene_update(geometry: Geometry, contact: Contact) -> SceneUpdate:
     links = [_link(name, geometry) for name in LINKS]
     rods = [_entity(name, cylinders=[_bar(geometry.l_b, ROD, SKY)]) for name in RODS]
     return SceneUpdate(entities=[_base(geometry), *links, *rods, _platform(geometry), _surface(contact)])
+
+
+def second_robot(beside: str, drawn: SceneUpdate) -> SceneUpdate:
+    """The moving parts of `drawn` once more, in frames that begin with `beside`: a hull that is seen through."""
+    found = SceneUpdate()
+    for one in drawn.entities:
+        if one.frame_id not in (BASE, SURFACE):
+            one = found.entities.add(frame_id=f"{beside}{one.frame_id}", id=f"{beside}{one.id}", frame_locked=True,
+                                     cylinders=one.cylinders)  # fmt: skip
+            for cylinder in one.cylinders:
+                size = cylinder.size
+                size.x, size.y, size.z = size.x + HULL, size.y + HULL, size.z + HULL
+                cylinder.color.CopyFrom(SECOND)
+    return found
 
 
 def pose(position: ArrayLike, q: Sequence[float] = IDENTITY) -> Pose:
@@ -366,8 +384,8 @@ def surface_pose(contact: Contact) -> NDArray[np.float64]:
     return np.concatenate([[0.0, 0.0, contact.height], q])
 
 
-def transforms_example() -> FrameTransforms:
-    """A `foxglove.FrameTransforms` of all `FRAMES` with blanks in the order of `poses`."""
+def transforms_example(beside: str = "") -> FrameTransforms:
+    """A `foxglove.FrameTransforms` of all `FRAMES`, behind the name of a second robot, with blanks as of `poses`."""
     transforms = []
     for number, frame in enumerate(FRAMES):
         x, y, z, *q = (blank(POSE * number + i) for i in range(POSE))
@@ -376,7 +394,7 @@ def transforms_example() -> FrameTransforms:
             FrameTransform(
                 timestamp=BLANK_TIME,
                 parent_frame_id=BASE,
-                child_frame_id=frame,
+                child_frame_id=f"{beside}{frame}",
                 translation=where.position,
                 rotation=where.orientation,
             )

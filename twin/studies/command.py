@@ -70,6 +70,7 @@ class Study:
             the name of the flag without which it steps none.
         limited: whether `--limit-step` and `--limit-wall` are of that process.
         json: whether there is `--json`.
+        reported: whether the fact `recording` of its answer is one, of which `--report` writes a page.
         before: called with what is asked before the study's process begins: slips are refused at once.
         on_failure: what is added to the message if a component fails, such as where results are until then.
     """
@@ -79,6 +80,7 @@ class Study:
     isolated: bool | str = False
     limited: bool = False
     json: bool = True
+    reported: bool = False
     before: Sequence[Callable[[Asked], None]] = ()
     on_failure: Callable[[Asked], str] | None = None
 
@@ -89,7 +91,8 @@ class Study:
     def shared(self) -> list[str]:
         """Those of `SHARED` that it has."""
         process = [*(["isolate"] if self.isolated else []), *(["limit_step", "limit_wall"] if self.limited else [])]
-        return [*(["formats", "columns"] if self.draws else []), *(["as_json"] if self.json else []), *process]
+        page = ["report"] if self.reported else []
+        return [*(["formats", "columns"] if self.draws else []), *(["as_json"] if self.json else []), *page, *process]
 
 
 study = Study
@@ -161,12 +164,21 @@ Settings = Annotated[
 ColumnMaps = Annotated[
     Sequence[str], Option("Column of a signal; or a TOML file of such.", "NAME=COLUMN[UNIT]", "--map")
 ]
+PORT = 8765
+"""Where `--live` serves; viewers propose it, too."""
+LivePort = Annotated[int, Option("With --live: port; 0: any free one.", "N", flags="--port", least=0, most=65535)]
+LiveOrigins = Annotated[
+    Sequence[str],
+    Option("With --live: also allow pages from this origin, https://host:port.", "ORIGIN", "--origin"),
+]
+Page = Annotated[bool, Option("Also write an HTML page, like twin report.", flags="--report")]
 ExperimentName = Annotated[Path, Argument("Experiment file (TOML) or name.", "EXPERIMENT", complete="experiment")]
 
 SHARED: Mapping[str, tuple[Any, Any]] = {
     "formats": (Formats, ()),
     "columns": (Columns, 2),
     "as_json": (AsJson, False),
+    "report": (Page, False),
     "isolate": (Isolate, JOB_ISOLATION),
     "limit_step": (LimitStep, JobLimits.step),
     "limit_wall": (LimitWall, math.inf),

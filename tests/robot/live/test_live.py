@@ -306,8 +306,7 @@ def test_a_page_of_another_origin_or_under_another_name_is_not_let_in(watched: W
     assert watched.kept_out == [403, 403, 403]
     told = [line for line in watched.errors.splitlines() if line.startswith("refused: ")]
     assert told[0] == (
-        "refused: a page of http://evil.example: not an origin that may watch; "
-        "twin run --live --origin http://evil.example lets it in"
+        "refused: a page of http://evil.example: not an origin that may watch; --origin http://evil.example lets it in"
     )
     assert "null" in told[1]
     assert "Host evil.example" in told[2]

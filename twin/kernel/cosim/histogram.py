@@ -1,6 +1,7 @@
 """Times of any number in little memory, counted by compiled code or by Python."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -43,6 +44,12 @@ class Histogram:
     def count(self) -> int:
         """How many there are."""
         return int(self.bins.sum())
+
+    def below(self, bounds: Sequence[float]) -> list[int]:
+        """How many of them are at most so long, for each of `bounds` (s), to 2 %."""
+        sums = np.cumsum(self.bins)
+        places = [math.floor(math.log(bound / LEAST) / STEP) for bound in bounds]
+        return [int(sums[min(max(place, 0), BINS - 1)]) for place in places]
 
     def quantile(self, share: float) -> float:
         """The time (s) that so large a share of them does not exceed; NaN without any."""

@@ -289,7 +289,9 @@ class _Face:
             self._leave(name, lead.start, lead.hops)
         asked = {name.removeprefix("-").strip() for name in named}
         for name in package.structure.system.connector_of.keys() & asked - self.variables.keys():
-            raise InputRefused(f"{package.file}: its connector '{name}' leads to no component; connect it in the archive")
+            raise InputRefused(
+                f"{package.file}: its connector '{name}' leads to no component; connect it in the archive"
+            )
         self._look_inside(asked)
 
     def _look_inside(self, asked: Collection[str]) -> None:

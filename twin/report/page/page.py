@@ -15,8 +15,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.job import seen_from_here
 from twin.kernel.writing import finite, made_folder, write_text
+from twin.report.page.followed import PANELS as SESSION_PANELS
+from twin.report.page.followed import (
+    alarms,
+    boxes,
+    followed_verdict,
+    gaps,
+    how_well,
+    is_followed,
+    origin,
+    punctuality,
+)
 from twin.report.page.markup import DataBlock, Markup, dark_filter, element, joined, section, table
-from twin.report.page.panels import curves, scene
+from twin.report.page.panels import Panel, curves, scene
 from twin.report.page.picture import picture
 from twin.report.page.run import (
     PageVerdict,
@@ -261,13 +272,13 @@ def _accuracies(runs: Sequence[ReportRun], budgets: Sequence["Budget"]) -> Marku
     return _of_each(runs, lambda run: accuracy(own[run.label], run.label))
 
 
-def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup:
-    """The first section: the sentence, three numbers of each run, and the remarks. All other numbers come after the
-    player, which stands beside it."""
+def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict, key_numbers: Markup | None = None) -> Markup:
+    """The first section: the sentence, three numbers of each run or `key_numbers`, and the remarks. All other numbers
+    come after the player, which stands beside it."""
     mark, look = LOOKS[verdict.good]
     parts = [element("p", f"{mark}{verdict.headline}", class_=f"headline {look}")]
     # of more runs the table of measures is the place
-    parts += [_boxes(runs)] if len(runs) <= MOST_BOXED else []
+    parts += [key_numbers or _boxes(runs)] if len(runs) <= MOST_BOXED else []
     if verdict.remarks:
         parts.append(element("ul", *(element("li", text) for text in verdict.remarks), class_="remarks"))
     return section("verdict", "Verdict", *parts)
@@ -382,6 +393,11 @@ SCRIPTS = ("data", "clock", "look", "plot", "plots", "scene", "player", "page")
 """In an order in which each finds what it needs."""
 REPORT = "report.html"
 SEVERAL = Path("results/report")
+FORCES = Markup('<span class="true">true</span> <span class="estimated">estimated</span>')
+SESSION_KEY = Markup(
+    '<span class="estimated">by the robot\'s counts</span>; <span class="true">plant model</span>, its force and pose'
+)
+"""What the player shows."""
 
 
 def write_report(
@@ -413,6 +429,10 @@ def write_report(
         title = shown[0].label if len(shown) == 1 else f"{len(shown)} runs of systems"
         links = [(key, name) for key, name, _ in found]
         html = plain_page(title, " | ".join(run.label for run in shown), found, links)
+    elif all(is_followed(run.recording) for run in shown):
+        if budget:
+            raise InputRefused(f"{runs[0]}: records a session, whose true force is not known; leave --budget out")
+        html, headline = session_page(shown)
     else:
         html, headline = report_page(shown, [_budget(run, say) for run in shown] if budget else ())
     made_folder(path.parent)
@@ -428,32 +448,71 @@ def report_page(runs: Sequence[ReportRun], budgets: Sequence["Budget"] = ()) -> 
         data, factor = _data(runs)
         parts = sections(runs, judged, drawn(), budgets)
     title = runs[0].title if len(runs) == 1 else f"{len(runs)} runs compared"
+    return _filled(runs, title, verdict_section(runs, judged), parts, data, factor), judged.headline
+
+
+def session_page(runs: Sequence[ReportRun]) -> tuple[str, str]:
+    """(HTML, first sentence) of sessions beside a robot."""
+    judged = followed_verdict(runs)
+    data, factor = _data(runs, SESSION_PANELS, "estimator", "plant")
+    found = [
+        ("followed", "How well it followed", how_well),
+        ("alarms", "Alarms", alarms),
+        ("gaps", "Gaps", gaps),
+        ("punctuality", "Punctuality", punctuality),
+        ("events", "Events", events),
+        ("parameters", "Parameters", _folded_parameters),
+        ("origin", "What was followed", origin),
+    ]
+    parts = [Section(key, title, section(key, title, _of_each(runs, write))) for key, title, write in found]
+    title = runs[0].title if len(runs) == 1 else f"{len(runs)} sessions"
+    first = verdict_section(runs, judged, _of_each(runs, boxes))
+    return _filled(runs, title, first, parts, data, factor, SESSION_KEY), judged.headline
+
+
+def _filled(
+    runs: Sequence[ReportRun],
+    title: str,
+    first: Markup,
+    parts: Sequence[Section],
+    data: dict[str, Any],
+    factor: int,
+    key: Markup = FORCES,
+) -> str:
+    """The HTML of a page with plots and player; `first` is its first section, `parts` are those behind these."""
     links = [("verdict", "Verdict"), ("replay", "Replay"), *((part.key, part.title) for part in parts)]
-    html = Template((ASSETS / "page.html").read_text(encoding="utf-8")).substitute(
+    return Template((ASSETS / "page.html").read_text(encoding="utf-8")).substitute(
         title=joined([title]),
         subtitle=element("p", " | ".join(run.label for run in runs)),
         style=(ASSETS / "page.css").read_text(encoding="utf-8"),
         dark=dark_filter(),
         contents=joined([element("a", text, href=f"#{key}") for key, text in links]),
-        verdict=verdict_section(runs, judged),
+        verdict=first,
         remark=_remark(data["scenes"], factor),
         chooser=_chooser(runs, data["scenes"]),
+        key=key,
         sections=joined([part.html for part in parts]),
         version=joined([version("twin")]),
         data=_json(data),
         script="\n".join((ASSETS / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS),
     )
-    return html, judged.headline
 
 
-def _data(runs: Sequence[ReportRun]) -> tuple[dict[str, Any], int]:
-    """What the scripts of the page work on, and the factor by which samples are thinned."""
+def _data(
+    runs: Sequence[ReportRun], shown: Sequence[Panel] | None = None, robot: str = "plant", model: str = ""
+) -> tuple[dict[str, Any], int]:
+    """What the scripts of the page work on, and the factor by which samples are thinned.
+
+    Args:
+        shown: see `curves`.
+        robot, model: see `scene`.
+    """
     blocks = [DataBlock() for _ in runs]
     # side by side: what adds up and compresses holds no lock
     with ThreadPoolExecutor(2) as pool:
         pool.map(lambda run: run.sha256, runs)
-        panels, factor = curves(runs, blocks)
-        scenes = [scene(run, block) for run, block in zip(runs, blocks, strict=True)]
+        panels, factor = curves(runs, blocks, shown)
+        scenes = [scene(run, block, robot=robot, model=model) for run, block in zip(runs, blocks, strict=True)]
         texts = pool.map(DataBlock.text, blocks)
     data = {
         "end": max(run.end for run in runs),

@@ -53,29 +53,40 @@ class HasFields(Protocol):
     def fields(self) -> Mapping[str, Field]: ...
 
 
-def scene(run: PanelRun, block: DataBlock, most: int = MOST_FRAMES) -> dict[str, Any] | None:
+def scene(
+    run: PanelRun, block: DataBlock, most: int = MOST_FRAMES, robot: str = "plant", model: str = ""
+) -> dict[str, Any] | None:
     """A run for the player, mm and N; None if it does not say where the robot is. Poses, at most so many, go into
     `block`.
 
     `frames` says where they begin, each column of all n frames together: A (9), p_B (3), displacement of the surface
-    (3), F_ee_B (3), F_ee_B estimated (3; absent without an estimator).
+    (3), F_ee_B (3), F_ee_B estimated (3; absent without an estimator), and A and p_B of a second robot.
+
+    Args:
+        robot: topic that has its pose.
+        model: topic that has the pose of a second robot, which is drawn over it; "": there is none.
     """
     lengths = [run.values.get("plant", {}).get(f"{name}_mm") for name in Geometry._fields]
-    if not run.has("plant.p_B", "plant.theta_l") or None in lengths:
+    poses = [f"{topic}.{name}" for topic in filter(None, (robot, model)) for name in ("theta_l", "p_B")]
+    if not run.has(*poses) or None in lengths:
         return None
     geometry = Geometry(*(length / MM for length in lengths))
-    times = run.times["plant"]
+    times = run.times[robot]
     step = max(1.0 / RATE, float(times[-1] - times[0]) / most)
     t = times[0] + step * np.arange(int((times[-1] - times[0]) / step + 1e-6) + 1)
-    p_B = run.held("plant.p_B", t)
-    joints = skeleton(geometry, run.held("plant.theta_l", t), p_B)
+    theta_l, p_B, *second = (run.held(key, t) for key in poses)
+    joints = skeleton(geometry, theta_l, p_B)
     columns = [MM * joints.A.reshape(len(t), 9), MM * p_B, MM * _or_still(run, "body.s_B", t)]
     columns += [_or_still(run, "plant.F_ee_B", t)]
     estimated = run.has("estimator.F_ee_B")
     columns += [run.held("estimator.F_ee_B", t)] if estimated else []
+    frames: dict[str, Any] = {"count": len(t), "start": float(t[0]), "step": step, "estimated": estimated}
+    if second:
+        frames["second"] = sum(column.shape[1] for column in columns)
+        columns += [MM * skeleton(geometry, *second).A.reshape(len(t), 9), MM * second[1]]
     place, _ = block.add(np.column_stack(columns).T)
     return {
-        "frames": {"at": place, "count": len(t), "start": float(t[0]), "step": step, "estimated": estimated},
+        "frames": frames | {"at": place},
         "B": (MM * joints.B).tolist(),
         "platform": (MM * geometry.b * OUTWARD).tolist(),
         "axis": AXIS.tolist(),
@@ -275,10 +286,11 @@ KNOWN = ("theta_m", "omega_m", "tau_motor")
 """What every drive has to say."""
 
 
-def panels(runs: Iterable[PanelRun]) -> list[Panel]:
-    """The panels of which any of `runs` has something to show."""
+def panels(runs: Iterable[PanelRun], shown: Sequence[Panel] | None = None) -> list[Panel]:
+    """The panels, of those of runs or `shown`, of which any of `runs` has something to show."""
     runs = list(runs)
-    return [panel for panel in (*PANELS, *_own_panels(runs)) if _shows_something(panel, runs)]
+    asked = (*PANELS, *_own_panels(runs)) if shown is None else shown
+    return [panel for panel in asked if _shows_something(panel, runs)]
 
 
 def _own_panels(runs: Sequence[PanelRun]) -> list[Panel]:
@@ -300,7 +312,9 @@ def _shows_something(panel: Panel, runs: Sequence[PanelRun]) -> bool:
     )
 
 
-def curves(runs: Sequence[PanelRun], blocks: Sequence[DataBlock]) -> tuple[list[dict[str, Any]], int]:
+def curves(
+    runs: Sequence[PanelRun], blocks: Sequence[DataBlock], shown: Sequence[Panel] | None = None
+) -> tuple[list[dict[str, Any]], int]:
     """(panels for JSON, factor by which samples are thinned); the samples of each run go into its block.
 
     A curve is [first sample in the block, number, time of the first (s), time from one to the next (s)]; null where a
@@ -308,7 +322,7 @@ def curves(runs: Sequence[PanelRun], blocks: Sequence[DataBlock]) -> tuple[list[
     """
     found = [
         (panel, [(quantity, [quantity.read(run) for run in runs]) for quantity in panel.quantities])
-        for panel in panels(runs)
+        for panel in panels(runs, shown)
     ]
     total = sum(len(one[0]) for _, rows in found for _, samples in rows for one in samples if one)
     factor = thinning(total, MOST_SAMPLES)

@@ -258,7 +258,11 @@ def _spelled(port: Port, i: int, variables: Mapping[str, Variable], causality: s
 
 
 def _refuse_lacking(
-    file: Path, table: str, description: "FmuDescription | EnclosedSystem", required: Sequence[Port], wired: Mapping[str, str]
+    file: Path,
+    table: str,
+    description: "FmuDescription | EnclosedSystem",
+    required: Sequence[Port],
+    wired: Mapping[str, str],
 ) -> None:
     """Nothing is guessed: a part of the robot has too many ports of one unit for that."""
     for port in required:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.kernel.process.guard import JobEnded
@@ -20,6 +20,9 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.run import Run, execute
 from twin.robot.run.viewer import Viewer
 from twin.robot.run.watch import refuse_endless
+
+if TYPE_CHECKING:
+    from twin.robot.live.server import LiveServer
 
 
 def recorded_runs(
@@ -178,17 +181,25 @@ def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: 
         InputRefused: websockets is not installed, the port is taken, or an origin is none.
         TwinError: as `recorded_runs`.
     """
-    try:
-        from twin.robot.live.server import LiveServer
-    except ImportError as missing:
-        if not (missing.name or "").startswith("websockets"):
-            raise
-        raise InputRefused("--live: websockets is not installed; pip install 'websockets>=14'") from None
-
-    with LiveServer(
+    with live_server(
         port,
         announce=lambda address: reporter.note(serving=address),
         warn=lambda sentence: reporter.note(refused=sentence),
         origins=origins,
     ) as server:
         recorded_runs(reporter, **arguments, viewer=server)
+
+
+def live_server(port: int, **arguments: Any) -> "LiveServer":
+    """A `LiveServer`, whose arguments these are.
+
+    Raises:
+        InputRefused: websockets is not installed, the port is taken, or an origin is none.
+    """
+    try:
+        from twin.robot.live.server import LiveServer
+    except ImportError as missing:
+        if not (missing.name or "").startswith("websockets"):
+            raise
+        raise InputRefused("--live: websockets is not installed; pip install 'websockets>=14'") from None
+    return LiveServer(port, **arguments)

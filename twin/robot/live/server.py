@@ -9,12 +9,12 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from http import HTTPStatus
 from queue import SimpleQueue
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
 from websockets.asyncio.server import ServerConnection, serve
@@ -41,6 +41,7 @@ from twin.kernel.recording.messages import (
     HEAD_SIZE,
     VALUE_TYPES,
     Kind,
+    MessageForm,
     form_filling,
     form_records,
     log_message,
@@ -48,12 +49,36 @@ from twin.kernel.recording.messages import (
 )
 from twin.kernel.recording.recorder import RowStream
 from twin.kernel.recording.writer import EVENTS, NANOSECONDS, declarations
-from twin.robot.run.watch import Tuning
-from twin.robot.scene import Scene
+from twin.robot.scene import Drawing
 
 BACKLOG = 1024
 """Messages that wait for a viewer that is too slow; after that it loses the oldest."""
 WATCHES = "refused: this viewer watches only; to tune, open the address that twin has printed, with its token"
+
+
+class Parameters(Protocol):
+    """What viewers may change, of `twin.robot.run.watch.Tuning` say; called by the server's thread."""
+
+    def values(self) -> Mapping[str, bool | float | str]:
+        """All of them, by name."""
+
+    def request(self, name: str, value: object, /) -> None:
+        """Ask for a new `value` of one.
+
+        Raises:
+            InputRefused: there is no such parameter, or it cannot be that.
+        """
+
+
+class Drawn(Protocol):
+    """What draws rows for a viewer, such as `twin.robot.scene.Scene`."""
+
+    @property
+    def forms(self) -> Sequence[MessageForm]:
+        """What its drawings are written as."""
+
+    def drawings(self, first: int, rows: np.ndarray, /) -> Iterable[Drawing]:
+        """Of `rows` (n, width), the first of which is tick `first`; all there is at tick 0."""
 
 
 class Client:
@@ -77,7 +102,7 @@ class Client:
         connection: ServerConnection,
         may_tune: bool,
         channels: Mapping[int, Channel],
-        tuning: Tuning,
+        tuning: Parameters,
         subscribed: Callable[[bool], None],
         changed: Callable[[Sequence[str]], None],
     ):
@@ -207,7 +232,7 @@ class Client:
             answers.append(protocol.parameter_values(self._values(names), asked.id))
         return answers
 
-    def _values(self, names: Collection[str]) -> dict[str, float]:
+    def _values(self, names: Collection[str]) -> dict[str, bool | float | str]:
         """Of those of `names` that there are; of all if there are no names."""
         return {name: value for name, value in self._tuning.values().items() if name in names or not names}
 
@@ -249,7 +274,7 @@ class Broadcast:
         OSError: the port is taken.
     """
 
-    def __init__(self, port: int, gate: Gate, channels: Sequence[Channel], tuning: Tuning):
+    def __init__(self, port: int, gate: Gate, channels: Sequence[Channel], tuning: Parameters):
         self.news: SimpleQueue[str | None] = SimpleQueue()
         self.wanted: frozenset[int] = frozenset()
         self.lacking: frozenset[int] = frozenset()
@@ -268,6 +293,10 @@ class Broadcast:
     def publish(self, time: int, messages: Sequence[Message]) -> None:
         """Send every viewer the simulated `time` (ns), and what it has subscribed to of `messages`."""
         self._loop.call_soon_threadsafe(self._hand_out, time, messages)
+
+    def tell(self, names: Sequence[str]) -> None:
+        """Send every viewer those of the parameters `names` that it follows."""
+        self._loop.call_soon_threadsafe(self._changed, names)
 
     def close(self) -> None:
         """Send what has been published, say goodbye to every viewer and let go of the port; at most `END` s."""
@@ -359,10 +388,10 @@ class Topics:
         streams, scene, tick: see `twin.robot.run.viewer.Viewer.begin`.
 
     Attributes:
-        channels: the streams in their order, `/scene`, `/tf` and `/force`, which draw the robot, and `/events`.
+        channels: the streams in their order, those of the scene, such as `/scene`, `/tf` and `/force`, and `/events`.
     """
 
-    def __init__(self, streams: Sequence[RowStream], scene: Scene, tick: float):
+    def __init__(self, streams: Sequence[RowStream], scene: Drawn, tick: float):
         self._encoder, self._scene, self._tick = MessageEncoder(streams), scene, tick
         self._layouts = {form.name: form_filling(0, form) for form in scene.forms}
         constant = {form.name for form in scene.forms if form.width == 0}
@@ -455,8 +484,9 @@ class LiveServer:
     Args:
         port: to listen at; 0: any that is free.
         announce: called with the address, `ws://127.0.0.1:8765/?token=...`, whenever a run waits for its first viewer.
-        warn: called with a sentence about connections that are refused meanwhile.
+        warn: called with a sentence about connections that are refused.
         origins: see `Gate`.
+        waits: whether a run begins with its first viewer; a robot does not wait for one.
 
     Raises:
         InputRefused: the port is taken, or one of `origins` is none.
@@ -468,8 +498,9 @@ class LiveServer:
         announce: Callable[[str], None],
         warn: Callable[[str], None] = lambda text: None,
         origins: Sequence[str] = (),
+        waits: bool = True,
     ):
-        self._announce, self._warn, self._gate = announce, warn, Gate(origins)
+        self._announce, self._warn, self._gate, self._waits = announce, warn, Gate(origins), waits
         self._held = socket.socket()
         try:
             self._held.bind((HOST, port))
@@ -486,8 +517,8 @@ class LiveServer:
         self._held.close()
         self._sign_off()
 
-    def begin(self, streams: Sequence[RowStream], scene: Scene, tick: float, tuning: Tuning) -> None:
-        """Wait until somebody has subscribed to one of the topics.
+    def begin(self, streams: Sequence[RowStream], scene: Drawn, tick: float, tuning: Parameters) -> None:
+        """Serve a run; if it waits, until somebody has subscribed to one of the topics.
 
         Raises:
             InputRefused: somebody has taken the port in the meantime.
@@ -501,14 +532,25 @@ class LiveServer:
             raise _refusal(self._port, problem) from None
         self._on_air = broadcast, None
         self._announce(f"ws://{HOST}:{self._port}/?token={self._gate.token}")
-        for refusal in iter(broadcast.news.get, None):
-            self._warn(refusal)
+        if self._waits:
+            for refusal in iter(broadcast.news.get, None):
+                self._warn(refusal)
         self._on_air = broadcast, Publisher(topics, broadcast)
 
     def show(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
         """Hand the first row of the run, the newest one and every event to the publisher."""
-        if self._on_air and self._on_air[1] and len(rows):
-            self._on_air[1].put(first, rows, events)
+        if self._on_air and self._on_air[1]:
+            if len(rows):
+                self._on_air[1].put(first, rows, events)
+            news = self._on_air[0].news
+            while not news.empty():
+                if refusal := news.get():
+                    self._warn(refusal)
+
+    def tell(self, names: Sequence[str]) -> None:
+        """The parameters `names` have changed, and not by a viewer."""
+        if self._on_air:
+            self._on_air[0].tell(names)
 
     def _sign_off(self) -> None:
         if self._on_air:
@@ -570,7 +612,8 @@ class Publisher:
             return
         if self._first is not None and self._published < 0:
             self._send(*self._first, [])
-        if newest[0] > self._published:
+        # something may happen to a robot of which no sample comes
+        if newest[0] > self._published or self._happened:
             self._send(*newest, [self._happened.popleft() for _ in range(len(self._happened))])
 
     def _send(self, tick: int, row: np.ndarray, events: Sequence[TickEvent]) -> None:

@@ -204,12 +204,17 @@ class Blocks:
 
 def residuals(y: Columns) -> NDArray[np.float64]:
     """Of every channel at every sample, (n, channels); NaN where there was none."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        spread = y["NIS"] / y["used"]
     # not every twin has a controller of its own
-    command = y.get("residual_command", np.full(len(spread), math.nan))
+    command = y.get("residual_command", np.full(len(y["NIS"]), math.nan))
+    spread = nis_per_count(y["NIS"], y["used"])
     single = {"residual_F": y["residual_F"], "NIS": spread, "residual_command": command}
     return np.column_stack([single[name] if name in single else y[name][:, i] for name, i, _ in CHANNELS.values()])
+
+
+def nis_per_count(NIS: NDArray[np.float64], used: NDArray) -> NDArray[np.float64]:
+    """The filter's outputs of these names, divided; 1 on average if it is right, NaN where no count was new."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(NIS / used, dtype=float)
 
 
 Reidentify = Callable[[float, float], str]

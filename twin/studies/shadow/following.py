@@ -281,6 +281,11 @@ class AlarmWatch:
         self.alarms: list[WatchEvent] = []
         self._level = 0.0
 
+    @property
+    def changes(self) -> list[WatchEvent]:
+        """Of the state so far."""
+        return self._watch.changes
+
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
         levels, begin = np.full((len(samples.t), 1), np.nan), 0
         residuals = named(OUTPUTS, rows["shadow"]) | farthest_command(rows)
@@ -319,7 +324,7 @@ class Twin:
 
     def happenings(self) -> list[Happening]:
         """What has happened since the last call, in order of time."""
-        found = sorted(one for part in self.parts for one in part.happenings)
+        found = sorted((one for part in self.parts for one in part.happenings), key=lambda one: one.t)
         for part in self.parts:
             part.happenings.clear()
         return found

@@ -9,11 +9,18 @@ from numpy.typing import NDArray
 
 from twin.kernel.cosim.port import Port
 from twin.kernel.recording.messages import Field, Topic
+from twin.kernel.recording.recorder import versions
 from twin.kernel.recording.sources.arrival import Arrival
 from twin.kernel.recording.writer import OthersTopic, Writer
+from twin.kernel.writing import json_text
 from twin.studies.replay.model import RobotModel
 from twin.studies.replay.text import TICK
 from twin.studies.shadow.following import Happening, Rows
+
+
+def fields_of(ports: Iterable[Port]) -> tuple[Field, ...]:
+    """Of the topic that has the values of `ports`."""
+    return tuple(Field(port.name, port.size, port.kind, port.unit, port.meaning) for port in ports)
 
 
 class ShadowRecording:
@@ -44,12 +51,10 @@ class ShadowRecording:
     ):
         _, self._arrived_0 = first
         self._others = {other.name for other in others}
-        declared = [
-            Topic(name, tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in ports), 1)
-            for name, ports in topics.items()
-        ]
+        declared = [Topic(name, fields_of(ports), 1) for name, ports in topics.items()]
         metadata = {
             "experiment": {"name": model.name, "title": f"shadow of {source}", "values": json.dumps(model.values)},
+            "versions": versions(),
             "shadow": {"source": source, "stamp_0_ns": str(first[0]), "arrived_0_ns": str(first[1])},
         }
         self._writer = Writer(path, declared, TICK, metadata, others=others)
@@ -77,9 +82,9 @@ class ShadowRecording:
         """What was written survives the end of this process."""
         self._writer.flush()
 
-    def finish(self, summary: Mapping[str, str]) -> Path:
-        """The finished file, with a summary in its metadata."""
-        self._writer.write_metadata("followed", summary)
+    def finish(self, facts: Mapping[str, object]) -> Path:
+        """The finished file, with what the session came to in its metadata; see `recorded_facts`."""
+        self._writer.write_metadata("followed", {"facts": json_text(facts)})
         return self._writer.finish()
 
     def abandon(self) -> Path:

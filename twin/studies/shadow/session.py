@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.kernel.cosim.delay import named
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.recording.logs.column_map import TIME, MappedColumn
 from twin.kernel.recording.logs.log import LogRefused
@@ -18,9 +19,13 @@ from twin.kernel.recording.sources.stamps import Aligner, Counts, Histogram, Sam
 from twin.kernel.recording.writer import OthersTopic
 from twin.studies.replay.model import LONGEST_GAP, RobotModel
 from twin.studies.result import counted
-from twin.studies.shadow.following import Happening, Rows, Twin
+from twin.studies.shadow.alarm import WatchEvent, nis_per_count
+from twin.studies.shadow.following import AlarmWatch, Happening, Rows, Twin
+from twin.studies.shadow.layout import OUTPUTS
 from twin.studies.shadow.mapping import NEEDED, WIDTH, samples_of
 from twin.studies.shadow.recording import ShadowRecording
+from twin.studies.shadow.seen import ShadowViewer
+from twin.studies.shadow.text import shadow_facts, status_line
 
 SLICE = 0.01
 """s of arrivals that are taken together."""
@@ -49,6 +54,7 @@ class Running:
         mean, rms: of all.
         largest, at: the largest by size, and when (s).
         recent: mean over the last second.
+        last: when the last value was (s).
     """
 
     count: int = 0
@@ -58,6 +64,7 @@ class Running:
     _squares: float = 0.0
     _block: list[float] = field(default_factory=lambda: [0.0, 0.0, -math.inf])
     recent: float = math.nan
+    last: float = -math.inf
 
     def add(self, t: NDArray[np.float64], r: NDArray[np.float64]) -> None:
         """Values r (n,) at t (n,), s; NaN are none."""
@@ -66,6 +73,7 @@ class Running:
             return
         t, r = t[there], r[there]
         self.count += len(r)
+        self.last = float(t[-1])
         self._sum += float(np.sum(r))
         self._squares += float(np.sum(r**2))
         worst = int(np.argmax(np.abs(r)))
@@ -99,10 +107,10 @@ class Followed:
         period: of them (s); infinite without a clock.
         lateness: of messages; offset, drift: of the robot's clock, see `Clocks`.
         in_hand: from a sample in our hands to its estimate.
-        residuals: `force` (N), `joint 1` .. `joint 3` (rad), `command 1` .. (rad/s).
+        residuals: `force` (N), `joint 1` .. `joint 3` (rad), `command 1` .. (rad/s); `NIS` per count while it moves.
         dropped: messages that the transport or we lost knowingly.
         notes: sentences.
-        alarms: sentences; None: there was no fleet to compare with.
+        changes: of the alarm's state; None: there was no fleet to compare with.
     """
 
     source: str
@@ -117,7 +125,12 @@ class Followed:
     residuals: dict[str, Running] = field(default_factory=dict)
     dropped: int = 0
     notes: list[str] = field(default_factory=list)
-    alarms: list[str] | None = None
+    changes: list[WatchEvent] | None = None
+
+    @property
+    def alarms(self) -> list[str] | None:
+        """Sentences on the alarms among `changes`."""
+        return None if self.changes is None else [f"{one.t:.1f} s  {one}" for one in self.changes if one.alarm]
 
 
 class Session:
@@ -134,6 +147,8 @@ class Session:
         live: whether arrivals are of now, so that silence is an event.
         say: takes the line for the terminal.
         announce: takes a sentence that is printed where no line is seen.
+        watched: the part of `twin` that raises alarms, if there is one.
+        viewer: shows it besides.
     """
 
     def __init__(
@@ -148,10 +163,14 @@ class Session:
         live: bool,
         say: Say,
         announce: Say = lambda text: None,
+        watched: AlarmWatch | None = None,
+        viewer: ShadowViewer | None = None,
     ):
         self._source, self._columns, self._wanted = source, columns, wanted
         self._twin, self._model, self._live, self._say = twin, model, live, say
         self._duration, self._announce = duration, announce
+        self._watched, self._viewer = watched, viewer
+        self._happenings: list[Happening] = []
         self._readers: dict[str, MessageReader] = {}
         self._others: list[OthersTopic] = []
         self._aligner = Aligner(WIDTH, list(NEEDED), lateness)
@@ -161,7 +180,7 @@ class Session:
         self._several: dict[str, int] = {}
         self._noted = Counts()
         self._announced = ""
-        self._t = 0.0
+        self._t, self._level = 0.0, math.nan
         self.followed = Followed(source.name)
 
     def wait(self) -> None:
@@ -225,8 +244,7 @@ class Session:
         self._sum_up()
         if self._recording is None:
             raise InputRefused(f"{self._source.name}: {self._why_nothing()}")
-        facts = {"samples": str(self.followed.counts.samples), "seconds": f"{self._t:.3f}"}
-        self.followed.recording = self._recording.finish(facts)
+        self.followed.recording = self._recording.finish(shadow_facts(self.followed, self._model.name))
         return self.followed
 
     def _loop(self, path: Callable[[], Path]) -> None:
@@ -262,7 +280,9 @@ class Session:
                 time.sleep(max(0.0, SLICE - (time.monotonic() - began)))
 
     def _take(self, arrivals: list[Arrival], end: bool = False) -> None:
-        """One slice: messages to samples, samples to rows, both to the file."""
+        """One slice: messages to samples, samples to rows, both to the file and to who looks on."""
+        if self._viewer and (text := self._viewer.press()):
+            self._happened(Happening(self._t, text), "accepted")
         samples: list[Sample] = []
         for one in arrivals:
             reading = one.data if isinstance(one.data, Reading) else self._read(one)
@@ -294,6 +314,9 @@ class Session:
             )  # fmt: skip
         self._recording.write(arrivals, times, rows)
         self._note_happenings()
+        if self._viewer:
+            self._viewer.show(times, rows, self._happenings)
+            self._happenings = []
 
     def _read(self, arrival: Arrival) -> Reading:
         try:
@@ -312,6 +335,11 @@ class Session:
             for i, column in enumerate(rows[topic].T):
                 key = name if rows[topic].shape[1] == 1 else f"{name} {i + 1}"
                 self.followed.residuals.setdefault(key, Running()).add(t, column)
+        y = named(OUTPUTS, rows["shadow"])
+        NIS = np.where(y["moves"] > 0.0, nis_per_count(y["NIS"], y["used"]), math.nan)
+        self.followed.residuals.setdefault("NIS", Running()).add(t, NIS)
+        if "alarm" in rows and np.any(there := np.isfinite(rows["alarm"])):
+            self._level = float(rows["alarm"][there][-1])
 
     def _note_happenings(self) -> None:
         for one in self._twin.happenings():
@@ -350,6 +378,7 @@ class Session:
         self._events[kind] = self._events.get(kind, 0) + 1
         if self._recording is not None and self._events[kind] <= MOST_EVENTS:
             self._recording.event(one)
+            self._happenings += [one] if self._viewer else []
 
     def _refuse_lacking(self) -> None:
         """Before the first sample: say which joint none of the messages names."""
@@ -375,6 +404,7 @@ class Session:
         one.seconds, one.counts, one.period = self._t, aligner.counts, aligner.period / 1e9
         one.lateness, one.offset, one.drift = aligner.clocks.lateness, aligner.clocks.offset, aligner.clocks.drift
         one.dropped = self._source.dropped
+        one.changes = self._watched.changes if self._watched else None
         one.notes += [
             f"{topic} has no stamps: its times of arrival are taken, so that their jitter is an error of time"
             for topic, reader in self._readers.items()
@@ -387,20 +417,11 @@ class Session:
         counts, period = self._aligner.counts, self._aligner.period
         if self._live and quiet > SILENT:
             return f"{self._t:.1f} s  silent for {quiet:.0f} s; waiting for messages"
-        rate = f"{1e9 / period:.0f} Hz" if period < math.inf else "- Hz"
-        late = 1e3 * self._aligner.clocks.lateness.quantile(0.99)
-        parts = [
-            f"{self._t:.1f} s",
-            rate,
-            f"late {late:.1f} ms",
-            f"{counts.missing} missing in {counted(counts.gaps, 'gap')}",
-        ]
-        force, joints = self.followed.residuals.get("force"), self._joints()
-        if force is not None and math.isfinite(force.recent):
-            parts.append(f"force {force.recent:+.2f} N")
-        if math.isfinite(joints):
-            parts.append(f"joints {math.degrees(joints):.3f} deg")
-        return "  ".join(parts)
+        NIS = self.followed.residuals.get("NIS")
+        # a robot that stands still has none
+        recent = NIS.recent if NIS and self._t - NIS.last < 1.0 else math.nan
+        late = self._aligner.clocks.lateness.quantile(0.99)
+        return status_line(self._t, 1e-9 * period, late, counts, recent, self._level, self._joints())
 
     def _joints(self) -> float:
         """The largest recent residual of a joint, rad; NaN: none yet."""

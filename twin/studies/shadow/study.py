@@ -7,7 +7,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from twin.kernel.errors import plain
-from twin.studies.command import Asked, ColumnMaps, ExperimentName, Option, Say, Settings, silent, study
+from twin.studies.command import (
+    PORT,
+    Asked,
+    ColumnMaps,
+    ExperimentName,
+    LiveOrigins,
+    LivePort,
+    Option,
+    Say,
+    Settings,
+    silent,
+    study,
+)
 from twin.studies.first_look import find_experiments
 from twin.studies.result import Result
 
@@ -42,10 +54,15 @@ def _limits(fleet: Path, experiment: Path, settings: Sequence[str], say: Say) ->
 def _announce(text: str) -> None:
     """Print a sentence to standard error, where no line of progress is seen."""
     if not sys.stderr.isatty():
-        print(plain(text), file=sys.stderr, flush=True)
+        _print(text)
 
 
-@study(before=[_find_source, find_experiments])
+def _print(text: str) -> None:
+    """Print a sentence to standard error, over a line of progress."""
+    print(("\r" if sys.stderr.isatty() else "") + plain(text), file=sys.stderr, flush=True)
+
+
+@study(reported=True, before=[_find_source, find_experiments])
 def shadow(
     experiment: ExperimentName,
     source: Annotated[str, Option("ros2:/TOPIC or zenoh:/TOPIC of a robot that runs, or a log.", "SOURCE")],
@@ -63,6 +80,9 @@ def shadow(
         Option("Raise alarms, with tolerances of these healthy robots (a sweep file); takes a second a robot.", "FILE"),
     ] = None,
     false_alarms_per_hour: Annotated[float, Option("With --fleet: how many false alarms to bear.", "N")] = 0.01,
+    live: Annotated[bool, Option("Serve twin and robot to Lichtblick or Foxglove.")] = False,
+    port: LivePort = PORT,
+    origins: LiveOrigins = (),
     out: Annotated[Path | None, Option("Folder; default: results/shadow/EXPERIMENT/TIME.", "DIR")] = None,
     say: Say = silent,
 ) -> Result:
@@ -80,6 +100,7 @@ def shadow(
     Raises:
         InputRefused: source, map, experiment or folder cannot be used, or what comes is not of this robot.
     """
+    from contextlib import ExitStack
     from datetime import datetime
 
     from twin.kernel.errors import InputRefused
@@ -87,9 +108,11 @@ def shadow(
     from twin.kernel.recording.logs.column_map import column_map
     from twin.kernel.writing import write_json
     from twin.robot.assembly.load import load_experiment
+    from twin.robot.live.runs import live_server
     from twin.studies.replay.model import model_of
     from twin.studies.shadow.following import AlarmWatch, twin_of
     from twin.studies.shadow.mapping import wanted_signals
+    from twin.studies.shadow.seen import ShadowViewer
     from twin.studies.shadow.session import Session
     from twin.studies.shadow.sources import opened
     from twin.studies.shadow.text import shadow_facts, shadow_result
@@ -99,12 +122,21 @@ def shadow(
     loaded = load_experiment(experiment, settings)
     model = model_of(loaded)
     wanted = wanted_signals(model.belief)
-    robot, columns, live = opened(source, column_map(maps), wanted, model.belief, speed)
-    try:
+    with ExitStack() as stack:
+        robot, columns, of_now = opened(source, column_map(maps), wanted, model.belief, speed)
+        stack.callback(robot.close)
         watched = AlarmWatch(_limits(fleet, experiment, settings, say), false_alarms_per_hour) if fleet else None
-        twin = twin_of(loaded, model, robot.name, watched)
+        twin, viewer = twin_of(loaded, model, robot.name, watched), None
+        if live:
+            server = live_server(
+                port, announce=lambda address: _print(f"serving {address}; viewers may come and go"),
+                warn=lambda refusal: _print(f"refused: {refusal}"), origins=origins, waits=False,
+            )  # fmt: skip
+            viewer = ShadowViewer(stack.enter_context(server), twin.topics, loaded)
         duration = math.inf if duration_s is None else duration_s
-        session = Session(robot, columns, wanted, twin, model, 1e-3 * lateness_ms, duration, live, say, _announce)
+        session = Session(
+            robot, columns, wanted, twin, model, 1e-3 * lateness_ms, duration, of_now, say, _announce, watched, viewer
+        )
         session.wait()
         claimed = claim_run_folder(out) if out else None
 
@@ -112,10 +144,6 @@ def shadow(
             return (claimed or create_run_folder(HOME, model.name, datetime.now())) / RECORDING
 
         followed = session.follow(recording)
-    finally:
-        robot.close()
-    if watched:
-        followed.alarms = [f"{alarm.t:.1f} s  {alarm}" for alarm in watched.alarms]
     facts = followed.recording.parent / FACTS
     write_json(facts, shadow_facts(followed, model.name))
     return shadow_result(followed, model.name, {"recording": followed.recording, "facts": facts})

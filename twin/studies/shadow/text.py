@@ -4,11 +4,20 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from twin.kernel.recording.sources.stamps import Counts
 from twin.kernel.writing import finite
 from twin.studies.result import Block, Column, Result, Table, counted, note
-from twin.studies.shadow.session import Followed, Running
+from twin.studies.shadow.alarm import CHANNELS, WatchEvent
 
+if TYPE_CHECKING:
+    from twin.studies.shadow.session import Followed, Running
+
+COLUMNS = 79
+"""Of the line; some terminals go on to the next one behind column 80."""
+LATE = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 10.0)
+"""s. Bounds by which lateness is counted."""
 RESIDUALS = (
     Column("twin less robot", 26, left=True),
     Column("mean", 9, "+.4f"),
@@ -21,13 +30,43 @@ WHAT = {"force": ("pressing force, estimated", "N", 1.0), "joint": ("", "deg", m
         "command": ("", "rad/s", 1.0)}  # fmt: skip
 
 
-def shadow_result(followed: Followed, name: str, files: Mapping[str, Path]) -> Result:
+def status_line(t: float, period: float, late: float, counts: Counts, NIS: float, level: float, joints: float) -> str:
+    """How it goes, in `COLUMNS`; what is not there, NaN, is left out.
+
+    Args:
+        t: of the last sample (s).
+        period: of the samples (s); infinite: not known.
+        late: what 99 % of the messages are not later than (s).
+        counts: of samples.
+        NIS: per count, mean of the last second.
+        level: of the alarm.
+        joints: the largest mean residual of a joint in the last second (rad).
+    """
+    gaps = counted(counts.gaps, "gap")
+    missing, joint = f"{counts.missing} missing in {gaps}", f"joints {math.degrees(joints):.3f} deg"
+    rate = f"{1.0 / period:.0f} Hz" if period < math.inf else "- Hz"
+    line = ""
+    # where there is no room
+    for lost, last in ((missing, joint), (missing, ""), (gaps, "")):
+        parts = [f"{t:.1f} s", rate, "" if math.isnan(late) else f"late {1e3 * late:.3g} ms", lost]
+        parts += [f"{name} {value:.3g}" for name, value in (("NIS", NIS), ("alarm", level)) if math.isfinite(value)]
+        line = "  ".join(filter(None, [*parts, last if math.isfinite(joints) else ""]))
+        if len(line) <= COLUMNS:
+            break
+    return line
+
+
+def shadow_result(followed: "Followed", name: str, files: Mapping[str, Path]) -> Result:
     """The whole report; name: of the experiment; files: kind -> path."""
     counts = followed.counts
     rate = f", {1.0 / followed.period:.4g} Hz" if math.isfinite(followed.period) else ""
     body: list[Block] = []
-    if any(one.count for one in followed.residuals.values()):
-        body += ["", Table(RESIDUALS, [_row(key, one) for key, one in followed.residuals.items() if one.count]), ""]
+    NIS = followed.residuals.get("NIS")
+    shown = {key: one for key, one in followed.residuals.items() if one.count and one is not NIS}
+    if shown:
+        body += ["", Table(RESIDUALS, [_row(key, one) for key, one in shown.items()]), ""]
+    if NIS and NIS.count:
+        body.append(note("filter", f"NIS {NIS.mean:.3g} per count while it moves; beyond 1 is worse than expected"))
     body += [note("samples", f"{counts.samples}{rate}, {_missing(followed)}"), note("order", _order(followed))]
     if math.isfinite(followed.offset):
         body.append(note("clock", _clock(followed)))
@@ -41,19 +80,19 @@ def shadow_result(followed: Followed, name: str, files: Mapping[str, Path]) -> R
         body += [note("alarm", text, True) for text in followed.alarms or ["none"]]
     body += [note("note", text) for text in followed.notes]
     head = f"{name}: followed {followed.source} for {followed.seconds:.2f} s"
-    shown = {kind: str(path) for kind, path in files.items()}
-    facts = shadow_facts(followed, name) | shown
-    return Result(head, body, facts, shown, exit_code=1 if followed.alarms else 0)
+    paths = {kind: str(path) for kind, path in files.items()}
+    facts = shadow_facts(followed, name) | paths
+    return Result(head, body, facts, paths, exit_code=1 if followed.alarms else 0)
 
 
-def _row(key: str, one: Running) -> list[str | float]:
+def _row(key: str, one: "Running") -> list[str | float]:
     kind, _, number = key.partition(" ")
     what, unit, scale = WHAT[kind]
     text = what or (f"joint {number}, plant model" if kind == "joint" else f"command of motor {number}")
     return [text, scale * one.mean, scale * one.rms, scale * one.largest, one.at, unit]
 
 
-def _missing(followed: Followed) -> str:
+def _missing(followed: "Followed") -> str:
     counts = followed.counts
     if not counts.missing and not counts.incomplete and not counts.invalid:
         return "none missing"
@@ -63,7 +102,7 @@ def _missing(followed: Followed) -> str:
     return ", ".join(parts)
 
 
-def _order(followed: Followed) -> str:
+def _order(followed: "Followed") -> str:
     counts = followed.counts
     parts = [
         f"{number} {what}"
@@ -76,7 +115,7 @@ def _order(followed: Followed) -> str:
     return ", ".join(parts) or "all messages once and in order"
 
 
-def _clock(followed: Followed) -> str:
+def _clock(followed: "Followed") -> str:
     lateness, offset = followed.lateness, followed.offset
     text = f"messages up to {_ms(lateness.quantile(0.99))} late (99 %), {_ms(lateness.largest)} at most"
     if abs(offset) >= 5e-4:
@@ -90,16 +129,18 @@ def _ms(seconds: float) -> str:
     return f"{1e3 * seconds:.3g} ms"
 
 
-def shadow_facts(followed: Followed, name: str) -> dict[str, object]:
+def shadow_facts(followed: "Followed", name: str) -> dict[str, object]:
     """All of it in numbers; keys carry units, what does not exist is None."""
+    NIS = followed.residuals.get("NIS")
     residuals = {
         key: {
             "unit": {"force": "N", "joint": "rad", "command": "rad/s"}[key.partition(" ")[0]],
             "count": one.count, "mean": one.mean, "rms": one.rms, "largest": one.largest, "at_s": one.at,
         }
         for key, one in followed.residuals.items()
-        if one.count
+        if one.count and one is not NIS
     }  # fmt: skip
+    lateness = followed.lateness
     return finite(
         {
             "experiment": name,
@@ -108,14 +149,25 @@ def shadow_facts(followed: Followed, name: str) -> dict[str, object]:
             "period_s": followed.period,
             "counts": asdict(followed.counts),
             "dropped": followed.dropped,
-            "lateness_p99_s": followed.lateness.quantile(0.99),
-            "lateness_largest_s": followed.lateness.largest,
+            "messages": lateness.count,
+            "lateness_p99_s": lateness.quantile(0.99),
+            "lateness_largest_s": lateness.largest,
+            "lateness_at_most_s": [[bound, count] for bound, count in zip(LATE, lateness.below(LATE), strict=True)],
             "clock_offset_s": followed.offset,
             "clock_drift": followed.drift,
             "in_hand_p99_s": followed.in_hand.quantile(0.99),
             "in_hand_largest_s": followed.in_hand.largest,
             "residuals": residuals,
+            "nis_per_count": NIS.mean if NIS else math.nan,
             "alarms": followed.alarms,
+            "alarm_states": None if followed.changes is None else [_change(one) for one in followed.changes],
             "notes": followed.notes,
         }
     )
+
+
+def _change(one: WatchEvent) -> dict[str, object]:
+    """A change of the alarm's state with its evidence."""
+    evidence = {"channel": one.channel, "unit": CHANNELS[one.channel][2], "size": one.size, "since_s": one.since,
+                "level": one.level} if one.channel else {}  # fmt: skip
+    return {"t_s": one.t, "state": str(one.state), "alarm": one.alarm, "text": str(one), **evidence}

@@ -203,7 +203,9 @@ class Plot {
     this.stage.dataset.time = t;
     for (const { row, values } of this.values)
       values.forEach((value, run) => {
-        if (row.curves[run]) value.textContent = row.curves[run].at(t).toFixed(this.decimals);
+        if (!row.curves[run]) return;
+        const y = row.curves[run].at(t);
+        value.textContent = Number.isFinite(y) ? y.toFixed(this.decimals) : "-";
       });
   }
 }

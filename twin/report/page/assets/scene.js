@@ -50,8 +50,19 @@ class Scene {
       for (const side of [-ROD, ROD])
         parts.push({ points: [plus(A, axis, side), plus(P, axis, side)], line: "--rod", width: 2.2 });
     });
+    if (this.frames.second) parts.push(...this.secondParts(t, this.frames.second));
     if (this.frames.estimated) parts.push(...this.arrowParts(p, this.read(t, 18, 3), "--orange", 5, 60));
     return [...parts, ...this.arrowParts(p, this.read(t, 15, 3), "--ink", 2.2, 90)];
+  }
+
+  /** The twin's model over the robot, in lines; its columns begin at `column`. */
+  secondParts(t, column) {
+    const ends = this.read(t, column, 9);
+    const p = this.read(t, column + 9, 3);
+    const style = { line: "--ink", width: 1.6, bias: 20 };
+    const corners = this.platform.map((P) => plus(p, P));
+    const legs = this.B.map((B, i) => ({ points: [B, ends.slice(3 * i, 3 * i + 3), corners[i]], ...style }));
+    return [...legs, { points: [...corners, corners[0]], ...style }];
   }
 
   /** Fields of the surface where they are at displacement s. */

@@ -1,0 +1,136 @@
+"""A session served to real WebSocket clients, and the button that accepts what the twin proposes."""
+
+import re
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.robot.live.viewer import Received, Viewer
+from tests.studies.replay.logs import EXPERIMENTS, FIG4, ran
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.reader import read
+from twin.robot.assembly.load import load_experiment
+from twin.robot.controller.controller import ESTIMATOR_OUTPUTS
+from twin.robot.live.server import WATCHES, LiveServer
+from twin.robot.plant.component import OUTPUTS as MOTION
+from twin.studies.shadow.following import ALARM_LEVEL, Happening
+from twin.studies.shadow.seen import ACCEPT, PROPOSAL, AcceptButton, ShadowViewer
+from twin.studies.shadow.study import shadow
+
+ROBOT = EXPERIMENTS / f"{FIG4}.toml"
+ADDRESS = re.compile(r"serving (ws://127\.0\.0\.1:\d+/\?token=[\w-]{22}); viewers may come and go\n")
+TOPICS = {"estimator": ESTIMATOR_OUTPUTS, "plant": MOTION, "alarm": (ALARM_LEVEL,)}
+
+
+class OneProposal:
+    """Proposes a spring, until that is accepted."""
+
+    def __init__(self) -> None:
+        self.open: object | None = "k_s of joint 2 was 1.000, is 0.93 +- 0.02"
+
+    def accept(self, proposal: object, /) -> str:
+        self.open = None
+        return f"accepted: {proposal}"
+
+
+def platform(drawn: Received, frame: str) -> list[float]:
+    (found,) = [one.translation for one in drawn.message.transforms if one.child_frame_id == frame]  # type: ignore[attr-defined]
+    return [found.x, found.y, found.z]
+
+
+@pytest.mark.slow
+def test_viewers_that_come_go_or_do_not_read_see_both_robots_and_change_nothing_of_what_is_recorded(tmp_path: Path):
+    log = ran(FIG4).path
+    shadow(ROBOT, str(log), speed=0.0, duration_s=2.5, out=tmp_path / "alone")
+    words = ["--source", str(log), "--duration-s", "2.5", "--out", str(tmp_path / "seen"), "--live", "--port", "0"]
+    command = [sys.executable, "-m", "twin", "shadow", str(ROBOT), *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr
+        address = ADDRESS.fullmatch(process.stderr.readline())
+        assert address
+        with Viewer(address[1]) as watcher, Viewer(address[1]) as leaving, Viewer(address[1]) as silent:
+            for viewer in (watcher, leaving, silent):
+                viewer.until(lambda viewer=viewer: "/events" in viewer.channels)  # type: ignore[misc]
+                viewer.subscribe(*viewer.channels)
+            leaving.until(lambda: bool(leaving.messages("/plant")))
+            leaving.socket.socket.shutdown(socket.SHUT_RDWR)
+            watcher.to_the_end()
+        process.communicate(timeout=60)
+    alone, seen = read(tmp_path / "alone"), read(tmp_path / "seen")
+    n = min(len(alone["encoder.count_m"]), len(seen["encoder.count_m"]))
+    assert n > 1250 and seen.complete
+    for key in ("encoder.count_l", "estimator.p_B", "shadow.p_B", "controller.omega_ref"):
+        assert alone[key][:n].tobytes() == seen[key][:n].tobytes(), key
+    # the robot by its counts, and the twin's model beside it
+    for topic, frame, key in (("/tf", "platform", "estimator.p_B"), ("/plant/tf", "plant/platform", "plant.p_B")):
+        times = seen.time(key.partition(".")[0])
+        for drawn in watcher.messages(topic)[1:]:
+            row = int(np.searchsorted(times, 1e-9 * drawn.time + 5e-10)) - 1
+            assert platform(drawn, frame) == seen[key][row].tolist()
+    (scene,) = watcher.messages("/scene")
+    frames = {entity.frame_id for entity in scene.message.entities}  # type: ignore[attr-defined]
+    assert frames >= {"platform", "plant/platform", "surface"} and "plant/base" not in frames
+    assert watcher.messages("/residual/joints") and watcher.messages("/shadow")
+
+
+def test_accept_takes_the_token_and_an_open_proposal_and_follows_it_once():
+    proposals, addresses = OneProposal(), list[str]()
+    with LiveServer(0, addresses.append, waits=False) as server:
+        viewer = ShadowViewer(server, TOPICS, load_experiment(ROBOT), proposals)
+        rows = {"alarm": np.array([[np.nan], [0.25]])}
+        with Viewer(addresses[0]) as owner, Viewer(addresses[0].partition("?")[0]) as stranger:
+            owner.subscribe("/alarm", "/events", "/estimator")
+            owner.send(op="subscribeParameterUpdates", parameterNames=[ACCEPT, PROPOSAL])
+            assert owner.parameters() == {ACCEPT: False, PROPOSAL: str(proposals.open)}
+            stranger.set(ACCEPT, True)
+            stranger.until(lambda: bool(stranger.of("parameterValues", id="set")))
+            assert [one["message"] for one in stranger.of("status")] == [WATCHES]
+            assert viewer.press() == ""
+            owner.set(ACCEPT, True)
+            owner.until(lambda: bool(owner.of("parameterValues", id="set")))
+            (answer,) = owner.of("parameterValues", id="set")
+            assert answer["parameters"] == [{"name": ACCEPT, "value": True}]
+            text = viewer.press()
+            assert text == "accepted: k_s of joint 2 was 1.000, is 0.93 +- 0.02"
+            assert viewer.press() == ""
+            viewer.show(np.array([0, 2_000_000]), rows, [Happening(0.002, text)])
+            # what happens while nothing comes is seen, too
+            viewer.show(np.array([], dtype=np.int64), {}, [Happening(1.002, "nothing has come for 1 s")])
+            owner.until(lambda: len(owner.messages("/events")) == 2)
+            said = [one.message.message for one in owner.messages("/events")]  # type: ignore[attr-defined]
+            assert said == [text, "nothing has come for 1 s"]
+            assert owner.messages("/alarm")[-1].message.level == 0.25  # type: ignore[attr-defined]
+            heard = [one["parameters"] for one in owner.of("parameterValues") if "id" not in one]
+            assert {"name": ACCEPT, "value": True} in heard[0]
+            assert heard[-1] == [{"name": ACCEPT, "value": False}, {"name": PROPOSAL, "value": ""}]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        (ACCEPT, True, "there is no proposal to accept"),
+        (ACCEPT, 1.0, "expected true, which accepts what shadow.proposal says"),
+        (ACCEPT, "yes", "expected true"),
+        ("shadow.acept", True, "did you mean 'shadow.accept'?"),
+        (PROPOSAL, "k_s = 2", "shadow.accept = true accepts it"),
+    ],
+)
+def test_what_is_no_acceptance_is_refused_in_a_sentence(name: str, value: object, expected: str):
+    with pytest.raises(InputRefused, match=re.escape(expected)):
+        AcceptButton(None).request(name, value)
+
+
+def test_what_was_accepted_is_that_proposal_and_not_a_later_one():
+    proposals = OneProposal()
+    button = AcceptButton(proposals)
+    button.request(ACCEPT, True)
+    proposals.open = "zero of motor 1 was 0.000 deg, is 0.1 deg"
+    assert button.press().startswith("not accepted, for it is not open any more: k_s of joint 2")
+    assert proposals.open is not None
+    button.request(ACCEPT, True)
+    button.request(ACCEPT, False)
+    assert button.press() == ""

@@ -1,0 +1,194 @@
+"""A session served to viewers: twin and robot over each other, all that the twin says; and the button that accepts."""
+
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.cosim.delay import named
+from twin.kernel.cosim.observers import TickEvent
+from twin.kernel.cosim.port import Port
+from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.recording.messages import MessageForm, Topic
+from twin.kernel.recording.recorder import RowStream
+from twin.robot.controller.controller import ESTIMATOR_OUTPUTS
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.mechanism.geometry import geometry_of
+from twin.robot.plant.component import OUTPUTS as MOTION
+from twin.robot.scene import (
+    FRAMES,
+    POSE,
+    WIDTH,
+    Drawing,
+    arrows,
+    force_example,
+    poses,
+    scene_update,
+    second_robot,
+    surface_pose,
+    transforms_example,
+)
+from twin.studies.replay.text import TICK
+from twin.studies.shadow.following import Happening, Rows
+from twin.studies.shadow.recording import fields_of
+
+if TYPE_CHECKING:
+    from twin.robot.live.server import LiveServer
+
+ACCEPT = "shadow.accept"
+PROPOSAL = "shadow.proposal"
+MODEL = "plant/"
+"""Before the frames of the twin's plant model; those of the robot have the names that they have in a run."""
+
+
+class Proposals(Protocol):
+    """What the twin proposes to change of itself."""
+
+    @property
+    def open(self) -> object | None:
+        """The proposal that waits for an answer; its text is a sentence. Read by any thread."""
+
+    def accept(self, proposal: object, /) -> str:
+        """Follow `proposal` from the next sample on; called between two slices. A sentence on what has changed."""
+
+
+class AcceptButton:
+    """The parameters of a session: `shadow.accept`, and what that would accept. Any thread may call.
+
+    Args:
+        proposals: of the twin; None: it makes none.
+    """
+
+    def __init__(self, proposals: Proposals | None):
+        self._proposals = proposals
+        self._asked: object | None = None
+        self._lock = threading.Lock()
+
+    def values(self) -> Mapping[str, bool | float | str]:
+        """As of `Parameters`."""
+        return {ACCEPT: self._asked is not None, PROPOSAL: str(self._open() or "")}
+
+    def request(self, name: str, value: object, /) -> None:
+        """As of `Parameters`: true accepts the proposal that is open now, and no other.
+
+        Raises:
+            InputRefused: it is no button, no boolean, or there is no proposal.
+        """
+        if name == PROPOSAL:
+            raise InputRefused(f"{PROPOSAL} is the twin's to say; {ACCEPT} = true accepts it")
+        if name != ACCEPT:
+            raise InputRefused(f"{name}: no such parameter; {nearest(name, [ACCEPT], f'there is {ACCEPT}')}")
+        if not isinstance(value, bool):
+            raise InputRefused(f"{ACCEPT} = {value!r}: expected true, which accepts what {PROPOSAL} says")
+        proposal = self._open()
+        if value and proposal is None:
+            raise InputRefused(f"{ACCEPT}: there is no proposal to accept")
+        with self._lock:
+            self._asked = proposal if value else None
+
+    def press(self) -> str:
+        """Accept what was asked for, if it is still open: a sentence, "" if nothing was."""
+        with self._lock:
+            asked, self._asked = self._asked, None
+        if asked is None or self._proposals is None:
+            return ""
+        if asked is not self._proposals.open:
+            return f"not accepted, for it is not open any more: {asked}"
+        return self._proposals.accept(asked)
+
+    def _open(self) -> object | None:
+        return self._proposals.open if self._proposals else None
+
+
+class TwoRobots:
+    """Draws the robot where its counts have it, and over it the twin's plant model; a `Drawn` of the server.
+
+    Args:
+        experiment: of the robot.
+        places: columns of the topics in a row.
+
+    Attributes:
+        forms: as of `Drawn`.
+    """
+
+    def __init__(self, experiment: Experiment, places: Mapping[str, slice]):
+        self._geometry, self._places = geometry_of(experiment.plant), places
+        self._surface = surface_pose(experiment.contact)[None]
+        robot = scene_update(self._geometry, experiment.contact)
+        robot.MergeFrom(second_robot(MODEL, robot))
+        self.forms: Sequence[MessageForm] = (
+            MessageForm("scene", robot, 0, 1),
+            MessageForm("tf", transforms_example(), POSE * len(FRAMES), 1),
+            MessageForm(f"{MODEL}tf", transforms_example(MODEL), POSE * len(FRAMES), 1),
+            MessageForm("force", force_example(), WIDTH, 1),
+        )
+        # what is compiled is loaded before the first sample comes
+        list(self.drawings(0, np.zeros((1, max(place.stop for place in places.values())))))
+
+    def drawings(self, first: int, rows: NDArray[np.float64], /) -> Iterator[Drawing]:
+        """As of `Drawn`, of one row; a robot whose pose is not known is not drawn."""
+        yield Drawing("scene", first, np.empty((1, 0)))
+        robot = named(ESTIMATOR_OUTPUTS, rows[:, self._places["estimator"]])
+        model = named(MOTION, rows[:, self._places["plant"]])
+        known = []
+        for name, its in (("tf", robot), (f"{MODEL}tf", model)):
+            known.append(bool(np.all(np.isfinite(its["theta_l"])) and np.all(np.isfinite(its["p_B"]))))
+            if known[-1]:
+                frames = poses(self._geometry, its["theta_l"], its["p_B"], self._surface)
+                yield Drawing(name, first, frames.reshape(1, -1))
+        if all(known):
+            yield Drawing("force", first, arrows(robot["p_B"], model["F_ee_B"], robot["F_ee_B"]))
+
+
+class ShadowViewer:
+    """Shows a session to viewers; what a viewer is slow to take is not waited for.
+
+    Args:
+        server: that does not wait for its first viewer.
+        topics: of the twin, ports by topic.
+        experiment: of the robot.
+        proposals: see `AcceptButton`.
+    """
+
+    def __init__(
+        self,
+        server: "LiveServer",
+        topics: Mapping[str, tuple[Port, ...]],
+        experiment: Experiment,
+        proposals: Proposals | None = None,
+    ):
+        self._server, self._button = server, AcceptButton(proposals)
+        self._places, whole, end = dict[str, slice](), list[bool](), 0
+        streams = []
+        for name, ports in topics.items():
+            whole += [port.kind != "double" for port in ports for _ in range(port.size)]
+            self._places[name] = slice(end, end := len(whole))
+            streams.append(RowStream(Topic(name, fields_of(ports), 1), self._places[name]))
+        self._whole, self._proposal = np.array(whole), ""
+        # of a topic that has said nothing yet there is no number; what is no fraction has no sign for that
+        self._row = np.where(self._whole, 0.0, np.nan)[None]
+        self._tick = 0
+        server.begin(streams, TwoRobots(experiment, self._places), TICK, self._button)
+
+    def press(self) -> str:
+        """See `AcceptButton`."""
+        if text := self._button.press():
+            self._server.tell([ACCEPT, PROPOSAL])
+        return text
+
+    def show(self, times: NDArray[np.int64], rows: Rows, happened: Sequence[Happening]) -> None:
+        """Samples at `times` (n,), ns, maybe none, what the twin made of them, and what has happened."""
+        for topic, own in rows.items():
+            there = np.flatnonzero(~np.all(np.isnan(own), axis=1))
+            if len(there):
+                self._row[0, self._places[topic]] = own[there[-1]]
+        self._row[0, self._whole] = np.nan_to_num(self._row[0, self._whole])
+        self._tick = int(times[-1]) if len(times) else self._tick
+        events = [TickEvent(max(0, round(one.t / TICK)), "WARNING", one.text, "shadow") for one in happened]
+        self._server.show(self._tick, self._row, events)
+        proposal = str(self._button.values()[PROPOSAL])
+        if proposal != self._proposal:
+            self._proposal = proposal
+            self._server.tell([PROPOSAL])
