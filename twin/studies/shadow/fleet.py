@@ -133,12 +133,14 @@ def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
     Args:
         means: block means (n, channels) of each, from its first block on.
     """
-    with np.errstate(invalid="ignore"):
-        shifts = [one[FIRST_BLOCKS:] - np.mean(one[:FIRST_BLOCKS], axis=0) for one in means]
-        # of neighbours, which share all that changes slowly; half the variance of a difference is that of one of them
-        steps = np.concatenate([np.diff(one, axis=0) for one in shifts])
-        sigma = np.sqrt(np.nanmean(steps**2, axis=0) / 2.0) if len(steps) else np.full(len(CHANNELS), math.nan)
-        tolerance = MARGIN * np.nanmax(np.abs(np.concatenate(shifts)), axis=0)
+    shifts = [one[FIRST_BLOCKS:] - np.mean(one[:FIRST_BLOCKS], axis=0) for one in means]
+    # of neighbours, which share all that changes slowly; half the variance of a difference is that of one of them
+    steps, every = np.concatenate([np.diff(one, axis=0) for one in shifts]), np.concatenate(shifts)
+    tolerance, sigma = np.full(len(CHANNELS), math.nan), np.full(len(CHANNELS), math.nan)
+    # a channel that no robot has stays unknown
+    there = np.isfinite(steps).any(axis=0)
+    sigma[there] = np.sqrt(np.nanmean(steps[:, there] ** 2, axis=0) / 2.0)
+    tolerance[there] = MARGIN * np.nanmax(np.abs(every[:, there]), axis=0)
     names = list(CHANNELS)
     return Tolerances(dict(zip(names, tolerance.tolist(), strict=True)), dict(zip(names, sigma.tolist(), strict=True)))
 
