@@ -1,5 +1,6 @@
 """Faults with one cause, and what the monitor does about them; each with the monitor off as its sabotage."""
 
+import math
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -210,3 +211,19 @@ def test_rows_of_runs_that_share_their_past_are_those_of_runs_from_the_start(kin
             return [together_row(there, runs, one, onset, in_contact).facts() for one in few]
 
     assert len(few) == 3 and facts(True) == facts(False)
+
+
+def test_drives_that_keep_turning_away_slowly_after_the_retraction_lose_their_power():
+    """As fast as the retraction, less the follow limit: until it is over they look like drives that obey."""
+    tables = [table("drive_runaway", "all drives", -1.27, 0.683)]
+    now, then = stage("back").experiment, stage("back", "monitor.disobeyed=wait").experiment
+    run, old = felt(now, faults_of(now, tables)), felt(then, faults_of(then, tables))
+    assert "left the workspace" in old.failure and old.power_off is None
+    assert run.failure == "" and run.power_off is not None and run.seen is not None
+    monitor = now.monitor
+    assert monitor is not None
+    # the slowest drive that obeys stands still by then, and one that does not is off its command for the time
+    slack = 0.25 * monitor.follow_limit
+    still = monitor.obey_delay + monitor.obey_lag * math.log(monitor.retract_speed / slack)
+    over = monitor.retract / monitor.retract_speed + still + monitor.follow_time
+    assert run.power_off - run.seen == pytest.approx(over, abs=0.01)

@@ -32,7 +32,7 @@ def test_the_shipped_table_has_limits_causes_and_evidence(root: Path):
     table = read_hazards(root / "experiments" / "safety" / "massage.toml")
     assert [hazard.table.id for hazard in table.hazards] == [f"H{n}" for n in range(1, 9)]
     assert all(hazard.evidence.bodies for hazard in table.hazards)
-    assert len(table.thresholds) >= 2 and table.sensitivity is not None
+    assert sum(threshold.published for threshold in table.thresholds) >= 2 and table.sensitivity is not None
     assert all(threshold.source for threshold in table.thresholds)
 
 
@@ -64,6 +64,13 @@ def test_a_line_is_read_as_it_stands(tmp_path: Path):
 def test_what_is_missing_or_wrong_is_refused_by_name(tmp_path: Path, text: str, sentence: str):
     with pytest.raises(InputRefused, match=sentence):
         read(tmp_path, text)
+
+
+@pytest.mark.parametrize("keys", ["", "pressure_kPa = 130.0\nforce_N = 30.0\n"])
+def test_a_threshold_of_pain_is_a_pressure_or_a_force(tmp_path: Path, keys: str):
+    threshold = f'[[threshold]]\nname = "arm"\nsource = "assumed: here"\n{keys}'
+    with pytest.raises(InputRefused, match="expected one of pressure_kPa, force_N"):
+        read(tmp_path, HEAD + threshold + LINE + EVIDENCE)
 
 
 def test_all_mistakes_are_in_one_answer(tmp_path: Path):

@@ -1,23 +1,27 @@
 """Lines of a hazard table by their runs, the page, and what got worse."""
 
 import json
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import pytest
 from scipy.stats import beta
 
 from tests.studies.safety.test_hazards import EVIDENCE, HEAD, LINE
-from twin.kernel.errors import InputRefused
+from twin.kernel.cosim.observers import simulate
+from twin.kernel.errors import InputRefused, SafetyTrip
+from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
-from twin.robot.run.trace import run_in_memory
+from twin.robot.run.trace import Trace
 from twin.studies.command import silent
 from twin.studies.safety.changes import old_lines, worse
-from twin.studies.safety.evidence import CONFIDENCE, HazardLine, robot_of
+from twin.studies.safety.evidence import CONFIDENCE, EvidenceRun, HazardLine, HazardRobot, interval, robot_of
 from twin.studies.safety.hazards import read_hazards
+from twin.studies.safety.lines import drawn
 from twin.studies.safety.study import safety, written_page
 
 EXPERIMENT = "experiments/pressing.toml"
@@ -25,6 +29,10 @@ MORE = """
 [[threshold]]
 name = "arm"
 pressure_kPa = 130.0
+source = "assumed: for this test"
+[[threshold]]
+name = "thigh"
+force_N = 15.0
 source = "assumed: for this test"
 [[variant]]
 name = "clutch"
@@ -40,7 +48,7 @@ bodies = ["scale"]
 @pytest.fixture(scope="module")
 def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("table") / "table.toml"
-    small = EVIDENCE.replace("search = 0", "search = 2")
+    small = EVIDENCE.replace("search = 0", "search = 4\nreach_mm = 5.0\ndraws = 6")
     file.write_text(HEAD + LINE + small + MORE)
     return file
 
@@ -56,27 +64,86 @@ def test_a_line_is_kept_by_the_worst_of_its_runs_with_the_monitor(lines):
     assert line.status == "kept" and line.worst is not None and line.worst.watched is not None
     assert line.value == max(run.watched.peak for run in line.runs if run.watched)
     assert line.worst.unwatched is not None and line.worst.unwatched.peak > line.worst.watched.peak
-    assert line.searched == 2 and sum(run.searched for run in line.runs) == 2
+    assert line.searched == 4 and sum(run.found == "search" for run in line.runs) == 4
     assert line.variants["clutch"] is not None and line.variants["clutch"][1] < line.worst.watched.left
 
 
+def again(run: EvidenceRun, *settings: str) -> tuple[bool, float]:
+    """The run by its tables alone: whether its recording says that the monitor tripped, and the largest force."""
+    tables = ", ".join(
+        "{" + ", ".join(f"{key} = {json.dumps(value)}" for key, value in one.items()) + "}" for one in run.tables
+    )
+    experiment = load_experiment(Path(EXPERIMENT), (*run.settings, f"fault=[{tables}]", *settings), None, run.body)
+    trace = Trace(only=["monitor.tripped", "plant.F_ee_B"])
+    with assemble(experiment) as assembly:
+        done = simulate(assembly, experiment.duration_ticks, [trace])
+    onset = round(run.tables[0]["onset_s"] / experiment.cosim.tick)
+    force = max(math.dist((0.0, 0.0, 0.0), F) for F in trace["plant.F_ee_B"][onset:])
+    watched = "monitor.enabled=false" not in settings
+    return watched and bool(trace["monitor.tripped"].any()), math.inf if done.failure else force
+
+
 def test_coverage_is_that_of_an_independent_count(lines):
-    """Each run again by its tables alone, counted by what the recording of the monitor says."""
+    """Of the grid, of the drawn runs, and of the dangerous ones among these."""
     (line,), _ = lines
-    grid = [run for run in line.runs if not run.searched]
-    seen = 0
-    for run in grid:
-        tables = ", ".join(
-            "{" + ", ".join(f"{key} = {json.dumps(value)}" for key, value in one.items()) + "}" for one in run.tables
-        )
-        experiment = load_experiment(Path(EXPERIMENT), (*run.settings, f"fault=[{tables}]"), None, run.body)
-        seen += bool(run_in_memory(experiment, only=["monitor.tripped"])["monitor.tripped"].any())
-    assert line.detected == (seen, len(grid))
-    # Clopper and Pearson by the quantiles of the beta distribution
+    grid, drawn = ([run for run in line.runs if run.found == found] for found in ("grid", "draw"))
+    assert line.detected == (sum(again(run)[0] for run in grid), len(grid))
+    assert line.drawn == (sum(again(run)[0] for run in drawn), 6) and len(drawn) == 6
+    dangerous = [run for run in drawn if again(run, "monitor.enabled=false")[1] > line.hazard.limit]
+    assert line.dangerous == (sum(again(run)[1] <= line.hazard.limit for run in dangerous), len(dangerous))
+    assert 0 < len(dangerous) < 6
+
+
+@pytest.mark.parametrize("share", [(0, 7), (3, 9), (40, 40)])
+def test_intervals_are_those_of_clopper_and_pearson(share: tuple[int, int]):
+    """By the quantiles of the beta distribution."""
+    seen, made = share
     less = 0.5 * (1.0 - CONFIDENCE)
-    low = 0.0 if seen == 0 else beta.ppf(less, seen, len(grid) - seen + 1)
-    high = 1.0 if seen == len(grid) else beta.ppf(1.0 - less, seen + 1, len(grid) - seen)
-    assert line.coverage == pytest.approx((low, high))
+    low = 0.0 if seen == 0 else beta.ppf(less, seen, made - seen + 1)
+    high = 1.0 if seen == made else beta.ppf(1.0 - less, seen + 1, made - seen)
+    assert interval(share) == pytest.approx((low, high))
+
+
+def test_draws_are_of_the_seed_and_within_what_the_table_says(table: Path, lines):
+    (line,), _ = lines
+    (hazard,) = read_hazards(table).hazards
+
+    @cache
+    def robots(body: str, point: tuple[float, float]) -> HazardRobot:
+        return robot_of(Path(EXPERIMENT), (), body, point)
+
+    def made(seed: int) -> list[tuple]:
+        evidence = hazard.evidence.model_copy(update={"seed": seed, "draws": 3})
+        return [(run.settings, run.tables) for run, _ in drawn(replace(hazard, evidence=evidence), robots)]
+
+    assert made(0) == [(run.settings, run.tables) for run in line.runs if run.found == "draw"][:3]
+    assert made(1) != made(0)
+    for run in line.runs:
+        if run.found == "draw":
+            (one,) = run.tables
+            assert 0.5 <= abs(one["magnitude_rad_per_s"]) <= 8.0 and 0.0 <= one["onset_s"] < 13.0
+            (where,) = run.settings
+            assert math.hypot(*json.loads(where.partition("=")[2])) <= 5.0 + 0.15
+
+
+def test_a_place_where_the_robot_cannot_be_is_drawn_again_and_one_where_it_trips_fails(table: Path):
+    (hazard,) = read_hazards(table).hazards
+    evidence = hazard.evidence.model_copy(update={"draws": 2, "reach": 0.03})
+    hazard = replace(hazard, evidence=evidence)
+    asked_for: list[tuple[float, float]] = []
+
+    def robots(body: str, point: tuple[float, float], trips: bool = False) -> HazardRobot:
+        asked_for.append(point)
+        if trips and point != (0.0, 0.0):
+            raise SafetyTrip("without any fault: FORCE")
+        # beyond 10 mm from the axis it is refused
+        return robot_of(Path(EXPERIMENT), ("monitor.workspace_radius_mm=10",), body, point)
+
+    found = [run for run, _ in drawn(hazard, robots)]
+    assert len(found) == 2 and all(run.watched for run in found)
+    assert any(math.hypot(*point) > 0.01 for point in asked_for)
+    failed = [run for run, _ in drawn(hazard, partial(robots, trips=True))]
+    assert [run.failure for run in failed] == ["without any fault: FORCE"] * 2
 
 
 def test_a_run_that_failed_makes_its_line_fail(lines):
@@ -106,6 +173,8 @@ def test_the_page_is_one_file_that_says_first_what_it_is_not(lines):
     for run in line.runs:
         assert run.id in page and run.watched is not None and run.watched.digest in page
     assert page.count("data:image/png;base64,") == 2
+    assert f"Drawn at random (seed 0): {line.drawn[0]} of 6 (95 % interval" in page
+    assert "0 published thresholds, fewer than 2: taken as assumed" in page and "<td>15 N</td>" in page
 
 
 def test_the_command_of_the_worst_run_makes_it_again(lines):
@@ -133,6 +202,7 @@ def test_only_what_got_worse_is_named(lines):
     changes = {
         "status": ("exceeded", "H1: exceeded, was kept"),
         "detected": (line.facts()["detected"] - 1, "seen, were"),
+        "drawn": ({"count": 0, "of": 6}, "0 of 6 drawn runs seen, were"),
         "peak_N": (1.06 * line.facts()["peak_N"], "peak .* N, was"),
     }
     for key, (value, sentence) in changes.items():

@@ -328,7 +328,20 @@ def enforce(limits, seen, retraction, reason, lines, now, since, unseen):
 
 
 @njit(cache=True)
-def supervise(limits, seen, retraction, lines, ticks, tick, now):
+def tolerated(limits, since):
+    """Speed (rad/s) by which a motor may be off its command, `since` (s) the trip: less once all of them stand still.
+
+    That is when the slowest drive that obeys the end of the retraction has come down to what is tolerated then.
+    """
+    if limits.disobeyed == 0:
+        return limits.follow_limit
+    ended = since - limits.retract / limits.retract_speed - limits.obey_delay
+    still = limits.retract_speed * math.exp(-max(0.0, ended) / limits.obey_lag) <= SLACK * limits.follow_limit
+    return SLACK * limits.follow_limit if still else limits.follow_limit
+
+
+@njit(cache=True)
+def supervise(limits, seen, retraction, lines, ticks, tick, now, since):
     """Take the power if a joint does not do what the retraction commands for `follow_time`.
 
     Only a joint whose motor and joint encoder both deny it is at fault: a motor that turns moves its joint, so one of
@@ -339,11 +352,13 @@ def supervise(limits, seen, retraction, lines, ticks, tick, now):
         ticks: since the last valid encoder message, without which no limit is judged.
         tick: in s.
         now: in ticks.
+        since: the trip, in s.
     """
+    limit = tolerated(limits, since)
     for i in range(3):
         error_m = abs(seen.omega_cmd[i] - seen.omega_m[i])
         error_l = abs(seen.omega_cmd[i] - seen.omega_l[i])
-        astray = min(error_m, error_l) >= limits.follow_limit
+        astray = min(error_m, error_l) >= limit
         retraction.unfollowed[i] = retraction.unfollowed[i] + ticks if astray else 0
         if retraction.unfollowed[i] * tick >= limits.follow_time * (1.0 - 1e-9) and retraction.off[i] == 0:
             cut(retraction, i, lines, now)
@@ -478,10 +493,11 @@ def step_over(lines):
         ticks = receive(m, u, tick)
         value_command(m.limits, m.timers, u.omega_ref, m.values, m.joints, m.period, tick)
         reason, utilisation = first_reached(m.values, m.limit, m.rest)
+        since = (m.tick - m.trip_tick) * tick
         if m.reason == 0 and reason != 0:
             m.reason, m.trip_tick, m.trip_value, m.trip_joint = reason, m.tick, m.values[reason], m.joints[reason]
         elif m.reason != 0 and ticks > 0:
-            supervise(m.limits, m.seen, m.retraction, lines, ticks, tick, m.tick)
+            supervise(m.limits, m.seen, m.retraction, lines, ticks, tick, m.tick, since)
         since = (m.tick - m.trip_tick) * tick
         if m.reason != 0:
             m.retraction.blind = 0 if ticks > 0 else m.retraction.blind + m.period

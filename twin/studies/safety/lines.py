@@ -1,0 +1,220 @@
+"""The runs of a hazard: a grid of all causes, a search for a worse case, draws at random for the share that is seen."""
+
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from twin.kernel.errors import InputRefused, TwinError
+from twin.robot.assembly.assemble import assemble
+from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.run.trace import fields_of, run_in_memory
+from twin.studies.faults.together import HERE, Felt, directions, has_two_ways, magnitude_between, on_disc, share_of
+from twin.studies.metrics.requirement import checked_requirement, distance
+from twin.studies.safety.evidence import (
+    EvidenceRun,
+    HazardLine,
+    HazardRobot,
+    Origin,
+    Robots,
+    run_of,
+    tables_of,
+    without_monitor,
+)
+from twin.studies.safety.hazards import Cause, Hazard, magnitudes_of
+
+Made = tuple[EvidenceRun, HazardRobot | None]
+NEAR = 0.5
+"""Share of the search that goes to the surroundings of the worst run until then."""
+WIDTH = 0.3
+"""Of these surroundings, of what each number may be."""
+TRIES = 20
+"""So often a place where the robot cannot be is drawn again."""
+
+
+def line_of(
+    hazard: Hazard, robots: Robots, head_area: float, say: Callable[[str], None]
+) -> tuple[HazardLine, HazardRobot | None]:
+    """The line of a hazard, and the robot of its worst run.
+
+    Args:
+        head_area: (m2).
+        say: called before each robot, with what is done.
+    """
+    made: list[tuple[EvidenceRun, HazardRobot | None]] = []
+    distances: dict[str, float] = {}
+    causes: dict[int, Cause] = {}
+    for body in hazard.evidence.bodies:
+        for point in hazard.evidence.points:
+            say(f"{hazard.table.id}: {hazard.table.hazard}")
+            try:
+                robot = robots(body, point)
+            except TwinError as problem:
+                made.append((EvidenceRun("healthy", body, (), (), 0, None, failure=str(problem)), None))
+                continue
+            for cause, sizes, onset in _cases(hazard, robot):
+                causes[len(made)] = cause
+                made.append((run_of(robot, cause, tables_of(cause, sizes, onset)), robot))
+            for cause in hazard.causes:
+                if cause.requirement:
+                    found, failed = _distance(robot, cause.requirement)
+                    distances |= found
+                    made += [(one, None) for one in failed]
+    line = HazardLine(hazard, tuple(run for run, _ in made), distances, head_area)
+    worst = line.worst
+    if worst is None:
+        return line, None
+    first = line.runs.index(worst)
+    there = made[first][1]
+    assert there is not None
+    made += searched(hazard, robots, there, causes[first], worst, line.measured)
+    made += drawn(hazard, robots)
+    line = replace(line, runs=tuple(run for run, _ in made))
+    last = line.worst
+    assert last is not None
+    there = made[line.runs.index(last)][1]
+    assert there is not None
+    every = tuple(without_monitor(there, run) if run is last and run.unwatched is None else run for run in line.runs)
+    return replace(line, runs=every), there
+
+
+def _cases(hazard: Hazard, robot: HazardRobot) -> Iterator[tuple[Cause, tuple[float | None, ...], float]]:
+    for cause in hazard.causes:
+        if cause.faults:
+            signs = {kind: directions(kind) for kind, _ in cause.faults}
+            for sizes in magnitudes_of(cause, signs):
+                for onset in robot.onsets:
+                    yield cause, sizes, onset
+
+
+def _distance(robot: HazardRobot, formula: str) -> tuple[dict[str, float], list[EvidenceRun]]:
+    """Of the healthy robot, by formula, body and point; or the run that failed."""
+    where = "" if robot.point == HERE else " at " + ", ".join(f"{1e3 * each:g}" for each in robot.point) + " mm"
+    try:
+        with assemble(robot.experiment) as assembly:
+            fields = fields_of(assembly.system)
+        checked, _ = checked_requirement(formula, fields)
+        return {f"{formula} on {robot.body}{where}": distance(checked, run_in_memory(robot.experiment))}, []
+    except TwinError as problem:
+        seed = robot.experiment.seed
+        return {}, [EvidenceRun(formula, robot.body, robot.settings, (), seed, None, failure=str(problem))]
+
+
+def searched(
+    hazard: Hazard,
+    robots: Robots,
+    robot: HazardRobot,
+    cause: Cause,
+    worst: EvidenceRun,
+    measured: Callable[[Felt], float],
+) -> Iterator[Made]:
+    """Runs in search of a worse one than `worst`, on its body and of its cause.
+
+    Times over the whole run, of each fault the magnitude between the catalogue's smallest and largest and its
+    direction, and the place within reach: first everywhere, then about the worst until then. Points of a Halton
+    sequence, scrambled by the seed of the evidence: the same seed gives the same runs.
+
+    Args:
+        robots: see `line_of`.
+        robot: of `worst`.
+        measured: what the limit limits.
+    """
+    budget, reach = hazard.evidence.search, hazard.evidence.reach
+    points = qmc.Halton(1 + len(cause.faults) + (2 if reach else 0), seed=hazard.evidence.seed).random(budget)
+    best, most = _numbers(worst, robot, reach), -1.0 if worst.watched is None else measured(worst.watched)
+    for number, point in enumerate(points):
+        if number >= (1.0 - NEAR) * budget:
+            point = np.clip(best + WIDTH * (point - 0.5), 0.0, 1.0)
+        made = _made(hazard, robots, robot, cause, point, "search", 0)
+        if made is None:
+            continue
+        run, where = made
+        value = -1.0 if run.watched is None else measured(run.watched)
+        if value > most:
+            best, most = point, value
+        yield run, where
+
+
+def drawn(hazard: Hazard, robots: Robots) -> Iterator[Made]:
+    """Runs drawn independently of each other: cause, body and point evenly from those of the table, place evenly over
+    the disc of its reach, time evenly over the run, magnitudes evenly by ratio between the catalogue's smallest and
+    largest, either direction as often.
+
+    Places where the healthy robot cannot be are drawn again.
+    """
+    evidence = hazard.evidence
+    # lines with one seed draw other numbers
+    rng = np.random.default_rng([evidence.seed, zlib.crc32(hazard.table.id.encode())])
+    broken = [cause for cause in hazard.causes if cause.faults]
+
+    def one() -> Made | None:
+        cause = broken[rng.integers(len(broken))]
+        body = evidence.bodies[rng.integers(len(evidence.bodies))]
+        point = evidence.points[rng.integers(len(evidence.points))]
+        numbers = rng.random(3 + len(cause.faults))
+        seed = int(rng.integers(1, 2**31))
+        try:
+            robot = robots(body, point)
+        except TwinError:
+            # the grid has that as a failed run
+            return None
+        return _made(hazard, robots, robot, cause, numbers, "draw", seed)
+
+    possible = (made for _ in range(TRIES * evidence.draws) if broken and (made := one()) is not None)
+    yield from islice(possible, evidence.draws)
+
+
+def _numbers(run: EvidenceRun, robot: HazardRobot, reach: float) -> NDArray[np.float64]:
+    """Those that `_made` makes `run` of."""
+    experiment, kinds = robot.experiment, [one["kind"] for one in run.tables]
+    time = run.tables[0]["onset_s"] / experiment.cosim.tick / (experiment.duration_ticks - 1)
+    shares = [
+        share_of(kind, one.get(CATALOGUE[kind].magnitude_key or ""))
+        for kind, one in zip(kinds, run.tables, strict=True)
+    ]
+    each = [0.5 * (1.0 + share) if has_two_ways(kind) else share for kind, share in zip(kinds, shares, strict=True)]
+    return np.array([time, *each, *((0.0, 0.0) if reach else ())])
+
+
+def _made(
+    hazard: Hazard,
+    robots: Robots,
+    robot: HazardRobot,
+    cause: Cause,
+    numbers: NDArray[np.float64] | Sequence[float],
+    found: Origin,
+    seed: int,
+) -> Made | None:
+    """The run that `numbers`, 0 .. 1 each, stand for: time, each fault, and where the tasks are; None: not there."""
+    time, *rest = (float(number) for number in numbers)
+    experiment, reach = robot.experiment, hazard.evidence.reach
+    onset = float(f"{round(time * (experiment.duration_ticks - 1)) * experiment.cosim.tick:.12g}")
+    tick = experiment.cosim.tick
+    sizes = [
+        magnitude_between(kind, 2.0 * number - 1.0 if has_two_ways(kind) else number, tick)
+        for (kind, _), number in zip(cause.faults, rest, strict=False)
+    ]
+    tables = tables_of(cause, sizes, onset, seed)
+    offset = on_disc(reach, *rest[-2:]) if reach else HERE
+    if offset != HERE:
+        try:
+            robot = robots(robot.body, (robot.point[0] + offset[0], robot.point[1] + offset[1]))
+        except InputRefused:
+            return None
+        except TwinError as problem:
+            # a healthy robot that trips or fails there
+            return EvidenceRun(
+                str(cause),
+                robot.body,
+                robot.settings,
+                tuple(tables),
+                experiment.seed,
+                None,
+                found=found,
+                failure=str(problem),
+            ), None
+    return run_of(robot, cause, tables, found), robot
