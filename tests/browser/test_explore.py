@@ -17,6 +17,7 @@ from playwright.sync_api import Browser, BrowserContext, Dialog, Locator, Page, 
 
 from tests.browser.explorer import Explorer
 from tests.kernel.process.hostile import HANG, NONE, SEGFAULT, hostile_drive
+from twin.kernel.cache_folder import cache_folder
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import run_in_memory
@@ -350,6 +351,28 @@ def test_a_page_says_that_the_server_was_killed_and_comes_back_with_its_state(br
         expect(opened.row(GAIN).locator(".entry input")).to_have_value("3")
         expect(opened.page.locator("#picture")).to_have_class("")
         assert opened.number(FORCE) == changed
+    context.close()
+
+
+def test_after_another_token_the_page_says_what_to_do_and_the_printed_address_brings_it_back(
+    browser: Browser, tmp_path: Path
+):
+    context = browser.new_context()
+    first = Explorer(tmp_path, "fig4_force_position")
+    opened = Opened(context.new_page(), first.address)
+    opened.type(GAIN, "3")
+    first.kill()
+    expect(opened.page.locator("#status")).to_contain_text("does not answer")
+    (token,) = cache_folder("explore").glob(f"{first.port}.token")
+    token.unlink()
+    with Explorer(tmp_path, "fig4_force_position", port=first.port) as again:
+        expect(opened.page.locator("#status")).to_contain_text("open the address that it has printed", timeout=20_000)
+        # the state goes along behind #
+        other = Opened(context.new_page(), f"{again.address}#{opened.page.url.partition('#')[2]}")
+        expect(other.row(GAIN).locator(".entry input")).to_have_value("3")
+        expect(opened.page.locator("#status")).to_have_text("", timeout=20_000)
+        expect(opened.page.locator("#picture")).to_have_class("")
+        expect(opened.row(GAIN).locator(".entry input")).to_have_value("3")
     context.close()
 
 

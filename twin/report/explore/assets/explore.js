@@ -31,10 +31,13 @@ let listed = false;
 let tab = null;
 let events = [];
 
-const link = new Link(hear, (there) => {
+const LOST = "The server does not answer: twin explore has ended, or was started anew. Trying again; your state is kept.";
+const STRANGE = "twin explore was started anew with another token: open the address that it has printed in this browser, and this page goes on.";
+
+const link = new Link(hear, (there, strange) => {
   const status = element("status");
   status.classList.toggle("lost", !there);
-  status.textContent = there ? "" : "The server does not answer: twin explore has ended, or was started anew. Trying again; your state is kept.";
+  status.textContent = there ? "" : strange ? STRANGE : LOST;
   element("picture").classList.toggle("old", !there);
   if (!there) loops.lost();
 });
