@@ -17,6 +17,7 @@ from playwright.sync_api import Browser, BrowserContext, Dialog, Locator, Page, 
 
 from tests.browser.explorer import Explorer
 from tests.kernel.process.hostile import HANG, NONE, SEGFAULT, hostile_drive
+from twin.kernel.cache_folder import cache_folder
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import run_in_memory
@@ -353,6 +354,28 @@ def test_a_page_says_that_the_server_was_killed_and_comes_back_with_its_state(br
     context.close()
 
 
+def test_after_another_token_the_page_says_what_to_do_and_the_printed_address_brings_it_back(
+    browser: Browser, tmp_path: Path
+):
+    context = browser.new_context()
+    first = Explorer(tmp_path, "fig4_force_position")
+    opened = Opened(context.new_page(), first.address)
+    opened.type(GAIN, "3")
+    first.kill()
+    expect(opened.page.locator("#status")).to_contain_text("does not answer")
+    (token,) = cache_folder("explore").glob(f"{first.port}.token")
+    token.unlink()
+    with Explorer(tmp_path, "fig4_force_position", port=first.port) as again:
+        expect(opened.page.locator("#status")).to_contain_text("open the address that it has printed", timeout=20_000)
+        # the state goes along behind #
+        other = Opened(context.new_page(), f"{again.address}#{opened.page.url.partition('#')[2]}")
+        expect(other.row(GAIN).locator(".entry input")).to_have_value("3")
+        expect(opened.page.locator("#status")).to_have_text("", timeout=20_000)
+        expect(opened.page.locator("#picture")).to_have_class("")
+        expect(opened.row(GAIN).locator(".entry input")).to_have_value("3")
+    context.close()
+
+
 def test_ctrl_c_ends_it(tmp_path: Path):
     started = Explorer(tmp_path, "fig4_force_position")
     assert started.kill(signal.SIGINT) == 130
@@ -408,7 +431,7 @@ def test_what_is_no_fmu_is_refused_with_a_sentence(opened: Opened, tmp_path: Pat
     expect(opened.page.locator("#out")).to_have_text(re.compile("^empty.fmu: not a complete FMU"))
     (tmp_path / "..fmu").write_bytes(b"x")
     opened.page.set_input_files("#fmu", tmp_path / "..fmu")
-    expect(opened.page.locator("#out")).to_contain_text("expected the name of an .fmu file")
+    expect(opened.page.locator("#out")).to_contain_text("expected the name of an .fmu, .csv")
     assert not opened.page.locator("#brought[open]").count()
 
 
@@ -425,6 +448,26 @@ def test_a_fault_is_placed_on_the_time_axis_moved_and_repaired(context: BrowserC
         reacts = page.locator(".box", has_text="monitor trips after the fault").locator("strong")
         expect(reacts).to_have_text(re.compile(r"^0\.1\d+ s$"))
         assert opened.number("largest force") != before
+        # its mark in a plot is grabbed: sideways the onset, upwards the size
+        page.evaluate("scrollTo({top: 0, behavior: 'instant'})")
+        mark = page.locator(".fault-mark").first
+        box, stage = mark.bounding_box(), page.locator(".stage").first.bounding_box()
+        assert box is not None and stage is not None
+        size, drawn = page.get_by_label("how much").last.input_value(), opened.answers()
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 40)
+        page.mouse.down()
+        page.mouse.move(box["x"] + box["width"] / 2 + 0.2 * stage["width"], box["y"] + 10, steps=8)
+        wait_until(page, "n => performance.getEntriesByName('twin-follow').length > n", drawn)
+        page.mouse.up()
+        onset = float(page.get_by_label("at (s)").last.input_value())
+        assert 7.0 < onset < 11.0 and float(page.get_by_label("how much").last.input_value()) > float(size)
+        expect(page.locator("#problem")).to_contain_text("safety monitor: joint 1")
+        # one step to take back
+        page.keyboard.press("Control+z")
+        expect(page.get_by_label("at (s)").last).to_have_value("6")
+        mark.focus()
+        page.keyboard.press("ArrowRight")
+        expect(page.get_by_label("at (s)").last).to_have_value("6.05")
         opened.page.get_by_text("repair").click()
         expect(page.locator("#problem")).to_be_hidden()
         expect(page.locator(".box", has_text="largest force").first.locator("strong")).to_have_text(before)
@@ -489,7 +532,7 @@ def test_fig_5_has_its_tasks_side_by_side_and_its_own_claims(context: BrowserCon
         expect(page.locator(".way .legend button").last).to_have_attribute("aria-pressed", "false")
         page.click("#score summary")
         expect(page.locator("#score summary")).to_have_text("Scorecard of Fig. 5")
-        expect(page.locator("#score tbody tr", has_text="radius over that asked for")).to_contain_text("holds")
+        expect(page.locator("#score tbody tr", has_text="1 roll: radius over that asked for")).to_contain_text("holds")
         assert opened.messages == []
 
 

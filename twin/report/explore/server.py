@@ -52,20 +52,6 @@ ASSETS = files("twin.report.explore") / "assets"
 SHARED = files("twin.report.page") / "assets"
 OF_REPORT = ("data", "clock", "look", "plot", "plots", "scene", "player")
 """Scripts that the explorer has in common with the report, in an order in which each finds what it needs."""
-MODULES = (
-    "explore",
-    "brought",
-    "faults",
-    "link",
-    "log",
-    "loops",
-    "map",
-    "picture",
-    "score",
-    "sliders",
-    "state",
-    "ways",
-)
 KINDS = {"css": "text/css", "js": "text/javascript", "html": "text/html"}
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self' {link}; "
@@ -96,8 +82,9 @@ STRANGER = (
 
 def read_assets() -> dict[str, tuple[bytes, str]]:
     """What a page loads: (content, media type) by its path."""
-    names = {"": "explore.html", "explore.css": "explore.css", **{f"{name}.js": f"{name}.js" for name in MODULES}}
-    found = {f"/{path}": ((ASSETS / name).read_bytes(), KINDS[name.rpartition(".")[2]]) for path, name in names.items()}
+    own = {asset.name: (asset.read_bytes(), KINDS[asset.name.rpartition(".")[2]]) for asset in ASSETS.iterdir()}
+    found = {f"/{name}": content for name, content in own.items()}
+    found["/"] = found.pop("/explore.html")
     shared = "\n".join((SHARED / f"{name}.js").read_text("utf-8") for name in OF_REPORT)
     found["/report.css"] = (SHARED / "page.css").read_bytes(), KINDS["css"]
     found["/report.js"] = f'"use strict";\n{shared}'.encode(), KINDS["js"]

@@ -6,6 +6,7 @@ import { Link } from "./link.js";
 import { Log } from "./log.js";
 import { Loops } from "./loops.js";
 import { Mapped } from "./map.js";
+import { FaultMarks } from "./marks.js";
 import { Picture } from "./picture.js";
 import { Score } from "./score.js";
 import { Sliders } from "./sliders.js";
@@ -30,20 +31,27 @@ let listed = false;
 let tab = null;
 let events = [];
 
-const link = new Link(hear, (there) => {
+const LOST = "The server does not answer: twin explore has ended, or was started anew. Trying again; your state is kept.";
+const STRANGE = "twin explore was started anew with another token: open the address that it has printed in this browser, and this page goes on.";
+
+const link = new Link(hear, (there, strange) => {
   const status = element("status");
   status.classList.toggle("lost", !there);
-  status.textContent = there ? "" : "The server does not answer: twin explore has ended, or was started anew. Trying again; your state is kept.";
+  status.textContent = there ? "" : strange ? STRANGE : LOST;
   element("picture").classList.toggle("old", !there);
   if (!there) loops.lost();
 });
-const picture = new Picture(() => askAll(), () => measure());
+const picture = new Picture(() => askAll(), () => {
+  measure();
+  marks.place(picture.plots.plots);
+});
 const sliders = new Sliders(element("sliders"), element("search"), change);
 
 const loops = new Loops(element("loops"), (point) => link.ask({ op: "loops", state: history.now, point }));
 const score = new Score(element("score"), (slot) => link.ask({ op: "score", slot, state: slot === "file" ? fresh() : history.now }));
 const map = new Mapped(element("map"), (state, slot) => link.ask({ op: "map", slot, state }), (state) => go(state), () => history.now);
 const faults = new Faults(element("faults"), breakIt, () => picture.clock.time);
+const marks = new FaultMarks(faults);
 const log = new Log((what) => link.ask({ ...what, ...look("try") }), say, addPin);
 const useDrive = (name) => go({ ...copied(history.now), drive: name });
 const brought = new Brought((what) => link.ask(what), say, useDrive, (path) => {
@@ -192,6 +200,7 @@ function change(key, value, over, again) {
 function breakIt(list, over) {
   history.now.faults = list;
   faults.show(list);
+  marks.place(picture.plots?.plots ?? []);
   askNow(window.event?.timeStamp);
   if (over) remember();
 }

@@ -11,6 +11,7 @@ export class Faults {
   constructor(box, changed, time) {
     this.box = box;
     this.changed = changed;
+    this.list = [];
     this.kind = made("select", {});
     this.kind.setAttribute("aria-label", "Kind of fault");
     this.add = made("button", { type: "button" }, "Break");
@@ -45,10 +46,21 @@ export class Faults {
     list.forEach((fault, number) => this.puts[number].put(fault));
   }
 
+  change(number, more, over) {
+    this.changed(this.list.map((fault, i) => (i === number ? { ...fault, ...more } : fault)), over);
+  }
+
+  /** From how small to how large a kind's magnitude is moved; null: it has none. */
+  range(kind) {
+    const { magnitudes, unit } = this.kinds?.get(kind) ?? {};
+    if (!magnitudes) return null;
+    const [small, , large] = magnitudes;
+    return { low: Math.min(small, large) / BEYOND, high: BEYOND * Math.max(small, large), unit };
+  }
+
   row(number) {
     const known = this.kinds.get(this.list[number].kind);
-    const change = (more, over) =>
-      this.changed(this.list.map((fault, i) => (i === number ? { ...fault, ...more } : fault)), over);
+    const change = (more, over) => this.change(number, more, over);
     const away = made("button", { type: "button", className: "back" }, "repair");
     away.addEventListener("click", () => this.changed(this.list.filter((_, i) => i !== number), true));
     const targets = (known?.targets ?? []).map((target) => made("option", { value: target }, target));
@@ -59,10 +71,9 @@ export class Faults {
     const head = made("div", { className: "head" }, made("label", {}, this.list[number].kind), away);
     const node = made("div", { className: "setting changed fault" }, head, made("small", {}, known?.meaning ?? ""), target);
     const onset = this.number(node, "at (s)", 0, this.duration, (value, over) => change({ onset_s: value }, over));
-    const [small, , large] = known?.magnitudes ?? [];
-    const [low, high] = [Math.min(small, large) / BEYOND, BEYOND * Math.max(small, large)];
-    const label = known?.unit ? `how much (${known.unit})` : "how much";
-    const size = known?.magnitudes && this.number(node, label, low, high, (value, over) => change({ magnitude: value }, over));
+    const reach = this.range(this.list[number].kind);
+    const label = reach?.unit ? `how much (${reach.unit})` : "how much";
+    const size = reach && this.number(node, label, reach.low, reach.high, (value, over) => change({ magnitude: value }, over));
     return {
       node,
       put: (fault) => {

@@ -13,7 +13,8 @@ export function unpackedAnswer(data) {
 }
 
 export class Link {
-  /** `heard` takes every answer, `changed` whether there is a connection. */
+  /** `heard` takes every answer, `changed` whether there is a connection, and if not, whether the server knows the page
+   * no more. */
   constructor(heard, changed) {
     this.heard = heard;
     this.changed = changed;
@@ -30,10 +31,12 @@ export class Link {
       this.changed(true);
     };
     this.socket.onmessage = (event) => this.heard(unpackedAnswer(event.data));
-    this.socket.onclose = () => {
-      this.changed(false);
+    this.socket.onclose = async () => {
+      this.changed(false, false);
       setTimeout(() => this.open(), this.patience);
       this.patience = Math.min(LATEST, 2 * this.patience);
+      const answer = await fetch("explore.css", { method: "HEAD" }).catch(() => null);
+      if (answer?.status === 403) this.changed(false, true);
     };
   }
 

@@ -5,6 +5,8 @@ const CLOSEST = 0.01;
 class Plots {
   constructor(box, clock) {
     this.clock = clock;
+    // for pages that want to know
+    this.drawn = this.zoomed = () => {};
     this.span = { from: 0, to: clock.end };
     this.plots = page.panels.map((panel) => new Plot(panel, panel.span ?? this.span));
     this.stale = new Set(this.plots);
@@ -25,8 +27,6 @@ class Plots {
     this.watchers = [watcher, new ResizeObserver(() => this.redraw())];
     this.watchers[1].observe(box);
     clock.listen(() => this.point());
-    // for pages that want to know
-    this.drawn = this.zoomed = () => {};
   }
 
   /** Others take the place of these. */
@@ -40,6 +40,7 @@ class Plots {
       if (this.stale.delete(plot)) plot.draw();
       plot.point(this.clock.time);
     }
+    this.drawn();
   }
 
   redraw() {
@@ -49,7 +50,6 @@ class Plots {
     requestAnimationFrame(() => {
       this.waiting = false;
       this.refresh();
-      this.drawn();
     });
   }
 
