@@ -63,7 +63,8 @@ def test_the_page_has_residuals_alarms_with_evidence_gaps_and_punctuality(sessio
     ]  # fmt: skip
     (alarm,) = (row for row in cells(html, "alarms") if row[1] == "robot and twin have parted")
     facts = json.loads((session / "shadow.json").read_text())["alarm_states"]
-    assert [alarm[2], alarm[3], alarm[5]] == ["spread", f"{facts[0]['size']:+.3g} ", f"{facts[0]['level']:.2f}"]
+    evidence = [f"{facts[0]['size']:+.3g} ", f"{facts[0]['since_s']:.3f} s", f"{facts[0]['level']:.2f}"]
+    assert alarm[2:6] == ["spread", *evidence]
     found = cells(html, "gaps")
     assert ["missing", "252"] in found and ["gaps", "2"] in found
     assert found[-2:] == [["4.998 s", "0.502 s", "250"], ["5.998 s", "0.006 s", "2"]]

@@ -2,6 +2,7 @@
 
 import json
 import signal
+import socket
 import sys
 import time
 from pathlib import Path
@@ -10,8 +11,10 @@ from subprocess import Popen
 import pytest
 
 from tests.conftest import ROOT
+from tests.robot.live.viewer import Viewer
 from tests.studies.replay.logs import FIG4
 from tests.studies.shadow.conftest import Start
+from tests.studies.shadow.test_seen import ADDRESS
 from tests.studies.shadow.test_study import MAP
 from twin.kernel.recording.reader import read
 
@@ -30,12 +33,22 @@ def published(start: Start, angles: Path, domain: int, rate: float, seconds: flo
     return start(sys.executable, PUBLISHER, angles, rate, seconds, "--domain", domain, *options)
 
 
-def test_a_robot_is_followed_to_its_last_sample_and_recorded_as_it_came(
+def test_a_robot_is_followed_to_its_last_sample_and_recorded_as_it_came_whatever_viewers_do(
     start: Start, angles: Path, domain: int, tmp_path: Path
 ):
     robot = published(start, angles, domain, 1000, 2.5, "--best-effort", "--pause", "2.5")
-    twin = start(*SHADOW, *LIVE, "--duration-s", "4.995", "--json", "--out", tmp_path / "out")
-    code, out, err = ended(twin)
+    twin = start(*SHADOW, *LIVE, "--live", "--port", "0", "--duration-s", "4.995", "--json", "--out", tmp_path / "out")
+    assert twin.stderr is not None
+    address = ADDRESS.fullmatch(twin.stderr.readline())
+    assert address
+    with Viewer(address[1]) as silent, Viewer(address[1]) as leaving:
+        # one that never reads, and one that goes without a word
+        for viewer in (silent, leaving):
+            viewer.until(lambda viewer=viewer: "/events" in viewer.channels)  # type: ignore[misc]
+            viewer.subscribe(*viewer.channels)
+        leaving.until(lambda: bool(leaving.messages("/plant")))
+        leaving.socket.socket.shutdown(socket.SHUT_RDWR)
+        code, out, err = ended(twin)
     assert code == 0, err
     facts = json.loads(out)
     counts = facts["counts"]

@@ -181,10 +181,11 @@ class ShadowViewer:
     def show(self, times: NDArray[np.int64], rows: Rows, happened: Sequence[Happening]) -> None:
         """Samples at `times` (n,), ns, maybe none, what the twin made of them, and what has happened."""
         for topic, own in rows.items():
-            there = np.flatnonzero(~np.all(np.isnan(own), axis=1))
-            if len(there):
-                self._row[0, self._places[topic]] = own[there[-1]]
-        self._row[0, self._whole] = np.nan_to_num(self._row[0, self._whole])
+            # mostly the last one
+            newest = next((row for row in own[::-1] if not np.isnan(row).all()), None)
+            if newest is not None:
+                self._row[0, self._places[topic]] = newest
+        self._row[0, self._whole & np.isnan(self._row[0])] = 0.0
         self._tick = int(times[-1]) if len(times) else self._tick
         events = [TickEvent(max(0, round(one.t / TICK)), "WARNING", one.text, "shadow") for one in happened]
         self._server.show(self._tick, self._row, events)
