@@ -105,12 +105,20 @@ class Native:
 
     @cached_property
     def called(self) -> Callable:
-        """It, for Python, where addresses are numbers."""
+        """It, for Python, where addresses are numbers. The interpreter's lock is free meanwhile."""
+        return self._of_python(ctypes.CFUNCTYPE)
+
+    @cached_property
+    def called_at_once(self) -> Callable:
+        """The same, with the interpreter's lock: for what is over before another thread would have taken its turn."""
+        return self._of_python(ctypes.PYFUNCTYPE)
+
+    def _of_python(self, make: Callable) -> Callable:
         if not (self.address and self.is_there):
             raise RuntimeError(f"{self.function.__name__} needs more than mathematics: Python cannot enter it")
         kinds = ["pointer" if isinstance(kind, np.dtype) else kind for kind in (self.returns, *self.takes)]
-        # the interpreter's lock is free meanwhile
-        return ctypes.CFUNCTYPE(*(_KINDS[kind][2] for kind in kinds))(self.address)
+        found: Callable = make(*(_KINDS[kind][2] for kind in kinds))(self.address)
+        return found
 
     @cached_property
     def name(self) -> str:

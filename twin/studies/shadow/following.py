@@ -5,6 +5,7 @@ depend on how they are cut. A state estimator is one more part.
 """
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -16,7 +17,8 @@ from numpy.typing import NDArray
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.delay import named, play
 from twin.kernel.cosim.port import Port, width
-from twin.kernel.errors import InputRefused
+from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.recording.sources.stamps import Sample
 from twin.robot.assembly.build import controller
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF, SHARE, Belief, Estimator
 from twin.robot.experiment.experiment import Experiment
@@ -27,8 +29,9 @@ from twin.studies.replay.plausible import refusal
 from twin.studies.replay.text import ENCODER, FORCE_RESIDUAL, JOINT_RESIDUAL
 from twin.studies.shadow.alarm import Blocks, ShadowWatch, Tolerances, WatchEvent
 from twin.studies.shadow.layout import OUTPUTS
-from twin.studies.shadow.mapping import RobotSamples
-from twin.studies.shadow.samples import shadow_of
+from twin.studies.shadow.mapping import COUNT_L, COUNT_M, F_Z, NANOSECONDS, TAU, RobotSamples
+from twin.studies.shadow.mapping import OMEGA_REF as OMEGA_REF_AT
+from twin.studies.shadow.samples import FilterFeed, shadow_of
 
 ALARM_LEVEL = Port("level", 1, "1", "largest sum of residuals by its threshold; an alarm beyond 1")
 COMMAND_RESIDUAL = (Port("omega_ref", 3, "rad/s", "motor speeds that the twin's controller commands less the robot's"),)
@@ -232,6 +235,8 @@ class PlantModel:
 class RobotState:
     """The state of the robot with its deviations, by the filter; its residuals are those of what it expected before.
 
+    Samples are estimated in slices, or each one at once.
+
     Args:
         experiment: of the robot.
     """
@@ -240,10 +245,26 @@ class RobotState:
         self._shadow = shadow_of(experiment)
         self._stepped = SampledSteps(self._shadow, math.inf)
         self._omega_ref = np.full(3, np.nan)
+        self._one, self._made = FilterFeed(self._shadow), deque[NDArray[np.float64]]()
         self.topics: dict[str, tuple[Port, ...]] = {"shadow": OUTPUTS}
         self.happenings: list[Happening] = []
 
+    def at_once(self, sample: Sample) -> None:
+        """The estimate of a sample that has just come; `feed`, in another thread perhaps, makes a row of it later."""
+        row, inputs = np.array(sample.row), self._one.inputs
+        for name, place in zip(("count_m", "count_l", "F_z", "tau_motor"), (COUNT_M, COUNT_L, F_Z, TAU), strict=True):
+            inputs[name][:] = row[place]
+        np.copyto(inputs["omega_ref"], row[OMEGA_REF_AT], where=~np.isnan(row[OMEGA_REF_AT]))
+        try:
+            self._one(sample.t / NANOSECONDS)
+            self._made.append(self._one.y.copy())
+        except ComponentFailed:
+            # of counts without a pose `Estimates` has more to say
+            self._made.append(np.full(width(OUTPUTS), np.nan))
+
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
+        if self._made:
+            return {"shadow": np.array([self._made.popleft() for _ in samples.t])}
         commanded = np.vstack([self._omega_ref, samples.omega_ref])
         # a command holds until the next one
         newest = np.maximum.accumulate(np.where(np.isnan(commanded), 0, np.arange(len(commanded))[:, None]), axis=0)
@@ -321,6 +342,12 @@ class Twin:
         for part in self.parts:
             rows |= part.feed(samples, rows)
         return rows
+
+    def at_once(self, sample: Sample) -> None:
+        """What does not wait for a slice."""
+        for part in self.parts:
+            if isinstance(part, RobotState):
+                part.at_once(sample)
 
     def happenings(self) -> list[Happening]:
         """What has happened since the last call, in order of time."""

@@ -133,14 +133,15 @@ class FilterFeed:
 
     Attributes:
         inputs: by port of `layout.INPUTS` views to write what has come into; NaN in the beginning.
-        outputs: by port of `layout.OUTPUTS` views of what the filter said last.
+        y: what the filter said last (24,), by `layout.OUTPUTS`.
+        outputs: views of it by port.
     """
 
     def __init__(self, shadow: Shadow):
         self._shadow, self._last = shadow, -np.inf
-        self._u, self._y = np.full(width(INPUTS), np.nan), np.zeros(width(OUTPUTS))
-        self._step, self._at = shadow.step.called, (self._u.ctypes.data, self._y.ctypes.data)
-        self.inputs, self.outputs = by_port(INPUTS, self._u), by_port(OUTPUTS, self._y)
+        self._u, self.y = np.full(width(INPUTS), np.nan), np.zeros(width(OUTPUTS))
+        self._step, self._at = shadow.step.called_at_once, (self._u.ctypes.data, self.y.ctypes.data)
+        self.inputs, self.outputs = by_port(INPUTS, self._u), by_port(OUTPUTS, self.y)
 
     def __call__(self, t: float) -> None:
         """Take the sample of time `t` (s), later than the one before, that lies in `inputs`.

@@ -3,7 +3,8 @@
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from contextlib import nullcontext
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,12 @@ from numpy.typing import NDArray
 
 from twin.kernel.cosim.delay import named
 from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.process.real_time import real_time
 from twin.kernel.recording.logs.column_map import TIME, MappedColumn
 from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.sources.arrival import Arrival, RobotSource
-from twin.kernel.recording.sources.signals import MessageReader, Reading, WantedSignal
-from twin.kernel.recording.sources.stamps import Aligner, Counts, Histogram, Sample, rows_of
+from twin.kernel.recording.sources.signals import MessageReader, WantedSignal
+from twin.kernel.recording.sources.stamps import Aligner, Counts, Histogram, rows_of
 from twin.kernel.recording.writer import OthersTopic
 from twin.studies.replay.model import LONGEST_GAP, RobotModel
 from twin.studies.result import counted
@@ -23,12 +25,11 @@ from twin.studies.shadow.alarm import WatchEvent, nis_per_count
 from twin.studies.shadow.following import AlarmWatch, Happening, Rows, Twin
 from twin.studies.shadow.layout import OUTPUTS
 from twin.studies.shadow.mapping import NEEDED, WIDTH, samples_of
+from twin.studies.shadow.receiving import SLICE, Receiver
 from twin.studies.shadow.recording import ShadowRecording
 from twin.studies.shadow.seen import ShadowViewer
 from twin.studies.shadow.text import shadow_facts, status_line
 
-SLICE = 0.01
-"""s of arrivals that are taken together."""
 LINE_PERIOD = 0.25
 """s between two lines."""
 FLUSH_PERIOD = 0.5
@@ -107,6 +108,7 @@ class Followed:
         period: of them (s); infinite without a clock.
         lateness: of messages; offset, drift: of the robot's clock, see `Clocks`.
         in_hand: from a sample in our hands to its estimate.
+        missed: estimates that came later than a period after their samples.
         residuals: `force` (N), `joint 1` .. `joint 3` (rad), `command 1` .. (rad/s); `NIS` per count while it moves.
         dropped: messages that the transport or we lost knowingly.
         notes: sentences.
@@ -122,6 +124,7 @@ class Followed:
     offset: float = math.nan
     drift: float = math.nan
     in_hand: Histogram = field(default_factory=Histogram)
+    missed: int = 0
     residuals: dict[str, Running] = field(default_factory=dict)
     dropped: int = 0
     notes: list[str] = field(default_factory=list)
@@ -174,6 +177,8 @@ class Session:
         self._readers: dict[str, MessageReader] = {}
         self._others: list[OthersTopic] = []
         self._aligner = Aligner(WIDTH, list(NEEDED), lateness)
+        # a log is as fast in slices as it can be; a robot does not wait
+        self._receiver = Receiver(source, self._readers, self._aligner, twin.at_once if live else None)
         self._recording: ShadowRecording | None = None
         self._before: list[Arrival] = []
         self._events: dict[str, int] = {}
@@ -232,15 +237,21 @@ class Session:
             InputRefused: what comes is not of this robot.
             RecordingFailed: the disk refuses.
         """
+        if self._live:
+            self._receiver.start()
         try:
-            self._loop(path)
+            with real_time() if self._live else nullcontext("") as refused:
+                self.followed.notes += [refused] if refused else []
+                self._loop(path)
         except KeyboardInterrupt:
             self.followed.notes.append("ended by hand")
         except BaseException:
             if self._recording is not None:
                 self._recording.abandon()
             raise
-        self._take([], end=True)
+        finally:
+            self._receiver.stop()
+        self._take(end=True)
         self._sum_up()
         if self._recording is None:
             raise InputRefused(f"{self._source.name}: {self._why_nothing()}")
@@ -250,24 +261,25 @@ class Session:
     def _loop(self, path: Callable[[], Path]) -> None:
         self._path = path
         shown = flushed = heard = time.monotonic()
-        silent = False
+        silent, next_slice = False, 0.0
         begun = math.inf
         # of a robot that has fallen silent the time goes on, too
         while not self._source.ended and self._t < self._duration > time.monotonic() - begun - SILENT:
-            began = time.monotonic()
+            if self._live:
+                # what comes meanwhile is taken together
+                next_slice = max(next_slice + SLICE, time.monotonic())
+                time.sleep(max(0.0, next_slice - time.monotonic()))
+            else:
+                self._receiver.turn()
+            came, now = self._take(), time.monotonic()
             if self._live and self._recording is not None:
-                begun = min(begun, began)
-            arrivals = self._source.take(SLICE)
-            now = time.monotonic()
-            if arrivals:
+                begun = min(begun, now)
+            if came:
                 heard, silent = now, False
-                self._take(arrivals)
-            elif self._live:
-                self._take([])
-                if not silent and now - heard > SILENT:
-                    silent = True
-                    self._happened(Happening(self._t, f"nothing has come for {SILENT:g} s"), "silence")
-                    self._announce(f"{self._source.name}: nothing has come for {SILENT:g} s; {self._whereabouts()}")
+            elif self._live and not silent and now - heard > SILENT:
+                silent = True
+                self._happened(Happening(self._t, f"nothing has come for {SILENT:g} s"), "silence")
+                self._announce(f"{self._source.name}: nothing has come for {SILENT:g} s; {self._whereabouts()}")
             if now - shown >= LINE_PERIOD:
                 shown = now
                 self._watch_publishers()
@@ -275,25 +287,19 @@ class Session:
             if now - flushed >= FLUSH_PERIOD and self._recording is not None:
                 flushed = now
                 self._recording.flush()
-            if self._live:
-                # what comes meanwhile is taken together
-                time.sleep(max(0.0, SLICE - (time.monotonic() - began)))
 
-    def _take(self, arrivals: list[Arrival], end: bool = False) -> None:
-        """One slice: messages to samples, samples to rows, both to the file and to who looks on."""
+    def _take(self, end: bool = False) -> bool:
+        """One slice: samples to rows, both sides to the file and to who looks on; whether messages have come."""
         if self._viewer and (text := self._viewer.press()):
             self._happened(Happening(self._t, text), "accepted")
-        samples: list[Sample] = []
-        for one in arrivals:
-            reading = one.data if isinstance(one.data, Reading) else self._read(one)
-            samples += self._aligner.add(one.topic, one.arrived, reading)
-        if self._live or end:
-            samples += self._aligner.ready(self._source.now(), end)
+        received = self._receiver.take(end)
+        arrivals, samples = received.arrivals, received.samples
+        came = bool(arrivals)
         if self._recording is None:
             self._before += arrivals
             if not samples:
                 self._refuse_lacking()
-                return
+                return came
             arrivals, self._before = self._before, []
         times, values = rows_of(samples) if samples else (np.empty(0, dtype=np.int64), np.empty((0, WIDTH)))
         rows: Rows = {}
@@ -302,31 +308,24 @@ class Session:
             rows = self._twin.feed(found)
             self._t = float(found.t[-1])
             self._add_residuals(found.t, rows)
-            if self._live:
-                now = self._source.now()
-                for sample in samples:
-                    self.followed.in_hand.add((now - sample.arrived) / 1e9)
         if self._recording is None:
             first = samples[0]
             self._recording = ShadowRecording(
                 self._path(), self._twin.topics, self._others, self._model, self._source.name,
                 (self._aligner.base, first.arrived),
             )  # fmt: skip
+        for text in received.unread:
+            self._happened(Happening(self._t, text), "message")
         self._recording.write(arrivals, times, rows)
+        if received.late:
+            late = counted(len(received.late), "estimate")
+            what = f"{late} later than a period after the sample, by {1e3 * max(received.late):.3g} ms at most"
+            self._happened(Happening(self._t, what), "deadline")
         self._note_happenings()
         if self._viewer:
             self._viewer.show(times, rows, self._happenings)
             self._happenings = []
-
-    def _read(self, arrival: Arrival) -> Reading:
-        try:
-            return self._readers[arrival.topic].read(arrival.data, arrival.arrived)
-        except LogRefused as problem:
-            if self._recording is None:
-                raise
-            # one bad message must not end a session
-            self._happened(Happening(self._t, str(problem)), "message")
-            return Reading(arrival.arrived, (), ())
+        return came
 
     def _add_residuals(self, t: NDArray[np.float64], rows: Rows) -> None:
         for topic, name in (("residual/force", "force"), ("residual/joints", "joint"), ("residual/command", "command")):
@@ -344,12 +343,13 @@ class Session:
     def _note_happenings(self) -> None:
         for one in self._twin.happenings():
             self._happened(one, one.text[:20])
-        for start, end in self._aligner.gaps:
+        with self._receiver.lock:
+            gaps, self._aligner.gaps = self._aligner.gaps, []
+            before, now = self._noted, replace(self._aligner.counts)
+        for start, end in gaps:
             # single samples are counted; a network that loses some must not fill the list
             if end - start > LONGEST_GAP * 1e9:
                 self._happened(Happening(end / 1e9, f"no samples for {(end - start) / 1e9:.3g} s"), "gap")
-        self._aligner.gaps.clear()
-        before, now = self._noted, self._aligner.counts
         if now.restarts > before.restarts:
             self._happened(
                 Happening(self._t, "the robot's clock has started anew; time goes on by arrivals"), "restart"
@@ -357,7 +357,7 @@ class Session:
         if now.invalid > before.invalid:
             what = f"{now.invalid - before.invalid} samples with NaN or infinity in an encoder; they are left out"
             self._happened(Happening(self._t, what), "invalid")
-        self._noted = Counts(**vars(now))
+        self._noted = now
 
     def _whereabouts(self) -> str:
         """Half a sentence on who publishes the topics that are silent."""
@@ -403,6 +403,7 @@ class Session:
         one, aligner = self.followed, self._aligner
         one.seconds, one.counts, one.period = self._t, aligner.counts, aligner.period / 1e9
         one.lateness, one.offset, one.drift = aligner.clocks.lateness, aligner.clocks.offset, aligner.clocks.drift
+        one.in_hand, one.missed = self._receiver.in_hand, self._receiver.missed
         one.dropped = self._source.dropped
         one.changes = self._watched.changes if self._watched else None
         one.notes += [

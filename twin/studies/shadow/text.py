@@ -72,10 +72,9 @@ def shadow_result(followed: "Followed", name: str, files: Mapping[str, Path]) ->
         body.append(note("clock", _clock(followed)))
     if followed.in_hand.count:
         hand = followed.in_hand
-        body.append(
-            note("in hand", f"estimate after {_ms(hand.quantile(0.5))}, 99 % within {_ms(hand.quantile(0.99))}, all "
-                            f"within {_ms(hand.largest)}")
-        )  # fmt: skip
+        shares = ", ".join(f"{100.0 * share:g} % within {_ms(hand.quantile(share))}" for share in (0.99, 0.999))
+        body.append(note("in hand", f"estimate after {_ms(hand.quantile(0.5))}, {shares}, all within "
+                                    f"{_ms(hand.largest)}; {followed.missed} later than a period"))  # fmt: skip
     if followed.alarms is not None:
         body += [note("alarm", text, True) for text in followed.alarms or ["none"]]
     body += [note("note", text) for text in followed.notes]
@@ -155,8 +154,11 @@ def shadow_facts(followed: "Followed", name: str) -> dict[str, object]:
             "lateness_at_most_s": [[bound, count] for bound, count in zip(LATE, lateness.below(LATE), strict=True)],
             "clock_offset_s": followed.offset,
             "clock_drift": followed.drift,
+            "in_hand_p50_s": followed.in_hand.quantile(0.5),
             "in_hand_p99_s": followed.in_hand.quantile(0.99),
+            "in_hand_p999_s": followed.in_hand.quantile(0.999),
             "in_hand_largest_s": followed.in_hand.largest,
+            "in_hand_missed": followed.missed,
             "residuals": residuals,
             "nis_per_count": NIS.mean if NIS else math.nan,
             "alarms": followed.alarms,

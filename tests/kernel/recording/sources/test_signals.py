@@ -37,6 +37,17 @@ def test_units_signs_offsets_and_the_order_of_joints_are_those_of_the_map_and_th
         assert found.values == pytest.approx((75.0, -np.radians(30.0)))
 
 
+def test_a_message_with_the_names_of_the_one_before_is_read_as_by_a_reader_that_has_seen_none():
+    one = reader(MAP)
+    for stamp, names in ((1.0, "m1 l1"), (2.0, "m1 l1"), (3.0, "l1 m1"), (4.0, "l1 m1"), (5.0, "m1"), (6.0, "m1 l1")):
+        data = packed(joints(stamp, **{name: stamp + len(name) + k for k, name in enumerate(names.split())}))
+        assert one.read(data, 7) == reader(MAP).read(data, 7)
+    shorter = joints(7.0, m1=0.1, l1=0.2)
+    shorter.position = shorter.position[:1]
+    with pytest.raises(LogRefused, match="no element"):
+        one.read(packed(shorter), 8)
+
+
 def test_a_joint_that_is_not_named_is_left_out_and_told_until_it_is():
     one = reader(MAP)
     assert one.read(packed(joints(1.0, m1=0.1, m2=0.2)), 1).columns == (0,)

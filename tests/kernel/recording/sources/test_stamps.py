@@ -163,3 +163,13 @@ def test_quantiles_of_little_memory_are_right_to_two_percent(times: list[float],
     exact = sorted(times)[max(0, math.ceil(share * len(times)) - 1)]
     assert exact / 1.021 <= histogram.quantile(share) <= exact * 1.021
     assert histogram.largest == max(times)
+
+
+def test_a_sample_is_due_with_the_message_that_completes_it_or_when_what_may_come_before_it_is_too_late():
+    lost = 100
+    aligner, samples = aligned([(arrived + 10**18, one) for arrived, one in on_time(150) if one != reading(lost)])
+    waited = {sample.t // PERIOD: sample.due - sample.arrived for sample in samples if sample.t >= 60 * PERIOD}
+    # behind the gap they wait together
+    budget = round(BUDGET * 1e9)
+    assert waited[lost - 1] == 0 and waited[lost + 1] == budget and waited[lost + 2] == budget - PERIOD
+    assert waited[lost + 20] == 0 and aligner.due is None

@@ -31,11 +31,13 @@ class RobotSource(Protocol):
 
     Attributes:
         name: what sentences about it begin with.
-        ended: whether nothing can come any more.
     """
 
     name: str
-    ended: bool
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing can come any more."""
 
     @property
     def dropped(self) -> int:

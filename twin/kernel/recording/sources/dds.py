@@ -1,17 +1,16 @@
 """Topics of ROS 2 over DDS, by Cyclone DDS, without ROS: subscribed to, never published.
 
 A reader asks for best effort and volatile, which every writer offers. Its queue is deep: with ROS's usual depth of
-10 a reader that stalls for 0.1 s loses messages, and DDS does not say so. A thread of its own takes what has come.
+10 a reader that stalls for 0.1 s loses messages, and DDS does not say so.
 """
 
 import contextlib
 import os
-import threading
 from collections.abc import Mapping
 from typing import Any
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.sources.arrival import Arrival, Ring, SteadyClock
+from twin.kernel.recording.sources.arrival import Arrival, SteadyClock
 from twin.kernel.recording.writer import OthersTopic
 
 DEPTH = 10_000
@@ -45,7 +44,7 @@ class DdsSource:
         except ImportError:
             raise InputRefused(f"--source {name}: needs cyclonedds; pip install 'twin[shadow]'") from None
         self.name, self.ended = name, False
-        self._clock, self._ring = SteadyClock(), Ring()
+        self._clock = SteadyClock()
         domain = domain_id()
         try:
             self._participant = DomainParticipant(domain)
@@ -55,17 +54,11 @@ class DdsSource:
         self._discovery = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
         self._published: dict[Any, tuple[str, str]] = {}
         self._readers: list[tuple[str, Any]] = []
-        self._lock, self._alive = threading.Lock(), True
-        self._waiting = WaitSet(self._participant)
-        self._thread = threading.Thread(target=self._receive, name="dds", daemon=True)
+        self._waiting, self._conditions = WaitSet(self._participant), list[Any]()
 
     @property
     def dropped(self) -> int:
-        lost = 0
-        with self._lock:
-            for _, reader in self._readers:
-                lost += reader.get_sample_lost_status().total_count
-        return self._ring.dropped + lost
+        return sum(reader.get_sample_lost_status().total_count for _, reader in self._readers)
 
     def seen(self) -> Mapping[str, str]:
         from twin.kernel.recording.sources.ros_types import ros_name
@@ -90,12 +83,9 @@ class DdsSource:
         reader: Any = DataReader(self._participant, Topic(self._participant, PREFIX + topic, raw), qos=self._qos)
         unread = SampleState.NotRead | ViewState.Any | InstanceState.Any
         condition = ReadCondition(reader, unread)
-        with self._lock:
-            self._waiting.attach(condition)
-            self._readers.append((topic, reader))
-            self._conditions = [*getattr(self, "_conditions", []), condition]
-        if not self._thread.is_alive():
-            self._thread.start()
+        self._waiting.attach(condition)
+        self._readers.append((topic, reader))
+        self._conditions.append(condition)
         return found
 
     def publishers(self, topic: str) -> int:
@@ -103,28 +93,20 @@ class DdsSource:
         return sum(one == topic for one, _ in self._published.values())
 
     def take(self, wait: float) -> list[Arrival]:
-        return self._ring.take(wait)
+        self._waiting.wait(round(wait * 1e9))
+        found: list[Arrival] = []
+        for topic, reader in self._readers:
+            taken = reader.take(AT_ONCE)
+            now = self._clock.now()
+            # without data: a writer has gone
+            found += [Arrival(topic, now, one.data) for one in taken if isinstance(one, _Raw)]
+        return found
 
     def now(self) -> int:
         return self._clock.now()
 
     def close(self) -> None:
-        self._alive = False
-        if self._thread.is_alive():
-            self._thread.join()
-
-    def _receive(self) -> None:
-        from cyclonedds.util import duration
-
-        while self._alive:
-            self._waiting.wait(duration(milliseconds=100))
-            with self._lock:
-                readers = list(self._readers)
-            for topic, reader in readers:
-                while taken := reader.take(AT_ONCE):
-                    now = self._clock.now()
-                    # without data: a writer has gone
-                    self._ring.put([Arrival(topic, now, one.data) for one in taken if isinstance(one, _Raw)])
+        """DDS leaves with its last reference."""
 
     def _discover(self) -> None:
         from cyclonedds.core import InstanceState

@@ -1,7 +1,9 @@
 """Messages as numbers: what a column map takes of one, by the decoder, units and signs that logs are read with."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from itertools import product
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 from mcap.records import Channel, Schema
@@ -14,6 +16,8 @@ from twin.kernel.recording.writer import OthersTopic
 from twin.kernel.units import Dimension
 
 NANOSECONDS = 10**9
+NAMES = "name"
+"""Of the field with the names of a message's elements."""
 UNSTAMPED = 3
 """Messages with the stamp 0 after which they are taken to have none."""
 
@@ -55,6 +59,22 @@ class _Field(NamedTuple):
     column: int
     offset: float
     gain: float
+
+
+class _Places(NamedTuple):
+    """Where everything stands in messages that have their numbers in arrays, as long as the names beside them stay.
+
+    Attributes:
+        names: these.
+        elements: of each signal: what gives the array, the place in it, offset and gain as of `WantedSignal`.
+        columns: of each signal.
+        stamp: what gives numbers whose sum is the stamp (ns), with what each is multiplied by.
+    """
+
+    names: Sequence[str]
+    elements: tuple[tuple[Callable[[Any], Any], int, float, float], ...]
+    columns: tuple[int, ...]
+    stamp: tuple[tuple[Callable[[Any], Any], float], ...]
 
 
 class MessageReader:
@@ -101,6 +121,7 @@ class MessageReader:
         self._undecided = UNSTAMPED
         self._fields: list[_Field] = []
         self._stamp: tuple[tuple[tuple[str | int, ...], float], ...] = ()
+        self._places: _Places | None = None
 
     def read(self, data: bytes, arrived: int) -> Reading:
         """The signals that a message has; a joint that it does not name is left out.
@@ -116,6 +137,13 @@ class MessageReader:
             message = self._decode(data)
         except ValueError as problem:
             raise LogRefused(f"{self._where}: {problem}") from None
+        if (known := self._places) and known.names == getattr(message, NAMES, None):
+            with suppress(IndexError):
+                return Reading(
+                    sum(round(float(get(message)) * scale) for get, scale in known.stamp) if self.stamped else arrived,
+                    known.columns,
+                    tuple([(float(get(message)[k]) + offset) * gain for get, k, offset, gain in known.elements]),
+                )
         if not self._fields:
             self._settle(message)
         columns, values = [], []
@@ -138,7 +166,28 @@ class MessageReader:
             self._undecided = self._undecided - 1 if self._stamp and not self.stamped else 0
             if self._undecided:
                 return Reading(arrived, (), ())
+        if not self._undecided and len(columns) == len(self._fields):
+            self._places = self._places_in(message)
         return Reading(stamp if self.stamped else arrived, tuple(columns), tuple(values))
+
+    def _places_in(self, message: Any) -> _Places | None:
+        """See `_Places`; None of a message that is not like that. To look for names takes longer than all the rest."""
+        names: Any = getattr(message, NAMES, None)
+        elements, paths = [], [parts for parts, _ in self._stamp]
+        for one in self._fields:
+            array, *rest = one.parts
+            if not isinstance(names, list) or len(rest) != 1 or rest[0] not in names:
+                return None
+            paths.append((array,))
+            elements.append((attrgetter(str(array)), names.index(rest[0]), one.offset, one.gain))
+        try:
+            getters = [attrgetter(".".join(map(str, path))) for path in paths]
+            for get in getters:
+                get(message)
+        except AttributeError:
+            return None
+        stamp = tuple((get, scale) for get, (_, scale) in zip(getters, self._stamp, strict=False))
+        return _Places(list(names), tuple(elements), tuple(one.column for one in self._fields), stamp)
 
     def lacking(self) -> list[str]:
         """Sentences on signals that no message has had so far."""

@@ -47,11 +47,13 @@ class Sample(NamedTuple):
         t: ns since the first sample. It goes on by the arrivals where the robot's clock starts anew.
         row: values, NaN where nothing has come.
         arrived: when its last message did, ns.
+        due: when that was known to be all that comes until then, ns.
     """
 
     t: int
     row: list[float]
     arrived: int
+    due: int
 
 
 @dataclass
@@ -192,7 +194,7 @@ class Aligner:
         self._pending: list[_Partial] = []
         self._streams: dict[tuple[str, tuple[int, ...]], _ReadingStream] = {}
         self._sides: dict[tuple[str, tuple[int, ...]], deque[Reading]] = {}
-        self._last = self._last_arrived = -1
+        self._last = self._last_arrived = self._due = -1
         self._base: int | None = None
         self._after_restart: int | None = None
         self._suspects: list[tuple[str, int, Reading]] = []
@@ -207,6 +209,11 @@ class Aligner:
     def base(self) -> int:
         """The stamp (ns) from which times count; 0 before the first sample."""
         return self._base or 0
+
+    @property
+    def due(self) -> int | None:
+        """When the next sample is handed on at the latest, ns by the clock of arrivals; None: there is none."""
+        return self._pending[0].arrived + self._budget if self._pending else None
 
     def add(self, topic: str, arrived: int, reading: Reading) -> list[Sample]:
         """Take a reading; the samples that are complete with it, in order."""
@@ -244,6 +251,7 @@ class Aligner:
             if not (end or now - head.arrived >= self._budget or (complete and self._is_next(head.stamp))):
                 break
             del self._pending[0]
+            self._due = max(self._due, min(now, head.arrived + self._budget))
             if not complete:
                 # at the beginning one has to learn first what belongs together
                 self.counts.incomplete += self._base is not None
@@ -324,7 +332,7 @@ class Aligner:
         self._last, self._last_arrived = head.stamp, head.arrived
         self._recent.append(head.stamp)
         self.counts.samples += 1
-        return Sample(head.stamp - self._base, head.row, head.arrived)
+        return Sample(head.stamp - self._base, head.row, head.arrived, self._due)
 
     def _note_interval(self, stamp: int) -> None:
         interval = stamp - self._last

@@ -1,0 +1,136 @@
+"""Messages as they come, samples as soon as they are complete, and of each one the estimate at once.
+
+Beside a robot that runs all this has a thread of its own; who records and draws takes what has come in slices.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from threading import Lock, Thread
+
+from twin.kernel.cosim.histogram import Histogram
+from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.sources.arrival import Arrival, RobotSource
+from twin.kernel.recording.sources.signals import MessageReader, Reading
+from twin.kernel.recording.sources.stamps import Aligner, Sample
+
+SLICE = 0.05
+"""s of arrivals that are taken together."""
+SECOND = 1e9
+
+
+@dataclass
+class Received:
+    """What has come since the last slice.
+
+    Attributes:
+        arrivals: messages.
+        samples: that they made, in order.
+        unread: messages that could not be read, as sentences.
+        late: how long after its sample each estimate came that missed its deadline, s.
+    """
+
+    arrivals: list[Arrival] = field(default_factory=list)
+    samples: list[Sample] = field(default_factory=list)
+    unread: list[str] = field(default_factory=list)
+    late: list[float] = field(default_factory=list)
+
+
+class Receiver:
+    """Takes messages from a source.
+
+    The deadline of an estimate is one period after its sample is due: after the message that completed it or the one
+    that came before it, or after the time to wait for that.
+
+    Args:
+        source: of messages or readings.
+        readers: by topic.
+        aligner: makes samples of readings.
+        estimate: is given each sample as soon as it is there, in the thread that receives; None: nothing is in a hurry.
+
+    Attributes:
+        in_hand: from when a sample is due to its estimate.
+        missed: estimates that came after their deadline.
+        lock: holds the aligner and what it counts as they are.
+    """
+
+    def __init__(
+        self,
+        source: RobotSource,
+        readers: Mapping[str, MessageReader],
+        aligner: Aligner,
+        estimate: Callable[[Sample], None] | None,
+    ):
+        self._source, self._readers, self._aligner, self._estimate = source, readers, aligner, estimate
+        self._received = Received()
+        self._failure: BaseException | None = None
+        self._alive, self._thread = True, Thread(target=self._run, name="receiver", daemon=True)
+        self.in_hand, self.missed, self.lock = Histogram(), 0, Lock()
+
+    def start(self) -> None:
+        """Receive in a thread of its own."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Receive no more; what was received is still to be taken."""
+        self._alive = False
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def take(self, end: bool = False) -> Received:
+        """All that has come since the last call.
+
+        Args:
+            end: nothing comes any more.
+
+        Raises:
+            LogRefused: a message that cannot be read, before the first sample.
+        """
+        with self.lock:
+            if self._failure is not None:
+                raise self._failure
+            if end:
+                self._hand_on(self._aligner.ready(self._source.now(), end=True))
+            taken, self._received = self._received, Received()
+        return taken
+
+    def turn(self) -> None:
+        """Wait for messages, a short time; take in what comes."""
+        wait = SLICE
+        if self._aligner.due is not None:
+            wait = min(wait, max(0.0, (self._aligner.due - self._source.now()) / SECOND))
+        arrivals = self._source.take(wait)
+        with self.lock:
+            self._received.arrivals += arrivals
+            for one in arrivals:
+                reading = one.data if isinstance(one.data, Reading) else self._read(one)
+                self._hand_on(self._aligner.add(one.topic, one.arrived, reading))
+            if self._estimate is not None:
+                self._hand_on(self._aligner.ready(self._source.now()))
+
+    def _hand_on(self, samples: list[Sample]) -> None:
+        if self._estimate is not None:
+            for sample in samples:
+                self._estimate(sample)
+                taken = (self._source.now() - sample.due) / SECOND
+                self.in_hand.add(taken)
+                if taken > self._aligner.period / SECOND:
+                    self.missed += 1
+                    self._received.late.append(taken)
+        self._received.samples += samples
+
+    def _read(self, arrival: Arrival) -> Reading:
+        try:
+            return self._readers[arrival.topic].read(arrival.data, arrival.arrived)
+        except LogRefused as problem:
+            if not self._aligner.counts.samples:
+                raise
+            # one bad message must not end a session
+            self._received.unread.append(str(problem))
+            return Reading(arrival.arrived, (), ())
+
+    def _run(self) -> None:
+        try:
+            while self._alive and not self._source.ended:
+                self.turn()
+        except BaseException as problem:
+            self._failure = problem
