@@ -5,6 +5,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from twin.kernel.errors import TwinError
@@ -82,11 +83,16 @@ def _planned(
             write_bytes(files[entry], package.content(entry))
             if compiled:
                 build(files[entry])
+    overruled: tuple[str, ...] = ()
     if additions.settings or additions.inputs:
         names = SystemNames(package, flat, {path: files[entry] for path, entry in entries.items()})
         flat = with_settings(flat, names, additions.settings)
+        fed = {lead.end for lead in flat.leads}
+        overruled = tuple(
+            one for one in additions.settings if names.place(one.partition("=")[0].strip(), "--set") in fed
+        )
         tables = tables + inputs_beside(names, additions.inputs, additions.settings)
-    plan = planned(package, flat, files, choice, tables + beside, additions.recorded)
+    plan = replace(planned(package, flat, files, choice, tables + beside, additions.recorded), overruled=overruled)
     # refuses names that a recording cannot hold, before there is one
     topics(plan)
     return plan
