@@ -353,9 +353,7 @@ def _whole(
     inputs, outputs = _ports(plan, plan.bindings)
     started = {"tau_load": tau_load, ENABLE: 1.0, "theta_m": theta_m}
     ticks, shaft = (plan.ticks or 0) * substeps, {"theta_m": theta_m}
-    return plan.system.component(
-        name, inputs, outputs, tick, 1, ticks, inputs_at_start=started, outputs_at_start=shaft
-    )
+    return plan.system.component(name, inputs, outputs, tick, 1, ticks, inputs_at_start=started, outputs_at_start=shaft)
 
 
 def _ports(plan: DrivePlan, mine: Sequence[Binding]) -> tuple[list[FmuPort], list[FmuPort]]:
