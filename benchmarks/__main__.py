@@ -15,6 +15,7 @@ from typing import Any
 from benchmarks import (
     adaptive,
     build,
+    chain,
     dask,
     exchange,
     explore,
@@ -48,6 +49,7 @@ PARTS: tuple[Callable[[], list[Measurement]], ...] = (
     fmi_versions.measurements,
     exchange.measurements,
     masters.measurements,
+    chain.measurements,
     lambda: figure_4.measurements(EXPERIMENT),
     lambda: other_parts.measurements(EXPERIMENT),
     lambda: build.measurements(EXPERIMENT),

@@ -1,12 +1,13 @@
 """Macro steps of other masters beside the one of `twin cosim`: three FMUs in a ring, as an SSP archive.
 
 OMSimulator's Python package holds no library, it fetches one from a server of its own when it is installed: one that
-somebody has built is named in the environment.
+somebody has built is named in the environment, as for `make validation`.
 """
 
 import tempfile
 import time
 import zipfile
+from functools import partial
 from pathlib import Path
 
 from benchmarks.macro_step import TICKS, master_seconds
@@ -20,6 +21,8 @@ from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.opening import opened
 from twin.robot.assembly.drives import planned
 from twin.robot.experiment.schema import Drive
+from validation.yardstick import NotHere
+from validation.yardsticks.omsimulator import WEAKLY_COUPLED, Library
 
 ROOT = Path(__file__).parents[1]
 FMU = ROOT / "fmus" / "ideal_velocity" / "ideal_velocity.fmu"
@@ -68,32 +71,67 @@ def libcosim_seconds(file: Path, folder: Path) -> float:
     return (time.perf_counter() - began) / FEW
 
 
+def omsimulator_seconds(file: Path, folder: Path) -> float:
+    """The same in OMSimulator.
+
+    Raises:
+        NotHere: its library is not here.
+    """
+    oms, model = Library(), "ring"
+    system = f"{model}.root"
+    folder.mkdir(exist_ok=True)
+    oms.call("oms_setTempDirectory", str(folder))
+    oms.call("oms_newModel", model)
+    oms.call("oms_addSystem", system, WEAKLY_COUPLED)
+    for name in NAMES:
+        oms.call("oms_addSubModel", f"{system}.{name}", str(FMU))
+    for i, name in enumerate(NAMES):
+        for output, given in (("theta_m", "omega_ref"), ("omega_m", "tau_load")):
+            source, target = f"{system}.{NAMES[i - 1]}.{output}", f"{system}.{name}.{given}"
+            oms.call("oms_addConnection", source, target, True)
+    oms.call("oms_setFixedStepSize", system, TICK)
+    oms.call("oms_setStopTime", model, (FEW + 2) * TICK)
+    oms.call("oms_setResultFile", model, "", 1)
+    oms.call("oms_instantiate", model)
+    oms.call("oms_initialize", model)
+    began = time.perf_counter()
+    for _ in range(FEW):
+        oms.call("oms_doStep", model)
+    took = (time.perf_counter() - began) / FEW
+    oms.call("oms_terminate", model)
+    oms.call("oms_delete", model)
+    return took
+
+
 def measurements() -> list[Measurement]:
     """The lines of the table."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         file, choice = ring(folder / "ring.ssp", FMU), MasterChoice(scheme="jacobi", tick=TICK)
-        return [*_beside(file, folder / "libcosim", choice), *_exchange(folder)]
+        return [*_beside(file, folder, choice), *_exchange(folder)]
 
 
 def _beside(file: Path, folder: Path, choice: MasterChoice) -> list[Measurement]:
-    title = "three ideal_velocity: libcosim / twin cosim"
-    oms = "its package holds no library; one that is built is compared by make validation"
-    lines = [Measurement("three ideal_velocity: OMSimulator / twin cosim", None, "x", remark=oms)]
-    try:
-        libcosim_seconds(file, folder)
-    except ImportError:
-        missing = "libcosimpy is not installed: make validation installs it"
-        return [*lines, Measurement(title, None, "x", at_least=10.0, remark=missing)]
-    rounds = Rounds(
-        {"libcosim": lambda: libcosim_seconds(file, folder), "twin": lambda: twin_seconds(file, choice)}, ROUNDS
-    )
-    return [
-        *lines,
-        Measurement("twin cosim, three ideal_velocity: macro step", 1e9 * rounds.typical("twin"), "ns"),
-        Measurement("libcosim, the same", 1e9 * rounds.typical("libcosim"), "ns"),
-        Measurement(title, rounds.ratio("libcosim", "twin"), "x", at_least=10.0),
-    ]
+    others = {"OMSimulator": omsimulator_seconds, "libcosim": libcosim_seconds}
+    missing: dict[str, str] = {}
+    for name, seconds in others.items():
+        try:
+            seconds(file, folder / name)
+        except ImportError:
+            missing[name] = "libcosimpy is not installed: make bench installs it"
+        except NotHere as lacking:
+            missing[name] = f"its package on the index holds no library; {lacking}"
+    here = {name: partial(seconds, file, folder / name) for name, seconds in others.items() if name not in missing}
+    rounds = Rounds({**here, "twin": lambda: twin_seconds(file, choice)}, ROUNDS)
+    lines = [Measurement("twin cosim, three ideal_velocity: macro step", 1e9 * rounds.typical("twin"), "ns")]
+    for name in others:
+        title = f"three ideal_velocity: {name} / twin cosim"
+        if name in missing:
+            lines.append(Measurement(title, None, "x", at_least=10.0, remark=missing[name]))
+            continue
+        lines.append(Measurement(f"{name}, the same", 1e9 * rounds.typical(name), "ns"))
+        lines.append(Measurement(title, rounds.ratio(name, "twin"), "x", at_least=10.0))
+    return lines
 
 
 def _exchange(folder: Path) -> list[Measurement]:

@@ -1,7 +1,7 @@
 """`python -m validation.survey FOLDER`: try every FMU below a folder, and write down what came out as data and a page.
 
 Each is tried in a process of its own: one that crashes, hangs or grows costs itself only. Of the .json of an earlier
-survey only the page is made again.
+survey only the page is made again, and systems below `--systems FOLDER` are tried, if that is given.
 """
 
 import argparse
@@ -9,9 +9,10 @@ import platform
 import re
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from twin.kernel.archive import content_of, entries, sha256
@@ -28,6 +29,7 @@ from twin.robot.assembly.drives import planned
 from twin.robot.experiment.drive_files import lone_drive
 from twin.studies.reference.outcome import BAD, TOLERANCE, WORDS, Outcome, Trial, carried, outcome_of, references
 from twin.studies.result import counted, labelled, markdown
+from validation.systems import system_row, systems_below
 
 DOCS = Path(__file__).parents[1] / "docs"
 JOB = "validation.survey:tried"
@@ -57,7 +59,17 @@ project. An FMU runs with the rights of who starts it: a survey is for FMUs that
 """
 
 
-def survey(place: Path, sources: Path | None, data: Path, page: Path | None, wall: float) -> dict[str, Any]:
+OF_SYSTEMS = ("system_sources", "systems")
+SYSTEMS_HEAD = """## Systems
+
+Systems of others, run by `twin cosim` as their files say, small offences let through (`--lenient`); one that states no
+step or end for 1 s in steps of 10 ms. *agrees*: with the numbers that its test expects, within 1 % of each signal.
+"""
+
+
+def survey(
+    place: Path, sources: Path | None, data: Path, page: Path | None, wall: float, systems: Path | None = None
+) -> dict[str, Any]:
     """Try every FMU below a folder, each in a process of its own, and write down what came out.
 
     Args:
@@ -65,7 +77,8 @@ def survey(place: Path, sources: Path | None, data: Path, page: Path | None, wal
         sources: TOML with a table for each folder in `place`: `from`, where its FMUs are from.
         data: JSON that is written.
         page: Markdown that is written; None: none.
-        wall: longest time that an FMU may take (s).
+        wall: longest time that an FMU or a system may take (s).
+        systems: folder of systems, as `place`; None: none are tried, and what `data` has of some stays.
 
     Returns:
         The data.
@@ -75,34 +88,65 @@ def survey(place: Path, sources: Path | None, data: Path, page: Path | None, wal
         NotWritten: the disk refuses.
     """
     if place.suffix == ".json":
-        facts = read_json(place)
-        if not isinstance(facts, dict) or not isinstance(facts.get("fmus"), list):
-            raise InputRefused(f"{place}: no data of a survey; expected what `python -m validation.survey` wrote")
+        facts = _earlier(place)
     else:
         facts = _surveyed(place, sources, wall)
+        if data.exists():
+            facts |= {key: value for key, value in _earlier(data).items() if key in OF_SYSTEMS}
+    if systems is not None:
+        facts |= _surveyed_systems(systems, sources, wall)
+    if systems is not None or place.suffix != ".json":
         write_json(made_folder(data.parent) / data.name, facts)
     if page is not None:
         write_text(made_folder(page.parent) / page.name, page_text(facts))
     return facts
 
 
-def _surveyed(place: Path, sources: Path | None, wall: float) -> dict[str, Any]:
-    if not place.is_dir():
-        raise InputRefused(f"{place}: no such folder; expected one with FMUs, or the .json of an earlier survey")
-    files = sorted(file for file in place.rglob("*.fmu") if file.is_file())
+def _earlier(data: Path) -> dict[str, Any]:
+    facts = read_json(data)
+    if not isinstance(facts, dict) or not isinstance(facts.get("fmus"), list):
+        raise InputRefused(f"{data}: no data of a survey; expected what `python -m validation.survey` wrote")
+    return facts
+
+
+def _grouped(place: Path, files: Sequence[Path], sources: Path | None, what: str) -> tuple[dict[Path, str], Any]:
+    """The folder in `place` of each file, and what `sources` says of these folders."""
     if not 0 < len(files) <= MOST_FMUS:
-        raise InputRefused(f"{place}: {len(files)} FMUs below it; expected 1 to {MOST_FMUS}")
+        raise InputRefused(f"{place}: {len(files)} {what} below it; expected 1 to {MOST_FMUS}")
     described = read_toml(sources) if sources else {}
     groups = {file: file.relative_to(place).parts[0] if file.parent != place else "" for file in files}
     if sources and (silent := sorted(set(groups.values()) - set(described))):
         raise InputRefused(f"{sources}: nothing of {', '.join(silent)}; expected a table for each folder in {place}")
+    return groups, {name: described.get(name, {}).get("from", "") for name in sorted(set(groups.values()))}
+
+
+def _surveyed_systems(place: Path, sources: Path | None, wall: float) -> dict[str, Any]:
+    """What came of the systems below `place`; the same one in several places is one."""
+    rows: dict[str, dict[str, Any]] = {}
+    with TemporaryDirectory() as scratch:
+        found = dict(systems_below(place, Path(scratch)))
+        groups, origins = _grouped(place, [*found], sources, "systems")
+        for number, (name, file) in enumerate(found.items(), 1):
+            if (digest := sha256(name)) not in rows:
+                print(f"{number} of {len(found)}: {name.relative_to(place)}", flush=True)
+                inside = name.relative_to(place / groups[name]).as_posix()
+                row = system_row(inside, file, JobLimits(wall=wall, memory=MEMORY))
+                row["detail"] = _without_paths(row["detail"], file, digest)
+                rows[digest] = {"source": groups[name], **row, "sha256": digest}
+    return {"system_sources": origins, "systems": list(rows.values())}
+
+
+def _surveyed(place: Path, sources: Path | None, wall: float) -> dict[str, Any]:
+    if not place.is_dir():
+        raise InputRefused(f"{place}: no such folder; expected one with FMUs, or the .json of an earlier survey")
+    files = sorted(file for file in place.rglob("*.fmu") if file.is_file())
+    groups, origins = _grouped(place, files, sources, "FMUs")
     rows: dict[str, dict[str, Any]] = {}
     for number, file in enumerate(files, 1):
         # the same file in several places is one FMU
         if (digest := sha256(file)) not in rows:
             print(f"{number} of {len(files)}: {file.name}", flush=True)
             rows[digest] = {"source": groups[file], **row(file, digest, JobLimits(wall=wall, memory=MEMORY))}
-    origins = {name: described.get(name, {}).get("from", "") for name in sorted(set(groups.values()))}
     where = f"{platform.machine()} {platform.system()}"
     return {"platform": where, "sources": origins, "fmus": list(rows.values())}
 
@@ -218,7 +262,34 @@ def page_text(facts: Mapping[str, Any]) -> str:
         rows = [row for row in facts["fmus"] if row["source"] == source]
         lines += [f"## {source or 'FMUs'}", "", *([f"{origin}", ""] if origin else [])]
         lines += [markdown(["FMU", "made with", "FMI", "tried", "came out", "in a sentence"], map(_cells, rows)), ""]
-    return "\n".join(lines)
+    return "\n".join([*lines, *_systems_text(facts)])
+
+
+def _systems_text(facts: Mapping[str, Any]) -> Iterator[str]:
+    """The part of the page that is about systems; nothing if none were tried."""
+    systems = facts.get("systems", [])
+    if not systems:
+        return
+    words = Counter(row["word"] for row in systems)
+    yield f"{SYSTEMS_HEAD}\n{counted(len(systems), 'system')} of others, each with the beginning of its SHA-256.\n"
+    yield markdown(["word", "systems"], ([word, str(words[word])] for word in WORDS if words[word]))
+    for source, origin in facts["system_sources"].items():
+        yield f"\n### Systems of {source}\n\n{origin}\n"
+        rows = [row for row in systems if row["source"] == source]
+        cells = ([_plain(text) for text in _system_cells(row)] for row in rows)
+        yield markdown(["system", "form", "FMUs", "tried", "came out", "in a sentence"], cells)
+    yield ""
+
+
+def _system_cells(row: Mapping[str, Any]) -> tuple[str, ...]:
+    return (
+        f"{row['file']} ({row['sha256'][:8]})",
+        row["form"],
+        str(row["parts"]),
+        row["tried"],
+        row["word"],
+        row["detail"],
+    )
 
 
 def survey_text(facts: Mapping[str, Any]) -> str:
@@ -256,10 +327,11 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--sources", metavar="FILE", type=Path, help="TOML: for each folder in FOLDER a table, `from`")
     parser.add_argument("--data", metavar="FILE", type=Path, default=DOCS / "compatibility.json", help="JSON to write")
     parser.add_argument("--page", metavar="FILE", type=Path, default=DOCS / "compatibility.md", help="page to write")
+    parser.add_argument("--systems", metavar="FOLDER", type=Path, help="with systems, which are tried, too")
     parser.add_argument("--limit-wall", metavar="S", type=float, default=60.0, help="longest time of one FMU")
     asked = parser.parse_args(arguments)
     try:
-        facts = survey(asked.place, asked.sources, asked.data, asked.page, asked.limit_wall)
+        facts = survey(asked.place, asked.sources, asked.data, asked.page, asked.limit_wall, asked.systems)
     except TwinError as refusal:
         print(refusal, file=sys.stderr)
         return 2

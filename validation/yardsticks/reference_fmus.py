@@ -1,7 +1,7 @@
 """The Modelica Association's Reference FMUs in the twin's master, beside the results that they carry."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -58,14 +58,148 @@ def beside_its_results(model: str) -> Mapping[str, float]:
     return off
 
 
+ME = "model_exchange"
+Curves = dict[str, np.ndarray]
+
+
+def exchanged(file: Path, t: np.ndarray, names: Sequence[str]) -> Curves:
+    """Signals at the times `t` of an FMU for model exchange, the one component of a system: `twin cosim x.ssp`.
+
+    Args:
+        file: the FMU.
+        t: evenly spaced, from 0 (s); what the FMU ends before is left out.
+        names: of the signals.
+    """
+    from twin.kernel.cosim.simulation import Simulation
+    from twin.kernel.errors import EndRequested
+    from twin.kernel.ssp.package import loose_package
+    from twin.kernel.ssp.structure import DefaultExperiment, SspComponent, SspSystem, Structure
+    from twin.kernel.systems.additions import Additions
+    from twin.kernel.systems.choice import MasterChoice
+    from twin.kernel.systems.opening import opened
+
+    stop = float(t[-1])
+    system = SspSystem("one", (SspComponent("model", file.name, implementation="ModelExchange"),))
+    structure = Structure("one", system, experiment=DefaultExperiment(stop=stop))
+    package = loose_package(file, structure, {file.name: file}, "SSP")
+    choice, added = MasterChoice(tick=stop / (len(t) - 1)), Additions(recorded=[f"model.{name}" for name in names])
+    with opened(package, choice, additions=added) as (plan, made):
+        (part,) = plan.parts
+        if part.description.kind != ME:
+            raise RuntimeError(f"{file.name}: used for {part.description.kind}")
+        simulation = Simulation(made.system, plan.timing.ticks, slice_ticks=len(t))
+        rows = simulation.advance().copy()
+        if simulation.failure and not isinstance(simulation.failure, EndRequested):
+            raise simulation.failure
+        place = made.columns[part.name].start
+        return {port.variable.name: rows[:, place + i] for i, port in enumerate(part.outputs)}
+
+
+def _exact(model: str, t: np.ndarray) -> Curves:
+    """Solutions of their equations, with the parameters' start values."""
+    if model == "Dahlquist":
+        return {"x": np.exp(-t)}
+    if model == "VanDerPol":
+        from scipy.integrate import solve_ivp
+
+        def rates(t: float, x: np.ndarray) -> list[float]:
+            return [x[1], (1.0 - x[0] ** 2) * x[1] - x[0]]
+
+        found = solve_ivp(rates, (0.0, t[-1]), [2.0, 0.0], "DOP853", t, rtol=1e-12, atol=1e-12)
+        return {"x0": found.y[0], "x1": found.y[1]}
+    g, e, begin, v, h = -9.81, 0.7, 0.0, 0.0, 1.0
+    height, speed = np.zeros(len(t)), np.zeros(len(t))
+    while v > 0.1 or begin == 0.0:
+        lasts = (-v - np.sqrt(v * v - 2.0 * g * h)) / g
+        now = (t >= begin) & (t < begin + lasts)
+        since = t[now] - begin
+        height[now], speed[now] = h + v * since + 0.5 * g * since**2, v + g * since
+        begin, v, h = begin + lasts, -e * (v + g * lasts), 0.0
+    return {"h": height, "v": speed}
+
+
+def _off(own: Curves, other: Curves, rows: int) -> dict[str, float]:
+    """The largest distance of each signal from the nearest of the other's that are at most so many `rows` away."""
+    off = {}
+    for name, theirs in other.items():
+        count = min(len(theirs), len(own[name]))
+        shifted = np.pad(theirs[:count], rows, mode="edge")
+        near = [np.abs(own[name][:count] - shifted[k : k + count]) for k in range(2 * rows + 1)]
+        scale = max(float(np.ptp(theirs)), float(np.abs(theirs).max()), SMALL)
+        off[name] = float(np.min(near, axis=0).max()) / scale
+    return off
+
+
+def _each(model: str) -> Iterator[tuple[str, Path, np.ndarray, Curves]]:
+    """Version of FMI, file, times and results of each FMU of a model that may be exchanged."""
+    from twin.kernel.fmi.description import described
+    from twin.studies.reference.outcome import carried, prepared
+
+    for file in found(model):
+        if ME not in described(file).kinds or not (description := described(file, ME)).version > 1:
+            continue
+        for trial in carried(file).trials:
+            results = prepared(file, trial, description).results
+            assert results is not None
+            known = description.variables
+            numbers = {name: one for name, one in results.signals.items() if name in known and known[name].kind >= 0}
+            yield f"FMI {description.version}.0", file, results.t, numbers
+
+
+def exchanged_beside_results(model: str) -> Mapping[str, float]:
+    """How far each signal is from the FMU's own results at most a step away, of its range."""
+    off = {}
+    for version, file, t, results in _each(model):
+        off |= {f"{version}, {name}": value for name, value in _off(exchanged(file, t, [*results]), results, 1).items()}
+    return off
+
+
+def exchanged_beside_exact(model: str) -> Mapping[str, float]:
+    """The same, from the solution of its equations at the same time."""
+    off = {}
+    for version, file, t, _ in _each(model):
+        exact = _exact(model, t)
+        off |= {f"{version}, {name}": value for name, value in _off(exchanged(file, t, [*exact]), exact, 0).items()}
+    return off
+
+
+EULER = {"BouncingBall": 0.316, "Dahlquist": 0.0193, "VanDerPol": 0.1102}
+"""How far forward Euler is from the exact solutions, of which the results are, of a signal's range."""
+EVENTS = ("Feedthrough", "Resource", "Stair")
+MADE, UNIT = "Reference FMUs, Modelica Association, built from their sources", "of the signal's range"
+IN_A_SYSTEM = "FMI 2.0 and 3.0, as model exchange in an SSP"
 YARDSTICKS = tuple(
     Yardstick(
         f"{model}, FMI 2.0 and 3.0, default experiment: every number that its results have",
-        "Reference FMUs, Modelica Association, built from their sources",
-        "of the signal's range",
+        MADE,
+        UNIT,
         1e-12,
         "the same code in the same steps: rounding, where another compiler made the results",
         partial(beside_its_results, model),
     )
     for model in MODELS
+)
+YARDSTICKS += tuple(
+    Yardstick(
+        f"{model}, {IN_A_SYSTEM}: every number beside the exact solution",
+        MADE,
+        UNIT,
+        2e-4,
+        "CVODE at its usual relative tolerance of 1e-6; speeds jump at a bounce, whose time is found as exactly",
+        partial(exchanged_beside_exact, model),
+    )
+    for model in EULER
+)
+YARDSTICKS += tuple(
+    Yardstick(
+        f"{model}, {IN_A_SYSTEM}: every number that its results have, at most a step away",
+        MADE,
+        UNIT,
+        EULER.get(model, 0.0),
+        "the results are of co-simulation by forward Euler, and as far from the exact solution"
+        if model in EULER
+        else "the same numbers; an event at the time of a row is in the results, and in the next row here",
+        partial(exchanged_beside_results, model),
+    )
+    for model in (*EULER, *EVENTS)
 )

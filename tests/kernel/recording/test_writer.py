@@ -1,21 +1,24 @@
 import resource
+import tracemalloc
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from fractions import Fraction
+from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
-from mcap.data_stream import RecordBuilder
+from mcap.data_stream import ReadDataStream, RecordBuilder
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader, SeekingReader, make_reader
-from mcap.records import Chunk, MessageIndex
+from mcap.records import Chunk, ChunkIndex, MessageIndex
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap_protobuf.decoder import DecoderFactory
 
@@ -23,6 +26,7 @@ from twin.kernel.errors import RecordingDamaged, RecordingFailed
 from twin.kernel.recording.growing_file import Output
 from twin.kernel.recording.messages import Field, Topic
 from twin.kernel.recording.reader import attachments, read
+from twin.kernel.recording.summary import Summary, chunk
 from twin.kernel.recording.writer import LARGEST_CHUNK, ROOM, BlockShape, Pending, Woven, Writer, woven
 
 from . import samples
@@ -523,3 +527,20 @@ def test_an_attachment_that_was_changed_is_passed_over_and_damages_the_recording
     assert [content for _, content in attachments(attached, KIND)] == [b"at the end"]
     with pytest.raises(RecordingDamaged, match="a record that does not parse"):
         read(attached)
+
+
+def test_what_is_remembered_of_a_chunk_does_not_grow_with_the_number_of_topics():
+    indexes = {channel: bytes(31 + 16 * (channel % 3)) for channel in range(1, 1001)}
+    one = chunk(b"content", 0, 10, zstandard.ZstdCompressor())
+    summary = Summary([], [])
+    tracemalloc.start()
+    for number in range(500):
+        summary.note_chunk(one, 1000 * number, 100, indexes)
+    grown, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    # a layout once; of each chunk numbers alone, where 1000 offsets take 80 kB
+    assert grown < 500 * 1000
+    # opcode and length before it
+    last = ChunkIndex.read(ReadDataStream(BytesIO(list(summary.ending(0, 0))[-2][9:])))
+    assert (last.chunk_start_offset, last.message_index_length) == (499_000, sum(map(len, indexes.values())))
+    assert [*last.message_index_offsets.items()][:2] == [(1, 499_100), (2, 499_100 + len(indexes[1]))]

@@ -154,3 +154,24 @@ def test_few_passes_are_needed_once_the_loop_is_known(tmp_path: Path):
         Simulation(ready.system, plan.timing.ticks).run()
         # linear: one pass with what is predicted, one that confirms what Newton's method makes of it
         assert isinstance(loop, LoopComponent) and loop.passes == 2
+
+
+def test_a_loop_through_states_is_none_to_be_solved_and_its_values_are_late_by_part_of_a_step(ran: Ran, tmp_path: Path):
+    # two masses of 1 kg between three springs with dampers: the second gives a force that follows from states alone
+    k_1, k_2, k_3, c_1, c_2, c_3 = 10.0, 10.0, 20.0, 0.2, 0.5, 0.3
+    second = Linear(
+        a=[[0, 1], [-(k_2 + k_3), -(c_2 + c_3)]], b=[[0, 0], [k_2, c_2]], c=[[k_2, c_2], [1, 0]],
+        d=[[-k_2, -c_2], [0, 0]], x0=[0.5, 0],
+    )  # fmt: skip
+    first = Linear(a=[[0, 1], [-k_1, -c_1]], b=[[0], [1]], c=[[1, 0], [0, 1]], x0=[0, 0])
+    parts = {"first": first, "second": second}
+    wires = [("second.y", "first.u"), ("first.y", "second.u"), ("first.v", "second.w")]
+    resources, errors = made(parts, tmp_path), []
+    for tick in (0.01, 0.005):
+        structured = ssd(5.0, wires, ("first", "second"))
+        run, facts = ran(structured, resources, loops="solve", kinds={"": "model_exchange"}, tick=tick)
+        assert facts["loops"] == []
+        exact = monolith(parts, wires, run.time("first"))
+        errors.append(np.abs(run["first.y"] - exact["first.y"]).max())
+    # 1.2 m for each second of a step, as of the FMUs that OMSimulator's tests have of this
+    assert errors[0] == pytest.approx(1.2 * 0.01, rel=0.1) and errors[0] / errors[1] == pytest.approx(2.0, rel=0.1)

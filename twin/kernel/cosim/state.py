@@ -10,6 +10,7 @@ import json
 import math
 import struct
 import weakref
+from collections import defaultdict
 from collections.abc import Iterable, Sequence, Set
 from dataclasses import dataclass
 from io import BytesIO
@@ -222,16 +223,23 @@ class StatePlaces:
             own.append(SavedPiece(component, name, array.dtype.str, list(array.shape), content))
             place += array.nbytes
         pieces = [piece for piece in own if piece.name in SIDES]
+        of_own: dict[str, list[SavedPiece]] = defaultdict(list)
+        for piece in own:
+            if piece.name not in SIDES:
+                of_own[piece.component].append(piece)
+        held: dict[str, list[tuple[str, Holder, bytes]]] = defaultdict(list)
+        for (component, name, holder), content in zip(self._holders, packed, strict=True):
+            held[component].append((name, holder, content))
         inside: list[SavedInside] = []
         for one in self._components:
-            pieces += [piece for piece in own if piece.component == one.name and piece.name not in SIDES]
-            for (component, name, holder), content in zip(self._holders, packed, strict=True):
-                if component == one.name and holds_all(holder):
-                    there = SavedState.from_bytes(content, component)
+            pieces += of_own[one.name]
+            for name, holder, content in held[one.name]:
+                if holds_all(holder):
+                    there = SavedState.from_bytes(content, one.name)
                     pieces += there.pieces
                     inside += there.inside
-                elif component == one.name:
-                    inside.append(SavedInside(component, name, content))
+                else:
+                    inside.append(SavedInside(one.name, name, content))
         return SavedState(state.tick, pieces, inside, about)
 
     def taken(self, saved: SavedState) -> SystemState:

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import zlib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO
 
@@ -40,8 +41,8 @@ class Output:
         """Whether nothing can be appended any more."""
         return self._file is None
 
-    def append(self, data: bytes) -> int:
-        """Append all of `data` or nothing; return the offset at which it starts.
+    def append(self, data: bytes | Iterable[bytes]) -> int:
+        """Append all of `data`, in one piece or several, or nothing; return the offset at which it starts.
 
         After a failure, or an interrupt halfway, the file ends where `data` would have begun and is closed.
 
@@ -50,20 +51,21 @@ class Output:
         """
         if self._file is None:
             raise RecordingFailed(f"{self.partial}: the recording is closed")
-        rest = memoryview(data)
+        size, crc = self.size, self.crc
         remedy = f"the {self.size} bytes already written stay readable"
         with disk_refusals(self.partial, "recording stopped", RecordingFailed, remedy):
             try:
-                while rest:
-                    rest = rest[self._file.write(rest) :]
+                for piece in (data,) if isinstance(data, bytes) else data:
+                    rest = memoryview(piece)
+                    while rest:
+                        rest = rest[self._file.write(rest) :]
+                    size, crc = size + len(piece), zlib.crc32(piece, crc)
             except BaseException:
                 with contextlib.suppress(OSError):
                     self._file.truncate(self.size)
                 self.close()
                 raise
-        start = self.size
-        self.size += len(data)
-        self.crc = zlib.crc32(data, self.crc)
+        start, self.size, self.crc = self.size, size, crc
         return start
 
     def close(self) -> None:

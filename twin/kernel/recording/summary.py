@@ -6,7 +6,9 @@ Chunks, compressed and unpacked: https://mcap.dev/spec#chunk-op0x06.
 import struct
 import zlib
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from itertools import accumulate
 
 import lz4.frame
 import zstandard
@@ -122,13 +124,15 @@ class Summary:
     attachments: list[AttachmentIndex] = field(default_factory=list)
     message_counts: Counter[int] = field(default_factory=Counter)
 
+    def __post_init__(self) -> None:
+        self._layouts: dict[_Layout, _Layout] = {}
+        self._of_chunks: list[_Layout] = []
+        """Shared, as chunks look alike: offsets of each channel in each chunk would grow with the recording."""
+
     def note_chunk(self, chunk: Chunk, start: int, length: int, indexes: dict[int, bytes]) -> None:
         """Index a chunk written at byte `start` with `length`, its message indexes right after it."""
-        offsets = {}
-        end = start + length
-        for channel, index in indexes.items():
-            offsets[channel] = end
-            end += len(index)
+        layout = tuple((channel, len(index)) for channel, index in indexes.items())
+        self._of_chunks.append(self._layouts.setdefault(layout, layout))
         self.chunks.append(
             ChunkIndex(
                 chunk_length=length,
@@ -136,8 +140,8 @@ class Summary:
                 compression=chunk.compression,
                 compressed_size=len(chunk.data),
                 message_end_time=chunk.message_end_time,
-                message_index_length=end - start - length,
-                message_index_offsets=offsets,
+                message_index_length=sum(size for _, size in layout),
+                message_index_offsets={},
                 message_start_time=chunk.message_start_time,
                 uncompressed_size=chunk.uncompressed_size,
             )
@@ -157,28 +161,41 @@ class Summary:
             schema_count=len(self.schemas),
         )
 
-    def ending(self, data_size: int, data_crc: int) -> bytes:
-        """DataEnd, summary section, footer and magic after `data_size` bytes with CRC-32 `data_crc`."""
+    def ending(self, data_size: int, data_crc: int) -> Iterator[bytes]:
+        """DataEnd, summary section, footer and magic after `data_size` bytes of CRC-32 `data_crc`, by records."""
         data_end = encoded(DataEnd(data_crc))
-        start = data_size + len(data_end)
-        groups: list[tuple[Opcode, list]] = [
+        yield data_end
+        start = place = data_size + len(data_end)
+        groups: list[tuple[Opcode, Iterable[McapRecord]]] = [
             (Opcode.SCHEMA, self.schemas),
             (Opcode.CHANNEL, self.channels),
             (Opcode.STATISTICS, [self.statistics()]),
-            (Opcode.CHUNK_INDEX, self.chunks),
+            (Opcode.CHUNK_INDEX, map(_placed, self.chunks, self._of_chunks)),
             (Opcode.ATTACHMENT_INDEX, self.attachments),
             (Opcode.METADATA_INDEX, self.metadata),
         ]
-        body = b""
+        crc = 0
         offsets: list[McapRecord] = []
         for opcode, records in groups:
-            group = b"".join(map(encoded, records))
-            if group:
-                offsets.append(SummaryOffset(opcode, start + len(body), len(group)))
-            body += group
-        offset_start = start + len(body)
-        body += b"".join(map(encoded, offsets))
+            begin = place
+            for data in map(encoded, records):
+                crc = zlib.crc32(data, crc)
+                place += len(data)
+                yield data
+            if place > begin:
+                offsets.append(SummaryOffset(opcode, begin, place - begin))
+        ends = b"".join(map(encoded, offsets))
         # the CRC also covers the footer up to the CRC itself
-        front = struct.pack("<BQQQ", Opcode.FOOTER, FOOTER_LENGTH, start, offset_start)
-        footer = Footer(start, offset_start, zlib.crc32(body + front))
-        return data_end + body + encoded(footer) + MCAP0_MAGIC
+        front = struct.pack("<BQQQ", Opcode.FOOTER, FOOTER_LENGTH, start, place)
+        footer = Footer(start, place, zlib.crc32(ends + front, crc))
+        yield ends + encoded(footer) + MCAP0_MAGIC
+
+
+_Layout = tuple[tuple[int, int], ...]
+"""Of a chunk: channels and the lengths of their indexes, in order."""
+
+
+def _placed(chunk: ChunkIndex, layout: _Layout) -> ChunkIndex:
+    """`chunk` with the places of its indexes."""
+    ends = accumulate((size for _, size in layout), initial=chunk.chunk_start_offset + chunk.chunk_length)
+    return replace(chunk, message_index_offsets={channel: end for (channel, _), end in zip(layout, ends, strict=False)})

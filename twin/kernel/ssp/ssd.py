@@ -149,7 +149,7 @@ def _number(text: str, type_: str, where: str) -> float:
 
 
 NAMESPACE = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
-MOST_PARTS = 500
+MOST_PARTS = 10_000
 """Components and systems; a file that has more would take minutes."""
 
 

@@ -58,7 +58,8 @@ class PreparedSystem:
 
 def folders_of(plan: SystemPlan) -> dict[str, Path]:
     """Where the FMUs are unpacked, by their SHA-256."""
-    return {one.sha256: unpacked(one.path, one.sha256) for one in (part.description for part in plan.parts)}
+    files = {part.description.sha256: part.description.path for part in plan.parts}
+    return {sha256: unpacked(file, sha256) for sha256, file in files.items()}
 
 
 @contextmanager
@@ -377,6 +378,9 @@ class _Settling:
         self._back = [one for wire, one in led.items() if wire in back]
         self._led = [one for wire, one in led.items() if wire not in back]
         self._last: dict[int, bytes] = {}
+        self._written = dict.fromkeys(map(id, instances.values()), 0)
+        """How often each instance has had an input: what it gives changes by nothing else."""
+        self._read: dict[int, int] = {}
 
     def settled(self) -> bool:
         """Whether all agree in the end; False: it never ends.
@@ -418,7 +422,7 @@ class _Settling:
         """What becomes of the values that lead back, less themselves."""
         place = 0
         for _, output, target, port in self._back:
-            _write(target, port, np.asarray(port.in_fmu(z[place : place + output.port.size]), dtype=float))
+            self._set(target, port, port.in_fmu(z[place : place + output.port.size]))
             place += output.port.size
         self._handed_on()
         return np.concatenate([_read(source, output) for source, output, _, _ in self._back]) - z
@@ -428,13 +432,20 @@ class _Settling:
         for _ in range(len(self._plan.parts) + 2):
             changed = False
             for n, (source, output, target, port) in enumerate(self._led):
+                if self._read.get(n) == self._written[id(source)]:
+                    continue
+                self._read[n] = self._written[id(source)]
                 value = np.asarray(port.in_fmu(_read(source, output)), dtype=float)
                 if np.all(np.isfinite(value)) and self._last.get(n) != value.tobytes():
                     self._last[n], changed = value.tobytes(), True
-                    _write(target, port, value)
+                    self._set(target, port, value)
             if not changed:
                 return True
         return False
+
+    def _set(self, target: Instance, port: FmuPort, value: np.ndarray) -> None:
+        _write(target, port, np.asarray(value, dtype=float))
+        self._written[id(target)] += 1
 
 
 def _given(plan: SystemPlan) -> dict[str, np.ndarray]:

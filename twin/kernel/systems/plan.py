@@ -1,8 +1,9 @@
 """The plan of a system: FMUs checked, connections and values converted; nothing is loaded."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 
 from twin.kernel.cosim.adaptive import NAME as MASTER
@@ -177,19 +178,21 @@ def planned(
     return SystemPlan(package, parts, wires, when, choice, ignored, forgiven, beside)
 
 
-def _of_kind(file: Path, stated: str, path: str, choice: MasterChoice) -> FmuDescription:
+def _of_kind(
+    file: Path, stated: str, path: str, choice: MasterChoice, read: Callable[..., FmuDescription]
+) -> FmuDescription:
     """The FMU of a component as what it is used: what is asked for it by name, else stated, else asked for all."""
-    usual = described(file)
+    usual = read(file)
     named, stated_kind = choice.kinds.get(path), KINDS_OF[stated]
     kind = named or stated_kind
     if kind is None:
         # asked for all means those that can be
         every = choice.kinds.get("")
-        return described(file, every) if every in usual.kinds else usual
+        return read(file, every) if every in usual.kinds else usual
     if kind not in usual.kinds:
         who = f"--kind {path}={kind}" if named else f"its component {path} is to be used for {KIND_NAMES[kind]}"
         raise InputRefused(f"{file}: offers {KIND_NAMES[usual.kinds[0]]} alone, and {who}; export it for that, too")
-    return described(file, kind)
+    return read(file, kind)
 
 
 class _Planner:
@@ -219,8 +222,10 @@ class _Planner:
         taken = [EVENTS, *([MASTER] if choice.tolerance is not None else []), *(one.name for one in beside.components)]
         names = distinct([*taken, *(topic(path) for path in flat.components)])[len(taken) :]
         self._names = dict(zip(flat.components, names, strict=True))
+        read = cache(described)
         for path, entry in fmu_sources(package, flat).items():
-            plain = self._unbracketed(_of_kind(files[entry], flat.components[path].implementation, path, choice))
+            stated = flat.components[path].implementation
+            plain = self._unbracketed(_of_kind(files[entry], stated, path, choice, read))
             self._given[path] = dict(self._values(path, plain))
             self._descriptions[path] = plain.resized(
                 {name: float(value) for name, value in self._given[path].items() if isinstance(value, (int, float))}

@@ -51,6 +51,7 @@ def facts(
     recording: Path,
 ) -> dict[str, Any]:
     """For programs."""
+    costs = done.costs
     # the last row, also where a component asked for the end
     end = done.simulation.next_tick - 1
     together = {name for loop in made.loops for name in loop.parts} if made.solved else set()
@@ -77,7 +78,7 @@ def facts(
                 "kind": part.description.kind,
                 "step_s": plan.timing.periods[part.path] * plan.timing.tick,
                 "sha256": part.description.sha256,
-                "microseconds_per_step": None if part.name in together else 1e6 * done.costs.get(part.name, 0.0),
+                "microseconds_per_step": None if part.name in together else 1e6 * costs.get(part.name, 0.0),
             }
             for part in plan.parts
         },
@@ -95,7 +96,7 @@ def facts(
         "forgiven": [*plan.forgiven, *made.forgiven],
         "loops": [
             {"path": loop.path, "solved": made.solved, "unstated": list(loop.silent)}
-            | ({"microseconds_per_step": 1e6 * done.costs.get("+".join(loop.parts), 0.0)} if made.solved else {})
+            | ({"microseconds_per_step": 1e6 * costs.get("+".join(loop.parts), 0.0)} if made.solved else {})
             for loop in made.loops
         ],
         "events": [
