@@ -134,9 +134,9 @@ class Subsystem(Component):
         return {f"{c.name}.{name}": holder for c in self._inner for name, holder in c.holders().items()}
 
     def lacks_state(self, portable: bool = True) -> str:
-        reasons = [(c.label or c.name, why) for c in self._inner if (why := c.lacks_state(portable))]
+        reasons = dict.fromkeys((c.label or c.name, why) for c in self._inner if (why := c.lacks_state(portable)))
         if [label for label, _ in reasons] == [self.label]:
-            return reasons[0][1]
+            return next(why for _, why in reasons)
         return "; ".join(f"has {label}, which {why}" for label, why in reasons)
 
     def refuse_index(self) -> None:

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.subsystem import INLET, Subsystem
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
@@ -60,7 +59,6 @@ class EnclosedSystem:
         variables: its connectors, and of what is inside what was asked for by name; a system without connectors offers
             what is inside.
         plan: of what is inside; it takes its inputs from the component INLET.
-        settings: values that were given.
     """
 
     path: Path
@@ -69,7 +67,6 @@ class EnclosedSystem:
     name: str
     variables: dict[str, Variable]
     plan: SystemPlan
-    settings: tuple[tuple[Variable, Value], ...]
     _flat: FlatSystem
     _exits: Mapping[str, tuple[Endpoint, Way]]
     _folders: Mapping[str, Path]
@@ -150,9 +147,12 @@ class EnclosedSystem:
         when = timing_inside(self.plan.package, self._flat, self.descriptions, tick, every, ticks)
         fed = {_wire(self, port.variable.name): (f"in{n}", port) for n, port in enumerate(inputs)}
         read = [(f"out{n}", port, *self._exits[port.variable.name]) for n, port in enumerate(outputs)]
-        wires = [(f"{INLET}.{fed[source][0]}" if source in fed else source, target)
-                 for source, target in self.plan.wires
-                 if not target.startswith(f"{OUTLET}.") and (source in fed or not source.startswith(f"{INLET}."))]  # fmt: skip
+        outside = (f"{INLET}.", f"{OUTLET}.")
+        wires = [
+            (f"{INLET}.{fed[source][0]}" if source in fed else source, target)
+            for source, target in self.plan.wires
+            if not target.startswith(outside) and (source in fed or not source.startswith(outside))
+        ]
         parts = tuple(self._part(part, fed, read, wires) for part in self.plan.parts)
         plan = replace(self.plan, parts=parts, wires=tuple(wires), timing=when)
         refuse_steps(plan, "the step of the archive or of the experiment")
@@ -160,9 +160,9 @@ class EnclosedSystem:
                  for entry, port in fed.values()}  # fmt: skip
         names = {part.path: part.name for part in parts}
         starts: dict[str, dict[str, Start]] = {}
-        for own, port, end, _ in read:
+        for own, port, begin, _ in read:
             if port.port.name in outputs_at_start:
-                starts.setdefault(names[end.element], {})[own] = outputs_at_start[port.port.name]
+                starts.setdefault(names[begin.element], {})[own] = outputs_at_start[port.port.name]
         with ExitStack() as made:
             inside, _ = initialised(plan, self._folders, made, given, outputs_at_start=starts)
             component = EnclosedComponent(
@@ -194,15 +194,17 @@ class EnclosedSystem:
         inputs = []
         for port in part.inputs:
             end = f"{part.name}.{port.port.name}"
-            if end in there:
-                outer = fed.get(sources[end], ("", FmuPort(port.port, port.variable)))[1]
+            if end in there and (source := sources[end]) in fed:
+                _, outer = fed[source]
                 gain, offset = outer.gain * port.gain, outer.gain * port.offset + outer.offset
-                inputs.append(replace(port, gain=gain, offset=offset) if sources[end] in fed else port)
+                inputs.append(replace(port, gain=gain, offset=offset))
+            elif end in there:
+                inputs.append(port)
         outputs = [port for port in part.outputs if f"{part.name}.{port.port.name}" in begun]
-        for own, port, end, led in read:
-            if end.element == part.path:
+        for own, port, begin, led in read:
+            if begin.element == part.path:
                 gain = port.gain / led.gain
-                inner = part.description.variables[end.connector]
+                inner = part.description.variables[begin.connector]
                 named = replace(port.port, name=own)
                 outputs.append(FmuPort(named, inner, gain, port.offset - gain * led.shift))
         return replace(part, inputs=tuple(inputs), outputs=tuple(outputs), recorded=len(outputs))
@@ -238,7 +240,6 @@ def enclosed(file: Path, table: str, values: Mapping[str, Value], named: Collect
             place = Component(INLET, (), (), True, 0, 0, np.zeros(0))
             beside = Beside((place,), tuple(face.feeds()), tuple(face.drains()))
             plan = planned(package, flat, files, MasterChoice(), beside, when=_UNTIMED)
-            settings = tuple((face.variable(name), value) for name, value in values.items())
             folders = folders_of(plan)
         finally:
             shutil.rmtree(scratch, ignore_errors=True)
@@ -249,7 +250,7 @@ def enclosed(file: Path, table: str, values: Mapping[str, Value], named: Collect
     )
     system = package.structure.system.name
     return EnclosedSystem(
-        file, package.sha256, package.structure.version, system, face.variables, replace(plan, parts=parts), settings,
+        file, package.sha256, package.structure.version, system, face.variables, replace(plan, parts=parts),
         flat, face.exits, folders,
     )  # fmt: skip
 
@@ -309,10 +310,6 @@ class _Face:
                 elif (variable.causality == "output" and not self._flat.exits) or name in asked:
                     self._leave(name, end, ())
 
-    def variable(self, name: str) -> Variable:
-        """What a value is given to, which is of this face or inside."""
-        return self.variables.get(name) or self._names.variable(self._names.place(name, "parameter"))
-
     def feeds(self) -> Iterator[Feed]:
         """Of what nothing is given to."""
         for number, (name, variable) in enumerate(self.variables.items()):
@@ -362,13 +359,11 @@ class _Face:
         if found is None or found.causality not in causes or found.kind < 0:
             what = "no such variable" if found is None else f"{found.causality} {found.type}"
             raise InputRefused(
-                f"{self._package.file}: connector '{name}' leads to {'.'.join(end)}, which is {what}; expected a number "
-                f"that is {' or '.join(causes)}"
+                f"{self._package.file}: connector '{name}' leads to {'.'.join(end)}, which is {what}; expected a "
+                f"number that is {' or '.join(causes)}"
             )
         return found
 
     def _seen(self, name: str, causality: str, inner: Variable, unit: SpeltUnit) -> None:
-        limits = {"start": math.nan, "low": math.nan, "high": math.nan}
-        self.variables[name] = replace(
-            inner, name=name, causality=causality, unit=unit.text, conversion=unit.conversion, **limits
-        )
+        changed = replace(inner, name=name, causality=causality, unit=unit.text, conversion=unit.conversion)
+        self.variables[name] = replace(changed, start=math.nan, low=math.nan, high=math.nan)

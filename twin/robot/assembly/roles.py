@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.port import Port, places
@@ -49,7 +49,7 @@ class SampledFmu:
 
     Attributes:
         description: of the FMU, or the system.
-        settings: values set before initialisation.
+        settings: values set before initialisation, of one FMU.
         bindings: a variable for each port, or for each value of a port.
         inputs, outputs: ports that it has, whole.
         tolerance: of its solver; None: nothing is said.
@@ -57,7 +57,7 @@ class SampledFmu:
     """
 
     description: "FmuDescription | EnclosedSystem"
-    settings: Sequence[Setting] | Sequence[tuple[Variable, Value]]
+    settings: Sequence[Setting]
     bindings: tuple[Binding, ...]
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
@@ -65,38 +65,45 @@ class SampledFmu:
     unheard: tuple[str, ...] = ()
     zero: tuple[str, ...] = ()
 
-    def component(self, name: str, tick: float, period: int, ticks: int) -> Component:
-        """It in step mode, called every `period` ticks of `tick` (s) from tick 0 to tick `ticks`.
+    def component(self, name: str, tick: float, period: int, ticks: int) -> FmuComponent:
+        """The FMU in step mode, called every `period` ticks of `tick` (s) from tick 0 to tick `ticks`.
 
         Raises:
             InputRefused: it cannot be brought there.
         """
-        inputs, outputs = (
-            [FmuPort(b.port, b.variable, b.gain, b.offset) for b in self.bindings if b.role.causality == side]
-            for side in _SIDES
-        )
+        assert isinstance(self.description, FmuDescription)
         # the last call is at the last of its samples, and its step goes on to the next, however that is rounded
         last = ticks // period * period
-        made: Component
-        if isinstance(self.description, FmuDescription):
-            stop = max((last + period) * tick, last * tick + period * tick)
-            folder = unpacked(self.description.path, self.description.sha256)
-            setup = Setup(self.tolerance, stop, period * tick)
-            values = cast(Sequence[Setting], self.settings)
-            made = FmuComponent(name, self.description, folder, inputs, outputs, values, setup=setup, sampled=True)
-        else:
-            made = self.description.component(name, inputs, outputs, tick, period, last + period, sampled=True)
+        stop = max((last + period) * tick, last * tick + period * tick)
+        folder = unpacked(self.description.path, self.description.sha256)
+        setup = Setup(self.tolerance, stop, period * tick)
+        inputs, outputs = (self._ports(side) for side in _SIDES)
+        made = FmuComponent(name, self.description, folder, inputs, outputs, self.settings, setup=setup, sampled=True)
         made.period = period
-        if not self.unheard and not self.zero:
-            made.inputs, made.outputs = self.inputs, self.outputs
         return made
 
     def part(self, name: str, tick: float, period: int, ticks: int) -> Component:
-        """The same behind the whole ports of the part, values that it does not have being 0."""
-        made = self.component(name, tick, period, ticks)
+        """It in step mode behind the whole ports of the part, values that it does not have being 0.
+
+        Raises:
+            InputRefused: it cannot be brought there.
+        """
+        made: Component
+        if isinstance(self.description, FmuDescription):
+            made = self.component(name, tick, period, ticks)
+        else:
+            inputs, outputs = (self._ports(side) for side in _SIDES)
+            calls = ticks // period + 1
+            made = self.description.component(name, inputs, outputs, tick, period, calls * period, sampled=True)
+            made.period = period
         if not self.unheard and not self.zero:
+            made.inputs, made.outputs = self.inputs, self.outputs
             return made
         return Selection(made, self.inputs, self.outputs, *(self._slots(side) for side in _SIDES))
+
+    def _ports(self, side: "Side") -> list[FmuPort]:
+        mine = (b for b in self.bindings if b.role.causality == side)
+        return [FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine]
 
     def _slots(self, side: "Side") -> list[int]:
         """Which of the values of all its ports each of the FMU's is."""
@@ -173,16 +180,15 @@ def sampled_fmu(
 
 def _read(
     file: Path, table: str, named: tuple[Names, Names], parameters: Mapping[str, Value], tolerance: float | None
-) -> "tuple[FmuDescription | EnclosedSystem, Sequence[Setting] | Sequence[tuple[Variable, Value]]]":
-    """What is in `file`, and the values that it is given."""
+) -> "tuple[FmuDescription | EnclosedSystem, Sequence[Setting]]":
+    """What is in `file`, and the values that an FMU is given; a system has got them."""
     if is_system(file):
         from twin.kernel.systems.enclosed import enclosed
 
         if tolerance is not None:
             raise InputRefused(f"{file}: [{table}] tolerance: each FMU of an SSP has its own; remove it")
         texts = [of for side in named for one in side.values() for of in (one if isinstance(one, tuple) else (one,))]
-        system = enclosed(file, table, parameters, texts)
-        return system, system.settings
+        return enclosed(file, table, parameters, texts), ()
     description = described(file)
     if description.kind != "co_simulation":
         raise InputRefused(f"{file}: model exchange only; a sampled part needs co-simulation, export it for that")
@@ -462,7 +468,7 @@ def _fmu_part(role: str, table: StandIn) -> OtherPart:
         "sha256": fmu.sha256,
         **facts_of(fmu),
         "tolerance": plan.tolerance,
-        "set": {variable.name: to_json(value) for variable, value in plan.settings},
+        "set": {variable.name: to_json(value) for variable, value in plan.settings} or dict(table.parameters),
         "mapped": [
             *_mapped(plan, plan.inputs, "input", "<-"),
             *_mapped(plan, plan.outputs, "output", "->"),

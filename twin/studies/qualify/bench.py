@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,6 @@ from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import StatePlaces
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, visible
-from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.fmi.variable import Variable
 from twin.robot.assembly.assemble import ROBOT
@@ -34,6 +33,9 @@ from twin.studies.metrics.response import Curve
 from twin.studies.qualify.definitions import TICK
 from twin.studies.result import Block, Column, Table, laid_out
 
+if TYPE_CHECKING:
+    from twin.kernel.systems.enclosed import EnclosedSystem
+
 MOST_VARIABLES = 60
 """Variables of a causality that are listed; a list of thousands is of no help."""
 
@@ -42,7 +44,7 @@ VARIABLE = (Column("", 8, left=True, gap=2), Column("", 10, left=True), Column(f
 """Columns beside the name of a variable."""
 
 
-def variables_text(parts: Mapping[str, FmuDescription]) -> str:
+def variables_text(parts: "Mapping[str, FmuDescription | EnclosedSystem]") -> str:
     """The inputs and outputs of each part; of what is local, what its shaft may be where no output can.
 
     Args:
@@ -64,7 +66,7 @@ def variables_text(parts: Mapping[str, FmuDescription]) -> str:
     return laid_out(blocks)
 
 
-def variables_facts(parts: Mapping[str, FmuDescription]) -> list[dict[str, Any]]:
+def variables_facts(parts: "Mapping[str, FmuDescription | EnclosedSystem]") -> list[dict[str, Any]]:
     """The same for JSON, all of them."""
     return [
         {
@@ -77,7 +79,7 @@ def variables_facts(parts: Mapping[str, FmuDescription]) -> list[dict[str, Any]]
     ]  # fmt: skip
 
 
-def _listed(fmu: FmuDescription) -> dict[str, list[Variable]]:
+def _listed(fmu: "FmuDescription | EnclosedSystem") -> dict[str, list[Variable]]:
     found = {c: [v for v in fmu.variables.values() if v.causality == c] for c in ("input", "output")}
     shaft = dict.fromkeys(name for role in OUTPUTS if role.required for name in candidates(fmu.variables, role))
     local = [v for name in shaft if (v := fmu.variables[name]).causality == "local"]
@@ -323,7 +325,7 @@ def not_finite(component: Component, row: NDArray[np.float64]) -> str:
     return f"returned NaN or infinity for {', '.join(names)}"
 
 
-def replayed_from_state(component: FmuComponent, inputs: Inputs) -> bool:
+def replayed_from_state(component: Component, inputs: Inputs) -> bool:
     """Whether the second half of `inputs` gives the same bits when the FMU is set back to where it began.
 
     Raises:

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.port import Port, by_port
+from twin.kernel.cosim.selection import Selection
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.fmi.component import FmuComponent
+from twin.kernel.fmi.description import FmuDescription
 from twin.robot.assembly.load import load_experiment
 from twin.robot.assembly.roles import CONTRACTS, OtherPart, other_part
 from twin.robot.experiment.experiment import Experiment
@@ -121,20 +123,29 @@ def _of_fmu(bench: _Bench, inputs: Inputs, first: Played) -> Iterator[Check]:
     """Whether an FMU can be reset, and its state saved and restored, which no run needs."""
     if bench.part.fmu is None:
         return
+    if not isinstance(bench.part.fmu, FmuDescription):
+        yield Check("reset", "note", "not tried: an SSP has none, and runs and sweeps make it anew each time")
+        yield from _state(bench, inputs)
+        return
     with bench.made() as component:
-        assert isinstance(component, FmuComponent)
+        inside = component.inner if isinstance(component, Selection) else component
+        assert isinstance(inside, FmuComponent)
         played(component, inputs)
         try:
-            component.instance.reset()
+            inside.instance.reset()
             again = played(component, inputs)
             yield judged("reset", *_repeated("after a reset it", first, again), otherwise="note")
         except ComponentFailed as problem:
             yield Check("reset", "note", f"{problem}; runs and sweeps make it anew each time")
-    if not bench.part.fmu.interface.canGetAndSetFMUstate:
-        yield Check("state", "note", "cannot be saved and restored, which a run does not need")
-        return
+    yield from _state(bench, inputs)
+
+
+def _state(bench: _Bench, inputs: Inputs) -> Iterator[Check]:
+    """Whether it goes on from its state as it did before."""
     with bench.made() as component:
-        assert isinstance(component, FmuComponent)
+        if lacking := component.lacks_state(portable=False):
+            yield Check("state", "note", f"{lacking}; a run does not need it")
+            return
         try:
             same = replayed_from_state(component, inputs)
             sentence = "set back, it does " + ("the same" if same else "something else")

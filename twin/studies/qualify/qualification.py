@@ -12,7 +12,6 @@ from twin.kernel.fmi.component import instances_left, opened
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.fmi.state import distrust
 from twin.kernel.fmi.stepping import Instance
-from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setting, Setup, Variable
 from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
 from twin.kernel.process.reporter import Reporter
@@ -251,6 +250,7 @@ class Qualification:
         """Everything but the curves, for JSON; SI units."""
         return {
             "drive": self.plan.label,
+            **({"sha256": self.plan.system.sha256} if self.plan.system else {}),
             "qualified": not self.failed,
             "failed": list(self.failed),
             "command": self.plan.table.command,

@@ -26,6 +26,7 @@ def drive_facts(plan: "DrivePlan") -> dict[str, object]:
 
     return {
         "command": plan.table.command,
+        **_whole(plan),
         "fmus": [
             {
                 "part": part,
@@ -43,7 +44,8 @@ def drive_facts(plan: "DrivePlan") -> dict[str, object]:
                 "abilities": [f"{name}: {text}" for name, text in abilities(fmu)],
                 "parameters": {v.name: _parameter(v) for v in fmu.parameters},
                 "get_set_state": bool(fmu.interface.canGetAndSetFMUstate),
-                "validation": fmu.warnings(),
+                # a file by itself, which one in an archive is not
+                "validation": [] if plan.system else fmu.warnings(),
             }
             for part, fmu in plan.parts.items()
         ],
@@ -62,6 +64,12 @@ def drive_facts(plan: "DrivePlan") -> dict[str, object]:
     }
 
 
+def _whole(plan: "DrivePlan") -> dict[str, object]:
+    """Of a drive that is an SSP."""
+    system = plan.system
+    return {"ssp": {"file": str(system.path), "sha256": system.sha256, "version": system.version}} if system else {}
+
+
 def _parameter(v: "Variable") -> dict[str, object]:
     numbers = {"start": v.start, "min": v.low, "max": v.high}
     stated = {key: None if math.isnan(value) else value for key, value in numbers.items()}
@@ -75,6 +83,8 @@ def drive_text(plan: "DrivePlan") -> str:
     from twin.robot.assembly.drives import qualified
 
     lines: list[str] = []
+    if plan.system is not None:
+        lines += [f"{plan.label}  SSP {plan.system.version}", f"  sha256     {plan.system.sha256}", ""]
     for part, fmu in plan.parts.items():
         lines += [
             f"{part + ': ' if part else ''}{fmu.path.name}  {fmu.model.modelName}, "
@@ -108,7 +118,8 @@ def drive_text(plan: "DrivePlan") -> str:
             indent = " " * len(head)
             about = " ".join(filter(None, (v.description, f"One of: {', '.join(v.items)}." if v.items else "")))
             lines += textwrap.wrap(about or "-", WIDTH, initial_indent=head, subsequent_indent=indent)
-    warnings = plan.warnings() + [text for fmu in plan.parts.values() for text in fmu.warnings()]
+    fmus = plan.parts.values() if plan.system is None else ()
+    warnings = plan.warnings() + [text for fmu in fmus for text in fmu.warnings()]
     lines += [line for text in warnings for line in textwrap.wrap(f"warning: {text}", WIDTH, subsequent_indent="  ")]
     return "\n".join(lines)
 
@@ -127,6 +138,8 @@ def _solver_lines(plan: "DrivePlan", part: str) -> list[str]:
     """Who solves its equations, where that is said or could be chosen."""
     fmu, solver = plan.parts[part], plan.solver(part)
     if solver is None:
+        if plan.system is not None:
+            return []
         return ['  offers     model exchange too: kind = "model_exchange"'] if len(fmu.kinds) > 1 else []
     step = "one step per step of the drive" if solver.step is None else f"steps of {1e3 * solver.step:g} ms at most"
     how = f"relative tolerance {plan.tolerance(part):g}" if solver.method == "cvode" else step

@@ -264,8 +264,13 @@ def compare_drives(
 def _build(table: "Drive") -> None:
     """Compile what of a drive has no binary, and tell."""
     from twin.kernel.fmi.description import build
+    from twin.robot.assembly.drives import is_system
 
     for fmu in [part.fmu for part in table.parts.values()] or [table.fmu or ""]:
+        if is_system(Path(fmu)):
+            raise InputRefused(
+                f"{fmu}: --compile builds one FMU; run twin cosim {fmu} --compile, which keeps what it builds"
+            )
         built = build(Path(fmu))
         if built is not None:
             print(f"{fmu}: built with {built.compiler}; kept in {built.library.parents[2]}", file=sys.stderr)
