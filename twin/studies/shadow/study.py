@@ -62,6 +62,7 @@ def shadow(
         Path | None,
         Option("Raise alarms, with tolerances of these healthy robots (a sweep file); takes a second a robot.", "FILE"),
     ] = None,
+    adapt: Annotated[bool, Option("With --fleet: accept what has moved after an alarm, and go on with it.")] = False,
     false_alarms_per_hour: Annotated[float, Option("With --fleet: how many false alarms to bear.", "N")] = 0.01,
     out: Annotated[Path | None, Option("Folder; default: results/shadow/EXPERIMENT/TIME.", "DIR")] = None,
     say: Say = silent,
@@ -90,10 +91,15 @@ def shadow(
     from twin.studies.replay.model import model_of
     from twin.studies.shadow.following import AlarmWatch, twin_of
     from twin.studies.shadow.mapping import wanted_signals
+    from twin.studies.shadow.reidentification import Reidentifier
     from twin.studies.shadow.session import Session
     from twin.studies.shadow.sources import opened
     from twin.studies.shadow.text import shadow_facts, shadow_result
 
+    if adapt and not fleet:
+        raise InputRefused(
+            "--adapt: what has moved is looked for after an alarm, and there is none without --fleet FILE"
+        )
     if duration_s is not None and not duration_s > 0.0:
         raise InputRefused(f"--duration-s {duration_s:g}: expected a time > 0 s")
     loaded = load_experiment(experiment, settings)
@@ -101,8 +107,11 @@ def shadow(
     wanted = wanted_signals(model.belief)
     robot, columns, live = opened(source, column_map(maps), wanted, model.belief, speed)
     try:
-        watched = AlarmWatch(_limits(fleet, experiment, settings, say), false_alarms_per_hour) if fleet else None
-        twin = twin_of(loaded, model, robot.name, watched)
+        watched = None
+        if fleet:
+            limits = _limits(fleet, experiment, settings, say)
+            watched = AlarmWatch(limits, false_alarms_per_hour, Reidentifier(loaded, wait=not live))
+        twin = twin_of(loaded, model, robot.name, watched, adapt)
         duration = math.inf if duration_s is None else duration_s
         session = Session(robot, columns, wanted, twin, model, 1e-3 * lateness_ms, duration, live, say, _announce)
         session.wait()
@@ -116,6 +125,8 @@ def shadow(
         robot.close()
     if watched:
         followed.alarms = [f"{alarm.t:.1f} s  {alarm}" for alarm in watched.alarms]
+        done = "accepted" if adapt else "twin accepts with --adapt"
+        followed.notes += [f"{one.t:.1f} s  {one}; {done}" for one in watched.proposals]
     facts = followed.recording.parent / FACTS
     write_json(facts, shadow_facts(followed, model.name))
     return shadow_result(followed, model.name, {"recording": followed.recording, "facts": facts})
