@@ -105,7 +105,8 @@ def test_after_an_alarm_it_gathers_asks_and_cools_down():
     watch = ShadowWatch(ONES, 1.0, gathering=3, cooling=4, reidentifier=Answers())
     states = taken(watch, *[off(20.0)] * 9)
     assert states == ["gathering"] * 3 + ["cooling down"] * 4 + ["listening", "gathering"]
-    assert asked == [(2.0, 6.0)]
+    # the block in which it began to grow is of both
+    assert asked == [(3.0, 6.0)]
     assert "0.93 +- 0.02" in str(watch.changes[2])
 
 

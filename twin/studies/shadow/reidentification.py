@@ -185,7 +185,7 @@ def reidentified(samples: FilterSamples, plant: PlantParameters, believed: Belie
     else:
         springs, why = [None] * 3, "no motor torque is measured"
     contact = _by_scale(slow.seen, believed) if slow.force else None
-    contact_why = "the force varies too little" if slow.force else "no force is measured; it could be the springs"
+    contact_why = "too few presses vary the force" if slow.force else "no force is measured; it could be the springs"
     return (*_springs(springs, why, plant), _contact(contact, contact_why, plant))
 
 
