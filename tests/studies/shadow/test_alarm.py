@@ -95,14 +95,18 @@ def test_a_shift_that_goes_away_is_only_confirmed():
 def test_after_an_alarm_it_gathers_asks_and_cools_down():
     asked = []
 
-    def reidentify(since: float, until: float) -> str:
-        asked.append((since, until))
-        return "k_s of joint 2 was 1.000, is 0.93 +- 0.02"
+    class Answers:
+        def ask(self, since: float, t: float) -> None:
+            asked.append((since, t))
 
-    watch = ShadowWatch(ONES, 1.0, gathering=3, cooling=4, reidentify=reidentify)
+        def answer(self) -> str:
+            return "k_s of joint 2 was 1.000, is 0.93 +- 0.02"
+
+    watch = ShadowWatch(ONES, 1.0, gathering=3, cooling=4, reidentifier=Answers())
     states = taken(watch, *[off(20.0)] * 9)
     assert states == ["gathering"] * 3 + ["cooling down"] * 4 + ["listening", "gathering"]
-    assert asked == [(2.0, 6.0)]
+    # the block in which it began to grow is of both
+    assert asked == [(3.0, 6.0)]
     assert "0.93 +- 0.02" in str(watch.changes[2])
 
 

@@ -15,9 +15,10 @@ from one to the next.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,6 +100,10 @@ class WatchState(StrEnum):
     GATHERING = "gathering"
     REIDENTIFYING = "re-identifying"
     COOLING_DOWN = "cooling down"
+
+
+WAITING = (WatchState.GATHERING, WatchState.REIDENTIFYING, WatchState.COOLING_DOWN)
+"""In these no sum is looked at."""
 
 
 @dataclass(frozen=True)
@@ -217,8 +222,17 @@ def nis_per_count(NIS: NDArray[np.float64], used: NDArray) -> NDArray[np.float64
         return np.asarray(NIS / used, dtype=float)
 
 
-Reidentify = Callable[[float, float], str]
-"""(from, to) in s: what has changed, as a proposal for people; "" if it is not known."""
+UNKNOWN = "which parameter is not known"
+
+
+class Answering(Protocol):
+    """What says which parameter has moved."""
+
+    def ask(self, since: float, t: float) -> None:
+        """Look at what has come since `since`, at `t` (s)."""
+
+    def answer(self) -> str:
+        """What was found, a sentence; "": it is not known yet."""
 
 
 class ShadowWatch:
@@ -229,7 +243,7 @@ class ShadowWatch:
         per_hour: false alarms that the user bears.
         gathering: blocks after an alarm that are kept for a re-identification.
         cooling: blocks after that in which nothing is looked at.
-        reidentify: asked once after an alarm.
+        reidentifier: asked once after an alarm.
         block: s.
         share: of threshold and tolerance; less than 1 breaks the promise, for trials.
     """
@@ -240,7 +254,7 @@ class ShadowWatch:
         per_hour: float,
         gathering: int = 10,
         cooling: int = 10,
-        reidentify: Reidentify | None = None,
+        reidentifier: Answering | None = None,
         block: float = BLOCK,
         share: float = 1.0,
     ):
@@ -248,11 +262,11 @@ class ShadowWatch:
         self.levels = dict.fromkeys(CHANNELS, 0.0)
         self._limits, self._block, self._share = limits, block, share
         self._H = share * threshold(per_hour, block)
-        self._after = {WatchState.GATHERING: gathering, WatchState.COOLING_DOWN: cooling}
-        self._reidentify = reidentify
+        self._gathering, self._cooling = gathering, cooling
+        self._reidentifier = reidentifier
         self._normal: list[NDArray[np.float64]] = []
         self._sums = {name: _Sum() for name in CHANNELS}
-        self._compares = True
+        self._compares, self._learns = True, False
         self._left, self._alarm = 0, WatchEvent(math.nan, WatchState.LISTENING)
 
     @property
@@ -267,7 +281,7 @@ class ShadowWatch:
         if len(self._normal) < FIRST_BLOCKS:
             self._normal.append(means)
             self._refuse_other_beginning(t)
-        elif self.state in self._after:
+        elif self.state in WAITING:
             self._wait(t)
         else:
             self._look(t, means)
@@ -280,18 +294,37 @@ class ShadowWatch:
             self._compares = False
             self._go(WatchEvent(t, self.state, found=f"{APART}: it did not begin with the robot's, or is another"))
 
+    def listen_anew(self, t: float) -> None:
+        """The twin has changed at `t` (s): what is normal for it is learnt anew, after cooling down."""
+        self._learns = True
+        self._cool(WatchEvent(t, WatchState.COOLING_DOWN, found="it listens anew after that"))
+
     def _wait(self, t: float) -> None:
         self._left -= 1
         if self._left > 0:
             return
         if self.state is WatchState.COOLING_DOWN:
             self._go(WatchEvent(t, WatchState.LISTENING))
+            if self._learns:
+                self._learns, self._compares = False, True
+                self._normal.clear()
             return
-        self._go(WatchEvent(t, WatchState.REIDENTIFYING))
-        found = self._reidentify(self._alarm.since, t) if self._reidentify else ""
-        self._go(WatchEvent(t, WatchState.COOLING_DOWN, found=found or "which parameter is not known"))
-        self._left = self._after[WatchState.COOLING_DOWN]
+        found = UNKNOWN
+        if self._reidentifier is not None:
+            if self.state is WatchState.GATHERING:
+                # of the block in which the sum began to grow a part is of before
+                self._reidentifier.ask(self._alarm.since + self._block, t)
+            found = self._reidentifier.answer()
+        if self.state is WatchState.GATHERING:
+            self._go(WatchEvent(t, WatchState.REIDENTIFYING))
+        if found:
+            self._cool(WatchEvent(t, WatchState.COOLING_DOWN, found=found))
+
+    def _cool(self, change: WatchEvent) -> None:
+        self._go(change)
+        self._left = self._cooling
         self._sums = {name: _Sum() for name in CHANNELS}
+        self.levels = dict.fromkeys(CHANNELS, 0.0)
 
     def _look(self, t: float, means: NDArray[np.float64]) -> None:
         with np.errstate(invalid="ignore"):
@@ -309,7 +342,7 @@ class ShadowWatch:
         if level > 1.0:
             self._alarm = self._evidence(t, WatchState.GATHERING, worst, level, alarm=True)
             self._go(self._alarm)
-            self._left = self._after[WatchState.GATHERING]
+            self._left = self._gathering
         elif level > CONFIRMING and self.state is WatchState.LISTENING:
             self._go(self._evidence(t, WatchState.CONFIRMING, worst, level))
         elif level <= CONFIRMING and self.state is WatchState.CONFIRMING:

@@ -270,6 +270,11 @@ def step(m, t, h, u, y):
     return 0
 
 
+def _known(parameters: PlantParameters) -> tuple[object, ...]:
+    """Without dry friction, whose direction no count tells of a robot that stands."""
+    return tuple(parameters._replace(joint_friction=0.0, spring_hysteresis=0.0))
+
+
 class Shadow(NativeComponent):
     """Sampled component: counts and commands of a robot in, its state out; a step is one sample.
 
@@ -291,13 +296,16 @@ class Shadow(NativeComponent):
         drive: ShadowDrive,
         noises: Noises = Noises(),  # noqa: B008, it is a tuple
     ):
-        known = parameters._replace(joint_friction=0.0, spring_hysteresis=0.0)
         memory = memory_of(
-            MEMORY, parameters=tuple(known), belief=tuple(believed), sensors=tuple(sensors), drive=tuple(drive),
+            MEMORY, parameters=_known(parameters), belief=tuple(believed), sensors=tuple(sensors), drive=tuple(drive),
             noises=tuple(noises), anchors=UNTOUCHED,
         )  # fmt: skip
         super().__init__("shadow", INPUTS, OUTPUTS, True, step, memory)
         self.finite = False
+
+    def accept(self, parameters: PlantParameters) -> None:
+        """Go on from where it is with other parameters of the plant."""
+        self.memory["parameters"][0] = _known(parameters)
 
     def explain(self, status: int) -> str:
         return "found no pose that fits the first counts"

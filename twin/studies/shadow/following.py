@@ -7,8 +7,9 @@ depend on how they are cut. A state estimator is one more part.
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from threading import Lock
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -16,21 +17,23 @@ from numpy.typing import NDArray
 
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.delay import named, play
-from twin.kernel.cosim.port import Port, width
+from twin.kernel.cosim.port import Port, places, width
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.recording.sources.stamps import Sample
 from twin.robot.assembly.build import controller
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF, SHARE, Belief, Estimator
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.component import OUTPUTS as MOTION
+from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.plant.encoder import SCALE_OUTPUTS
 from twin.studies.replay.model import LONGEST_GAP, PlantRun, RobotModel
 from twin.studies.replay.plausible import refusal
 from twin.studies.replay.text import ENCODER, FORCE_RESIDUAL, JOINT_RESIDUAL
 from twin.studies.shadow.alarm import Blocks, ShadowWatch, Tolerances, WatchEvent
-from twin.studies.shadow.layout import OUTPUTS
+from twin.studies.shadow.layout import INPUTS, OUTPUTS
 from twin.studies.shadow.mapping import COUNT_L, COUNT_M, F_Z, NANOSECONDS, TAU, RobotSamples
 from twin.studies.shadow.mapping import OMEGA_REF as OMEGA_REF_AT
+from twin.studies.shadow.reidentification import Proposal, Reidentifier
 from twin.studies.shadow.samples import FilterFeed, shadow_of
 
 ALARM_LEVEL = Port("level", 1, "1", "largest sum of residuals by its threshold; an alarm beyond 1")
@@ -231,6 +234,19 @@ class PlantModel:
         theta_l = named(MOTION, found)["theta_l"]
         return {"plant": found, "residual/joints": theta_l - best["theta_l"]}
 
+    def accept(self, plant: PlantParameters) -> None:
+        """Go on with another plant, from rest."""
+        self._model, self._run = replace(self._model, plant=plant), None
+
+
+def filter_inputs(samples: RobotSamples, omega_ref: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The samples as the filter takes them (n, 13); omega_ref: commands (3,) from before the first, rad/s."""
+    commanded = np.vstack([omega_ref, samples.omega_ref])
+    # a command holds until the next one
+    newest = np.maximum.accumulate(np.where(np.isnan(commanded), 0, np.arange(len(commanded))[:, None]), axis=0)
+    held = np.take_along_axis(commanded, newest, axis=0)[1:]
+    return np.hstack([samples.count_m, samples.count_l, held, samples.F_z[:, None], samples.tau_motor])
+
 
 class RobotState:
     """The state of the robot with its deviations, by the filter; its residuals are those of what it expected before.
@@ -248,6 +264,13 @@ class RobotState:
         self._one, self._made = FilterFeed(self._shadow), deque[NDArray[np.float64]]()
         self.topics: dict[str, tuple[Port, ...]] = {"shadow": OUTPUTS}
         self.happenings: list[Happening] = []
+        # the thread that estimates must not find parameters half new
+        self._stepping = Lock()
+
+    def accept(self, plant: PlantParameters) -> None:
+        """Go on from where it is with another plant."""
+        with self._stepping:
+            self._shadow.accept(plant)
 
     def at_once(self, sample: Sample) -> None:
         """The estimate of a sample that has just come; `feed`, in another thread perhaps, makes a row of it later."""
@@ -256,7 +279,8 @@ class RobotState:
             inputs[name][:] = row[place]
         np.copyto(inputs["omega_ref"], row[OMEGA_REF_AT], where=~np.isnan(row[OMEGA_REF_AT]))
         try:
-            self._one(sample.t / NANOSECONDS)
+            with self._stepping:
+                self._one(sample.t / NANOSECONDS)
             self._made.append(self._one.y.copy())
         except ComponentFailed:
             # of counts without a pose `Estimates` has more to say
@@ -265,12 +289,8 @@ class RobotState:
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
         if self._made:
             return {"shadow": np.array([self._made.popleft() for _ in samples.t])}
-        commanded = np.vstack([self._omega_ref, samples.omega_ref])
-        # a command holds until the next one
-        newest = np.maximum.accumulate(np.where(np.isnan(commanded), 0, np.arange(len(commanded))[:, None]), axis=0)
-        omega_ref = np.take_along_axis(commanded, newest, axis=0)[1:]
-        self._omega_ref = omega_ref[-1]
-        u = np.hstack([samples.count_m, samples.count_l, omega_ref, samples.F_z[:, None], samples.tau_motor])
+        u = filter_inputs(samples, self._omega_ref)
+        self._omega_ref = u[-1, places(INPUTS)["omega_ref"]]
         found = np.full((len(u), width(OUTPUTS)), np.nan)
         made = self._stepped.rows(samples.t, u)
         found[: len(made)] = made
@@ -293,10 +313,12 @@ class AlarmWatch:
     Args:
         limits: what is no news.
         per_hour: false alarms that the user bears.
+        reidentifier: says which parameter has moved; None: nothing does.
     """
 
-    def __init__(self, limits: Tolerances, per_hour: float):
-        self._blocks, self._watch = Blocks(), ShadowWatch(limits, per_hour)
+    def __init__(self, limits: Tolerances, per_hour: float, reidentifier: Reidentifier | None = None):
+        self._blocks, self._watch = Blocks(), ShadowWatch(limits, per_hour, reidentifier=reidentifier)
+        self.reidentifier, self._t = reidentifier, 0.0
         self.topics: dict[str, tuple[Port, ...]] = {"alarm": (ALARM_LEVEL,)}
         self.happenings: list[Happening] = []
         self.alarms: list[WatchEvent] = []
@@ -308,7 +330,9 @@ class AlarmWatch:
         return self._watch.changes
 
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
-        levels, begin = np.full((len(samples.t), 1), np.nan), 0
+        if self.reidentifier is not None:
+            self.reidentifier.keep(samples.t, filter_inputs(samples, np.full(3, np.nan)))
+        levels, begin, self._t = np.full((len(samples.t), 1), np.nan), 0, float(samples.t[-1])
         residuals = named(OUTPUTS, rows["shadow"]) | farthest_command(rows)
         for end, means in self._blocks.take(samples.t, residuals):
             at = int(np.searchsorted(samples.t, end))
@@ -320,6 +344,19 @@ class AlarmWatch:
         levels[begin:] = self._level
         return {"alarm": levels}
 
+    @property
+    def proposals(self) -> list[Proposal]:
+        """All so far."""
+        return [] if self.reidentifier is None else self.reidentifier.proposals
+
+    def accept(self, proposal: Proposal) -> PlantParameters:
+        """What the robot is believed to be from now on; the alarm listens anew after cooling down."""
+        assert self.reidentifier is not None
+        self.reidentifier.accept(proposal)
+        self._watch.listen_anew(self._t)
+        self.happenings.append(Happening(self._t, f"accepted: {proposal}"))
+        return self.reidentifier.plant
+
 
 @dataclass
 class Twin:
@@ -327,9 +364,11 @@ class Twin:
 
     Attributes:
         parts: see `Part`.
+        adapts: accepts each proposal by itself.
     """
 
     parts: Sequence[Part]
+    adapts: bool = False
 
     @property
     def topics(self) -> dict[str, tuple[Port, ...]]:
@@ -341,6 +380,8 @@ class Twin:
         rows: Rows = {}
         for part in self.parts:
             rows |= part.feed(samples, rows)
+        if self.adapts and self.proposal is not None:
+            self.accept(self.proposal)
         return rows
 
     def at_once(self, sample: Sample) -> None:
@@ -348,6 +389,31 @@ class Twin:
         for part in self.parts:
             if isinstance(part, RobotState):
                 part.at_once(sample)
+
+    @property
+    def proposal(self) -> Proposal | None:
+        """What has moved, for somebody to accept; None: nothing that anything knows of."""
+        for part in self.parts:
+            if isinstance(part, AlarmWatch) and part.reidentifier is not None:
+                return part.reidentifier.proposal
+        return None
+
+    def accept(self, proposal: Proposal) -> bool:
+        """Go on with what `proposal` says: the filter, the plant model, and the alarm after cooling down.
+
+        To be called between two calls of `feed`, from the thread that calls it.
+
+        Returns:
+            Whether it was done; not if it is not the `proposal` that is open any more.
+        """
+        if proposal is not self.proposal:
+            return False
+        (watched,) = (part for part in self.parts if isinstance(part, AlarmWatch))
+        plant = watched.accept(proposal)
+        for part in self.parts:
+            if isinstance(part, PlantModel | RobotState):
+                part.accept(plant)
+        return True
 
     def happenings(self) -> list[Happening]:
         """What has happened since the last call, in order of time."""
@@ -357,12 +423,17 @@ class Twin:
         return found
 
 
-def twin_of(experiment: Experiment, model: RobotModel, where: str, watched: AlarmWatch | None = None) -> Twin:
+def twin_of(
+    experiment: Experiment, model: RobotModel, where: str, watched: AlarmWatch | None = None, adapts: bool = False
+) -> Twin:
     """The twin of the robot that `experiment` describes.
 
     Args:
         where: begins sentences about what comes from the robot.
         watched: raises the alarm; None: there is no alarm.
+        adapts: see `Twin`.
     """
     alarm: list[Part] = [watched] if watched else []
-    return Twin([Estimates(model, where), *own_law(experiment), PlantModel(model), RobotState(experiment), *alarm])
+    return Twin(
+        [Estimates(model, where), *own_law(experiment), PlantModel(model), RobotState(experiment), *alarm], adapts
+    )

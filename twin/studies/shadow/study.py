@@ -79,6 +79,7 @@ def shadow(
         Path | None,
         Option("Raise alarms, with tolerances of these healthy robots (a sweep file); takes a second a robot.", "FILE"),
     ] = None,
+    adapt: Annotated[bool, Option("With --fleet: accept what has moved after an alarm, and go on with it.")] = False,
     false_alarms_per_hour: Annotated[float, Option("With --fleet: how many false alarms to bear.", "N")] = 0.01,
     live: Annotated[bool, Option("Serve twin and robot to Lichtblick or Foxglove.")] = False,
     port: LivePort = PORT,
@@ -112,11 +113,16 @@ def shadow(
     from twin.studies.replay.model import model_of
     from twin.studies.shadow.following import AlarmWatch, twin_of
     from twin.studies.shadow.mapping import wanted_signals
+    from twin.studies.shadow.reidentification import Reidentifier
     from twin.studies.shadow.seen import ShadowViewer
     from twin.studies.shadow.session import Session
     from twin.studies.shadow.sources import opened
     from twin.studies.shadow.text import shadow_facts, shadow_result
 
+    if adapt and not fleet:
+        raise InputRefused(
+            "--adapt: what has moved is looked for after an alarm, and there is none without --fleet FILE"
+        )
     if duration_s is not None and not duration_s > 0.0:
         raise InputRefused(f"--duration-s {duration_s:g}: expected a time > 0 s")
     loaded = load_experiment(experiment, settings)
@@ -125,8 +131,11 @@ def shadow(
     with ExitStack() as stack:
         robot, columns, of_now = opened(source, column_map(maps), wanted, model.belief, speed)
         stack.callback(robot.close)
-        watched = AlarmWatch(_limits(fleet, experiment, settings, say), false_alarms_per_hour) if fleet else None
-        twin, viewer = twin_of(loaded, model, robot.name, watched), None
+        watched = None
+        if fleet:
+            limits = _limits(fleet, experiment, settings, say)
+            watched = AlarmWatch(limits, false_alarms_per_hour, Reidentifier(loaded, wait=not of_now))
+        twin, viewer = twin_of(loaded, model, robot.name, watched, adapt), None
         if live:
             server = live_server(
                 port, announce=lambda address: _print(f"serving {address}; viewers may come and go"),
@@ -144,6 +153,9 @@ def shadow(
             return (claimed or create_run_folder(HOME, model.name, datetime.now())) / RECORDING
 
         followed = session.follow(recording)
+    if watched:
+        done = "accepted" if adapt else "twin accepts with --adapt"
+        followed.notes += [f"{one.t:.1f} s  {one}; {done}" for one in watched.proposals]
     facts = followed.recording.parent / FACTS
     write_json(facts, shadow_facts(followed, model.name))
     return shadow_result(followed, model.name, {"recording": followed.recording, "facts": facts})

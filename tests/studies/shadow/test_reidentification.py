@@ -1,0 +1,198 @@
+"""Which parameter has moved: intervals cover, what is not seen is not known, and nothing is taken over silently."""
+
+import threading
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from tests.studies.replay.logs import softened
+from tests.studies.shadow.robots import FIG4, FLEET
+from twin.kernel.cosim.delay import named
+from twin.robot.assembly.build import belief, plant_parameters
+from twin.robot.assembly.load import load_experiment
+from twin.robot.plant.dynamics import PlantParameters
+from twin.robot.run.trace import run_in_memory
+from twin.studies.replay.model import model_of
+from twin.studies.shadow import reidentification
+from twin.studies.shadow.alarm import CHANNELS, Tolerances
+from twin.studies.shadow.fleet import SCALE, Fleet, arrived, read_fleet
+from twin.studies.shadow.following import AlarmWatch, Twin, twin_of
+from twin.studies.shadow.layout import OUTPUTS
+from twin.studies.shadow.mapping import RobotSamples
+from twin.studies.shadow.reidentification import LATEST, MOST, Moved, Reidentifier, SampleRing, reidentified
+from twin.studies.shadow.samples import FilterSamples, drive_model, samples_of
+
+TWIN = load_experiment(FIG4, SCALE)
+NOISY = ("plant.motor_noise_deg=0.02", "plant.joint_noise_deg=0.02")
+
+
+@cache
+def robot(*settings: str) -> FilterSamples:
+    """A robot of Fig. 4 that is broken from the start or from some moment on, as it arrives."""
+    run = run_in_memory(load_experiment(FIG4, [*SCALE, *NOISY, *settings]), 2)
+    return arrived(samples_of(run), np.random.default_rng(4))
+
+
+def part(samples: FilterSamples, begin: float, end: float = np.inf) -> FilterSamples:
+    chosen = (samples.t >= begin) & (samples.t < end)
+    return FilterSamples(samples.t[chosen], samples.u[chosen].copy())
+
+
+def found(samples: FilterSamples, plant: PlantParameters | None = None) -> dict[str, Moved]:
+    """By field and leg what is known of a robot that is believed to be that of Fig. 4."""
+    plant = plant or plant_parameters(TWIN.plant, TWIN.contact)
+    moved = reidentified(samples, plant, belief(TWIN), drive_model(TWIN).inertia)
+    return {f"{one.field} {one.leg}": one for one in moved}
+
+
+DRAWN = 40
+
+
+def drawn(fleet: Fleet, number: int) -> tuple[FilterSamples, list[float], list[float]]:
+    """Twelve seconds of a robot of the fleet, every second one with a softer spring; the true springs and zeros."""
+    own, zeros = np.random.default_rng([5, number]), np.random.default_rng([fleet.seed, number])
+    motor, joint = zeros.uniform(-0.05, 0.05, 3), zeros.uniform(-0.05, 0.05, 3)
+    k_s = [1.0, 1.0, 1.0]
+    faults = []
+    if number % 2:
+        leg, k = int(own.integers(3)), float(own.uniform(0.8, 1.0))
+        k_s[leg], faults = k, [softened((leg + 1,), 0.1, k)]
+    begin = own.uniform(0.5, 7.5)
+    samples = part(fleet.samples(number, 2, faults), begin, begin + 12.0)
+    return samples, k_s, np.radians(motor - TWIN.controller.model.N * joint).tolist()
+
+
+@pytest.mark.slow
+def test_intervals_cover_what_is_true_of_nineteen_robots_in_twenty():
+    fleet = read_fleet(FLEET, FIG4, runs=DRAWN, seed=31)
+    covers: dict[str, list[bool]] = {"k_s_share": [], "slip": []}
+    widths = []
+    for number in range(DRAWN):
+        samples, k_s, zeros = drawn(fleet, number)
+        for one in found(samples).values():
+            if one.now is not None and one.leg >= 0:
+                true = (k_s if one.field == "k_s_share" else zeros)[one.leg]
+                covers[one.field].append(abs(one.now.value - true) <= one.now.half_width)
+                # what did not change is never proposed
+                assert not (one.is_news and one.field == "k_s_share" and true == 1.0)
+                widths += [one.now.half_width] if one.field == "k_s_share" else []
+    for hits in covers.values():
+        assert len(hits) >= 0.9 * 3 * DRAWN
+        assert sum(hits) >= binom.ppf(0.005, len(hits), 0.95)
+    # and they say something
+    assert np.median(widths) < 0.01
+
+
+def test_a_softer_spring_is_proposed_with_its_joint_and_no_other():
+    moved = found(part(robot(softened((2,), 0.1, 0.93)), 3.0, 15.0))
+    assert [name for name, one in moved.items() if one.is_news] == ["k_s_share 1"]
+    text = str(moved["k_s_share 1"])
+    assert text.startswith("k_s of joint 2 was 1.00") and ", is 0.93" in text and text.endswith("N m/rad")
+
+
+def test_where_only_the_skin_has_changed_springs_stay_inside_their_intervals():
+    skin = "fault=[{kind='stiffness_change', target='contact', onset_s=0.1, magnitude_factor=1.5}]"
+    moved = found(part(robot(skin), 3.0, 15.0))
+    for one in (moved[f"k_s_share {leg}"] for leg in range(3)):
+        assert one.now is not None and abs(one.now.value - 1.0) <= one.now.half_width
+    assert not any(one.is_news for one in moved.values() if one.leg >= 0)
+
+
+def test_the_stiffness_of_a_contact_is_known_after_several_presses_and_not_after_one():
+    hard = "contact.stiffness_N_per_m=2000"
+    rolls = load_experiment(FIG4.parent / "rolling.toml", [*SCALE, *NOISY, hard])
+    K = found(samples_of(run_in_memory(rolls, 2)))["K -1"]
+    assert K.now is not None and abs(K.now.value - 2000.0) <= K.now.half_width < 20.0 and K.is_news
+    assert found(robot(hard))["K -1"].why == "too few presses vary the force"
+
+
+def test_of_a_robot_that_stands_nothing_is_known():
+    samples = robot()
+    still = samples.u[:5000].copy()
+    still[:, :6] = still[0, :6]
+    moved = found(FilterSamples(samples.t[:5000], still))
+    assert all(one.now is None and not one.is_news for one in moved.values())
+    assert str(moved["k_s_share 0"]) == "k_s of joint 1 not known: nothing moves slowly and evenly"
+
+
+def test_without_torques_springs_are_not_known_and_without_a_force_the_contact_is_not():
+    samples = part(robot(softened((2,), 0.1, 0.93)), 3.0, 15.0)
+    samples.only("tau_motor")[:] = np.nan
+    samples.only("F_z")[:] = np.nan
+    moved = found(samples)
+    assert moved["k_s_share 1"].why == "no motor torque is measured"
+    assert str(moved["K -1"]).endswith("no force is measured; it could be the springs")
+
+
+def test_what_has_been_accepted_is_no_news():
+    samples = part(robot(softened((2,), 0.1, 0.93)), 3.0, 15.0)
+    plant = plant_parameters(TWIN.plant, TWIN.contact)
+    news = tuple(one for one in found(samples, plant).values() if one.is_news)
+    changed = reidentification.Proposal(15.0, news).of(plant)
+    assert changed.k_s_share[1] == pytest.approx(0.93, abs=0.005) and changed.k_s_share[0] == 1.0
+    assert not any(one.is_news for one in found(samples, changed).values())
+
+
+@pytest.mark.parametrize(("period", "most"), [(0.5e-3, MOST), (2e-3, round(LATEST / 2e-3) + 1)])
+def test_what_is_kept_does_not_grow(period: float, most: int):
+    ring = SampleRing()
+    for k in range(3):
+        t = (40_000 * k + np.arange(40_000)) * period
+        ring.keep(t, np.tile(t[:, None], (1, 13)))
+    last = ring.since(0.0)
+    assert most - 1 <= len(last.t) <= most and np.all(np.diff(last.t) > 0)
+    assert np.array_equal(last.t, last.u[:, 5]) and last.t[-1] == t[-1]
+    assert ring.since(t[-100]).t[0] == t[-100]
+
+
+def test_samples_go_on_while_it_is_looked_for(monkeypatch: pytest.MonkeyPatch):
+    may = threading.Event()
+
+    def slow(*_: object) -> tuple[Moved, ...]:
+        may.wait(10.0)
+        return ()
+
+    monkeypatch.setattr(reidentification, "reidentified", slow)
+    one = Reidentifier(TWIN, wait=False)
+    one.keep(np.arange(10.0), np.zeros((10, 13)))
+    one.ask(0.0, 9.0)
+    assert one.answer() == ""
+    one.keep(np.arange(10.0, 20.0), np.zeros((10, 13)))
+    may.set()
+    while not (text := one.answer()):
+        pass
+    assert text.startswith("which parameter is not known") and one.proposal is None
+
+
+def followed(adapts: bool) -> tuple[Twin, AlarmWatch, np.ndarray, list[str]]:
+    """A twin beside a robot whose second spring is softer from 2 s on; its residual torque 2, and what happened."""
+    limits = Tolerances(dict.fromkeys(CHANNELS, 1e9) | {"torque 2": 5e-4}, dict.fromkeys(CHANNELS, 6e-5))
+    watched = AlarmWatch(limits, 1.0, Reidentifier(TWIN, wait=True))
+    twin = twin_of(TWIN, model_of(TWIN), "robot", watched, adapts)
+    samples = robot(softened((2,), 4.0, 0.93))
+    residual, texts = [], []
+    for u in (part(samples, k, k + 1.0) for k in range(20)):
+        names = ("count_m", "count_l", "F_z", "omega_ref", "tau_motor")
+        count_m, count_l, F_z, omega_ref, tau = (u.only(name) for name in names)
+        rows = twin.feed(RobotSamples(u.t, count_m, count_l, F_z[:, 0], omega_ref, tau))
+        residual.append(np.nanmean(named(OUTPUTS, rows["shadow"])["residual_tau"][:, 1]))
+        texts += [one.text for one in twin.happenings()]
+    return twin, watched, np.array(residual), texts
+
+
+@pytest.mark.slow
+def test_a_proposal_is_taken_over_only_by_those_who_accept_it():
+    twin, watched, without, texts = followed(adapts=False)
+    assert any("k_s of joint 2 was 1.00" in text and "twin accepts with --adapt" in text for text in texts)
+    assert not any(text.startswith("accepted") for text in texts)
+    proposal = twin.proposal
+    assert proposal is not None and twin.accept(proposal)
+    assert twin.proposal is None and not twin.accept(proposal)
+    assert [one.text for one in twin.happenings()] == [f"accepted: {proposal}"]
+    _, watched, adapted, texts = followed(adapts=True)
+    (at,) = (k for k, text in enumerate(texts) if text.startswith("accepted: k_s of joint 2"))
+    assert "re-identifying" in texts[:at] and len(watched.proposals) == 1
+    # the softer spring carries what the motor says
+    assert abs(without[18]) > 1e-3 and abs(adapted[18]) < 0.2 * abs(without[18])

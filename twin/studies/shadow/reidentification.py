@@ -1,0 +1,349 @@
+"""Which parameter has moved? Springs, their zeros and the contact's stiffness from the last samples of a robot.
+
+By windows of slow, even motion (`identify.windows`), means in which the encoders' rounding runs out, and intervals
+by the scatter between groups of them (`identify.line`). Of each leg, with w = theta_m - N theta_l - slip, b the half
+width of its dead zone, s = sign(w), and tau its motor's torque less that of its rotor,
+
+    w - s b = tau (1/k_s + N^2 c_belt) + zero:
+
+the encoders' error is then one of the response. A measured force in place of torques does not do: dry friction of 0.02
+N m in the joints moves it as much as a spring does. The contact is that of a spring on a plane, as in `identify`:
+
+    p_z = z_s + m_x p_x + m_y p_y - F/K.
+
+What the samples do not say is not known, with why.
+"""
+
+import math
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.cosim.port import width
+from twin.kernel.errors import TwinError
+from twin.kernel.recording.logs.log import LogRefused, LogSeries, sampling
+from twin.robot.assembly.build import belief, plant_parameters
+from twin.robot.controller.controller import Belief
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.plant.dynamics import PlantParameters
+from twin.studies.identify.identification import Line, line, t_factor
+from twin.studies.identify.windows import (
+    Estimate,
+    Windows,
+    decimals,
+    on_scale,
+    pose,
+    shown,
+    shown_unit,
+    windows,
+)
+from twin.studies.replay.replay import RobotLog
+from twin.studies.shadow.alarm import UNKNOWN
+from twin.studies.shadow.layout import INPUTS
+from twin.studies.shadow.samples import FilterSamples, drive_model
+
+LATEST = 60.0
+"""s of samples that are looked at, at most."""
+MOST = 60_000
+"""Samples that are kept: at more than 1 kHz they are of less than `LATEST`."""
+OUTSIDE = 2.0
+"""Half widths of its 95 % interval that a value is off to be a proposal: seven are looked at after each alarm."""
+KNOWN = 0.1
+"""Share of a spring or a contact to which it has to be known to be reported."""
+SPRING, CONTACT = 0.02, 0.25
+"""Shares by which a spring and a contact are off that are news: healthy bodies differ by a fifth."""
+ZERO = math.radians(0.05)
+"""rad. The zeros of healthy robots' encoders are so far off."""
+PLACE = 5e-3
+"""m. Less is one place, in which no slope is seen."""
+FEWEST = 100
+"""Samples, and values of a force, without which nothing is said."""
+GROUPS = 4
+"""Groups of windows, 2 s each, of which fewer say nothing about their scatter."""
+SURE = 1e-3
+"""Share to which a spring is known at best: a rotor's inertia and what it does in a window are not known better."""
+ALONE = 0.85
+"""Share of a contact's stiffness that one group may say: what one press has wrong, the others do not show."""
+STILL = "nothing moves slowly and evenly"
+
+
+class Moved(NamedTuple):
+    """One parameter of the robot: what it was believed to be, and what the window says.
+
+    Attributes:
+        name: for people.
+        field, leg: of `PlantParameters`, and of which leg, -1: of all.
+        was: believed.
+        now: None: not known.
+        unit: SI.
+        least: a smaller difference is no news.
+        why: it is not known.
+    """
+
+    name: str
+    field: str
+    leg: int
+    was: float
+    now: Estimate | None
+    unit: str
+    least: float
+    why: str = ""
+
+    @property
+    def is_news(self) -> bool:
+        """Whether it lies clearly outside of its interval, and farther than healthy robots differ."""
+        if self.now is None:
+            return False
+        return abs(self.now.value - self.was) > max(OUTSIDE * self.now.half_width, self.least)
+
+    def __str__(self) -> str:
+        if self.now is None:
+            return f"{self.name} not known: {self.why}"
+        digits, unit = decimals(self.now), shown_unit(self.unit)
+        was, value, width = (shown(x, self.unit) for x in (self.was, self.now.value, self.now.half_width))
+        of = f" {unit}" if unit else ""
+        return f"{self.name} was {was:.{digits}f}, is {value:.{digits}f} +- {width:.{digits}f}{of}"
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """What has moved, for somebody to accept.
+
+    Attributes:
+        t: when it was found (s).
+        changes: at least one.
+    """
+
+    t: float
+    changes: tuple[Moved, ...]
+
+    def __str__(self) -> str:
+        return "; ".join(str(one) for one in self.changes)
+
+    def of(self, plant: PlantParameters) -> PlantParameters:
+        """`plant` with the changes."""
+        for one in self.changes:
+            assert one.now is not None
+            value = one.now.value
+            if one.field == "k_s_share":
+                value /= plant.k_s
+            if one.leg >= 0:
+                values = list(getattr(plant, one.field))
+                values[one.leg] = value
+                plant = plant._replace(**{one.field: tuple(values)})
+            else:
+                plant = plant._replace(**{one.field: value})
+        return plant
+
+
+class SlowMotion(NamedTuple):
+    """What is looked at.
+
+    Attributes:
+        seen: windows of slow motion; without a measured force theirs is 0.
+        tau: mean torques of the motors in each (n, 3), N m; NaN: none.
+        force: whether a force was measured.
+    """
+
+    seen: Windows
+    tau: NDArray[np.float64]
+    force: bool
+
+
+Spring = tuple[Estimate, Estimate] | None
+"""k_s (N m/rad) and zero of the deflection (rad), None: not known."""
+
+
+def reidentified(samples: FilterSamples, plant: PlantParameters, believed: Belief, rotor: float) -> tuple[Moved, ...]:
+    """What `samples`, all since something changed, say of springs, their zeros and the contact.
+
+    Args:
+        plant: what the robot is believed to be by now.
+        believed: of its geometry, masses, N and counts.
+        rotor: inertia of a motor (kg m2).
+    """
+    slow = _slow_motion(samples, believed)
+    if slow is None:
+        return (*_springs([None] * 3, STILL, plant), _contact(None, STILL, plant))
+    zeros = np.subtract(believed.motor_zero, np.multiply(believed.N, believed.joint_zero))
+    w = slow.seen.motor - believed.N * slow.seen.joint - zeros - plant.slip
+    half = plant.backlash + np.array(plant.backlash_added)
+    # where mean and law do not swap
+    clear = np.abs(w) > half + slow.seen.spread
+    d = w - np.sign(w) * half
+    if np.isfinite(slow.tau).any():
+        torque = slow.tau - rotor * believed.N * slow.seen.acceleration
+        usable = clear & np.isfinite(torque)
+        belt = believed.N**2 * plant.belt_compliance
+        springs = [_by_torque(d[:, i], torque[:, i], slow.seen.cluster, usable[:, i], belt) for i in range(3)]
+        why = "its torque varies too little"
+    else:
+        springs, why = [None] * 3, "no motor torque is measured"
+    contact = _by_scale(slow.seen, believed) if slow.force else None
+    contact_why = "too few presses vary the force" if slow.force else "no force is measured; it could be the springs"
+    return (*_springs(springs, why, plant), _contact(contact, contact_why, plant))
+
+
+def _slow_motion(samples: FilterSamples, believed: Belief) -> SlowMotion | None:
+    """None: the robot nowhere moves slowly and evenly."""
+    t = samples.t
+    if len(t) < FEWEST:
+        return None
+    clock, F = sampling(t), samples.only("F_z")[:, 0]
+    known = np.isfinite(F)
+    measured = int(known.sum()) >= FEWEST
+    force = LogSeries(t[known], F[known], "N") if measured else LogSeries(t, np.zeros(len(t)), "N")
+    counts = samples.only("count_m"), samples.only("count_l")
+    log = RobotLog(Path(), t, *counts, clock.gaps, clock.missing, force, ())
+    try:
+        seen = windows(log, believed)
+    except LogRefused:
+        return None
+    if not len(seen.t):
+        return None
+    first, last = (np.searchsorted(t, seen.t + side * 0.5 * seen.length) for side in (-1.0, 1.0))
+    tau = samples.only("tau_motor")
+    there = np.isfinite(tau)
+    sums, numbers = (
+        np.vstack([np.zeros(3), np.cumsum(x, axis=0)]) for x in (np.where(there, tau, 0.0), there.astype(float))
+    )
+    with np.errstate(invalid="ignore"):
+        means = (sums[last] - sums[first]) / (numbers[last] - numbers[first])
+    return SlowMotion(seen, means, measured)
+
+
+def _sure(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.int64]) -> Line | None:
+    """The `line`, no surer than if all errors were independent: few groups can agree by chance. None: too few."""
+    groups = len(np.unique(cluster))
+    found = line(A, y, cluster) if groups >= GROUPS else None
+    if found is None:
+        return None
+    left, inverse = y - A @ found.coefficients, np.linalg.pinv(A)
+    variance = left @ left / max(len(y) - A.shape[1], 1)
+    alone = t_factor(groups) * np.sqrt(variance * np.sum(inverse**2, axis=1))
+    return Line(found.coefficients, np.maximum(found.half_widths, alone))
+
+
+def _by_torque(d, torque, cluster, usable, belt: float) -> Spring:
+    """Of one leg, from its loaded deflection and its motor's torque (n,); `belt`: rad per N m of the motor."""
+    found = _sure(np.column_stack([torque, np.ones(len(d))])[usable], d[usable], cluster[usable])
+    if found is None:
+        return None
+    (yields, zero), (width, zero_width) = found
+    k = 1.0 / (yields - belt)
+    return Estimate(k, math.hypot(k * k * width, SURE * k), "N m/rad"), Estimate(zero, zero_width, "rad")
+
+
+def _by_scale(seen: Windows, believed: Belief) -> Estimate | None:
+    """Stiffness of what is pressed, by p_z = z_s + m_x p_x + m_y p_y - F/K."""
+    pressed = seen.where(on_scale(seen))
+    if not len(pressed.t):
+        return None
+    p_B = pose(believed, pressed.joint - np.array(believed.joint_zero)).p_B
+    across = p_B[:, :2] - p_B[:, :2].mean(axis=0)
+    A = np.column_stack([-pressed.force, np.ones(len(p_B)), across[:, np.ptp(across, axis=0) > PLACE]])
+    found = _sure(A, p_B[:, 2], pressed.cluster)
+    if found is None:
+        return None
+    _, group = np.unique(pressed.cluster, return_inverse=True)
+    if np.bincount(group, np.linalg.pinv(A)[0] * A[:, 0]).max() > ALONE:
+        return None
+    K = 1.0 / float(found.coefficients[0])
+    return Estimate(K, K * K * float(found.half_widths[0]), "N/m")
+
+
+def _springs(found: Sequence[Spring], why: str, plant: PlantParameters) -> list[Moved]:
+    moved = []
+    for i, spring in enumerate(found):
+        k, zero = spring or (None, None)
+        was, least = plant.k_s * plant.k_s_share[i], ZERO * (1.0 + plant.N)
+        if k is not None and not 0.0 < k.half_width < KNOWN * k.value:
+            k, zero = None, None
+        if zero is not None:
+            zero = zero._replace(value=zero.value + plant.slip[i]) if zero.half_width < ZERO else None
+        moved.append(Moved(f"k_s of joint {i + 1}", "k_s_share", i, was, k, "N m/rad", SPRING * was, why))
+        moved.append(Moved(f"zero of deflection {i + 1}", "slip", i, plant.slip[i], zero, "rad", least, why))
+    return moved
+
+
+def _contact(K: Estimate | None, why: str, plant: PlantParameters) -> Moved:
+    known = K if K is not None and 0.0 < K.half_width < KNOWN * K.value else None
+    return Moved("stiffness of the contact", "K", -1, plant.K, known, "N/m", CONTACT * plant.K, why)
+
+
+class SampleRing:
+    """The last samples of a robot; what it takes does not grow."""
+
+    def __init__(self) -> None:
+        self._t, self._u = np.full(MOST, -np.inf), np.full((MOST, width(INPUTS)), np.nan)
+        self._next = 0
+
+    def keep(self, t: NDArray[np.float64], u: NDArray[np.float64]) -> None:
+        """Samples at `t` (n,), s, after those before, with the inputs of the filter `u` (n, 13)."""
+        at = (self._next + np.arange(len(t))) % MOST
+        self._t[at], self._u[at] = t, u
+        self._next = (self._next + len(t)) % MOST
+
+    def since(self, t: float) -> FilterSamples:
+        """A copy of those after `t` (s), `LATEST` at most."""
+        order = np.argsort(self._t)
+        at = order[self._t[order] >= max(t, self._t.max() - LATEST, 0.0)]
+        return FilterSamples(self._t[at], self._u[at])
+
+
+class Reidentifier:
+    """Keeps samples, and says after an alarm which parameters have moved, while samples go on coming.
+
+    Args:
+        experiment: what the robot is believed to be.
+        wait: for the answer, so that a log gives the same at any speed.
+
+    Attributes:
+        plant: what the robot is believed to be by now.
+        proposal: the newest that nobody has accepted; None: there is none.
+        proposals: all.
+    """
+
+    def __init__(self, experiment: Experiment, wait: bool):
+        self.plant = plant_parameters(experiment.plant, experiment.contact)
+        self.proposal: Proposal | None = None
+        self.proposals: list[Proposal] = []
+        self._belief, self._rotor, self._wait = belief(experiment), drive_model(experiment).inertia, wait
+        self._ring, self._pool = SampleRing(), ThreadPoolExecutor(1)
+        self._answer: Future[tuple[Moved, ...]] | None = None
+        self._asked_at = math.nan
+
+    def keep(self, t: NDArray[np.float64], u: NDArray[np.float64]) -> None:
+        """See `SampleRing`."""
+        self._ring.keep(t, u)
+
+    def ask(self, since: float, t: float) -> None:
+        """Look at what has come since `since`, at `t` (s)."""
+        self._asked_at = t
+        self._answer = self._pool.submit(reidentified, self._ring.since(since), self.plant, self._belief, self._rotor)
+
+    def answer(self) -> str:
+        """What was found, a sentence; "": it is not known yet."""
+        assert self._answer is not None
+        if not (self._wait or self._answer.done()):
+            return ""
+        try:
+            moved = self._answer.result()
+        except TwinError as problem:
+            return f"{UNKNOWN}: {problem}"
+        news = tuple(one for one in moved if one.is_news)
+        if news:
+            self.proposal = Proposal(self._asked_at, news)
+            self.proposals.append(self.proposal)
+            return f"{self.proposal}: twin accepts with --adapt or the viewer's button"
+        reasons = dict.fromkeys(str(one) if one.now is None else f"{one.name} has not moved" for one in moved)
+        return f"{UNKNOWN}: {'; '.join(reasons)}"
+
+    def accept(self, proposal: Proposal) -> None:
+        """From now on the robot is believed to be what `proposal` says."""
+        self.plant, self.proposal = proposal.of(self.plant), None
