@@ -59,7 +59,6 @@ from twin.robot.assembly.drives import DrivePlan, rates
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE
 
-
 REMOVE_LINES = "remove it: until power is cut the numbers are the same without"
 
 
