@@ -203,6 +203,7 @@ def test_a_position_command_of_ours_travels_as_an_fmu_in_front_of_each_drive() -
         # which no part of ours would miss
         (['fault=[{kind="drive_runaway", onset_s=6.0, magnitude_rad_per_s=2.0}]'], "--set fault=[]"),
         (['change=[{t_s=1.0, key="controller.force.reference_N", value=4.0}]'], "--set change="),
+        (["monitor.enabled=true", "drive.unpowered.holding_Nm=0.02"], "remove it: until power is cut the numbers are"),
     ],
 )
 def test_an_experiment_that_an_ssp_cannot_say_is_refused(tmp_path: Path, settings: list[str], told: str) -> None:

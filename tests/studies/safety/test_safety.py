@@ -23,6 +23,7 @@ from twin.studies.safety.evidence import CONFIDENCE, EvidenceRun, HazardLine, Ha
 from twin.studies.safety.hazards import read_hazards
 from twin.studies.safety.lines import drawn
 from twin.studies.safety.study import safety, written_page
+from twin.studies.safety.text import failures
 
 EXPERIMENT = "experiments/pressing.toml"
 MORE = """
@@ -150,6 +151,8 @@ def test_a_run_that_failed_makes_its_line_fail(lines):
     (line,), _ = lines
     broken = replace(line.runs[0], watched=None, failure="the drive crashed")
     assert replace(line, runs=(broken, *line.runs[1:])).status == "failed"
+    said = " ".join(str(block) for block in failures([replace(line, runs=(broken, *line.runs[1:]))]))
+    assert "H1: 1 run failed; drive_runaway of all drives on scale: the drive crashed" in said
     # also one that is known to go beyond its limit
     stated = replace(line.hazard, table=line.hazard.table.model_copy(update={"beyond": "no sensor"}))
     assert replace(line, hazard=stated, runs=(broken,)).status == "failed"
@@ -225,6 +228,30 @@ def test_worse_settings_of_the_monitor_fail_against_the_old_page_and_by_the_limi
     assert answer(table, tmp_path / "same", against=old).exit_code == 0
     changed = answer(table, tmp_path / "changed", "monitor.disobeyed=wait", against=old)
     assert changed.exit_code == 1 and any("was kept" in text for text in changed.facts["worse"])
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "sentence"),
+    [
+        ('bodies = ["scale"]', 'bodies = ["scle"]', "table.toml: bodies: scle: .*no such body"),
+        ("holding_Nm", "holdng_Nm", r"table.toml: \[\[variant\]\] clutch: [\s\S]*unknown key"),
+        ("force_limit_N", "force_limt_N", "no number of .monitor.; did you mean 'force_limit_N'"),
+        (
+            'factors = [0.6, 1.0]\nbodies = ["scale"]',
+            'factors = [0.6, 1.0]\nbodies = ["x"]',
+            "sensitivity. x: .*no such",
+        ),
+        ("pressing", "fig4_force_position", "no safety monitor watches"),
+    ],
+)
+def test_what_no_run_can_be_made_of_is_refused_before_the_first(
+    table: Path, tmp_path: Path, was: str, now: str, sentence: str
+):
+    file = tmp_path / "table.toml"
+    file.write_text(table.read_text().replace(was, now, 1))
+    with pytest.raises(InputRefused, match=sentence):
+        safety([file], silent, None, False, None, (), tmp_path / "page")
+    assert not (tmp_path / "page").exists()
 
 
 def test_what_is_no_data_of_a_page_is_refused(tmp_path: Path):

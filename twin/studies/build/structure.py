@@ -59,6 +59,8 @@ from twin.robot.assembly.drives import DrivePlan, rates
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE
 
+REMOVE_LINES = "remove it: until power is cut the numbers are the same without"
+
 
 def refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> None:
     """Refuse what is not twin's own, or is nothing that a master could step.
@@ -75,7 +77,7 @@ def refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> N
     if have_lines(experiment) and not set(wanted) <= {"body", "encoder", "estimator", "controller", "plant", "scale"}:
         raise InputRefused(
             f"{experiment.name}: [drive.unpowered] gives drives lines of power of their own, which cannot be built; "
-            "remove it"
+            f"{REMOVE_LINES}"
         )
     for role in wanted:
         # the body's values come in from outside then

@@ -37,6 +37,7 @@ from twin.studies.build.layout import ExportedVariable, Kind, laid_out
 from twin.studies.build.linking import Platform, names_of, platforms_named, refuse_platform, summary
 from twin.studies.build.part import RobotPart, fixed, parameters, part_of
 from twin.studies.build.structure import (
+    REMOVE_LINES,
     ConnectorUnit,
     Element,
     JointDrive,
@@ -230,7 +231,7 @@ def _refuse_bound(experiment: Experiment) -> None:
             f"{experiment.name}: its {role} is {part.label}; it is third-party; only twin's own parts can be exported"
         )
     if have_lines(experiment):
-        raise InputRefused(f"{experiment.name}: [drive.unpowered] cannot be expressed in an SSP; remove it")
+        raise InputRefused(f"{experiment.name}: [drive.unpowered] cannot be expressed in an SSP; {REMOVE_LINES}")
     for found, table in ((experiment.faults, "fault"), (experiment.changes, "change")):
         if found:
             raise InputRefused(

@@ -307,7 +307,12 @@ class Holes:
             # the name of 1.0
             "kept": self.not_violated,
             "not_tried": [
-                {"kind": kind, "target": place.target, "way": list(place.ways), "body": place.body}
+                {
+                    "kind": kind,
+                    "target": place.target,
+                    "way": place.ways[0] if len(place.ways) == 1 else list(place.ways),
+                    "body": place.body,
+                }
                 for kind, some in self.untried.items()
                 for place in some
             ],

@@ -12,42 +12,51 @@ from twin.studies.figure import BARE, GREEN, GREY, INK, RED, Axes, picture
 from twin.studies.safety.evidence import HazardLine
 from twin.studies.safety.hazards import SafetyTable
 
-WIDTH, STEP = 2.5, 2.8
+WIDTH, STEP = 2.6, 2.8
 """Of a box, and from one to the next, in inches of the picture."""
-LETTERS = 12.0
+ROW, ACROSS = 4.5, 4
+"""Height of a row of goals, and how many of them stand in one: a page of paper can be read then."""
+LETTERS = 10.0
 
 
 def draw_argument(table: SafetyTable, lines: Sequence[HazardLine], path: Path) -> None:
     """Write the picture to `path`: the goal of the whole table, one below it for each line, the runs behind each."""
     from matplotlib.patches import Circle, FancyBboxPatch, Polygon, Rectangle
 
-    # the context beside the goal takes the room of six
-    across = STEP * max(6, len(lines))
-    with picture(path, across + 0.4, 7.4, look=BARE) as figure:
+    rows = -(-len(lines) // ACROSS)
+    across, high = STEP * ACROSS, 2.6 + ROW * rows
+    with picture(path, across + 0.35, high + 0.2, look=BARE) as figure:
         axes = figure.subplots()
-        axes.set(xlim=(0, across), ylim=(0, 7.2), aspect="equal")
+        axes.set(xlim=(0, across + 0.15), ylim=(0, high), aspect="equal")
         axes.axis("off")
-        middle = 0.5 * across
-        axes.add_patch(Rectangle((middle - 2.2, 6.1), 4.4, 0.9, fc="white", ec=INK))
-        _say(axes, middle, 6.55, f"G0: {table.head.title}: no hazard of the table exceeds its limit", 40)
-        axes.add_patch(FancyBboxPatch((middle + 2.6, 6.0), 5.2, 1.0, boxstyle="round,pad=0.05", fc="white", ec=GREY))
-        _say(axes, middle + 5.2, 6.5, f"C0: {table.head.experiment}; {table.head.use}", 46)
-        slant = [(middle - 1.9, 5.0), (middle + 1.7, 5.0), (middle + 1.9, 5.6), (middle - 1.7, 5.6)]
+        middle = 0.3 * across
+        axes.add_patch(Rectangle((0.2, high - 1.1), 2 * (middle - 0.2), 1.0, fc="white", ec=INK))
+        _say(axes, middle, high - 0.6, f"G0: {table.head.title}: no hazard of the table exceeds its limit", 44)
+        context = (2 * middle + 0.35, high - 1.1), across - 2 * middle - 0.5, 1.0
+        axes.add_patch(FancyBboxPatch(*context, boxstyle="round,pad=0.05", fc="white", ec=GREY))
+        _say(axes, middle + 0.5 * across, high - 0.6, f"C0: {table.head.experiment}; {table.head.use}", 44)
+        slant = [(0.6, high - 2.1), (2 * middle - 0.6, high - 2.1), (2 * middle, high - 1.5), (1.2, high - 1.5)]
         axes.add_patch(Polygon(slant, fc="white", ec=INK))
-        _say(axes, middle, 5.3, "S0: each hazard by all its causes, run in simulation", 34)
-        _arrow(axes, middle, 6.1, middle, 5.6)
+        _say(axes, middle, high - 1.8, "S0: each hazard by all its causes, run in simulation", 60)
+        _arrow(axes, middle, high - 1.1, middle, high - 1.5)
+        # a line down the left edge, from which each row has its own
+        down = high - 2.55 - ROW * (rows - 1)
+        axes.plot([middle, middle, 0.05, 0.05], [high - 2.1, high - 2.3, high - 2.3, down], color=INK, lw=0.8)
         for number, line in enumerate(lines):
-            x = middle + STEP * (number + 0.5 - 0.5 * len(lines))
+            row, column = divmod(number, ACROSS)
+            x, top = STEP * (column + 0.5) + 0.1, high - 2.85 - ROW * row
             good = line.status == "kept"
             color = GREEN if good else RED
-            _arrow(axes, middle, 5.0, x, 4.3)
-            axes.add_patch(Rectangle((x - 0.5 * WIDTH, 3.0), WIDTH, 1.3, fc="white", ec=color, lw=1.6))
-            _say(axes, x, 3.65, f"{line.hazard.table.id}: {line.hazard.table.hazard}: {line.hazard.limit_text}", 24)
-            _arrow(axes, x, 3.0, x, 2.4)
-            axes.add_patch(Circle((x, 1.5), 0.9, fc="white", ec=color, lw=1.6))
-            _say(axes, x, 1.5, f"{len(line.runs) + len(line.distances)} runs\n{line.status}", 14)
+            axes.plot([0.05, x], [top + 0.3, top + 0.3], color=INK, lw=0.8)
+            _arrow(axes, x, top + 0.3, x, top)
+            axes.add_patch(Rectangle((x - 0.5 * WIDTH, top - 1.3), WIDTH, 1.3, fc="white", ec=color, lw=1.6))
+            text = f"{line.hazard.table.id}: {line.hazard.table.hazard}: {line.hazard.limit_text}"
+            _say(axes, x, top - 0.65, text, 28)
+            _arrow(axes, x, top - 1.3, x, top - 1.7)
+            axes.add_patch(Circle((x, top - 2.6), 0.9, fc="white", ec=color, lw=1.6))
+            _say(axes, x, top - 2.6, f"{len(line.runs) + len(line.distances)} runs\n{line.status}", 14)
             if not good:
-                diamond = [(x, 0.6), (x + 0.2, 0.4), (x, 0.2), (x - 0.2, 0.4)]
+                diamond = [(x, top - 3.5), (x + 0.2, top - 3.7), (x, top - 3.9), (x - 0.2, top - 3.7)]
                 axes.add_patch(Polygon(diamond, fc="white", ec=RED))
 
 

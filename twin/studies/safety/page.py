@@ -30,6 +30,7 @@ th,td{border:1px solid #bbb;padding:.25rem .45rem;text-align:left;vertical-align
 th{background:#f3f3f3}td.n{text-align:right;font-variant-numeric:tabular-nums}
 .notice{border:2px solid #c62828;padding:.6rem .8rem;font-weight:600}
 .kept{color:#1b5e20;font-weight:700}.exceeded,.failed{color:#c62828;font-weight:700}.stated{color:#a15c00;font-weight:700}
+.runs table{font-size:.66rem}.runs td,.runs th{padding:.1rem .25rem}.runs td code{font-size:.6rem;white-space:nowrap}
 code{font-size:.8rem;overflow-wrap:anywhere}img{max-width:100%}details{margin:.5rem 0}
 @media print{body{max-width:none;margin:0}h2{break-after:avoid}tr,img{break-inside:avoid}details>*{display:block}}
 """
@@ -110,7 +111,7 @@ def _summary(line: HazardLine) -> Iterator[str]:
 def seen_text(line: HazardLine) -> str:
     """Runs that the monitor saw: of those drawn at random if there are any, else of the grid."""
     seen, made = line.drawn if line.drawn[1] else line.detected
-    return f"{seen} of {made}"
+    return f"{seen} of {made}" if made else "-"
 
 
 def value_text(line: HazardLine, run: Felt | None) -> str:
@@ -156,7 +157,7 @@ def _worst(table: SafetyTable, line: HazardLine, worst: EvidenceRun, run: Felt) 
         "seen (s)": lambda one: one.seen,
         "reaction at the drives (s)": lambda one: one.acted,
         "power off (s)": lambda one: one.power_off,
-        f"below {LOW:g} N for good (s)": lambda one: one.below,
+        f"below {LOW:g} N for good (s)": lambda one: "not by the end" if one.below is None else one.below,
         "peak (N)": lambda one: one.peak,
         "left at the end (N)": lambda one: one.left,
         "impulse (N s)": lambda one: one.impulse,
@@ -201,8 +202,8 @@ def _pressure(line: HazardLine, run: Felt) -> float:
     return 1e-3 * run.peak / line.head_area
 
 
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g}"
+def _number(value: float | str | None) -> str:
+    return "-" if value is None else value if isinstance(value, str) else f"{value:.3g}"
 
 
 def share_text(share: tuple[int, int]) -> str:
@@ -235,7 +236,7 @@ def _runs(line: HazardLine) -> Iterator[str]:
         "run",
         "cause",
         "body",
-        "by",
+        "from",
         "moved (mm)",
         "magnitudes",
         "onset (s)",
@@ -257,4 +258,4 @@ def _runs(line: HazardLine) -> Iterator[str]:
         where = "; ".join(text.partition("=")[2].strip("[]") for text in run.settings if "point_mm" in text)
         made_by = (f"<code>{run.id}</code>", escape(run.cause), run.body, run.found, where)
         rows.append((*made_by, sizes, onset, str(run.seed), *cells))
-    yield f"<details open><summary>{len(line.runs)} runs</summary>{_table(head, rows)}</details>"
+    yield f"<details class='runs' open><summary>{len(line.runs)} runs</summary>{_table(head, rows)}</details>"

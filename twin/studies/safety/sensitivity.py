@@ -54,7 +54,7 @@ def threshold_points(
     """
     found = []
     for key in asked.keys:
-        nominal = load_experiment(path, settings).values["monitor"].get(key) or _default(key)
+        nominal = nominal_value(path, settings, key)
         for factor in asked.factors:
             say(f"monitor.{key} times {factor:g}")
             value = float(f"{nominal * factor:.6g}")
@@ -73,7 +73,12 @@ def threshold_points(
     return found
 
 
-def _default(key: str) -> float:
+def nominal_value(path: Path, settings: Sequence[str], key: str) -> float:
+    """What `key` of [monitor] is in the experiment, in the key's unit.
+
+    Raises:
+        InputRefused: it is none of the monitor's numbers.
+    """
     from twin.kernel.errors import InputRefused, nearest
     from twin.robot.experiment.mistakes import keys
     from twin.robot.monitor.checks import Monitor
@@ -83,7 +88,7 @@ def _default(key: str) -> float:
         raise InputRefused(
             f"[sensitivity] keys: '{key}' is no number of [monitor]; {nearest(key, list(keys(Monitor)))}"
         )
-    return float(fields[key])
+    return float(load_experiment(path, settings).values["monitor"].get(key) or fields[key])
 
 
 def _trips(experiment: Experiment) -> bool:

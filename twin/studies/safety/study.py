@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+from twin.kernel.errors import InputRefused
 from twin.studies.command import Argument, DriveName, Option, Say, Settings, Steps, study
 from twin.studies.result import Block, Note, Result
 
@@ -49,11 +50,13 @@ def safety(
     from twin.kernel.writing import write_json
     from twin.studies.safety.changes import old_lines, worse
     from twin.studies.safety.hazards import read_hazards
-    from twin.studies.safety.text import lines_table, verdict
+    from twin.studies.safety.text import failures, lines_table, verdict
 
     tables = [read_hazards(path) for path in hazards]
     before = old_lines(against) if against else None
     texts = [*settings, *([f"drive.fmu={drive}"] if drive else [])]
+    for table in tables:
+        refuse_unusable(table, texts)
     parts: list[Block] = []
     files: dict[str, object] = {}
     facts: dict[str, Any] = {"lines": [], "sensitivity": []}
@@ -68,13 +71,41 @@ def safety(
         facts["sensitivity"] += [point._asdict() for point in points]
         of_table = f" {table.path.stem}" if len(tables) > 1 else ""
         files |= {f"page{of_table}": folder / PAGE, f"data{of_table}": folder / DATA}
-        parts += ["", lines_table(lines)]
+        parts += ["", lines_table(lines), *failures(lines)]
         write_json(folder.absolute() / DATA, {"lines": [line.facts() for line in lines], **_without_lines(facts)})
     facts["worse"] = list(worse(before, facts["lines"])) if before is not None else []
     if before is not None:
         sentences = facts["worse"] or ["no line got worse"]
         parts += ["", f"against {against}:", *(Note(sentence, "  ", later=4) for sentence in sentences)]
     return verdict(all_lines, facts, [*parts, ""], files)
+
+
+def refuse_unusable(table: "SafetyTable", settings: Sequence[str]) -> None:
+    """Refuse what no run can be made of, before the first one.
+
+    Raises:
+        InputRefused: a body, a variant or the sensitivity does not make an experiment, or that has no monitor.
+    """
+    from twin.robot.assembly.load import load_experiment
+    from twin.robot.experiment.drive_files import experiment_file
+    from twin.studies.safety.sensitivity import nominal_value
+
+    path = experiment_file(Path(table.head.experiment))
+    bodies = list(dict.fromkeys(body for hazard in table.hazards for body in hazard.evidence.bodies))
+    robots: dict[str, tuple[str, Sequence[str]]] = {f"bodies: {body}": (body, ()) for body in bodies}
+    robots |= {f"[[variant]] {variant.name}": (bodies[0], variant.set) for variant in table.variants}
+    if asked := table.sensitivity:
+        fleet = [(body, own) for body in asked.bodies for own in asked.fleet]
+        robots |= {f"[sensitivity] {' '.join((body, *own))}": (body, own) for body, own in fleet}
+    for name, (body, own) in robots.items():
+        try:
+            watched = load_experiment(path, (*settings, *own), None, body).monitor
+        except InputRefused as problem:
+            raise InputRefused(f"{table.path}: {name}: {problem}") from None
+        if watched is None:
+            raise InputRefused(f"{table.path}: {name}: no safety monitor watches {path}; add a table [monitor]")
+    for key in asked.keys if asked else ():
+        nominal_value(path, settings, key)
 
 
 def _without_lines(facts: dict[str, Any]) -> dict[str, Any]:

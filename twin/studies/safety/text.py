@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from twin.studies.result import Block, Column, Note, Result, Table
+from twin.studies.result import Block, Column, Note, Result, Table, counted
 from twin.studies.safety.evidence import HazardLine
 from twin.studies.safety.page import seen_text, value_text
 
@@ -27,6 +27,18 @@ def lines_table(lines: Sequence[HazardLine]) -> Table:
             (line.hazard.table.id, line.hazard.table.hazard, *values, seen_text(line).replace(" of ", "/"), line.status)
         )
     return Table(COLUMNS, rows, indent=0)
+
+
+def failures(lines: Sequence[HazardLine]) -> list[Block]:
+    """Of each line that failed the first run that did, and why."""
+    found: list[Block] = []
+    for line in lines:
+        if line.failed:
+            run = line.failed[0]
+            reason = (run.failure.splitlines() or ["no reason was given"])[0]
+            count = counted(len(line.failed), "run")
+            found.append(Note(f"{line.hazard.table.id}: {count} failed; {run.cause} on {run.body}: {reason}", later=4))
+    return ["", *found] if found else []
 
 
 def verdict(
