@@ -101,8 +101,8 @@ def test_accept_takes_the_token_and_an_open_proposal_and_follows_it_once():
             # what happens while nothing comes is seen, too
             viewer.show(np.array([], dtype=np.int64), {}, [Happening(1.002, "nothing has come for 1 s")])
             owner.until(lambda: len(owner.messages("/events")) == 2)
-            said = [one.message.message for one in owner.messages("/events")]  # type: ignore[attr-defined]
-            assert said == [text, "nothing has come for 1 s"]
+            texts = [one.message.message for one in owner.messages("/events")]  # type: ignore[attr-defined]
+            assert texts == [text, "nothing has come for 1 s"]
             assert owner.messages("/alarm")[-1].message.level == 0.25  # type: ignore[attr-defined]
             heard = [one["parameters"] for one in owner.of("parameterValues") if "id" not in one]
             assert {"name": ACCEPT, "value": True} in heard[0]
