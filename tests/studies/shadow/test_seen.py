@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.robot.live.test_live import refused
 from tests.robot.live.viewer import Received, Viewer
 from tests.studies.replay.logs import EXPERIMENTS, FIG4, ran
 from twin.kernel.errors import InputRefused
@@ -46,7 +47,18 @@ def platform(drawn: Received, frame: str) -> list[float]:
 def test_viewers_that_come_go_or_do_not_read_see_both_robots_and_change_nothing_of_what_is_recorded(tmp_path: Path):
     log = ran(FIG4).path
     shadow(ROBOT, str(log), speed=0.0, duration_s=2.5, out=tmp_path / "alone")
-    words = ["--source", str(log), "--duration-s", "2.5", "--out", str(tmp_path / "seen"), "--live", "--port", "0"]
+    words = [
+        "--source",
+        str(log),
+        "--duration-s",
+        "2.5",
+        "--out",
+        str(tmp_path / "seen"),
+        "--live",
+        "--port",
+        "0",
+        "--report",
+    ]
     command = [sys.executable, "-m", "twin", "shadow", str(ROBOT), *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr
@@ -58,8 +70,12 @@ def test_viewers_that_come_go_or_do_not_read_see_both_robots_and_change_nothing_
                 viewer.subscribe(*viewer.channels)
             leaving.until(lambda: bool(leaving.messages("/plant")))
             leaving.socket.socket.shutdown(socket.SHUT_RDWR)
+            # nor does a page that may not watch
+            assert refused(address[1], origin="http://evil.example") == 403
             watcher.to_the_end()
-        process.communicate(timeout=60)
+        out, err = process.communicate(timeout=60)
+    assert "refused: a page of http://evil.example" in err
+    assert f"page       {tmp_path / 'seen' / 'report.html'}" in out and (tmp_path / "seen" / "report.html").is_file()
     alone, seen = read(tmp_path / "alone"), read(tmp_path / "seen")
     n = min(len(alone["encoder.count_m"]), len(seen["encoder.count_m"]))
     assert n > 1250 and seen.complete
@@ -107,6 +123,14 @@ def test_accept_takes_the_token_and_an_open_proposal_and_follows_it_once():
             heard = [one["parameters"] for one in owner.of("parameterValues") if "id" not in one]
             assert {"name": ACCEPT, "value": True} in heard[0]
             assert heard[-1] == [{"name": ACCEPT, "value": False}, {"name": PROPOSAL, "value": ""}]
+
+
+def test_a_port_that_is_taken_is_refused_before_the_robot_is_waited_for(tmp_path: Path):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(InputRefused, match=f"--port {port}: .*choose another one, or 0"):
+            shadow(ROBOT, str(ran(FIG4).path), live=True, port=port, out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
