@@ -32,6 +32,20 @@ def is_followed(recording: Recording) -> bool:
     return "shadow" in recording.metadata
 
 
+def refuse_others(runs: Sequence[ReportRun]) -> None:
+    """Of a robot no truth is known that a run could be compared with.
+
+    Raises:
+        InputRefused: one of `runs` is none of `twin shadow`.
+    """
+    for run in runs:
+        if not is_followed(run.recording):
+            raise InputRefused(
+                f"{run.recording.path}: records a run, and another one a session beside a robot; write a page for each "
+                "kind, or compare signals with twin compare"
+            )
+
+
 class _Read(BaseModel):
     """Out of a recording, which may come from anybody."""
 
