@@ -132,6 +132,11 @@ def test_facts_that_are_damaged_are_refused_in_a_sentence(
         write_report([tmp_path])
 
 
+def test_a_session_is_not_judged_beside_a_run_whose_truth_is_known(session: Path):
+    with pytest.raises(InputRefused, match="records a run, and another one a session beside a robot; write a page for"):
+        write_report([session, ran(FIG4).path])
+
+
 def test_a_session_has_no_accuracy_budget(session: Path):
     with pytest.raises(InputRefused, match="records a session, whose true force is not known; leave --budget out"):
         write_report([session], budget=True)

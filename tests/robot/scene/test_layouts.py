@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from tests.report.page.test_followed_page import recorded_session
 from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
@@ -56,6 +57,17 @@ def test_every_path_of_the_foxglove_layout_leads_to_a_number_of_some_recording(
     assert len(paths) > 20
     for path in paths:
         assert shown(force_position, path, MESSAGE_PATH) or shown(pressing, path, MESSAGE_PATH), path
+
+
+def test_the_layout_of_a_session_shows_what_a_session_with_a_fleet_has_and_the_button(root: Path, tmp_path: Path):
+    layout = json.loads((root / "docs/layouts/twin_shadow_foxglove.json").read_text())
+    paths = [path["value"] for config in layout["configById"].values() for path in config.get("paths", ())]
+    session = read(recorded_session(tmp_path))
+    assert len(paths) > 10
+    assert [path for path in paths if not shown(session, path, MESSAGE_PATH)] == []
+    placed = list(panels(layout["layout"]))
+    assert sorted(placed) == sorted(layout["configById"])
+    assert {panel.split("!")[0] for panel in placed} == {"3D", "Plot", "Parameters", "RosOut"}
 
 
 def test_the_only_function_of_the_foxglove_layout_makes_pressing_positive(foxglove: dict[str, Any]):

@@ -5,20 +5,27 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.robot.live.test_live import refused
 from tests.robot.live.viewer import Received, Viewer
-from tests.studies.replay.logs import EXPERIMENTS, FIG4, ran
+from tests.studies.replay.logs import ANGLES, EXPERIMENTS, FIG4, ran, write_log
 from twin.kernel.errors import InputRefused
+from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS
 from twin.robot.live.server import WATCHES, LiveServer
 from twin.robot.plant.component import OUTPUTS as MOTION
-from twin.studies.shadow.following import ALARM_LEVEL, Happening
+from twin.studies.replay.model import model_of
+from twin.studies.shadow.following import ALARM_LEVEL, Happening, Rows, twin_of
+from twin.studies.shadow.mapping import wanted_signals
 from twin.studies.shadow.seen import ACCEPT, PROPOSAL, AcceptButton, ShadowViewer
+from twin.studies.shadow.session import Session
+from twin.studies.shadow.sources import opened
 from twin.studies.shadow.study import shadow
 
 ROBOT = EXPERIMENTS / f"{FIG4}.toml"
@@ -27,14 +34,18 @@ TOPICS = {"estimator": ESTIMATOR_OUTPUTS, "plant": MOTION, "alarm": (ALARM_LEVEL
 
 
 class OneProposal:
-    """Proposes a spring, until that is accepted."""
+    """A twin that proposes a spring, until that is accepted."""
 
     def __init__(self) -> None:
-        self.open: object | None = "k_s of joint 2 was 1.000, is 0.93 +- 0.02"
+        self.proposal: object | None = "k_s of joint 2 was 1.000, is 0.93 +- 0.02"
+        self.accepted: list[object] = []
 
-    def accept(self, proposal: object, /) -> str:
-        self.open = None
-        return f"accepted: {proposal}"
+    def accept(self, proposal: object, /) -> bool:
+        if proposal is not self.proposal:
+            return False
+        self.proposal = None
+        self.accepted.append(proposal)
+        return True
 
 
 def platform(drawn: Received, frame: str) -> list[float]:
@@ -46,7 +57,18 @@ def platform(drawn: Received, frame: str) -> list[float]:
 def test_viewers_that_come_go_or_do_not_read_see_both_robots_and_change_nothing_of_what_is_recorded(tmp_path: Path):
     log = ran(FIG4).path
     shadow(ROBOT, str(log), speed=0.0, duration_s=2.5, out=tmp_path / "alone")
-    words = ["--source", str(log), "--duration-s", "2.5", "--out", str(tmp_path / "seen"), "--live", "--port", "0"]
+    words = [
+        "--source",
+        str(log),
+        "--duration-s",
+        "2.5",
+        "--out",
+        str(tmp_path / "seen"),
+        "--live",
+        "--port",
+        "0",
+        "--report",
+    ]
     command = [sys.executable, "-m", "twin", "shadow", str(ROBOT), *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr
@@ -58,8 +80,12 @@ def test_viewers_that_come_go_or_do_not_read_see_both_robots_and_change_nothing_
                 viewer.subscribe(*viewer.channels)
             leaving.until(lambda: bool(leaving.messages("/plant")))
             leaving.socket.socket.shutdown(socket.SHUT_RDWR)
+            # nor does a page that may not watch
+            assert refused(address[1], origin="http://evil.example") == 403
             watcher.to_the_end()
-        process.communicate(timeout=60)
+        out, err = process.communicate(timeout=60)
+    assert "refused: a page of http://evil.example" in err
+    assert f"page       {tmp_path / 'seen' / 'report.html'}" in out and (tmp_path / "seen" / "report.html").is_file()
     alone, seen = read(tmp_path / "alone"), read(tmp_path / "seen")
     n = min(len(alone["encoder.count_m"]), len(seen["encoder.count_m"]))
     assert n > 1250 and seen.complete
@@ -78,14 +104,15 @@ def test_viewers_that_come_go_or_do_not_read_see_both_robots_and_change_nothing_
 
 
 def test_accept_takes_the_token_and_an_open_proposal_and_follows_it_once():
-    proposals, addresses = OneProposal(), list[str]()
+    twin, addresses = OneProposal(), list[str]()
+    text = str(twin.proposal)
     with LiveServer(0, addresses.append, waits=False) as server:
-        viewer = ShadowViewer(server, TOPICS, load_experiment(ROBOT), proposals)
+        viewer = ShadowViewer(server, TOPICS, load_experiment(ROBOT), twin)
         rows = {"alarm": np.array([[np.nan], [0.25]])}
         with Viewer(addresses[0]) as owner, Viewer(addresses[0].partition("?")[0]) as stranger:
             owner.subscribe("/alarm", "/events", "/estimator")
             owner.send(op="subscribeParameterUpdates", parameterNames=[ACCEPT, PROPOSAL])
-            assert owner.parameters() == {ACCEPT: False, PROPOSAL: str(proposals.open)}
+            assert owner.parameters() == {ACCEPT: False, PROPOSAL: text}
             stranger.set(ACCEPT, True)
             stranger.until(lambda: bool(stranger.of("parameterValues", id="set")))
             assert [one["message"] for one in stranger.of("status")] == [WATCHES]
@@ -94,19 +121,27 @@ def test_accept_takes_the_token_and_an_open_proposal_and_follows_it_once():
             owner.until(lambda: bool(owner.of("parameterValues", id="set")))
             (answer,) = owner.of("parameterValues", id="set")
             assert answer["parameters"] == [{"name": ACCEPT, "value": True}]
-            text = viewer.press()
-            assert text == "accepted: k_s of joint 2 was 1.000, is 0.93 +- 0.02"
-            assert viewer.press() == ""
+            assert twin.accepted == []
+            assert (viewer.press(), viewer.press()) == ("", "")
+            assert twin.accepted == [text]
             viewer.show(np.array([0, 2_000_000]), rows, [Happening(0.002, text)])
             # what happens while nothing comes is seen, too
             viewer.show(np.array([], dtype=np.int64), {}, [Happening(1.002, "nothing has come for 1 s")])
             owner.until(lambda: len(owner.messages("/events")) == 2)
-            said = [one.message.message for one in owner.messages("/events")]  # type: ignore[attr-defined]
-            assert said == [text, "nothing has come for 1 s"]
+            texts = [one.message.message for one in owner.messages("/events")]  # type: ignore[attr-defined]
+            assert texts == [text, "nothing has come for 1 s"]
             assert owner.messages("/alarm")[-1].message.level == 0.25  # type: ignore[attr-defined]
             heard = [one["parameters"] for one in owner.of("parameterValues") if "id" not in one]
             assert {"name": ACCEPT, "value": True} in heard[0]
             assert heard[-1] == [{"name": ACCEPT, "value": False}, {"name": PROPOSAL, "value": ""}]
+
+
+def test_a_port_that_is_taken_is_refused_before_the_robot_is_waited_for(tmp_path: Path):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(InputRefused, match=f"--port {port}: .*choose another one, or 0"):
+            shadow(ROBOT, str(ran(FIG4).path), live=True, port=port, out=tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
@@ -125,12 +160,48 @@ def test_what_is_no_acceptance_is_refused_in_a_sentence(name: str, value: object
 
 
 def test_what_was_accepted_is_that_proposal_and_not_a_later_one():
-    proposals = OneProposal()
-    button = AcceptButton(proposals)
+    twin = OneProposal()
+    button = AcceptButton(twin)
     button.request(ACCEPT, True)
-    proposals.open = "zero of motor 1 was 0.000 deg, is 0.1 deg"
-    assert button.press().startswith("not accepted, for it is not open any more: k_s of joint 2")
-    assert proposals.open is not None
+    twin.proposal = "zero of motor 1 was 0.000 deg, is 0.1 deg"
+    assert (button.press() or "").startswith("not accepted, for it is not open any more: k_s of joint 2")
     button.request(ACCEPT, True)
     button.request(ACCEPT, False)
-    assert button.press() == ""
+    assert button.press() is None and twin.accepted == []
+
+
+class Onlooker:
+    """In place of a `ShadowViewer`: what it was shown."""
+
+    def __init__(self) -> None:
+        self.samples, self.texts, self.asked = 0, list[str](), ["not accepted, for it is not open any more: k_s"]
+
+    def press(self) -> str:
+        return self.asked.pop() if self.samples > 100 and self.asked else ""
+
+    def show(self, times: np.ndarray, rows: Rows, happened: list[Happening]) -> None:
+        self.samples += len(times)
+        self.texts += [one.text for one in happened]
+
+
+def test_a_session_shows_every_slice_and_all_that_happens_and_records_that_too(tmp_path: Path):
+    experiment = load_experiment(ROBOT)
+    model, onlooker = model_of(experiment), Onlooker()
+    wanted = wanted_signals(model.belief)
+    run = ran(FIG4)
+    there = np.flatnonzero((run.time("estimator") < 0.5) | (run.time("estimator") > 1.0))[:1000]
+    log = write_log(tmp_path / "log.csv", run, angles=True)
+    head, *lines = log.read_text().splitlines()
+    log.write_text("\n".join([head, *(lines[k] for k in there)]))
+    robot, columns, of_now = opened(str(log), column_map(ANGLES), wanted, model.belief, 10.0)
+    twin = twin_of(experiment, model, "robot")
+    viewer: Any = onlooker
+    session = Session(robot, columns, wanted, twin, model, 0.03, np.inf, of_now, lambda text: None, viewer=viewer)
+    session.wait()
+    followed = session.follow(lambda: tmp_path / "run.mcap")
+    assert onlooker.samples == followed.counts.samples == 1000
+    recorded = [event.text for event in read(followed.recording).events]
+    assert onlooker.texts == recorded and len(recorded) == 3
+    assert "not accepted, for it is not open any more: k_s" in recorded
+    line = session.line(quiet=0.0)
+    assert re.fullmatch(r"2\.5 s  500 Hz  late 0 ms  251 missing in 1 gap  NIS 0\.\d+  joints 0\.00\d deg", line), line

@@ -24,12 +24,26 @@ MOST_GAPS = 30
 """That are listed, the longest."""
 LONGEST_INTERVAL = 1.5
 """Periods between two samples; a longer one is a gap, as the session counts them."""
-NOT_SAID = "The session did not come to its end, so this was not written down."
+UNFINISHED = "The session did not come to its end, so this was not written down."
 
 
 def is_followed(recording: Recording) -> bool:
     """Whether `twin shadow` has recorded it."""
     return "shadow" in recording.metadata
+
+
+def refuse_others(runs: Sequence[ReportRun]) -> None:
+    """Of a robot no truth is known that a run could be compared with.
+
+    Raises:
+        InputRefused: one of `runs` is none of `twin shadow`.
+    """
+    for run in runs:
+        if not is_followed(run.recording):
+            raise InputRefused(
+                f"{run.recording.path}: records a run, and another one a session beside a robot; write a page for each "
+                "kind, or compare signals with twin compare"
+            )
 
 
 class _Read(BaseModel):
@@ -242,7 +256,7 @@ def alarms(run: ReportRun) -> Markup:
     """Every change of the alarm's state with its evidence."""
     facts = recorded_facts(run)
     if facts is None:
-        return element("p", NOT_SAID)
+        return element("p", UNFINISHED)
     if facts.alarm_states is None:
         return element("p", "No fleet of healthy robots was given (--fleet), so that nothing raised an alarm.")
     if not facts.alarm_states:
@@ -268,7 +282,7 @@ COUNTS = {
 
 def gaps(run: ReportRun) -> Markup:
     """What did not come: counts, and the longest gaps."""
-    facts, parts = recorded_facts(run), [element("p", NOT_SAID)]
+    facts, parts = recorded_facts(run), [element("p", UNFINISHED)]
     if facts:
         rows = [(text, str(facts.counts[key])) for key, text in COUNTS.items() if key in facts.counts]
         rows.append(("lost by the transport, as it says itself", str(facts.dropped)))
@@ -297,7 +311,7 @@ def punctuality(run: ReportRun) -> Markup:
     """How late messages came, as a histogram; the robot's clock beside ours."""
     facts = recorded_facts(run)
     if facts is None:
-        return element("p", NOT_SAID)
+        return element("p", UNFINISHED)
     bins, before, low = [], 0, 0.0
     for bound, total in [*facts.lateness_at_most_s, (math.inf, facts.messages)]:
         up_to = f"{1e3 * low:g} to {1e3 * bound:g} ms" if math.isfinite(bound) else f"more than {1e3 * low:g} ms"
@@ -322,7 +336,7 @@ def punctuality(run: ReportRun) -> Markup:
         clock.append(("and goes slow by", f"{1e6 * facts.clock_drift:+.1f} us per s"))
     if facts.in_hand_p99_s is not None:
         clock.append(("from a sample in our hands to its estimate, 99 %", _ms(facts.in_hand_p99_s)))
-        clock.append(("at most", _ms(facts.in_hand_largest_s)))
+        clock.append(("from a sample in our hands to its estimate, at most", _ms(facts.in_hand_largest_s)))
     lateness = table(("later than the quickest", "messages", "share", ""), rows, f"lateness in {run.label}")
     return joined([lateness, element("h3", "Clock"), table(("", "is"), clock, f"clock in {run.label}")])
 

@@ -25,6 +25,7 @@ from twin.report.page.followed import (
     is_followed,
     origin,
     punctuality,
+    refuse_others,
 )
 from twin.report.page.markup import DataBlock, Markup, dark_filter, element, joined, section, table
 from twin.report.page.panels import Panel, curves, scene
@@ -429,7 +430,8 @@ def write_report(
         title = shown[0].label if len(shown) == 1 else f"{len(shown)} runs of systems"
         links = [(key, name) for key, name, _ in found]
         html = plain_page(title, " | ".join(run.label for run in shown), found, links)
-    elif all(is_followed(run.recording) for run in shown):
+    elif any(is_followed(run.recording) for run in shown):
+        refuse_others(shown)
         if budget:
             raise InputRefused(f"{runs[0]}: records a session, whose true force is not known; leave --budget out")
         html, headline = session_page(shown)

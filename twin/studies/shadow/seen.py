@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,26 +43,30 @@ MODEL = "plant/"
 """Before the frames of the twin's plant model; those of the robot have the names that they have in a run."""
 
 
-class Proposals(Protocol):
-    """What the twin proposes to change of itself."""
+class Proposes(Protocol):
+    """A twin that proposes to change itself."""
 
     @property
-    def open(self) -> object | None:
-        """The proposal that waits for an answer; its text is a sentence. Read by any thread."""
+    def proposal(self) -> object | None:
+        """What waits for an answer; its text is a sentence. Read by any thread."""
 
-    def accept(self, proposal: object, /) -> str:
-        """Follow `proposal` from the next sample on; called between two slices. A sentence on what has changed."""
+    def accept(self, proposal: Any, /) -> bool:
+        """Go on with what `proposal` says, unless another one is open by now; called between two slices.
+
+        Returns:
+            Whether it was done, which the twin says itself.
+        """
 
 
 class AcceptButton:
     """The parameters of a session: `shadow.accept`, and what that would accept. Any thread may call.
 
     Args:
-        proposals: of the twin; None: it makes none.
+        twin: that proposes; None: it never does.
     """
 
-    def __init__(self, proposals: Proposals | None):
-        self._proposals = proposals
+    def __init__(self, twin: Proposes | None):
+        self._twin = twin
         self._asked: object | None = None
         self._lock = threading.Lock()
 
@@ -88,18 +92,16 @@ class AcceptButton:
         with self._lock:
             self._asked = proposal if value else None
 
-    def press(self) -> str:
-        """Accept what was asked for, if it is still open: a sentence, "" if nothing was."""
+    def press(self) -> str | None:
+        """Accept what was asked for: why that was not done, "" if it was; None: nothing was asked for."""
         with self._lock:
             asked, self._asked = self._asked, None
-        if asked is None or self._proposals is None:
-            return ""
-        if asked is not self._proposals.open:
-            return f"not accepted, for it is not open any more: {asked}"
-        return self._proposals.accept(asked)
+        if asked is None or self._twin is None:
+            return None
+        return "" if self._twin.accept(asked) else f"not accepted, for it is not open any more: {asked}"
 
     def _open(self) -> object | None:
-        return self._proposals.open if self._proposals else None
+        return self._twin.proposal if self._twin else None
 
 
 class TwoRobots:
@@ -149,7 +151,7 @@ class ShadowViewer:
         server: that does not wait for its first viewer.
         topics: of the twin, ports by topic.
         experiment: of the robot.
-        proposals: see `AcceptButton`.
+        twin: see `AcceptButton`.
     """
 
     def __init__(
@@ -157,9 +159,9 @@ class ShadowViewer:
         server: "LiveServer",
         topics: Mapping[str, tuple[Port, ...]],
         experiment: Experiment,
-        proposals: Proposals | None = None,
+        twin: Proposes | None = None,
     ):
-        self._server, self._button = server, AcceptButton(proposals)
+        self._server, self._button = server, AcceptButton(twin)
         self._places, whole, end = dict[str, slice](), list[bool](), 0
         streams = []
         for name, ports in topics.items():
@@ -173,10 +175,11 @@ class ShadowViewer:
         server.begin(streams, TwoRobots(experiment, self._places), TICK, self._button)
 
     def press(self) -> str:
-        """See `AcceptButton`."""
-        if text := self._button.press():
+        """Accept what was asked for: a sentence if that was not done."""
+        text = self._button.press()
+        if text is not None:
             self._server.tell([ACCEPT, PROPOSAL])
-        return text
+        return text or ""
 
     def show(self, times: NDArray[np.int64], rows: Rows, happened: Sequence[Happening]) -> None:
         """Samples at `times` (n,), ns, maybe none, what the twin made of them, and what has happened."""
