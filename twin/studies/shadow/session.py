@@ -221,17 +221,18 @@ class Session:
         if self._live:
             self._receiver.start()
         try:
-            with real_time() if self._live else nullcontext("") as refused:
+            with real_time(self._receiver.thread) if self._live else nullcontext("") as refused:
                 self.followed.notes += [refused] if refused else []
-                self._loop(path)
+                try:
+                    self._loop(path)
+                finally:
+                    self._receiver.stop()
         except KeyboardInterrupt:
             self.followed.notes.append("ended by hand")
         except BaseException:
             if self._recording is not None:
                 self._recording.abandon()
             raise
-        finally:
-            self._receiver.stop()
         self._take(end=True)
         self._sum_up()
         if self._recording is None:
