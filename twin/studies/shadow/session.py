@@ -33,6 +33,8 @@ SILENT = 1.0
 """s without a message that are said."""
 PATIENT = 200
 """Messages after which a joint that none of them names is said to be lacking."""
+FEWEST = 100
+"""Samples that have a period, if they are regular."""
 MANY = 6
 """Topics that are listed."""
 MOST_EVENTS = 1000
@@ -382,6 +384,8 @@ class Session:
             for topic, reader in self._readers.items()
             if not reader.stamped
         ]
+        if aligner.counts.samples > FEWEST and math.isinf(aligner.period):
+            one.notes.append("stamps come at no regular intervals; what is missing cannot be counted")
         one.notes += [f"{count} publishers on {topic}" for topic, count in self._several.items()]
 
     def line(self, quiet: float) -> str:
