@@ -133,7 +133,9 @@ def followed(robot: Robot, folder: Path, slow: float = 0.0) -> Followed:
 
 def test_a_session_says_how_punctual_it_was_and_which_deadlines_it_missed(tmp_path: Path):
     told = followed(Robot(readings(500), live=True), tmp_path, slow=0.012)
-    assert told.counts.samples == told.in_hand.count == 500 and told.counts.missing == 0
+    assert told.counts.samples == 500 and told.counts.missing == 0
+    # the first ones have no period yet, of which to be late
+    assert 400 < told.in_hand.count < 490
     # how many more there are depends on what else this machine does
     assert told.missed >= 1 and told.in_hand.largest >= 0.012
     events = [str(event) for event in read(tmp_path / "run.mcap").events]

@@ -6,40 +6,61 @@ import gc
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 FIRST, SECOND = 20, 10
 """Priorities under SCHED_FIFO of who waits for messages, and of who works on them."""
-SWITCH = 1e-4
-"""s after which a thread that waits for the interpreter gets it; Python's own is 5 ms."""
+SWITCH = 2e-5
+"""s after which a thread that waits for the interpreter gets it, of two on one processor; Python's own is 5 ms."""
+SWITCH_APART = 1e-4
+"""Of two that may run at the same time, and so interrupt each other."""
 _CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4
 """Of mlockall(2). What has been used once stays in memory; what is only reserved takes none."""
 
 
 @contextmanager
-def real_time() -> Iterator[str]:
+def real_time(first: int | None = None) -> Iterator[str]:
     """Within the block this process goes before others, its memory stays where it is, and its threads take turns soon.
 
-    All threads that there are now go first, the one that calls this second, and those that begin later last.
+    All threads that there are now go first, the one that calls this second, and those that begin later last. The thread
+    `first` has the processor of the one that calls: as long as it has work the other one does not run, and so does not
+    ask for the interpreter either.
+
+    Args:
+        first: number of a thread of Python's that is not to wait for the one that calls.
 
     Yields:
         What is not allowed here, as a sentence; "" if all is.
     """
     turns = sys.getswitchinterval()
-    sys.setswitchinterval(SWITCH)
     # what there is by now stays: a search through all of it takes tens of milliseconds
     gc.collect()
     gc.freeze()
     refused = [why for why in (_go_first(), _lock_memory()) if why]
+    processors = _share_processor(first) if first and not refused else set()
+    sys.setswitchinterval(SWITCH if processors else SWITCH_APART)
     try:
         yield f"not in real time: {'; '.join(refused)}" if refused else ""
     finally:
         _go_as_others()
+        if processors:
+            os.sched_setaffinity(0, processors)
         if hasattr(ctypes.CDLL(None), "munlockall"):
             ctypes.CDLL(None).munlockall()
         gc.unfreeze()
         sys.setswitchinterval(turns)
+
+
+def _share_processor(first: int) -> set[int]:
+    """Let the thread `first` and this one have a processor; those that this one had."""
+    processors = os.sched_getaffinity(0)
+    for thread in (first, 0):
+        # it may be over
+        with suppress(ProcessLookupError):
+            # the first processor has most interrupts
+            os.sched_setaffinity(thread, {max(processors)})
+    return processors
 
 
 def _threads() -> list[int]:
@@ -52,7 +73,8 @@ def _go_first() -> str:
     policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
     try:
         for thread in _threads():
-            os.sched_setscheduler(thread, policy, os.sched_param(FIRST))
+            with suppress(ProcessLookupError):
+                os.sched_setscheduler(thread, policy, os.sched_param(FIRST))
         os.sched_setscheduler(0, policy, os.sched_param(SECOND))
     except PermissionError:
         return "SCHED_FIFO is not allowed (CAP_SYS_NICE or ulimit -r 20)"
@@ -62,8 +84,9 @@ def _go_first() -> str:
 def _go_as_others() -> None:
     if sys.platform == "linux":
         for thread in _threads():
-            if os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO:
-                os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))
+            with suppress(ProcessLookupError):
+                if os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK == os.SCHED_FIFO:
+                    os.sched_setscheduler(thread, os.SCHED_OTHER, os.sched_param(0))
 
 
 def _lock_memory() -> str:

@@ -3,6 +3,7 @@
 Beside a robot that runs all this has a thread of its own; who records and draws takes what has come in slices.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from threading import Lock, Thread
@@ -48,7 +49,7 @@ class Receiver:
         estimate: is given each sample as soon as it is there, in the thread that receives; None: nothing is in a hurry.
 
     Attributes:
-        in_hand: from when a sample is due to its estimate.
+        in_hand: from when a sample is due to its estimate; since there was none waiting for the first time.
         missed: estimates that came after their deadline.
         lock: holds the aligner and what it counts as they are.
     """
@@ -65,6 +66,12 @@ class Receiver:
         self._failure: BaseException | None = None
         self._alive, self._thread = True, Thread(target=self._run, name="receiver", daemon=True)
         self.in_hand, self.missed, self.lock = Histogram(), 0, Lock()
+        self._on_time = False
+
+    @property
+    def thread(self) -> int | None:
+        """Its number for the operating system, once it is there."""
+        return self._thread.native_id
 
     def start(self) -> None:
         """Receive in a thread of its own."""
@@ -99,6 +106,8 @@ class Receiver:
         if self._aligner.due is not None:
             wait = min(wait, max(0.0, (self._aligner.due - self._source.now()) / SECOND))
         arrivals = self._source.take(wait)
+        # what had come before anybody listened is not in a hurry
+        self._on_time |= len(arrivals) < 2 and self._aligner.period < math.inf
         with self.lock:
             self._received.arrivals += arrivals
             for one in arrivals:
@@ -111,6 +120,8 @@ class Receiver:
         if self._estimate is not None:
             for sample in samples:
                 self._estimate(sample)
+                if not self._on_time:
+                    continue
                 taken = (self._source.now() - sample.due) / SECOND
                 self.in_hand.add(taken)
                 if taken > self._aligner.period / SECOND:

@@ -38,6 +38,8 @@ SILENT = 1.0
 """s without a message that are said."""
 PATIENT = 200
 """Messages after which a joint that none of them names is said to be lacking."""
+FEWEST = 100
+"""Samples that have a period, if they are regular."""
 MANY = 6
 """Topics that are listed."""
 MOST_EVENTS = 1000
@@ -240,17 +242,18 @@ class Session:
         if self._live:
             self._receiver.start()
         try:
-            with real_time() if self._live else nullcontext("") as refused:
+            with real_time(self._receiver.thread) if self._live else nullcontext("") as refused:
                 self.followed.notes += [refused] if refused else []
-                self._loop(path)
+                try:
+                    self._loop(path)
+                finally:
+                    self._receiver.stop()
         except KeyboardInterrupt:
             self.followed.notes.append("ended by hand")
         except BaseException:
             if self._recording is not None:
                 self._recording.abandon()
             raise
-        finally:
-            self._receiver.stop()
         self._take(end=True)
         self._sum_up()
         if self._recording is None:
@@ -411,6 +414,8 @@ class Session:
             for topic, reader in self._readers.items()
             if not reader.stamped
         ]
+        if aligner.counts.samples > FEWEST and math.isinf(aligner.period):
+            one.notes.append("stamps come at no regular intervals; what is missing cannot be counted")
         one.notes += [f"{count} publishers on {topic}" for topic, count in self._several.items()]
 
     def line(self, quiet: float) -> str:

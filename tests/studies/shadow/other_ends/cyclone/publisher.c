@@ -1,5 +1,5 @@
-/* The joints of a robot by Cyclone DDS of Debian, C: publisher ANGLES RATE SECONDS. ANGLES: rows of six doubles, rad.
-   The type's code beside this file was generated: idlc JointState.idl */
+/* The joints of a robot by Cyclone DDS of Debian, C: publisher ANGLES RATE SECONDS [AHEAD]. ANGLES: rows of six doubles,
+   rad; its clock is AHEAD of this machine's (s). The type's code beside this file was generated: idlc JointState.idl */
 #include "JointState.h"
 #include "dds/dds.h"
 #include <stdio.h>
@@ -52,6 +52,7 @@ int main(int argc, char **argv) {
   message.name._length = message.name._maximum = JOINTS;
   message.position._length = message.position._maximum = JOINTS;
   long long begun = now(CLOCK_MONOTONIC), since = now(CLOCK_REALTIME);
+  if (argc > 4) since += (long long)(atof(argv[4]) * NS);
   for (long k = 0; k < n; ++k) {
     long long due = begun + k * period, stamp = since + k * period;
     struct timespec until = {due / NS, due % NS};

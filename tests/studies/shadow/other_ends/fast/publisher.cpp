@@ -1,5 +1,5 @@
-// The joints of a robot by Fast DDS of Debian, C++, as rmw_fastrtps publishes: publisher ANGLES RATE SECONDS.
-// ANGLES: rows of six doubles, rad. The type's code beside this file was generated: fastddsgen JointState.idl
+// The joints of a robot by Fast DDS of Debian, C++, as rmw_fastrtps publishes: publisher ANGLES RATE SECONDS [AHEAD].
+// ANGLES: rows of six doubles, rad; its clock is AHEAD of this machine's (s). The type's code beside this file was generated: fastddsgen JointState.idl
 #include "JointStatePubSubTypes.h"
 
 #include <chrono>
@@ -47,7 +47,8 @@ int main(int argc, char **argv) {
   message.header().frame_id("base");
   message.name({"m1", "m2", "m3", "l1", "l2", "l3"});
   const auto begun = Clock::now();
-  const long long since = std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count();
+  const long long since = std::chrono::nanoseconds(std::chrono::system_clock::now().time_since_epoch()).count() +
+                          (argc > 4 ? (long long)(std::atof(argv[4]) * 1e9) : 0);
   for (long k = 0; k < n; ++k) {
     std::this_thread::sleep_until(begun + std::chrono::nanoseconds(k * period));
     const long long stamp = since + k * period;
