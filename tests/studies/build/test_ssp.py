@@ -199,7 +199,7 @@ def test_a_position_command_of_ours_travels_as_an_fmu_in_front_of_each_drive() -
         (["cosim.scheme=jacobi"], "which is a bus of 1 tick; build it with --set controller.bus_delay_ticks=1"),
         (["cosim.iterations=2"], "build it with --set cosim.iterations=1"),
         (["cosim.inputs=linear"], "build the plant with --set cosim.inputs=hold"),
-        ([f"controller.python={ROOT}/examples/my_controller.py:Controller"], "third-party and does not travel"),
+        ([f"controller.python={ROOT}/examples/my_controller.py:Controller"], "only twin's own parts can be exported"),
         # which no part of ours would miss
         (['fault=[{kind="drive_runaway", onset_s=6.0, magnitude_rad_per_s=2.0}]'], "--set fault=[]"),
         (['change=[{t_s=1.0, key="controller.force.reference_N", value=4.0}]'], "--set change="),
@@ -219,7 +219,7 @@ def test_an_experiment_that_an_ssp_cannot_say_is_refused(tmp_path: Path, setting
         ("brushed_dc", [], r"makes 4 steps in a tick of 1 ms, as \[drive.velocity_loop\] of ours acts"),
         ("velocity_servo", ["drive.substeps=3"], r"makes 3 steps .* \[drive\] substeps asks for them"),
         ("modelica_dc", ["drive.kind=model_exchange"], "is used for model exchange, whose solver here is ours"),
-        ("velocity_servo", ["drive.tolerance=1e-6"], r"\[drive\] tolerance cannot be said"),
+        ("velocity_servo", ["drive.tolerance=1e-6"], r"\[drive\] tolerance cannot be expressed"),
         ("once", [], "only once in a process, so that three of it take three processes"),
         ("torque_motor_fmi3", [*FINE, "monitor.enabled=true"], "its input enable is of type Boolean"),
     ],
