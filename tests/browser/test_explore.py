@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Dialog, Locator, Page, expect
+from playwright.sync_api import Browser, BrowserContext, Dialog, Locator, Page, WebSocketRoute, expect
 
 from tests.browser.explorer import Explorer
 from tests.kernel.process.hostile import HANG, NONE, SEGFAULT, hostile_drive
@@ -134,6 +134,20 @@ def test_a_double_click_takes_the_files_value_and_undo_the_one_before(opened: Op
     expect(opened.row(GAIN).locator(".entry input")).to_have_value("2")
     opened.page.keyboard.press("Control+Shift+z")
     expect(opened.row(GAIN).locator(".entry input")).to_have_value("3")
+
+
+def test_a_double_click_takes_the_default_where_a_key_has_one(context: BrowserContext, tmp_path: Path):
+    # the file says 0.1 where the default is 0
+    with Explorer(tmp_path, "massage") as explorer:
+        opened = Opened(context.new_page(), explorer.address)
+        opened.page.fill("#search", "dead_zone")
+        row = opened.row("controller.dead_zone_deg")
+        expect(row.locator(".entry input")).to_have_value("0.1")
+        row.locator("input[type=range]").dblclick()
+        expect(row.locator(".entry input")).to_have_value("0")
+        expect(row).to_have_class("setting changed")
+        row.locator(".back").click()
+        expect(row.locator(".entry input")).to_have_value("0.1")
 
 
 def test_every_key_is_found_by_its_name_or_its_meaning(opened: Opened):
@@ -354,6 +368,31 @@ def test_a_page_says_that_the_server_was_killed_and_comes_back_with_its_state(br
     context.close()
 
 
+def test_a_page_that_was_cut_off_goes_on_with_what_was_changed_meanwhile(context: BrowserContext, explorer: Explorer):
+    page, links, cut = context.new_page(), list[WebSocketRoute](), list[bool]()
+
+    def pass_on(link: WebSocketRoute) -> None:
+        if cut:
+            link.close()
+        else:
+            link.connect_to_server()
+            links.append(link)
+
+    page.route_web_socket("**/link", pass_on)
+    opened = Opened(page, explorer.address)
+    cut.append(True)
+    links[0].close()
+    expect(page.locator("#status")).to_contain_text("does not answer")
+    field, before = opened.row(GAIN).locator(".entry input"), opened.number(FORCE)
+    field.fill("3")
+    field.press("Enter")
+    cut.clear()
+    expect(page.locator("#status")).to_have_text("", timeout=20_000)
+    wait_until(page, "old => document.querySelector('.box strong').innerText !== old", before)
+    expect(field).to_have_value("3")
+    expect(page.locator("#picture")).to_have_class("")
+
+
 def test_after_another_token_the_page_says_what_to_do_and_the_printed_address_brings_it_back(
     browser: Browser, tmp_path: Path
 ):
@@ -546,7 +585,14 @@ def test_a_log_of_a_robot_is_dropped_mapped_laid_beside_and_brought_back_by_the_
         tmp_path / "robot.csv", np.column_stack([t, counts]), "%.9g", ",", header="t," + ",".join(names), comments=""
     )
     page = opened.page
-    page.set_input_files("#fmu", tmp_path / "robot.csv")
+    page.evaluate(
+        """text => {
+            const files = new DataTransfer();
+            files.items.add(new File([text], "robot.csv"));
+            document.body.dispatchEvent(new DragEvent("drop", { dataTransfer: files, bubbles: true, cancelable: true }));
+        }""",
+        (tmp_path / "robot.csv").read_text(),
+    )
     page.locator("#log[open]").wait_for()
     # what the proposal leaves in doubt is a comment, and the sentence says what is missing
     assert "# time = " in page.input_value("#log-map")

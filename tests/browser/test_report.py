@@ -63,8 +63,10 @@ def test_values_under_the_cursor_are_those_of_the_recording(opened: Opened, forc
     shown = {one.locator("span").inner_text(): one.locator("output").text_content() for one in legend.all()}
     # three decimals, and half a unit of the last
     true = -force_position["plant.F_ee_B"][12000, 2]
-    assert float(shown["true"] or "nan") == pytest.approx(true, abs=5.1e-4)
-    assert float(shown["estimated"] or "nan") == pytest.approx(force_position["controller.F_z"][6000], abs=5.1e-4)
+    assert float((shown["true"] or "nan").removesuffix(" N")) == pytest.approx(true, abs=5.1e-4)
+    assert float((shown["estimated"] or "nan").removesuffix(" N")) == pytest.approx(
+        force_position["controller.F_z"][6000], abs=5.1e-4
+    )
 
 
 def test_a_click_plays_the_robot_and_another_stops_it(opened: Opened):

@@ -108,7 +108,11 @@ export class Sliders {
     node.append(range, made("span", { className: "entry" }, field, made("span", { className: "unit" }, slider.unit)));
     range.addEventListener("input", () => change(valueAt(slider, Number(range.value)), false));
     range.addEventListener("change", () => change(valueAt(slider, Number(range.value)), true));
-    range.addEventListener("dblclick", () => change(undefined, true, true));
+    range.title = `Double click: ${shown(slider.default ?? slider.value)}`;
+    range.addEventListener("dblclick", () => {
+      const usual = slider.default ?? undefined;
+      change(usual === this.base(slider.key) ? undefined : usual, true, true);
+    });
     field.addEventListener("change", () => {
       const text = field.value.trim();
       const bare = slider.unit && text.endsWith(slider.unit) ? text.slice(0, -slider.unit.length).trim() : text;

@@ -41,10 +41,12 @@ function look(row, run) {
 /** A canvas made as fine as the screen; its context is in CSS pixels. */
 function prepared(canvas, width, height) {
   const ratio = window.devicePixelRatio || 1;
-  canvas.width = Math.round(width * ratio);
-  canvas.height = Math.round(height * ratio);
+  const size = [Math.round(width * ratio), Math.round(height * ratio)];
   const pen = canvas.getContext("2d");
+  // another size makes the browser lay out the page again
+  if (canvas.width !== size[0] || canvas.height !== size[1]) [canvas.width, canvas.height] = size;
   pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+  pen.clearRect(0, 0, width, height);
   return pen;
 }
 

@@ -4,6 +4,8 @@ const MARGIN = { left: 58, right: 10, top: 6, bottom: 22 };
 const HEIGHT = 170;
 // rounding errors must not fill a plot
 const LEAST_SPAN = 1e-3;
+// pixels that a curve may be off
+const UNSEEN = 0.3;
 
 /** Round numbers from low to high, about `count` of them. */
 function ticks(low, high, count) {
@@ -158,9 +160,10 @@ class Plot {
     pen.strokeStyle = color(name);
     pen.lineWidth = width;
     pen.setLineDash(dash);
-    pen.lineJoin = "round";
+    pen.lineJoin = "bevel";
     pen.beginPath();
     let down = false;
+    let [x_before, y_before] = [0, 0];
     for (let i = first; i <= last; i += each) {
       let low = Infinity;
       let high = -Infinity;
@@ -175,6 +178,8 @@ class Plot {
       }
       const x = this.x(curve.start + i * curve.step);
       const [over, under] = [y(high), y(low)];
+      if (down && i < last && x - x_before < 1 && Math.abs(over - y_before) < UNSEEN && under - over < UNSEEN) continue;
+      [x_before, y_before] = [x, over];
       if (down) pen.lineTo(x, over);
       else pen.moveTo(x, over);
       if (under - over > 0.5) pen.lineTo(x, under);
@@ -205,7 +210,7 @@ class Plot {
       values.forEach((value, run) => {
         if (!row.curves[run]) return;
         const y = row.curves[run].at(t);
-        value.textContent = Number.isFinite(y) ? y.toFixed(this.decimals) : "-";
+        value.textContent = Number.isFinite(y) ? `${y.toFixed(this.decimals)} ${this.panel.unit}`.trimEnd() : "-";
       });
   }
 }

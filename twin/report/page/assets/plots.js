@@ -36,10 +36,9 @@ class Plots {
 
   /** Draw what is out of date and on the screen; the others when they come there. */
   refresh() {
-    for (const plot of this.seen) {
-      if (this.stale.delete(plot)) plot.draw();
-      plot.point(this.clock.time);
-    }
+    // widths are read before texts change, or each plot would be laid out anew
+    for (const plot of this.seen) if (this.stale.delete(plot)) plot.draw();
+    this.point();
     this.drawn();
   }
 
