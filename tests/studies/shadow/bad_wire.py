@@ -49,4 +49,4 @@ def main(robot: str, twin: str, loss: float, delay: float, held: float) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:3], *map(float, sys.argv[3:6]))
+    main(sys.argv[1], sys.argv[2], *map(float, sys.argv[3:6]))

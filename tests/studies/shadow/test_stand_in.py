@@ -2,7 +2,9 @@
 
 import json
 import sys
+import time
 from pathlib import Path
+from subprocess import Popen
 
 import pytest
 
@@ -27,20 +29,31 @@ def robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def beside(start: Start, robot: Path, domain: int, out: Path, *options: str) -> dict:
-    """What a session of 4 s beside the robot with those options came to."""
-    words = [sys.executable, STAND_IN / "robot.py", robot, "--domain", domain, "--seconds", 5, *options]
-    stand_in = start(*words)
-    twin = [sys.executable, "-m", "twin", "shadow", FIG4, "--source", "ros2:/joint_states"]
-    code, text, err = ended(start(*twin, "--map", STAND_IN / "robot.toml", "--duration-s", 4, "--json", "--out", out))
+def moving(start: Start, robot: Path, domain: int, seconds: float, *options: str) -> Popen[str]:
+    """The stand-in with those options."""
+    words = [sys.executable, STAND_IN / "robot.py", robot, "--domain", domain, "--seconds", seconds, *options]
+    return start(*words)
+
+
+def twin_of(start: Start, seconds: float, out: Path) -> Popen[str]:
+    """A session of so many seconds."""
+    words = [sys.executable, "-m", "twin", "shadow", FIG4, "--source", "ros2:/joint_states"]
+    return start(*words, "--map", STAND_IN / "robot.toml", "--duration-s", seconds, "--json", "--out", out)
+
+
+def beside(start: Start, robot: Path, domain: int, out: Path, *options: str, seconds: float = 2.5) -> dict:
+    """What a session beside the robot with those options came to."""
+    stand_in = moving(start, robot, domain, seconds + 0.7, *options)
+    code, text, err = ended(twin_of(start, seconds, out))
     assert code == 0, (err, stand_in.poll())
-    return json.loads(text)
+    facts: dict = json.loads(text)
+    return facts
 
 
 def test_a_robot_that_is_as_its_twin_is_followed_and_its_law_is_known(
     start: Start, robot: Path, domain: int, tmp_path: Path
 ):
-    facts = beside(start, robot, domain, tmp_path / "out", "--shuffled")
+    facts = beside(start, robot, domain, tmp_path / "out", "--shuffled", seconds=4.0)
     assert facts["counts"]["samples"] >= 2000 and facts["counts"]["missing"] == 0
     # a count of rounding in another library's libm
     assert all(facts["residuals"][f"command {i}"]["rms"] < 0.01 for i in (1, 2, 3))
@@ -52,9 +65,9 @@ def test_a_robot_that_is_as_its_twin_is_followed_and_its_law_is_known(
     [
         (["--publishers", "2"], {"late": 0, "restarts": 0}),
         (["--clock-offset-s", "0.3", "--clock-drift", "5e-5"], {"missing": 0, "restarts": 0}),
-        (["--restart-at-s", "2"], {"restarts": 1, "late": 0}),
-        (["--nan-at-s", "2"], {"invalid": 50}),
-        (["--silent", "1.5", "1.0"], {"missing": 500, "gaps": 1}),
+        (["--restart-at-s", "1"], {"restarts": 1, "late": 0}),
+        (["--nan-at-s", "1"], {"invalid": 50}),
+        (["--silent", "1.0", "0.6"], {"missing": 300, "gaps": 1}),
     ],
     ids=["two publishers", "clock", "restart", "nan", "silent"],
 )
@@ -63,13 +76,52 @@ def test_what_goes_wrong_is_counted_and_the_twin_goes_on(
 ):
     facts = beside(start, robot, domain, tmp_path / "out", *options)
     assert expected.items() <= facts["counts"].items()
-    assert facts["seconds"] >= 4.0
+    assert facts["seconds"] >= 2.5
     if "--clock-offset-s" in options:
         assert facts["clock_offset_s"] == pytest.approx(-0.3, abs=0.02)
     recording = read(tmp_path / "out")
     assert recording.complete and len(recording["estimator.p_B"]) == facts["counts"]["samples"]
 
 
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (["--missing", "l3"], "/joint_states has no 'position.l3' for estimator.theta_l[2]; did you mean"),
+        (["--degrees"], "as degrees they do: write 'estimator.theta_l[0]=COLUMN[deg]' and so on in the map"),
+    ],
+    ids=["missing joint", "degrees"],
+)
+def test_what_cannot_be_this_robot_is_refused_with_what_to_write(
+    start: Start, robot: Path, domain: int, tmp_path: Path, options: list[str], expected: str
+):
+    moving(start, robot, domain, 20.0, *options)
+    code, _, err = ended(twin_of(start, 10.0, tmp_path / "out"))
+    assert (code, expected in err) == (2, True), err
+    assert len(err.strip().splitlines()) <= 2 and not list(tmp_path.rglob("*.mcap"))
+
+
+def test_a_twin_that_is_late_joins_and_stays_when_the_robot_is_switched_off_and_on(
+    start: Start, robot: Path, domain: int, tmp_path: Path
+):
+    first = moving(start, robot, domain, 60.0, "--at-once")
+    assert first.stdout is not None and first.stdout.readline() == "ready\n"
+    time.sleep(0.5)
+    twin = twin_of(start, 8.0, tmp_path / "out")
+    until = time.monotonic() + 40.0
+    while not (tmp_path / "out" / "run.mcap.partial").is_file() and time.monotonic() < until:
+        time.sleep(0.05)
+    first.kill()
+    moving(start, robot, domain, 60.0)
+    code, text, err = ended(twin)
+    facts = json.loads(text)
+    # its stamps go on, as its clock has gone on
+    assert code == 0 and facts["counts"]["restarts"] == 0 and facts["counts"]["gaps"] >= 1, err
+    events = [str(event) for event in read(tmp_path / "out").events]
+    assert any("the plant model starts anew" in event for event in events)
+    # what came after it was on again
+    assert facts["counts"]["missing"] < 500 * facts["seconds"] - 100
+
+
 def test_a_softer_spring_is_seen_in_the_joints(start: Start, robot: Path, domain: int, tmp_path: Path):
-    facts = beside(start, robot, domain, tmp_path / "out", "--set", "plant.k_s_Nm_per_rad=0.7")
+    facts = beside(start, robot, domain, tmp_path / "out", "--set", "plant.k_s_Nm_per_rad=0.7", seconds=4.0)
     assert max(facts["residuals"][f"joint {i}"]["rms"] for i in (1, 2, 3)) > 0.003

@@ -122,11 +122,11 @@ class Simulation:
         self._advance(self._address, 0, 0, 0)
         self._deadlines: Deadlines | None = None
 
-    def pace(self, kept: Deadlines) -> None:
+    def pace(self, waits: Deadlines) -> None:
         """From now on no tick begins before it is due."""
         step = (adaptive if self.control else master).advance.native
-        kept.of(step.address, self._address)
-        self._deadlines, self._address, self._advance = kept, kept.address, deadlines.advance.native.called
+        waits.of(step.address, self._address)
+        self._deadlines, self._address, self._advance = waits, waits.address, deadlines.advance.native.called
         self._advance(self._address, 0, 0, 0)
 
     @property

@@ -112,15 +112,15 @@ class Pace(Observer):
 
     def punctuality(self) -> Punctuality:
         """Of every deadline so far."""
-        kept = self.deadlines.counts
-        count, mean = max(1, kept["count"]), kept["sum"] / max(1, kept["count"])
-        due = (kept["last"] - kept["start"]) * self.tick_time if kept["count"] else 0.0
+        found = self.deadlines.counts
+        count, mean = max(1, found["count"]), found["sum"] / max(1, found["count"])
+        due = (found["last"] - found["start"]) * self.tick_time if found["count"] else 0.0
         return Punctuality(
             factor=self._factor,
-            achieved=self._factor * due / (due + kept["newest"]) if due else self._factor,
-            deadlines=int(kept["count"]),
-            misses=int(kept["missed"]),
-            worst=kept["worst"],
-            jitter=math.sqrt(max(0.0, kept["squares"] / count - mean**2)),
-            jitter_99=self.deadlines.lateness.quantile(0.99) if kept["count"] else 0.0,
+            achieved=self._factor * due / (due + found["newest"]) if due else self._factor,
+            deadlines=int(found["count"]),
+            misses=int(found["missed"]),
+            worst=found["worst"],
+            jitter=math.sqrt(max(0.0, found["squares"] / count - mean**2)),
+            jitter_99=self.deadlines.lateness.quantile(0.99) if found["count"] else 0.0,
         )

@@ -92,6 +92,7 @@ def shadow(
     The twin listens to the robot's encoders and never sends anything to it.
     It is stepped by the stamps of the messages. The recording has the robot's
     messages as they came, and beside them what the twin makes of them.
+    Beside a robot it goes before other work (SCHED_FIFO), where it may.
     Domain of DDS and zenoh: ROS_DOMAIN_ID.
 
     Exit code: 0 done, 1 an alarm, 2 input refused.
