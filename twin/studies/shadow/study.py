@@ -62,8 +62,8 @@ def shadow(
         Path | None,
         Option("Raise alarms, with tolerances of these healthy robots (a sweep file); takes a second a robot.", "FILE"),
     ] = None,
-    adapt: Annotated[bool, Option("With --fleet: accept what has moved after an alarm, and go on with it.")] = False,
     false_alarms_per_hour: Annotated[float, Option("With --fleet: how many false alarms to bear.", "N")] = 0.01,
+    adapt: Annotated[bool, Option("With --fleet: accept what has moved after an alarm, and go on with it.")] = False,
     out: Annotated[Path | None, Option("Folder; default: results/shadow/EXPERIMENT/TIME.", "DIR")] = None,
     say: Say = silent,
 ) -> Result:
