@@ -92,6 +92,11 @@ def test_a_session_ends_after_the_time_that_was_asked_for(tmp_path: Path):
     assert 2.0 <= read(tmp_path / "out").time("encoder")[-1] < 3.5
 
 
+def test_without_a_fleet_there_is_nothing_to_accept(tmp_path: Path):
+    with pytest.raises(InputRefused, match="--adapt: what has moved is looked for after an alarm"):
+        shadow(ROBOT, str(ran(FIG4).path), speed=0.0, adapt=True, out=tmp_path / "out")
+
+
 @pytest.mark.parametrize(
     ("source", "maps", "expected"),
     [

@@ -33,7 +33,7 @@ from twin.studies.shadow.alarm import Blocks, ShadowWatch, Tolerances, WatchEven
 from twin.studies.shadow.layout import INPUTS, OUTPUTS
 from twin.studies.shadow.mapping import COUNT_L, COUNT_M, F_Z, NANOSECONDS, TAU, RobotSamples
 from twin.studies.shadow.mapping import OMEGA_REF as OMEGA_REF_AT
-from twin.studies.shadow.reidentification import Proposal, Reidentifier
+from twin.studies.shadow.reidentification import Adaptation, Reidentifier
 from twin.studies.shadow.samples import FilterFeed, shadow_of
 
 ALARM_LEVEL = Port("level", 1, "1", "largest sum of residuals by its threshold; an alarm beyond 1")
@@ -345,11 +345,11 @@ class AlarmWatch:
         return {"alarm": levels}
 
     @property
-    def proposals(self) -> list[Proposal]:
+    def proposals(self) -> list[Adaptation]:
         """All so far."""
         return [] if self.reidentifier is None else self.reidentifier.proposals
 
-    def accept(self, proposal: Proposal) -> PlantParameters:
+    def accept(self, proposal: Adaptation) -> PlantParameters:
         """What the robot is believed to be from now on; the alarm listens anew after cooling down."""
         assert self.reidentifier is not None
         self.reidentifier.accept(proposal)
@@ -391,14 +391,14 @@ class Twin:
                 part.at_once(sample)
 
     @property
-    def proposal(self) -> Proposal | None:
+    def proposal(self) -> Adaptation | None:
         """What has moved, for somebody to accept; None: nothing that anything knows of."""
         for part in self.parts:
             if isinstance(part, AlarmWatch) and part.reidentifier is not None:
                 return part.reidentifier.proposal
         return None
 
-    def accept(self, proposal: Proposal) -> bool:
+    def accept(self, proposal: Adaptation) -> bool:
         """Go on with what `proposal` says: the filter, the plant model, and the alarm after cooling down.
 
         To be called between two calls of `feed`, from the thread that calls it.

@@ -111,7 +111,7 @@ class Moved(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Proposal:
+class Adaptation:
     """What has moved, for somebody to accept.
 
     Attributes:
@@ -305,14 +305,14 @@ class Reidentifier:
 
     Attributes:
         plant: what the robot is believed to be by now.
-        proposal: the newest that nobody has accepted; None: there is none.
+        proposal: the newest one, until it is accepted; None: there is none.
         proposals: all.
     """
 
     def __init__(self, experiment: Experiment, wait: bool):
         self.plant = plant_parameters(experiment.plant, experiment.contact)
-        self.proposal: Proposal | None = None
-        self.proposals: list[Proposal] = []
+        self.proposal: Adaptation | None = None
+        self.proposals: list[Adaptation] = []
         self._belief, self._rotor, self._wait = belief(experiment), drive_model(experiment).inertia, wait
         self._ring, self._pool = SampleRing(), ThreadPoolExecutor(1)
         self._answer: Future[tuple[Moved, ...]] | None = None
@@ -338,12 +338,12 @@ class Reidentifier:
             return f"{UNKNOWN}: {problem}"
         news = tuple(one for one in moved if one.is_news)
         if news:
-            self.proposal = Proposal(self._asked_at, news)
+            self.proposal = Adaptation(self._asked_at, news)
             self.proposals.append(self.proposal)
             return f"{self.proposal}: twin accepts with --adapt or the viewer's button"
         reasons = dict.fromkeys(str(one) if one.now is None else f"{one.name} has not moved" for one in moved)
         return f"{UNKNOWN}: {'; '.join(reasons)}"
 
-    def accept(self, proposal: Proposal) -> None:
+    def accept(self, proposal: Adaptation) -> None:
         """From now on the robot is believed to be what `proposal` says."""
         self.plant, self.proposal = proposal.of(self.plant), None
