@@ -151,7 +151,9 @@ class Beside:
     def block(self, seconds: float) -> list[float]:
         """Times (s) from stamp to estimate."""
         self.follow(robot(), seconds)
-        return self.latencies[round(SETTLED * RATE) :]
+        # what came while the session was made is worked off first
+        begun = next(k for k, late in enumerate(self.latencies) if late < CAUGHT_UP)
+        return self.latencies[max(begun, round(SETTLED * RATE)) :]
 
 
 def robot() -> RobotSource:

@@ -34,10 +34,10 @@ def real_time(first: int | None = None) -> Iterator[str]:
         What is not allowed here, as a sentence; "" if all is.
     """
     turns = sys.getswitchinterval()
+    refused = [why for why in (_go_first(), _lock_memory()) if why]
     # what there is by now stays: a search through all of it takes tens of milliseconds
     gc.collect()
     gc.freeze()
-    refused = [why for why in (_go_first(), _lock_memory()) if why]
     processors = _share_processor(first) if first and not refused else set()
     sys.setswitchinterval(SWITCH if processors else SWITCH_APART)
     try:
