@@ -29,6 +29,8 @@ NUMBERS = (
 )
 DRIVES = ("velocity_servo", "ideal_velocity")
 ROUNDS = 12
+FEWER = 8
+"""Times of what takes longer, the first one left out."""
 DRAG = 10.0
 """s, of one movement without a pause."""
 IDLE = 5.0
@@ -65,6 +67,20 @@ DRAGGED = """async ([key, seconds]) => {
     }
     return performance.getEntriesByName("twin-follow").length / seconds;
 }"""
+FOLLOWED = """async ([id, key, first]) => {
+    const box = document.getElementById(id);
+    box.open = true;
+    while (!box.querySelector("tbody tr") || box.ariaBusy === "true") await new Promise((done) => setTimeout(done, 20));
+    const slider = document.querySelector(`.setting[data-key='${key}'] input[type=range]`);
+    for (let i = 0; i < 8; i++) {
+        slider.value = first + i;
+        slider.dispatchEvent(new Event("input", { bubbles: true }));
+        await new Promise((done) => setTimeout(done, 40));
+    }
+    const moved = performance.now();
+    while (box.ariaBusy === "true") await new Promise((done) => setTimeout(done, 1));
+    return performance.now() - moved;
+}"""
 CHANGED = """async ([key, first, count]) => {
     const slider = document.querySelector(`.setting[data-key='${key}'] input[type=range]`);
     const last = () => performance.getEntriesByName("twin-follow").at(-1)?.detail ?? 0;
@@ -89,13 +105,16 @@ def measurements(root: Path) -> list[Measurement]:
         return [Measurement(name, None, "", remark=f"no {BROWSER} here") for name in names]
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        fig4, ready, rate, idle, growth = _explored(browser, root / "experiments/fig4_force_position.toml", True)
+        of_fig4 = _explored(browser, root / "experiments/fig4_force_position.toml", True)
+        fig4, ready, rate, idle, growth, loops, score = of_fig4
         massage, *_ = _explored(browser, root / "experiments/massage.toml", False)
         browser.close()
     return [
         Measurement(names[0], median(fig4), "ms", at_most=80.0),
         Measurement(names[1], quantiles(fig4, n=20)[-1], "ms", at_most=150.0),
         Measurement("explore: picture follows, massage, median", median(massage), "ms", at_most=300.0),
+        Measurement("explore: loops follow, after the last movement, median", loops, "ms", at_most=500.0),
+        Measurement("explore: scorecard of Fig. 4, after the last movement, median", score, "ms", at_most=400.0),
         Measurement("explore: pictures per second of a drag", rate, "1/s", at_least=10.0),
         Measurement("explore: page ready after the command", ready, "s", at_most=2.0),
         Measurement("explore: processor while nothing moves", 100.0 * idle, "%", at_most=1.0),
@@ -103,8 +122,11 @@ def measurements(root: Path) -> list[Measurement]:
     ]
 
 
-def _explored(browser: Any, experiment: Path, whole: bool) -> tuple[list[float], float, float, float, float]:
-    """(times in ms, s until the page is ready, pictures per second, share of a processor while idle, growth)."""
+def _explored(
+    browser: Any, experiment: Path, whole: bool
+) -> tuple[list[float], float, float, float, float, float, float]:
+    """(times in ms, s until the page is ready, pictures per second, share of a processor while idle, growth, medians of
+    loops and scorecard in ms)."""
     with tempfile.TemporaryDirectory() as scratch:
         if whole:
             # what is compiled is there from now on
@@ -129,7 +151,7 @@ def _explored(browser: Any, experiment: Path, whole: bool) -> tuple[list[float],
                 found += times if number else []
             if not whole:
                 tab.close()
-                return found, ready, 0.0, 0.0, 0.0
+                return found, ready, 0.0, 0.0, 0.0, 0.0, 0.0
             rate = tab.evaluate(DRAGGED, [NUMBERS[0], DRAG])
             tab.wait_for_timeout(500)
             pids = _family(process.pid)
@@ -140,8 +162,13 @@ def _explored(browser: Any, experiment: Path, whole: bool) -> tuple[list[float],
             early = sum(map(resident_memory, _family(process.pid)))
             tab.evaluate(CHANGED, [NUMBERS[1], FEW, MANY - FEW])
             late = sum(map(resident_memory, _family(process.pid)))
+            panels = [
+                median([tab.evaluate(FOLLOWED, [box, NUMBERS[0], 400 + 10 * n]) for n in range(FEWER)][1:])
+                for box in ("loops", "score")
+                if tab.evaluate("for (const box of document.querySelectorAll('details')) box.open = false") is None
+            ]
             tab.close()
-    return found, ready, rate, idle, late / early
+    return found, ready, rate, idle, late / early, panels[0], panels[1]
 
 
 def _there(tab: Any, key: str) -> bool:

@@ -589,7 +589,8 @@ def test_a_log_of_a_robot_is_dropped_mapped_laid_beside_and_brought_back_by_the_
         """text => {
             const files = new DataTransfer();
             files.items.add(new File([text], "robot.csv"));
-            document.body.dispatchEvent(new DragEvent("drop", { dataTransfer: files, bubbles: true, cancelable: true }));
+            const how = { dataTransfer: files, bubbles: true, cancelable: true };
+            document.body.dispatchEvent(new DragEvent("drop", how));
         }""",
         (tmp_path / "robot.csv").read_text(),
     )

@@ -35,11 +35,13 @@ export class Loops {
     if (!this.box.open) return;
     this.stale = Boolean(this.waiting);
     if (!this.waiting) this.waiting = this.ask(this.chosen);
+    this.box.ariaBusy = String(Boolean(this.waiting));
   }
 
   /** No answer will come to what was asked for. */
   lost() {
     this.waiting = 0;
+    this.box.ariaBusy = "false";
     if (this.stale) this.changed();
   }
 

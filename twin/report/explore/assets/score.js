@@ -23,10 +23,12 @@ export class Score {
     clearTimeout(this.timer);
     if (!this.box.open) return;
     this.box.classList.add("old");
+    this.box.ariaBusy = "true";
+    this.wanted = Infinity;
     if (this.now) this.note.textContent = "old: the runs of this state are not there yet";
     this.timer = setTimeout(() => {
       if (!this.file) this.ask("file");
-      this.ask("now");
+      this.wanted = this.ask("now");
     }, QUIET);
   }
 
@@ -35,8 +37,10 @@ export class Score {
     else {
       this.now = answer.claims ?? [];
       this.judged = JUDGED[answer.figure] ?? "";
-      this.note.textContent = answer.refused ?? answer.failed ?? "";
-      this.box.classList.toggle("old", !answer.claims);
+      if (!answer.claims) this.note.textContent = answer.refused ?? answer.failed;
+      // one that was under way when something moved is old, too
+      this.box.classList.toggle("old", !answer.claims || answer.id < this.wanted);
+      this.box.ariaBusy = String(answer.id < this.wanted);
     }
     if (this.now && this.file) this.show();
   }
@@ -53,7 +57,7 @@ export class Score {
       return made("tr", { className: turned(claim) ? "turned" : "" }, name, mark, made("td", {}, claim.measured), made("td", {}, claim.expected));
     });
     const held = this.now.filter(({ verdict }) => verdict === "holds").length;
-    if (this.now.length) this.note.textContent = `${held} of ${this.now.length} hold; ${order.filter(turned).length} turned over. ${this.judged}`;
+    if (this.now.length && !this.box.classList.contains("old")) this.note.textContent = `${held} of ${this.now.length} hold; ${order.filter(turned).length} turned over. ${this.judged}`;
     const head = made("tr", {}, ...["claim", "verdict", "measured", "expected"].map((text) => made("th", {}, text)));
     this.table.replaceChildren(made("table", {}, made("thead", {}, head), made("tbody", {}, ...rows)));
   }
