@@ -6,7 +6,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import TypeVar
+from typing import NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from twin.kernel.cosim.port import Port, width
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent, opened
-from twin.kernel.fmi.description import clocks, feedthrough, refuse_step
+from twin.kernel.fmi.description import KIND_NAMES, clocks, feedthrough, refuse_step
 from twin.kernel.fmi.groups import AT_END
 from twin.kernel.fmi.solvers import USUAL_TOLERANCE, Solver
 from twin.kernel.fmi.stepping import FmuPort, Instance
@@ -56,6 +56,37 @@ class PreparedSystem:
     forgiven: Sequence[str] = ()
 
 
+class DistantInstance(Protocol):
+    """An FMU instance that is not in this process, in initialisation mode."""
+
+    def component(self, period: int) -> Component:
+        """It in step mode, which steps every `period` ticks."""
+
+
+class Host(Protocol):
+    """Where an FMU may live that is not in this process."""
+
+    def take(self, content: bytes) -> None:
+        """The archive of the FMU."""
+
+    def opened(self, part: SystemPart, setup: Setup) -> Instance:
+        """A new instance, which is a `DistantInstance`; raises InputRefused."""
+
+
+class Initialised(NamedTuple):
+    """The FMUs of a system.
+
+    Attributes:
+        components: by name.
+        settled: as of `PreparedSystem`.
+        forgiven: likewise.
+    """
+
+    components: dict[str, Component]
+    settled: bool
+    forgiven: list[str]
+
+
 def folders_of(plan: SystemPlan) -> dict[str, Path]:
     """Where the FMUs are unpacked, by their SHA-256."""
     files = {part.description.sha256: part.description.path for part in plan.parts}
@@ -63,7 +94,9 @@ def folders_of(plan: SystemPlan) -> dict[str, Path]:
 
 
 @contextmanager
-def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedSystem]:
+def coupled(
+    plan: SystemPlan, folders: Mapping[str, Path], hosts: Mapping[str, Host] = MappingProxyType({})
+) -> Iterator[PreparedSystem]:
     """The system of a plan, whose FMUs are freed at the end.
 
     All FMUs are in initialisation mode together, until their inputs have what feeds them; those of FMI 1.0, which has
@@ -72,21 +105,23 @@ def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedS
     Args:
         plan: of the system.
         folders: where FMUs are unpacked, by their SHA-256.
+        hosts: of components that live elsewhere, by path.
 
     Raises:
         InputRefused: an FMU cannot be loaded or initialised, or takes no such steps; a loop that is to be solved
             cannot be.
     """
     refuse_steps(plan, "another --tick-ms or --step")
+    for part in plan.parts:
+        if part.path in hosts and part.description.kind != "co_simulation":
+            raise InputRefused(
+                f"--remote {part.path}: {part.description.path.name} is used for {KIND_NAMES[part.description.kind]}, "
+                "whose solver is here; an FMU on another machine is for co-simulation"
+            )
     found = loops(plan)
     solved = [_Solved(plan, loop) for loop in found] if plan.choice.loops == "solve" else []
     with ExitStack() as made:
-        components, settled = initialised(plan, folders, made, _given(plan), solved)
-        forgiven = [
-            f"{part.path} lacks {', '.join(components[part.name].instance.missing)}"
-            for part in plan.parts
-            if components[part.name].instance.missing
-        ]
+        components, settled, forgiven = initialised(plan, folders, made, _given(plan), solved, hosts=hosts)
         if not unvarying(plan):
             yield _varying(plan, components, settled, found, forgiven)
             return
@@ -110,8 +145,9 @@ def initialised(
     given: Mapping[str, np.ndarray],
     solved: Sequence["_Solved"] = (),
     outputs_at_start: Mapping[str, Mapping[str, float | np.ndarray]] = MappingProxyType({}),
-) -> tuple[dict[str, FmuComponent], bool]:
-    """The FMUs of a system as components by name, and whether their initial values agree.
+    hosts: Mapping[str, Host] = MappingProxyType({}),
+) -> Initialised:
+    """The FMUs of a system, ready to be stepped.
 
     Args:
         plan, folders: as of `coupled`.
@@ -119,18 +155,26 @@ def initialised(
         given: values at the start of what is no FMU, by output.
         solved: loops whose start values are looked for.
         outputs_at_start: see `FmuComponent`, by component.
+        hosts: as of `coupled`.
 
     Raises:
         InputRefused: as `coupled`.
     """
     instances: dict[str, Instance] = {}
     for part in plan.parts:
-        instances[part.name] = _instance(plan, part, folders[part.description.sha256])
+        setup, host = _setup(plan, part), hosts.get(part.path)
+        folder = folders[part.description.sha256]
+        instances[part.name] = (
+            host.opened(part, setup) if host else opened(part.path, part.description, folder, part.settings, (), setup)
+        )
         made.callback(instances[part.name].close)
     settled = _Settling(plan, instances, solved, given).settled()
-    components: dict[str, FmuComponent] = {}
+    components: dict[str, Component] = {}
     for part in plan.parts:
         instance = instances[part.name]
+        if part.path in hosts:
+            components[part.name] = cast(DistantInstance, instance).component(plan.timing.periods[part.path])
+            continue
         instance.begin()
         component = FmuComponent(
             part.name,
@@ -147,7 +191,9 @@ def initialised(
         component.period = plan.timing.periods[part.path]
         made.callback(component.close)
         components[part.name] = component
-    return components, settled
+    lacking = {part.path: instances[part.name].missing for part in plan.parts}
+    forgiven = [f"{path} lacks {', '.join(missing)}" for path, missing in lacking.items() if missing]
+    return Initialised(components, settled, forgiven)
 
 
 def unvarying(plan: SystemPlan) -> str:
@@ -170,7 +216,7 @@ def unvarying(plan: SystemPlan) -> str:
 
 def _varying(
     plan: SystemPlan,
-    components: Mapping[str, FmuComponent],
+    components: Mapping[str, Component],
     settled: bool,
     found: Sequence[AlgebraicLoop],
     forgiven: Sequence[str],
@@ -187,7 +233,9 @@ def _varying(
             fed = set(depends.get(port.variable.name, ())) & {one.variable.name for one in part.inputs}
             direct += [bool(fed)] * port.port.size
             nominal += [size if _moves(port) else 0.0] * port.port.size
-        ports = components[part.name].ports[0]
+        component = components[part.name]
+        assert isinstance(component, FmuComponent)
+        ports = component.ports[0]
         moving += [_moves(port) for port in ports for _ in range(port.port.size)]
         ends = {port.port.name for port in ports if port.port.instant == "end"}
         wires += [(s, f"{t}{AT_END}") for s, t in plan.wires if f"{t}{AT_END}" in {f"{part.name}.{e}" for e in ends}]
@@ -209,13 +257,13 @@ def _moves(port: FmuPort) -> bool:
     return port.port.kind == "double" and port.variable.variability == "continuous"
 
 
-def _instance(plan: SystemPlan, part: SystemPart, folder: Path) -> Instance:
+def _setup(plan: SystemPlan, part: SystemPart) -> Setup:
     timing, description = plan.timing, part.description
     tolerance = description.tolerance
     if not unvarying(plan):
         # an error of the FMU's own would be taken for one of the coupling
         tolerance = min(tolerance or USUAL_TOLERANCE, OWN_SHARE * (plan.choice.tolerance or 1.0))
-    setup = Setup(
+    return Setup(
         tolerance,
         stop_time(timing.ticks or None, timing.tick, 1),
         timing.tick * timing.periods[part.path],
@@ -224,7 +272,6 @@ def _instance(plan: SystemPlan, part: SystemPart, folder: Path) -> Instance:
         lenient=plan.choice.lenient,
         start=timing.first * timing.tick,
     )
-    return opened(part.path, description, folder, part.settings, (), setup)
 
 
 def _columns(plan: SystemPlan, system: System, places: Mapping[str, tuple[str, int]]) -> dict[str, slice]:

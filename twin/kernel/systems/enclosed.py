@@ -164,7 +164,7 @@ class EnclosedSystem:
             if port.port.name in outputs_at_start:
                 starts.setdefault(names[begin.element], {})[own] = outputs_at_start[port.port.name]
         with ExitStack() as made:
-            inside, _ = initialised(plan, self._folders, made, given, outputs_at_start=starts)
+            inside = initialised(plan, self._folders, made, given, outputs_at_start=starts).components
             component = EnclosedComponent(
                 name,
                 tuple(replace(port.port, name=entry) for entry, port in fed.values()),

@@ -2,7 +2,8 @@
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, versions
 from twin.kernel.recording.writer import Writer
 from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice
-from twin.kernel.systems.coupling import PreparedSystem, unvarying
+from twin.kernel.systems.coupling import Host, PreparedSystem, unvarying
 from twin.kernel.systems.opening import drawn_up, opened
 from twin.kernel.systems.plan import SystemPart, SystemPlan
 from twin.kernel.systems.reading import read_system
@@ -78,6 +79,7 @@ def facts(
                 "kind": part.description.kind,
                 "step_s": plan.timing.periods[part.path] * plan.timing.tick,
                 "sha256": part.description.sha256,
+                **({"remote": plan.choice.remote[part.path]} if part.path in plan.choice.remote else {}),
                 "microseconds_per_step": None if part.name in together else 1e6 * costs.get(part.name, 0.0),
             }
             for part in plan.parts
@@ -187,8 +189,14 @@ def _component(one: Mapping[str, Any], tick: float) -> str:
     every = f", every {1e3 * one['step_s']:g} ms" if one["step_s"] != tick else ""
     kind = " model exchange" if one["kind"] == "model_exchange" else ""
     own = one["microseconds_per_step"]
-    cost = f"{'in a loop' if own is None else f'{own:.2f} us'}{every}"
+    where = f" at {one['remote']}" if "remote" in one else ""
+    cost = f"{_duration(own)}{every}{where}"
     return f"{one['fmu']}  FMI {one['fmi']}{kind}  sha256 {one['sha256'][:12]}  {cost}"
+
+
+def _duration(own: float | None) -> str:
+    """Of a step, from microseconds."""
+    return "in a loop" if own is None else f"{own:.2f} us" if own < 1e3 else f"{1e-3 * own:.1f} ms"
 
 
 SUMMARY = "summary.json"
@@ -227,7 +235,7 @@ def recorded_system(
     """
     reporter.loading()
     package, state = read_system(system), _state(start_from)
-    with opened(package, choice, compiled, additions) as (plan, made):
+    with elsewhere(choice.remote) as hosts, opened(package, choice, compiled, additions, hosts=hosts) as (plan, made):
         folder = _folder(package.file, out)
         # absolute: an FMU may change the working directory
         path = folder.absolute() / RECORDING
@@ -275,6 +283,18 @@ def written_system(
     rows += [note("unsaid", sentence) for sentence in package.unsaid]
     found = {"system": str(package.file), "unsaid": list(package.unsaid), "ssp": str(file)}
     return Result(f"{package.file.stem} written as SSP 1.0", rows, found, {"ssp": str(file)})
+
+
+@contextmanager
+def elsewhere(remote: Mapping[str, str]) -> Iterator[Mapping[str, Host]]:
+    """Where components live that are not here, by path, of addresses; Dask is loaded only if there are some."""
+    if not remote:
+        yield {}
+        return
+    from twin.studies.systems.remote import machines
+
+    with machines(remote) as hosts:
+        yield hosts
 
 
 def _folder(file: Path, out: Path | None) -> Path:

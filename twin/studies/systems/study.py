@@ -120,6 +120,13 @@ def cosim(
         bool,
         Option("Let through, and list: enumerations by number, units in brackets, missing functions."),
     ] = False,
+    remote: Annotated[
+        Sequence[str],
+        Option(
+            "Component whose FMU runs beside a worker of the Dask scheduler at tls://HOST:PORT; may be repeated.",
+            "COMPONENT=ADDRESS",
+        ),
+    ] = (),
     state_every_s: Annotated[float | None, Option("Save the state as often as this, for --from.", "S")] = None,
     start_from: Annotated[
         str | None,
