@@ -35,6 +35,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 JOB = "validation.survey:tried"
 DEFAULT = "default experiment"
 POINTER = b"version https://git-lfs"
+ABSOLUTE = re.compile(r"(?:file:/*|(?<![\w./:-])/)(?:[\w.-]+/)+")
 LONGEST = 400
 """Characters of a sentence: what an FMU says in its own words may be long."""
 MOST_FMUS = 5_000
@@ -206,6 +207,8 @@ def _without_paths(sentence: str, file: Path) -> str:
     """A sentence on one line that tells nothing of this machine."""
     cache = re.escape(f"{cache_folder(HOME)}/")
     sentence = re.sub(f"{cache}[0-9a-f]{{64}}/{CONTENT}/?", "", sentence).replace(f"{file.parent}/", "")
+    # what a file names on the machine of who wrote it
+    sentence = ABSOLUTE.sub("", sentence)
     sentence = visible(" ".join(sentence.split()))
     return sentence if len(sentence) <= LONGEST else sentence[: LONGEST - 3] + "..."
 

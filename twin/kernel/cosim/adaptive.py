@@ -150,7 +150,7 @@ def _stepped(m, a, k, length):
         if status == 0 or status == 1:
             begin, where = (0, 0.5) if lines else (length - 1, 1.0)
             status = _part_of_step(m, a, part, k, begin, length, length, where)
-        status = outcome(status, part.newest, part.y_size, part.finite)
+        status = outcome(status, part.newest, part)
         if status != 0:
             m.culprit, m.status = c, status
             return False

@@ -195,21 +195,20 @@ NOT_FINITE = 1 << 32
 """Status the master gives a component whose step returned NaN or infinity; beyond int32, so no step can return it."""
 
 
-@njit(cache=True, inline="always")
-def outcome(status, outputs, size, finite):
-    """0 if a step went well, else its status, or `NOT_FINITE`.
+@njit(cache=True)
+def outcome(status, outputs, part):
+    """0 if a step went well, else its status, or `NOT_FINITE`; `master` asks by itself, which is faster.
 
     Args:
         status: that the step returned.
-        outputs: address of what it wrote, `size` numbers.
-        finite: whether NaN and infinity are bad.
+        outputs: address of what it wrote.
+        part: record of the component, with `y_size`, and `finite`: whether NaN and infinity are bad.
     """
     if status != 0 and status != 1:
         return status
-    y = carray(doubles_at(outputs), size)
-    for j in range(size):
-        # asked in this order, a component that may return NaN costs the others nothing
-        if not np.isfinite(y[j]) and finite:
+    y = carray(doubles_at(outputs), part.y_size)
+    for j in range(part.y_size):
+        if not np.isfinite(y[j]) and part.finite:
             return NOT_FINITE
     return 0
 

@@ -96,7 +96,7 @@ def _gather(m, part):
 @njit(cache=True)
 def _checked(m, c, part, status):
     """Whether a member went on, with finite outputs; if not, who and why is noted."""
-    status = outcome(status, part.y, part.y_size, part.finite)
+    status = outcome(status, part.y, part)
     if status != 0:
         m.culprit, m.status = c, status
     return status == 0

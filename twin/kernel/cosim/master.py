@@ -15,7 +15,7 @@ import numpy as np
 
 from twin.kernel.compiled.function import carray, copy, njit, pointer_to
 from twin.kernel.compiled.native import entry
-from twin.kernel.cosim.component import call_step, clock_cycles, doubles_at, integers_at, outcome
+from twin.kernel.cosim.component import NOT_FINITE, call_step, clock_cycles, doubles_at, integers_at
 
 TABLE = np.dtype(
     [
@@ -106,7 +106,14 @@ def _step(part, timed, y, t, dt, width, again, held):
     status = call_step(part.step, part.self, t, part.period * dt, part.u, part.newest)
     if timed:
         part.cycles += clock_cycles() - began
-    return outcome(status, part.newest, part.y_size, part.finite)
+    if status != 0 and status != 1:
+        return status
+    newest = carray(doubles_at(part.newest), part.y_size)
+    for j in range(part.y_size):
+        # asked in this order, a component that may return NaN costs the others nothing
+        if not np.isfinite(newest[j]) and part.finite:
+            return NOT_FINITE
+    return 0
 
 
 @njit(cache=True, inline="always")
