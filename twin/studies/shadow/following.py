@@ -5,7 +5,7 @@ depend on how they are cut. A state estimator is one more part.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple, Protocol
@@ -141,15 +141,19 @@ class OwnLaw:
 
     Args:
         experiment: whose controller it is.
+
+    Attributes:
+        controller: the component.
     """
 
     def __init__(self, experiment: Experiment):
         self._period = experiment.controller_ticks * experiment.cosim.tick
-        self._stepped = SampledSteps(controller(experiment), self._period)
+        self.controller = controller(experiment)
+        self._stepped = SampledSteps(self.controller, self._period)
         self._next = -math.inf
-        self._inputs = self._stepped.component.inputs
+        self._inputs = self.controller.inputs
         self.topics: dict[str, tuple[Port, ...]] = {
-            "controller": self._stepped.component.outputs,
+            "controller": self.controller.outputs,
             "residual/command": COMMAND_RESIDUAL,
         }
         self.happenings: list[Happening] = []
@@ -166,10 +170,10 @@ class OwnLaw:
             if t >= self._next - 0.25 * self._period:
                 called.append(k)
                 self._next = max(self._next + self._period, t + 0.5 * self._period)
-        found = np.full((n, width(self._stepped.component.outputs)), np.nan)
+        found = np.full((n, width(self.controller.outputs)), np.nan)
         if called:
             found[called] = self._stepped.rows(samples.t[called], inputs[called])
-        omega_ref = named(self._stepped.component.outputs, found)[OMEGA_REF.name]
+        omega_ref = named(self.controller.outputs, found)[OMEGA_REF.name]
         return {"controller": found, "residual/command": omega_ref - samples.omega_ref}
 
 
@@ -224,11 +228,14 @@ class RobotState:
 
     Args:
         experiment: of the robot.
+
+    Attributes:
+        shadow: the filter.
     """
 
     def __init__(self, experiment: Experiment):
-        self._shadow = shadow_of(experiment)
-        self._stepped = SampledSteps(self._shadow, math.inf)
+        self.shadow = shadow_of(experiment)
+        self._stepped = SampledSteps(self.shadow, math.inf)
         self._omega_ref = np.full(3, np.nan)
         self.topics: dict[str, tuple[Port, ...]] = {"shadow": OUTPUTS}
         self.happenings: list[Happening] = []
@@ -304,13 +311,22 @@ class Twin:
         return found
 
 
-def twin_of(experiment: Experiment, model: RobotModel, where: str, watched: AlarmWatch | None = None) -> Twin:
+def twin_of(
+    experiment: Experiment,
+    model: RobotModel,
+    where: str,
+    watched: AlarmWatch | None = None,
+    ahead: Callable[[OwnLaw, RobotState], Part] | None = None,
+) -> Twin:
     """The twin of the robot that `experiment` describes.
 
     Args:
         where: begins sentences about what comes from the robot.
         watched: raises the alarm; None: there is no alarm.
+        ahead: makes of controller and state one part that has them and predicts; None: nothing is predicted.
     """
-    law: list[Part] = [] if "controller" in experiment.stand_ins else [OwnLaw(experiment)]
+    law = None if "controller" in experiment.stand_ins else OwnLaw(experiment)
+    state = RobotState(experiment)
+    followed: list[Part] = [ahead(law, state)] if ahead and law else [law, state] if law else [state]
     alarm: list[Part] = [watched] if watched else []
-    return Twin([Estimates(model, where), *law, PlantModel(model), RobotState(experiment), *alarm])
+    return Twin([Estimates(model, where), PlantModel(model), *followed, *alarm])

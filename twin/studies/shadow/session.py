@@ -18,6 +18,7 @@ from twin.kernel.recording.sources.stamps import Aligner, Counts, Histogram, Sam
 from twin.kernel.recording.writer import OthersTopic
 from twin.studies.replay.model import LONGEST_GAP, RobotModel
 from twin.studies.result import counted
+from twin.studies.shadow.ahead import Foreseen
 from twin.studies.shadow.following import Happening, Rows, Twin
 from twin.studies.shadow.mapping import NEEDED, WIDTH, samples_of
 from twin.studies.shadow.recording import ShadowRecording
@@ -103,6 +104,7 @@ class Followed:
         dropped: messages that the transport or we lost knowingly.
         notes: sentences.
         alarms: sentences; None: there was no fleet to compare with.
+        ahead: how predictions compare with what came; None: there were none.
     """
 
     source: str
@@ -118,6 +120,7 @@ class Followed:
     dropped: int = 0
     notes: list[str] = field(default_factory=list)
     alarms: list[str] | None = None
+    ahead: Foreseen | None = None
 
 
 class Session:

@@ -63,6 +63,14 @@ def shadow(
         Option("Raise alarms, with tolerances of these healthy robots (a sweep file); takes a second a robot.", "FILE"),
     ] = None,
     false_alarms_per_hour: Annotated[float, Option("With --fleet: how many false alarms to bear.", "N")] = 0.01,
+    what_if: Annotated[
+        Sequence[str],
+        Option("Predict besides how it would go on with another value; several keys with ';'; may be repeated.",
+               "KEY=VALUE", complete="setting"),
+    ] = (),
+    force_limit_N: Annotated[
+        float | None, Option("Warn of a force to come beyond it; default: the monitor's limit.", "N", least=0.0)
+    ] = None,
     out: Annotated[Path | None, Option("Folder; default: results/shadow/EXPERIMENT/TIME.", "DIR")] = None,
     say: Say = silent,
 ) -> Result:
@@ -70,16 +78,20 @@ def shadow(
 
     The twin listens to the robot's encoders and never sends anything to it.
     It is stepped by the stamps of the messages. The recording has the robot's
-    messages as they came, and beside them what the twin makes of them.
+    messages as they came, and beside them what the twin makes of them. Every
+    0.5 s it predicts force and height of the next second, with a band.
     Domain of DDS and zenoh: ROS_DOMAIN_ID.
 
     Exit code: 0 done, 1 an alarm, 2 input refused.
 
     Example: twin shadow fig4_force_position --source results/fig4_force_position --speed 0
 
+    Example: twin shadow pressing --source results/pressing --speed 0 --what-if controller.force.kp_mm_per_N=3
+
     Raises:
         InputRefused: source, map, experiment or folder cannot be used, or what comes is not of this robot.
     """
+    from contextlib import ExitStack
     from datetime import datetime
 
     from twin.kernel.errors import InputRefused
@@ -88,6 +100,7 @@ def shadow(
     from twin.kernel.writing import write_json
     from twin.robot.assembly.load import load_experiment
     from twin.studies.replay.model import model_of
+    from twin.studies.shadow.ahead import ahead_of, changed_experiments
     from twin.studies.shadow.following import AlarmWatch, twin_of
     from twin.studies.shadow.mapping import wanted_signals
     from twin.studies.shadow.session import Session
@@ -99,10 +112,16 @@ def shadow(
     loaded = load_experiment(experiment, settings)
     model = model_of(loaded)
     wanted = wanted_signals(model.belief)
-    robot, columns, live = opened(source, column_map(maps), wanted, model.belief, speed)
-    try:
+    changed = changed_experiments(experiment, settings, what_if)
+    with ExitStack() as closing:
+        notes: list[str] = []
+        ahead = ahead_of(loaded, changed, force_limit_N, notes.append)
+        if ahead:
+            closing.enter_context(ahead)
+        robot, columns, live = opened(source, column_map(maps), wanted, model.belief, speed)
+        closing.callback(robot.close)
         watched = AlarmWatch(_limits(fleet, experiment, settings, say), false_alarms_per_hour) if fleet else None
-        twin = twin_of(loaded, model, robot.name, watched)
+        twin = twin_of(loaded, model, robot.name, watched, ahead.beside if ahead else None)
         duration = math.inf if duration_s is None else duration_s
         session = Session(robot, columns, wanted, twin, model, 1e-3 * lateness_ms, duration, live, say, _announce)
         session.wait()
@@ -112,8 +131,9 @@ def shadow(
             return (claimed or create_run_folder(HOME, model.name, datetime.now())) / RECORDING
 
         followed = session.follow(recording)
-    finally:
-        robot.close()
+    followed.notes += notes
+    if ahead:
+        followed.ahead = ahead.foreseen
     if watched:
         followed.alarms = [f"{alarm.t:.1f} s  {alarm}" for alarm in watched.alarms]
     facts = followed.recording.parent / FACTS

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from twin.kernel.writing import finite
 from twin.studies.result import Block, Column, Result, Table, counted, note
+from twin.studies.shadow.ahead import Foreseen
 from twin.studies.shadow.session import Followed, Running
 
 RESIDUALS = (
@@ -37,6 +38,8 @@ def shadow_result(followed: Followed, name: str, files: Mapping[str, Path]) -> R
             note("in hand", f"estimate after {_ms(hand.quantile(0.5))}, 99 % within {_ms(hand.quantile(0.99))}, all "
                             f"within {_ms(hand.largest)}")
         )  # fmt: skip
+    if followed.ahead is not None and followed.ahead.predictions:
+        body += [note("ahead", text, True) for text in _ahead(followed.ahead)]
     if followed.alarms is not None:
         body += [note("alarm", text, True) for text in followed.alarms or ["none"]]
     body += [note("note", text) for text in followed.notes]
@@ -86,6 +89,17 @@ def _clock(followed: Followed) -> str:
     return text
 
 
+def _ahead(foreseen: Foreseen) -> list[str]:
+    texts = [
+        f"{counted(foreseen.predictions, 'prediction')} of 1 s; {100.0 * foreseen.share:.0f} % of the estimated forces "
+        f"lay in the band; off by {foreseen.error.rms:.2f} N rms, the last value by {foreseen.holding.rms:.2f} N"
+    ]
+    for name, apart in foreseen.apart.items():
+        worst = f", at most {apart.largest:+.2f} N at {apart.at:.2f} s" if apart.largest else ""
+        texts.append(f"what if {name}: {apart.rms:.2f} N rms from the prediction{worst}")
+    return texts
+
+
 def _ms(seconds: float) -> str:
     return f"{1e3 * seconds:.3g} ms"
 
@@ -116,6 +130,20 @@ def shadow_facts(followed: Followed, name: str) -> dict[str, object]:
             "in_hand_largest_s": followed.in_hand.largest,
             "residuals": residuals,
             "alarms": followed.alarms,
+            "ahead": _ahead_facts(followed.ahead) if followed.ahead else None,
             "notes": followed.notes,
         }
     )
+
+
+def _ahead_facts(foreseen: Foreseen) -> dict[str, object]:
+    return {
+        "predictions": foreseen.predictions,
+        "in_band": foreseen.share,
+        "error_rms_N": foreseen.error.rms,
+        "last_value_rms_N": foreseen.holding.rms,
+        "what_if": {
+            name: {"rms_N": apart.rms, "largest_N": apart.largest, "at_s": apart.at}
+            for name, apart in foreseen.apart.items()
+        },
+    }
