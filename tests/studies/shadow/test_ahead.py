@@ -2,7 +2,7 @@
 
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ from twin.studies.shadow.ahead import AHEAD, Ahead, band, changed_experiments, c
 from twin.studies.shadow.branching import LEADS, Branching, Present
 from twin.studies.shadow.fleet import SCALE, arrived, read_fleet
 from twin.studies.shadow.following import Happening, Rows, Twin, twin_of
-from twin.studies.shadow.layout import MOTOR, SPEED, VELOCITY
+from twin.studies.shadow.layout import VELOCITY
 from twin.studies.shadow.mapping import RobotSamples
 from twin.studies.shadow.samples import FilterSamples, samples_of
 from twin.kernel.cosim.delay import named
@@ -124,11 +124,18 @@ def picked(one: Foretold, count: int, seed: int) -> Foretold:
     return Foretold(*(column[chosen] for column in one))
 
 
-def covered(one: Foretold, width: float = 1.0) -> NDArray[np.float64]:
-    """Share of what came in the band, of force and of height; `width`: of the band."""
+def covered(one: Foretold, width: float = 1.0) -> tuple[float, float]:
+    """Share of what came in the band: of the force of robots that press or are predicted to, of the height of all;
+    `width`: of the band."""
     away, rounding = one.came - one.first, 1e-9
     low, high = width * (one.lower - one.first) - rounding, width * (one.upper - one.first) + rounding
-    return np.mean((low <= away) & (away <= high), axis=(0, 1))
+    within = (low <= away) & (away <= high)
+    return float(np.mean(within[pressing(one), 0])), float(np.mean(within[..., 1]))
+
+
+def pressing(one: Foretold) -> NDArray[np.bool_]:
+    """Where a robot does, or is predicted to (n, leads)."""
+    return (one.first[..., 0] > 0.0) | (one.came[..., 0] > 0.0)
 
 
 ROBOTS = ("fig4_force_position", "massage", "pressing", "tapping", "rolling")
@@ -139,28 +146,29 @@ FRESH = 77
 @pytest.mark.slow
 def test_the_band_holds_95_percent_and_is_narrower_than_holding_the_last_value_is_wrong():
     one = picked(foretold(FRESH, *ROBOTS), 200, 1)
-    touching = (one.first[..., 0] > 0.0) | (one.came[..., 0] > 0.0)
+    touching = pressing(one)
     assert 0.3 < np.mean(touching) < 0.8
-    assert np.all(covered(one) >= 0.95)
+    assert min(covered(one)) >= 0.95
     # a band of half the width is none
-    assert np.all(covered(one, 0.5) < 0.95)
+    assert max(covered(one, 0.5)) < 0.95
     width, holding = one.upper - one.lower, one.came - one.held
-    assert np.all(np.median(width, axis=(0, 1)) < np.sqrt(np.mean(holding**2, axis=(0, 1))))
-    # in contact alone, too
-    assert np.median(width[touching, 0]) < np.sqrt(np.mean(holding[touching, 0] ** 2))
+    assert np.median(width[..., 1]) < np.sqrt(np.mean(holding[..., 1] ** 2))
+    # of all there is more air, where the band has no width
+    for where in (touching, np.ones_like(touching)):
+        assert np.median(width[where, 0]) < 0.5 * np.sqrt(np.mean(holding[where, 0] ** 2))
 
 
 @pytest.mark.slow
 def test_a_prediction_from_the_pose_at_rest_is_none(monkeypatch: pytest.MonkeyPatch):
     names = ("fig4_force_position", "pressing")
-    assert np.all(covered(foretold(FRESH, *names)) >= 0.95)
+    assert min(covered(foretold(FRESH, *names))) >= 0.95
     honest = Branching.present
 
-    def at_rest(self: Branching, *arguments: object) -> Present:
-        now = honest(self, *arguments)  # type: ignore[arg-type]
-        now.x[VELOCITY : VELOCITY + 3] = now.x[SPEED : SPEED + 3] = 0.0
+    def at_rest(self: Branching, *arguments: Any) -> Present:
+        now = honest(self, *arguments)
+        now.x[VELOCITY : VELOCITY + 3] = 0.0
         begun = {name: array.copy() for name, array in self.law.pieces().items()}
         return now._replace(law=begun, omega_ref=np.zeros(3))
 
     monkeypatch.setattr(Branching, "present", at_rest)
-    assert np.any(covered(foretold.__wrapped__(FRESH, *names)) < 0.8)
+    assert max(covered(foretold.__wrapped__(FRESH, *names))) < 0.8

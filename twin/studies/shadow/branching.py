@@ -14,12 +14,14 @@ Left out are the monitor, faults, noise of the encoders, and what an energy tank
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from copy import copy
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.kernel.compiled.function import carray
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import Component, NativeComponent
 from twin.kernel.cosim.delay import play
@@ -32,7 +34,7 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.build import belief
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.component import Plant
-from twin.robot.plant.contact import dot, surface_frame
+from twin.robot.plant.contact import HELD, dot, surface_frame
 from twin.robot.plant.contact_law import pressing_force
 from twin.robot.plant.dynamics import PARAMETERS
 from twin.studies.shadow.layout import FORCE, MOTOR, POSITION, TOUCHED, VELOCITY
@@ -60,6 +62,10 @@ _TOUCH = record(
 into it (N), the depth at which the law has that force, and the law's force at this depth."""
 
 
+SMOOTH = 0.05
+"""s."""
+
+
 @entry("nothing", _TOUCH)
 def _look(m):
     depth, e_1, e_2, n = surface_frame(m.parameters, m.p[0], m.p[1], m.p[2])
@@ -78,19 +84,80 @@ def _look(m):
     m.wanted = high
 
 
-@dataclass
+@entry("nothing", "doubles", "doubles", "int", "doubles", "doubles", "double")
+def _drag(theta_l, h, count, smooth, anchors, presliding):
+    """Move the `anchors` (3) of dry friction along `count` rows of three joint angles, one after the other (P14).
+
+    Angles are made smooth first: what noise there is in an estimate would shake off what friction carries.
+    """
+    angles, steps, mean, held = carray(theta_l, 3 * count), carray(h, count), carray(smooth, 3), carray(anchors, 3)
+    for k in range(count):
+        share = 1.0 - math.exp(-steps[k] / SMOOTH)
+        for leg in range(3):
+            theta = angles[3 * k + leg]
+            if theta == theta:
+                mean[leg] = mean[leg] + share * (theta - mean[leg]) if mean[leg] == mean[leg] else theta
+                start = held[leg] if held[leg] == held[leg] else mean[leg]
+                held[leg] = min(max(start, mean[leg] - presliding), mean[leg] + presliding)
+
+
 class Surroundings:
     """What the past has shown of the robot and what it presses on, beside its state.
+
+    Springs read too much by zeros of encoders, each its own, and by what dry friction carries of the load; in free air
+    both are all there is, and a robot that moves up and down tells one from the other. It is a least-squares fit with
+    a prior: zeros as those of healthy robots are, friction about the middle of theirs.
+
+    Args:
+        spring: N m of a joint by rad of its zero.
+        friction: of a joint, as far as it is known (N m); 0: not.
 
     Attributes:
         height: of the surface over the believed one (m); NaN: it was never touched.
         share: of the believed stiffness; NaN: not known.
-        tare: deflection (rad) by which the springs read too much in free air (3,); NaN: the robot was never there.
+        last: time of the newest sample (s); NaN: there was none.
+        joints: smooth angles of the joints (3,), rad; NaN: not known.
+        anchors: of their dry friction (3,), rad; likewise.
+        carried: share of what dry friction can carry that it does (3,), positive against a joint that turns down.
     """
 
-    height: float = np.nan
-    share: float = np.nan
-    tare: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.nan))
+    def __init__(self, spring: float, friction: float):
+        self.height = self.share = np.nan
+        self.joints, self.anchors, self.carried = np.full(3, np.nan), np.full(3, np.nan), np.zeros(3)
+        self.last = np.nan
+        spread = np.array([spring * ZERO] * 3 + [FRICTION / 2.0]) / math.sqrt(3.0)
+        self._prior, self._A, self._b = np.diag(spread**-2.0), np.zeros((4, 4)), np.zeros(4)
+        self._before = self._prior @ [0.0, 0.0, 0.0, friction or FRICTION / 2.0]
+
+    def add(self, torque: NDArray[np.float64]) -> None:
+        """Torques (3,), N m, that springs read in free air."""
+        rows = np.column_stack([np.eye(3), self.carried]) / UNSURE
+        self._A = FORGET * self._A + rows.T @ rows
+        self._b = FORGET * self._b + rows.T @ torque / UNSURE
+
+    @property
+    def zeros(self) -> NDArray[np.float64]:
+        """Torques (3,), N m, that zeros of encoders look like; and of dry friction, one for all joints, last."""
+        found: NDArray[np.float64] = np.linalg.solve(self._prior + self._A, self._before + self._b)
+        found[3] = min(max(found[3], 0.0), MOST_FRICTION)
+        return found
+
+    def unsure(self, J: NDArray[np.float64]) -> float:
+        """Deviation of the pressing force (N) by what is not known of zeros and friction; J: see `Present`."""
+        reads = np.append(J[:, 2], J[:, 2] @ self.carried)
+        return math.sqrt(float(reads @ np.linalg.solve(self._prior + self._A, reads)))
+
+    @property
+    def torque(self) -> NDArray[np.float64]:
+        """What springs read too much now (3,), N m."""
+        zeros = self.zeros
+        return zeros[:3] + zeros[3] * self.carried
+
+
+ZERO, FRICTION, MOST_FRICTION = math.radians(0.05), 0.02, 0.04
+"""rad, N m. Zeros of encoders and dry friction of healthy robots lie within the first two."""
+UNSURE, FORGET = 1e-2, 0.995
+"""N m. Deviation of one look at the springs' torques in free air; and what a look leaves of those before."""
 
 
 class Present(NamedTuple):
@@ -176,7 +243,7 @@ class Branching:
         p = self._plant.memory["parameters"][0]
         self._touch = memory_of(_TOUCH, parameters=p)
         self._spring, self._z_s, self._K = float(p["k_s"] * p["N"] * p["eta"]), float(p["z_s"]), float(p["K"])
-        self._slip, self._N = p["slip"].copy(), float(p["N"])
+        self._slip, self._N, self._presliding = p["slip"].copy(), float(p["N"]), float(p["joint_presliding"])
         self._bristle, self._mu = float(p["sigma_0"]), float(p["mu"])
         self._at = 0
         self._shafts = {one.name: one.initial_outputs.copy() for one in self._drives}
@@ -259,7 +326,7 @@ class Branching:
         """
         pieces = {name: array.copy() for name, array in law.pieces().items()}
         drives = self._drive_places.take(self._at)
-        return Present(self._at, x, J, self.command.copy(), pieces, drives, dict(self._shafts), replace(around))
+        return Present(self._at, x, J, self.command.copy(), pieces, drives, dict(self._shafts), copy(around))
 
     def beginning(self, now: Present) -> NDArray[np.float64]:
         """Pressing force (N) and height (m) that a branch goes out from (2,)."""
@@ -319,10 +386,13 @@ class Branching:
         seen = state.copy()
         seen[:6] -= s_B
         F = by_port(self._plant.outputs, self._plant.put(seen, theta_m))["F_ee_B"]
-        tare = self._deflection(x[FORCE : FORCE + 3] - F, now.J)
-        parameters["slip"] = self._slip + shaft - theta_m + tare
+        friction = float(now.around.zeros[3])
+        too_much = np.linalg.solve(now.J.T, x[FORCE : FORCE + 3] - F) - friction * now.around.carried
+        parameters["slip"] = self._slip + shaft - theta_m + too_much / self._spring
+        parameters["joint_friction"] = friction
         outputs["plant"] = self._plant.put(state, shaft)
         theta_l = by_port(self._plant.outputs, outputs["plant"])["theta_l"]
+        self._plant.memory["anchors"][0, :, HELD] = theta_l - self._presliding * now.around.carried
         encoder = self._encoder.memory
         for side, zero in (
             ("motor", theta_m - shaft + np.array(self._belief.motor_zero)), ("joint", np.array(self._belief.joint_zero))
@@ -349,14 +419,9 @@ class Branching:
     def _angles(self, shafts: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
         return np.concatenate([by_port(one.outputs, shafts[one.name])["theta_m"] for one in self._drives])
 
-    def _deflection(self, F: NDArray[np.float64], J: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Of the springs (3,), rad, motor side, that makes the force `F` on the platform (3,), N."""
-        found: NDArray[np.float64] = np.linalg.solve(J.T, F) / self._spring
-        return found
-
     def tare(self, J: NDArray[np.float64], around: Surroundings) -> NDArray[np.float64]:
-        """Force (3,), N, that zeros of encoders look like."""
-        force: NDArray[np.float64] = self._spring * (J.T @ np.nan_to_num(around.tare))
+        """Force (3,), N, that zeros of encoders and dry friction look like."""
+        force: NDArray[np.float64] = J.T @ around.torque
         return force
 
     def _looked_at(
@@ -396,15 +461,25 @@ class Branching:
         size = float(np.hypot(*along))
         return height, float(parameters["K"][0]), along / self._bristle * (min(1.0, limit / size) if size else 1.0)
 
+    def surroundings(self) -> Surroundings:
+        """Of a robot that has just come."""
+        return Surroundings(self._spring * (1.0 + self._N), float(self.parameters["joint_friction"]))
+
+    def drag(self, t: NDArray[np.float64], theta_l: NDArray[np.float64], around: Surroundings) -> None:
+        """Take note of how joints turn, by their angles (n, 3), rad, at `t` (n,), s."""
+        h = np.diff(t, prepend=t[0] if np.isnan(around.last) else around.last)
+        angles, around.joints, around.anchors = np.ascontiguousarray(theta_l), around.joints.copy(), around.anchors.copy()
+        _drag(angles, h, len(angles), around.joints, around.anchors, self._presliding)
+        around.last = float(t[-1])
+        around.carried = np.nan_to_num((around.joints - around.anchors) / self._presliding)
+
     def learn(self, x: NDArray[np.float64], J: NDArray[np.float64], around: Surroundings) -> None:
         """Take from an estimate what it says of the surroundings, into `around`; arguments as of `Present`."""
         if not abs(x[VELOCITY + 2]) < SLOW:
             return
         seen = self._looked_at(x, J, around, self._surface(self._at)[0])
         if seen["depth"] < -CLEAR:
-            bound = (1.0 + self._N) * ZERO + FRICTION / self._spring
-            tare = np.clip(self._deflection(x[FORCE : FORCE + 3], J), -bound, bound)
-            around.tare = tare if np.isnan(around.tare[0]) else around.tare + RECENT * (tare - around.tare)
+            around.add(np.linalg.solve(J.T, x[FORCE : FORCE + 3]))
         elif touches(seen) and seen["pressing"] < TELLING:
             height = float(seen["wanted"] - seen["depth"]) / float(seen["up"]) + np.nan_to_num(around.height)
             around.height = min(max(height, -CLEAR), CLEAR)
@@ -431,12 +506,8 @@ class Branching:
 
 SLOW = 0.02
 """m/s. Faster motions are explained by forces, too, that are none of the surface's."""
-ZERO, FRICTION = math.radians(0.05), 0.02
-"""rad, N m. Zeros of the encoders and dry friction of the joints of healthy robots lie within."""
-IN_AIR = 0.3
-"""N. How much the force of a robot in free air differs from what it was there before, by its friction."""
-RECENT = 0.3
-"""Share of a new tare in the mean of those before."""
+IN_AIR = 0.15
+"""N. How much the force of a robot in free air differs from what zeros and friction look like."""
 
 
 def touches(seen: NDArray) -> bool:
