@@ -65,8 +65,11 @@ def shadow(
     false_alarms_per_hour: Annotated[float, Option("With --fleet: how many false alarms to bear.", "N")] = 0.01,
     what_if: Annotated[
         Sequence[str],
-        Option("Predict besides how it would go on with another value; several keys with ';'; may be repeated.",
-               "KEY=VALUE", complete="setting"),
+        Option(
+            "Predict besides how it would go on with another value; several keys with ';'; may be repeated.",
+            "KEY=VALUE",
+            complete="setting",
+        ),
     ] = (),
     force_limit_N: Annotated[
         float | None, Option("Warn of a force to come beyond it; default: the monitor's limit.", "N", least=0.0)
