@@ -127,7 +127,7 @@ def band(
 
 
 @dataclass
-class Apart:
+class ForceDifference:
     """How far what might be is from what is predicted.
 
     Attributes:
@@ -171,9 +171,9 @@ class Foreseen:
 
     predictions: int = 0
     within: int = 0
-    error: Apart = field(default_factory=Apart)
-    holding: Apart = field(default_factory=Apart)
-    apart: dict[str, Apart] = field(default_factory=dict)
+    error: ForceDifference = field(default_factory=ForceDifference)
+    holding: ForceDifference = field(default_factory=ForceDifference)
+    apart: dict[str, ForceDifference] = field(default_factory=dict)
 
     @property
     def share(self) -> float:
@@ -218,7 +218,7 @@ class Ahead:
         limit: float = math.inf,
         start: float = SETTLED,
     ):
-        self.foreseen = Foreseen(apart={name: Apart() for name in changed})
+        self.foreseen = Foreseen(apart={name: ForceDifference() for name in changed})
         self.limit, self.start = limit, start
         with ExitStack() as made:
             self._own = Branching(experiment)
