@@ -3,7 +3,7 @@
 Failures of components as sentences.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -237,6 +237,23 @@ class Simulation:
             mine[:, start : start + size] = theirs[:, place : place + size]
         self._go_to(other.next_tick)
         return new
+
+    def place(self, tick: int, outputs: Mapping[str, np.ndarray]) -> None:
+        """Be at the beginning of `tick`; what components hold is put there by others.
+
+        Args:
+            tick: any.
+            outputs: by the name of a component what is valid of its outputs, and was at all instants of which the
+                system keeps any; of the others they stay.
+        """
+        copies = self._copies()
+        for component, start in self._starts:
+            if component.name in outputs:
+                copies[:, start : start + width(component.outputs)] = outputs[component.name]
+        for change, value in zip(self.system.changes, self._unchanged, strict=True):
+            change.memory[...] = value
+        self._go_to(tick)
+        self.failure, self.culprit = None, ""
 
     def join(self, component: Component, passed_on: Callable[[np.ndarray], np.ndarray]) -> None:
         """Let the outputs of `component` be what `passed_on` makes of the outputs that feed it; and so at all instants

@@ -250,6 +250,13 @@ def _begin(m, theta_m, y):
     outputs_near(m.parameters, m.x, turned, STILL, STILL, apex_frame(m.parameters), m.anchors, y)
 
 
+def _put(memory: NDArray, x: ArrayLike, theta_m: ArrayLike) -> NDArray[np.float64]:
+    memory["x"], memory["anchors"] = x, UNTOUCHED
+    y = np.empty(1, dtype=port_record(OUTPUTS))
+    _begin(memory, np.array(theta_m, dtype=float), y)
+    return y.view(np.float64)
+
+
 class Plant(NativeComponent):
     """Springs, mechanism and contact as one continuous component.
 
@@ -271,13 +278,15 @@ class Plant(NativeComponent):
         moving: bool = False,
         ramp: bool = False,
     ):
-        memory = memory_of(MEMORY, parameters=tuple(parameters), substeps=substeps, x=x, anchors=UNTOUCHED)
-        initial = np.empty(1, dtype=port_record(OUTPUTS))
-        _begin(memory, np.array(theta_m, dtype=float), initial)
+        memory = memory_of(MEMORY, parameters=tuple(parameters), substeps=substeps)
         super().__init__(
             "plant", inputs(moving, ramp), OUTPUTS, False, step_over(moving, ramp), memory,
-            initial.view(np.float64),
+            _put(memory, x, theta_m),
         )  # fmt: skip
+
+    def put(self, x: ArrayLike, theta_m: ArrayLike) -> NDArray[np.float64]:
+        """Be in the state `x` at motor angles `theta_m`, where dry friction holds nothing yet; the outputs there."""
+        return _put(self.memory, x, theta_m)
 
     def explain(self, status: int) -> str:
         x, y, z = 1e3 * self.memory["last"][0][:3]

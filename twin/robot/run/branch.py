@@ -28,8 +28,12 @@ LENGTHS = ("a_mm", "b_mm", "l_a_mm", "l_b_mm")
 """Of the mechanism, in any table: a rod that is suddenly longer is nowhere."""
 
 
-def refuse_fixed(settings: Sequence[str]) -> None:
+def refuse_fixed(settings: Sequence[str], option: str = "--set") -> None:
     """Refuse settings that cannot act from the middle of a run on.
+
+    Args:
+        settings: "table.key=value" texts.
+        option: that they were given with.
 
     Raises:
         InputRefused: it names the key and says why.
@@ -38,9 +42,9 @@ def refuse_fixed(settings: Sequence[str]) -> None:
         key = setting.partition("=")[0].strip()
         for fixed, why in FIXED.items():
             if key == fixed or key.startswith(f"{fixed}."):
-                raise InputRefused(f"--set {setting}: {fixed} cannot change in mid-run: {why}")
+                raise InputRefused(f"{option} {setting}: {fixed} cannot change in mid-run: {why}")
         if key.rpartition(".")[2] in LENGTHS:
-            raise InputRefused(f"--set {setting}: lengths of the mechanism cannot change in mid-run")
+            raise InputRefused(f"{option} {setting}: lengths of the mechanism cannot change in mid-run")
 
 
 def branched_experiment(

@@ -6,7 +6,7 @@ depend on how they are cut. A state estimator is one more part.
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from threading import Lock
@@ -30,7 +30,7 @@ from twin.studies.replay.model import LONGEST_GAP, PlantRun, RobotModel
 from twin.studies.replay.plausible import refusal
 from twin.studies.replay.text import ENCODER, FORCE_RESIDUAL, JOINT_RESIDUAL
 from twin.studies.shadow.alarm import Blocks, ShadowWatch, Tolerances, WatchEvent
-from twin.studies.shadow.layout import INPUTS, OUTPUTS
+from twin.studies.shadow.layout import INPUTS, OUTPUTS, STATES
 from twin.studies.shadow.mapping import COUNT_L, COUNT_M, F_Z, NANOSECONDS, TAU, RobotSamples
 from twin.studies.shadow.mapping import OMEGA_REF as OMEGA_REF_AT
 from twin.studies.shadow.reidentification import Adaptation, Reidentifier
@@ -71,6 +71,21 @@ class Part(Protocol):
         Returns:
             Its own rows.
         """
+
+
+class OnPlant(Part, Protocol):
+    """A part that is made of a plant."""
+
+    def accept(self, plant: PlantParameters) -> None:
+        """Go on with another one."""
+
+
+class StateEstimate(NamedTuple):
+    """What the filter says. x: state (15,); P: its covariance (15, 15); J: Jacobian of the joints (3, 3), SI."""
+
+    x: NDArray[np.float64]
+    P: NDArray[np.float64]
+    J: NDArray[np.float64]
 
 
 class SampledSteps:
@@ -147,15 +162,19 @@ class OwnLaw:
 
     Args:
         experiment: whose controller it is.
+
+    Attributes:
+        controller: the component.
     """
 
     def __init__(self, experiment: Experiment):
         self._period = experiment.controller_ticks * experiment.cosim.tick
-        self._stepped = SampledSteps(controller(experiment), self._period)
+        self.controller = controller(experiment)
+        self._stepped = SampledSteps(self.controller, self._period)
         self._next = -math.inf
-        self._inputs = self._stepped.component.inputs
+        self._inputs = self.controller.inputs
         self.topics: dict[str, tuple[Port, ...]] = {
-            "controller": self._stepped.component.outputs,
+            "controller": self.controller.outputs,
             "residual/command": COMMAND_RESIDUAL,
         }
         self.happenings: list[Happening] = []
@@ -167,10 +186,10 @@ class OwnLaw:
             [np.ones((n, 1)) if port == SHARE else estimate[port.name].reshape(n, -1) for port in self._inputs]
         )
         called = self._called(samples.t)
-        found = np.full((n, width(self._stepped.component.outputs)), np.nan)
+        found = np.full((n, width(self.controller.outputs)), np.nan)
         if len(called):
             found[called] = self._stepped.rows(samples.t[called], inputs[called])
-        omega_ref = named(self._stepped.component.outputs, found)[OMEGA_REF.name]
+        omega_ref = named(self.controller.outputs, found)[OMEGA_REF.name]
         return {"controller": found, "residual/command": omega_ref - samples.omega_ref}
 
     def _called(self, t: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -255,13 +274,17 @@ class RobotState:
 
     Args:
         experiment: of the robot.
+
+    Attributes:
+        estimate: after the last sample that has a row.
     """
 
     def __init__(self, experiment: Experiment):
         self._shadow = shadow_of(experiment)
         self._stepped = SampledSteps(self._shadow, math.inf)
         self._omega_ref = np.full(3, np.nan)
-        self._one, self._made = FilterFeed(self._shadow), deque[NDArray[np.float64]]()
+        self._one, self._made = FilterFeed(self._shadow), deque[tuple[NDArray[np.float64], StateEstimate]]()
+        self.estimate = self._estimate()
         self.topics: dict[str, tuple[Port, ...]] = {"shadow": OUTPUTS}
         self.happenings: list[Happening] = []
         # the thread that estimates must not find parameters half new
@@ -281,23 +304,31 @@ class RobotState:
         try:
             with self._stepping:
                 self._one(sample.t / NANOSECONDS)
-            self._made.append(self._one.y.copy())
+            y = self._one.y.copy()
         except ComponentFailed:
             # of counts without a pose `Estimates` has more to say
-            self._made.append(np.full(width(OUTPUTS), np.nan))
+            y = np.full(width(OUTPUTS), np.nan)
+        self._made.append((y, self._estimate()))
+
+    def _estimate(self) -> StateEstimate:
+        m = self._shadow.memory[0]
+        return StateEstimate(m["x"].copy(), m["P"][:, :STATES].copy(), m["J"].copy())
 
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
         if self._made:
-            return {"shadow": np.array([self._made.popleft() for _ in samples.t])}
+            made = [self._made.popleft() for _ in samples.t]
+            self.estimate = made[-1][1]
+            return {"shadow": np.array([y for y, _ in made])}
         u = filter_inputs(samples, self._omega_ref)
         self._omega_ref = u[-1, places(INPUTS)["omega_ref"]]
         found = np.full((len(u), width(OUTPUTS)), np.nan)
-        made = self._stepped.rows(samples.t, u)
-        found[: len(made)] = made
+        rows_made = self._stepped.rows(samples.t, u)
+        found[: len(rows_made)] = rows_made
+        self.estimate = self._estimate()
         return {"shadow": found}
 
 
-def own_law(experiment: Experiment) -> list[Part]:
+def own_law(experiment: Experiment) -> list[OwnLaw]:
     """The twin's own controller, if it has one of its own."""
     return [] if "controller" in experiment.stand_ins else [OwnLaw(experiment)]
 
@@ -364,10 +395,14 @@ class Twin:
 
     Attributes:
         parts: see `Part`.
+        state: the one among them, or within one, that estimates at once.
+        on_plant: those that take another plant.
         adapts: accepts each proposal by itself.
     """
 
     parts: Sequence[Part]
+    state: RobotState
+    on_plant: Sequence[OnPlant] = ()
     adapts: bool = False
 
     @property
@@ -386,9 +421,7 @@ class Twin:
 
     def at_once(self, sample: Sample) -> None:
         """What does not wait for a slice."""
-        for part in self.parts:
-            if isinstance(part, RobotState):
-                part.at_once(sample)
+        self.state.at_once(sample)
 
     @property
     def proposal(self) -> Adaptation | None:
@@ -399,7 +432,8 @@ class Twin:
         return None
 
     def accept(self, proposal: Adaptation) -> bool:
-        """Go on with what `proposal` says: the filter, the plant model, and the alarm after cooling down.
+        """Go on with what `proposal` says: the filter, the plant model, predictions, and the alarm after
+        cooling down.
 
         To be called between two calls of `feed`, from the thread that calls it.
 
@@ -410,9 +444,8 @@ class Twin:
             return False
         (watched,) = (part for part in self.parts if isinstance(part, AlarmWatch))
         plant = watched.accept(proposal)
-        for part in self.parts:
-            if isinstance(part, PlantModel | RobotState):
-                part.accept(plant)
+        for part in self.on_plant:
+            part.accept(plant)
         return True
 
     def happenings(self) -> list[Happening]:
@@ -424,7 +457,12 @@ class Twin:
 
 
 def twin_of(
-    experiment: Experiment, model: RobotModel, where: str, watched: AlarmWatch | None = None, adapts: bool = False
+    experiment: Experiment,
+    model: RobotModel,
+    where: str,
+    watched: AlarmWatch | None = None,
+    adapts: bool = False,
+    ahead: Callable[[OwnLaw, RobotState], OnPlant] | None = None,
 ) -> Twin:
     """The twin of the robot that `experiment` describes.
 
@@ -432,8 +470,11 @@ def twin_of(
         where: begins sentences about what comes from the robot.
         watched: raises the alarm; None: there is no alarm.
         adapts: see `Twin`.
+        ahead: makes of controller and state one part that has them and predicts; None: nothing is predicted.
     """
+    laws, state, plant = own_law(experiment), RobotState(experiment), PlantModel(model)
+    followed: list[OnPlant] = [ahead(law, state) for law in laws] if ahead else []
+    rest: list[Part] = [*followed] if followed else [*laws, state]
     alarm: list[Part] = [watched] if watched else []
-    return Twin(
-        [Estimates(model, where), *own_law(experiment), PlantModel(model), RobotState(experiment), *alarm], adapts
-    )
+    on_plant = (plant, *(followed or [state]))
+    return Twin([Estimates(model, where), plant, *rest, *alarm], state, on_plant, adapts)

@@ -21,6 +21,7 @@ from twin.kernel.recording.sources.stamps import Aligner, Counts, Histogram, row
 from twin.kernel.recording.writer import OthersTopic
 from twin.studies.replay.model import LONGEST_GAP, RobotModel
 from twin.studies.result import counted
+from twin.studies.shadow.ahead import Foreseen
 from twin.studies.shadow.alarm import WatchEvent, nis_per_count
 from twin.studies.shadow.following import AlarmWatch, Happening, Rows, Twin
 from twin.studies.shadow.layout import OUTPUTS
@@ -115,6 +116,7 @@ class Followed:
         dropped: messages that the transport or we lost knowingly.
         notes: sentences.
         changes: of the alarm's state; None: there was no fleet to compare with.
+        ahead: how predictions compare with what came; None: there were none.
     """
 
     source: str
@@ -131,6 +133,7 @@ class Followed:
     dropped: int = 0
     notes: list[str] = field(default_factory=list)
     changes: list[WatchEvent] | None = None
+    ahead: Foreseen | None = None
 
     @property
     def alarms(self) -> list[str] | None:

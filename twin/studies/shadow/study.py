@@ -81,6 +81,17 @@ def shadow(
     ] = None,
     false_alarms_per_hour: Annotated[float, Option("With --fleet: how many false alarms to bear.", "N")] = 0.01,
     adapt: Annotated[bool, Option("With --fleet: accept what has moved after an alarm, and go on with it.")] = False,
+    what_if: Annotated[
+        Sequence[str],
+        Option(
+            "Predict besides how it would go on with another value; several keys with ';'; may be repeated.",
+            "KEY=VALUE",
+            complete="setting",
+        ),
+    ] = (),
+    force_limit_N: Annotated[
+        float | None, Option("Warn of a force to come beyond it; default: the monitor's limit.", "N", least=0.0)
+    ] = None,
     live: Annotated[bool, Option("Serve twin and robot to Lichtblick or Foxglove.")] = False,
     port: LivePort = PORT,
     origins: LiveOrigins = (),
@@ -91,7 +102,8 @@ def shadow(
 
     The twin listens to the robot's encoders and never sends anything to it.
     It is stepped by the stamps of the messages. The recording has the robot's
-    messages as they came, and beside them what the twin makes of them.
+    messages as they came, and beside them what the twin makes of them. Every
+    0.5 s it predicts force and height of the next second, with a band.
     Beside a robot it goes before other work (SCHED_FIFO), where it may.
     Domain of DDS and zenoh: ROS_DOMAIN_ID.
 
@@ -112,6 +124,7 @@ def shadow(
     from twin.robot.assembly.load import load_experiment
     from twin.robot.live.runs import live_server
     from twin.studies.replay.model import model_of
+    from twin.studies.shadow.ahead import ahead_of, changed_experiments
     from twin.studies.shadow.following import AlarmWatch, twin_of
     from twin.studies.shadow.mapping import wanted_signals
     from twin.studies.shadow.reidentification import Reidentifier
@@ -129,14 +142,19 @@ def shadow(
     loaded = load_experiment(experiment, settings)
     model = model_of(loaded)
     wanted = wanted_signals(model.belief)
+    changed = changed_experiments(experiment, settings, what_if)
     with ExitStack() as stack:
+        notes: list[str] = []
+        ahead = ahead_of(loaded, changed, force_limit_N, notes.append)
+        if ahead:
+            stack.enter_context(ahead)
         robot, columns, of_now = opened(source, column_map(maps), wanted, model.belief, speed)
         stack.callback(robot.close)
         watched = None
         if fleet:
             limits = _limits(fleet, experiment, settings, say)
             watched = AlarmWatch(limits, false_alarms_per_hour, Reidentifier(loaded, wait=not of_now))
-        twin, viewer = twin_of(loaded, model, robot.name, watched, adapt), None
+        twin, viewer = twin_of(loaded, model, robot.name, watched, adapt, ahead.beside if ahead else None), None
         if live:
             server = live_server(
                 port, announce=lambda address: _print(f"serving {address}; viewers may come and go"),
@@ -147,6 +165,8 @@ def shadow(
         session = Session(
             robot, columns, wanted, twin, model, 1e-3 * lateness_ms, duration, of_now, say, _announce, watched, viewer
         )
+        session.followed.notes += notes
+        session.followed.ahead = ahead.foreseen if ahead else None
         session.wait()
         claimed = claim_run_folder(out) if out else None
 

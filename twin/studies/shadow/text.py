@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from twin.kernel.recording.sources.stamps import Counts
 from twin.kernel.writing import finite
 from twin.studies.result import Block, Column, Result, Table, counted, note
+from twin.studies.shadow.ahead import Foreseen
 from twin.studies.shadow.alarm import CHANNELS, WatchEvent
 
 if TYPE_CHECKING:
@@ -75,6 +76,8 @@ def shadow_result(followed: "Followed", name: str, files: Mapping[str, Path]) ->
         shares = ", ".join(f"{100.0 * share:g} % within {_ms(hand.quantile(share))}" for share in (0.99, 0.999))
         body.append(note("in hand", f"estimate after {_ms(hand.quantile(0.5))}, {shares}, all within "
                                     f"{_ms(hand.largest)}; {followed.missed} later than a period"))  # fmt: skip
+    if followed.ahead is not None and followed.ahead.predictions:
+        body += [note("ahead", text, True) for text in _ahead(followed.ahead)]
     if followed.alarms is not None:
         body += [note("alarm", text, True) for text in followed.alarms or ["none"]]
     body += [note("note", text) for text in followed.notes]
@@ -124,6 +127,17 @@ def _clock(followed: "Followed") -> str:
     return text
 
 
+def _ahead(foreseen: Foreseen) -> list[str]:
+    texts = [
+        f"{counted(foreseen.predictions, 'prediction')} of 1 s; {100.0 * foreseen.share:.0f} % of the estimated forces "
+        f"lay in the band; off by {foreseen.error.rms:.2f} N rms, the last value by {foreseen.holding.rms:.2f} N"
+    ]
+    for name, apart in foreseen.apart.items():
+        worst = f", at most {apart.largest:+.2f} N at {apart.at:.2f} s" if apart.largest else ""
+        texts.append(f"what if {name}: {apart.rms:.2f} N rms from the prediction{worst}")
+    return texts
+
+
 def _ms(seconds: float) -> str:
     return f"{1e3 * seconds:.3g} ms"
 
@@ -163,6 +177,7 @@ def shadow_facts(followed: "Followed", name: str) -> dict[str, object]:
             "nis_per_count": NIS.mean if NIS else math.nan,
             "alarms": followed.alarms,
             "alarm_states": None if followed.changes is None else [_change(one) for one in followed.changes],
+            "ahead": _ahead_facts(followed.ahead) if followed.ahead else None,
             "notes": followed.notes,
         }
     )
@@ -173,3 +188,16 @@ def _change(one: WatchEvent) -> dict[str, object]:
     evidence = {"channel": one.channel, "unit": CHANNELS[one.channel][2], "size": one.size, "since_s": one.since,
                 "level": one.level} if one.channel else {}  # fmt: skip
     return {"t_s": one.t, "state": str(one.state), "alarm": one.alarm, "text": str(one), **evidence}
+
+
+def _ahead_facts(foreseen: Foreseen) -> dict[str, object]:
+    return {
+        "predictions": foreseen.predictions,
+        "in_band": foreseen.share,
+        "error_rms_N": foreseen.error.rms,
+        "last_value_rms_N": foreseen.holding.rms,
+        "what_if": {
+            name: {"rms_N": apart.rms, "largest_N": apart.largest, "at_s": apart.at}
+            for name, apart in foreseen.apart.items()
+        },
+    }

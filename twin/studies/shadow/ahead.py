@@ -1,0 +1,484 @@
+"""What the robot will do next: a branch from its present estimate, every half second, with a band.
+
+The band has three parts, joined as independent ones are, upwards and downwards each by itself:
+
+    estimate      P of the filter as far as it goes with force, height and speed: three columns of its Cholesky factor,
+                  with these states before all others. Each is a branch of its own, Z deviations away
+    surroundings  a surface that is higher, lower, stiffer or softer, as those of healthy robots are: a branch each
+    model         what branches do not have; calibrated on a fleet of healthy robots, see docs/shadow_method.md
+
+A branch takes about a millisecond. One is run with each slice of samples, and the prediction is there when all are.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.cosim.delay import named
+from twin.kernel.cosim.port import Port, width
+from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.robot.assembly.load import load_experiment
+from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.plant.dynamics import PlantParameters
+from twin.robot.run.branch import refuse_fixed
+from twin.studies.shadow.branching import HORIZON, LEADS, Branching, Otherwise, Present
+from twin.studies.shadow.following import Happening, OnPlant, OwnLaw, RobotState, Rows
+from twin.studies.shadow.layout import FORCE, OUTPUTS, POSITION, VELOCITY
+from twin.studies.shadow.mapping import RobotSamples
+from twin.studies.shadow.surroundings import Surroundings
+
+EVERY = 0.5
+"""s from one prediction to the next."""
+READY = 0.1
+"""s after the present at which a prediction is given: until then there is a slice for each of its branches."""
+LOOK = 0.1
+"""s from one look at the surroundings to the next; and after a start of the filter to the first."""
+SETTLED = 0.5
+"""s after a start of the filter from which on there is something to predict from."""
+Z = 1.96
+"""Deviations of a normal number within which 95 % of all are."""
+PRESSING = (FORCE + 2, POSITION + 2, VELOCITY + 2)
+"""Of the state, what says most of the force to come."""
+HEIGHT, TOUCHED_HEIGHT = 0.5e-3, 0.1e-3
+"""m. How far a surface is from where it is believed, before and after it was touched."""
+SHARE, FELT_SHARE = 0.2, 0.05
+"""The same of its stiffness, before and after the robot has pressed on it."""
+REST, REST_SHARE = np.array([0.12, 0.2e-3]), np.array([0.2, 0.3])
+"""Of force (N, in contact) and height (m): how far branches are off besides, and by which share of the change that they
+predict. Calibrated on 36 robots of the healthy fleet, seeds 501 to 503, so that 98 % lie within: robots differ much,
+most by their dry friction."""
+STRANGE, STRANGE_SHARE = 0.1, 0.5
+"""rad/s, and by the commands' rms: of the mean difference over half a second. Beyond both the robot is led by another
+controller, or by one that is elsewhere in its program."""
+
+
+def _meaning(what: str) -> str:
+    return f"{what} {LEADS[0]:g}, {LEADS[1]:g} .. {HORIZON:g} s after the estimate"
+
+
+MADE = Port("made", 1, "s", "time of the estimate that is gone out from")
+FORESEEN = (
+    Port("F_z", len(LEADS), "N", _meaning("predicted pressing force")),
+    Port("p_z", len(LEADS), "m", _meaning("predicted height of the platform, base frame B,")),
+)
+BOUNDS = tuple(
+    Port(f"{port.name}_{side}", port.size, port.unit, f"{side} bound of the band that has 95 % of {port.name}")
+    for port in FORESEEN
+    for side in ("lower", "upper")
+)
+AHEAD = (MADE, *FORESEEN, *BOUNDS)
+
+
+def cholesky_first(P: NDArray[np.float64], first: Sequence[int] = PRESSING) -> NDArray[np.float64]:
+    """The first columns (n, len(first)) of the Cholesky factor of `P` (n, n) with the states `first` before all others:
+    these have the whole of their own variances, and of others what goes with them."""
+    left, columns = P.copy(), []
+    for k in first:
+        deviation = math.sqrt(max(left[k, k], 0.0))
+        columns.append(left[:, k] / deviation if deviation else np.zeros(len(P)))
+        left -= np.outer(columns[-1], columns[-1])
+    return np.array(columns).T
+
+
+def ways(P: NDArray[np.float64], around: Surroundings) -> list[list[Otherwise]]:
+    """The branches beside the first one, those of one cause together; a cause has one that stands for both senses, or
+    one for each."""
+    height = TOUCHED_HEIGHT if math.isfinite(around.height) else HEIGHT
+    share = FELT_SHARE if math.isfinite(around.share) else SHARE
+    estimate = [[Otherwise(dx=Z * column)] for column in cholesky_first(P).T]
+    heights = [Otherwise(height=by) for by in (height, -height)]
+    shares = [Otherwise(share=1.0 + by) for by in (share, -share)]
+    return [*estimate, heights, shares]
+
+
+def band(
+    first: NDArray[np.float64],
+    others: Sequence[Sequence[NDArray[np.float64]]],
+    now: NDArray[np.float64],
+    unsure: float = 0.0,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lower and upper bounds (leads, 2) of force and height about a branch.
+
+    Args:
+        first: the branch (leads, 2).
+        others: those of `ways`.
+        now: force and height from which it goes out (2,).
+        unsure: deviation of the force (N) of a robot in contact by what is not known of zeros and friction.
+    """
+    rest = np.where(first[:, :1] > 0.0, np.hypot(REST, [Z * unsure, 0.0]), [0.0, REST[1]])
+    up = rest**2 + (REST_SHARE * (first - now)) ** 2
+    low = up.copy()
+    for cause in others:
+        # where a branch has ended, nothing is known of it
+        away = [np.nan_to_num(one - first) for one in cause]
+        if len(cause) == 1:
+            away.append(-away[0])
+        up += np.max(np.maximum(away, 0.0), axis=0) ** 2
+        low += np.max(np.maximum(-np.array(away), 0.0), axis=0) ** 2
+    lower, upper = first - np.sqrt(low), first + np.sqrt(up)
+    lower[:, 0] = np.maximum(lower[:, 0], np.minimum(first[:, 0], 0.0))
+    return lower, upper
+
+
+@dataclass
+class ForceDifference:
+    """How far what might be is from what is predicted.
+
+    Attributes:
+        square, count: sum of the squared differences of force (N^2), and how many.
+        largest, at: the largest (N), and when (s).
+    """
+
+    square: float = 0.0
+    count: int = 0
+    largest: float = 0.0
+    at: float = math.nan
+
+    def add(self, t: NDArray[np.float64], away: NDArray[np.float64]) -> None:
+        """Differences (n,), N, at `t` (n,), s; NaN are none."""
+        there = np.isfinite(away)
+        t, away = t[there], away[there]
+        if not len(away):
+            return
+        self.square, self.count = self.square + float(np.sum(away**2)), self.count + len(away)
+        worst = int(np.argmax(np.abs(away)))
+        if abs(away[worst]) > abs(self.largest):
+            self.largest, self.at = float(away[worst]), float(t[worst])
+
+    @property
+    def rms(self) -> float:
+        """N."""
+        return math.sqrt(self.square / self.count) if self.count else math.nan
+
+
+@dataclass
+class Foreseen:
+    """How predictions compare with the estimates of their time, without their past.
+
+    Attributes:
+        predictions: how many were given.
+        within: of these estimates in the band.
+        error: of the predicted force against them.
+        holding: the same of the last value.
+        apart: of what might be, by what is other.
+    """
+
+    predictions: int = 0
+    within: int = 0
+    error: ForceDifference = field(default_factory=ForceDifference)
+    holding: ForceDifference = field(default_factory=ForceDifference)
+    apart: dict[str, ForceDifference] = field(default_factory=dict)
+
+    @property
+    def share(self) -> float:
+        """Of the estimates that lay in the band."""
+        return self.within / self.error.count if self.error.count else math.nan
+
+
+@dataclass
+class _Pending:
+    """A prediction that is being made: from where, what is run, and what was."""
+
+    t: float
+    now: Present
+    causes: list[list[Otherwise]]
+    runs: Iterator[None]
+    first: NDArray[np.float64]
+    others: list[list[NDArray[np.float64]]]
+    changed: list[NDArray[np.float64]]
+
+
+class Ahead:
+    """What branches of one session there are: that of the twin, and what might be.
+
+    Args:
+        experiment: of the robot.
+        changed: by what is other in it an experiment.
+        limit: of the pressing force (N), beyond which a prediction is a warning; infinite: none.
+        start: when the first prediction is made (s).
+
+    Attributes:
+        foreseen: so far.
+        limit, start: see there.
+
+    Raises:
+        InputRefused: a part of the robot cannot be put where the robot's is.
+    """
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        changed: Mapping[str, Experiment] = MappingProxyType({}),
+        limit: float = math.inf,
+        start: float = SETTLED,
+    ):
+        self.foreseen = Foreseen(apart={name: ForceDifference() for name in changed})
+        self.limit, self.start = limit, start
+        with ExitStack() as made:
+            self._own = Branching(experiment)
+            made.callback(self._own.close)
+            self._changed: list[Branching] = []
+            for name, other in changed.items():
+                self._changed.append(Branching(other, f"--what-if {name}"))
+                made.callback(self._changed[-1].close)
+                self._changed[-1].refuse_other_law(self._own.law, f"--what-if {name}: ")
+            self._closing = made.pop_all()
+
+    def __enter__(self) -> "Ahead":
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self._closing.close()
+
+    def beside(self, law: OwnLaw, state: RobotState) -> OnPlant:
+        """The part of a twin that has these two in it, and stops at the moments from which branches go out."""
+        return _LookAhead(self, law, state)
+
+    @property
+    def branchings(self) -> list[Branching]:
+        """The twin's own, and what might be."""
+        return [self._own, *self._changed]
+
+
+def _after(t: float, start: float, period: float) -> float:
+    """The first of the times `start`, `start` + `period` .. after `t`."""
+    return start + period * (math.floor((t - start) / period + 1e-6) + 1)
+
+
+class _LookAhead:
+    """See `Ahead.beside`."""
+
+    def __init__(self, ahead: Ahead, law: OwnLaw, state: RobotState):
+        self._ahead, self._law, self._state = ahead, law, state
+        what_if = {
+            f"what_if/{k}": (MADE, *(Port(p.name, p.size, p.unit, f"{p.meaning}, {name}") for p in FORESEEN))
+            for k, name in enumerate(ahead.foreseen.apart, start=1)
+        }
+        self.topics: dict[str, tuple[Port, ...]] = {**law.topics, **state.topics, "ahead": AHEAD, **what_if}
+        self.happenings: list[Happening] = []
+        self._around = Surroundings(ahead.branchings[0].parameters)
+        self._pending: _Pending | None = None
+        self._next, self._next_look, self._begun = ahead.start, 0.0, 0.0
+        self._strange: list[NDArray[np.float64]] = []
+        self._warned = self._foreign = self._failed = False
+        self._open: list[tuple[NDArray[np.float64], NDArray[np.float64], float]] = []
+        p = ahead.branchings[0].parameters
+        self._per_motor = float(p["N"] * p["eta"])
+
+    def accept(self, plant: PlantParameters) -> None:
+        """See `OnPlant`; what is being predicted is given up, for it began on the one before."""
+        self._pending = None
+        self._state.accept(plant)
+        for branching in self._ahead.branchings:
+            branching.accept(plant)
+
+    def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
+        found: list[Rows] = []
+        begin = 0
+        while begin < len(samples.t):
+            due = min(self._next, self._next_look, self._pending.t + READY if self._pending else math.inf)
+            end = min(int(np.searchsorted(samples.t, due)) + 1, len(samples.t))
+            piece = RobotSamples(*(column[begin:end] for column in samples))
+            found.append(self._piece(piece, {topic: values[begin:end] for topic, values in rows.items()}))
+            begin = end
+        if self._pending:
+            next(self._pending.runs, None)
+        return {topic: np.concatenate([one[topic] for one in found]) for topic in self.topics}
+
+    def _piece(self, samples: RobotSamples, rows: Rows) -> Rows:
+        """Rows of samples of which only the last may be one at which anything is made or given."""
+        made: Rows = {}
+        for part in (self._law, self._state):
+            made |= part.feed(samples, rows | made)
+            self.happenings += part.happenings
+            part.happenings.clear()
+        t, n = float(samples.t[-1]), len(samples.t)
+        for topic in self.topics.keys() - made.keys():
+            made[topic] = np.full((n, width(self.topics[topic])), np.nan)
+        estimate = named(OUTPUTS, made["shadow"])
+        if np.any(estimate["started"]):
+            self._begun = float(samples.t[np.flatnonzero(estimate["started"])[-1]])
+            self._pending = None
+        self._around.drag(samples.t, named(ESTIMATOR_OUTPUTS, rows["estimator"])["theta_l"])
+        self._score(samples.t, -estimate["F_ee_B"][:, 2], estimate["deviation"][:, FORCE + 2])
+        if not self._failed:
+            self._follow(samples, rows, made)
+        if self._pending and t >= self._pending.t + READY:
+            self._give(t, made)
+        if t >= self._next_look:
+            self._next_look = _after(t, 0.0, LOOK)
+            x, _, J = self._state.estimate
+            if np.all(np.isfinite(x)) and t >= self._begun + LOOK:
+                self._around.learn(x, J, self._ahead.branchings[0].surface()[0])
+        if t >= self._next:
+            self._next = _after(t, self._ahead.start, EVERY)
+            if not (self._failed or self._is_foreign(t)) and t >= self._begun + SETTLED:
+                self._pending = self._begin(t)
+        return made
+
+    def _follow(self, samples: RobotSamples, rows: Rows, made: Rows) -> None:
+        """Let the drives follow, and look whether the robot is led as the twin would."""
+        commands = named(self._law.topics["controller"], made["controller"])[OMEGA_REF.name]
+        known = ~np.isnan(samples.omega_ref)
+        omega_ref = np.where(known, samples.omega_ref, commands)
+        newest = np.maximum.accumulate(np.where(np.isnan(omega_ref[:, 0]), -1, np.arange(len(omega_ref))))
+        before = self._ahead.branchings[0].command
+        omega_ref = np.where(newest[:, None] < 0, before, omega_ref[newest])
+        tau_load = named(ESTIMATOR_OUTPUTS, rows["estimator"])["tau_l"] / self._per_motor
+        try:
+            for branching in self._ahead.branchings:
+                branching.follow(samples.t, omega_ref, tau_load)
+        except ComponentFailed as problem:
+            self._failed, self._pending = True, None
+            self.happenings.append(Happening(float(samples.t[-1]), f"no more predictions: {problem}"))
+        self._strange.append(np.column_stack([commands - samples.omega_ref, samples.omega_ref]))
+
+    def _is_foreign(self, t: float) -> bool:
+        """Whether the robot's commands since the last time were those of somebody else; it is said once.
+
+        Samples that are lost make the two differ for moments; what is elsewhere in its program differs for long.
+        """
+        both = np.concatenate(self._strange)
+        self._strange.clear()
+        both = both[~np.isnan(both[:, 0])]
+        if not len(both):
+            return False
+        lasting, own = np.abs(np.mean(both[:, :3], axis=0)), np.sqrt(np.mean(both[:, 3:] ** 2, axis=0))
+        foreign = bool(np.any(lasting > np.maximum(STRANGE, STRANGE_SHARE * own)))
+        if foreign and not self._foreign:
+            text = "no prediction while the robot's commands are not those of the twin's controller"
+            self.happenings.append(Happening(t, text))
+        self._foreign = foreign
+        return foreign
+
+    def _begin(self, t: float) -> _Pending | None:
+        """A prediction from now on, of which nothing is run yet."""
+        x, P, J = self._state.estimate
+        if not np.all(np.isfinite(x)):
+            return None
+        own, *changed = self._ahead.branchings
+        self._around.settle(x, P, J, own.surface()[0])
+        law = self._law.controller
+        causes = ways(P, self._around)
+        now = own.present(x, J, law, self._around)
+        others: list[list[NDArray[np.float64]]] = [[] for _ in causes]
+        might = [one.present(x, J, law, self._around) for one in changed]
+        pending = _Pending(t, now, causes, iter(()), np.empty(0), others, [])
+
+        def runs() -> Iterator[None]:
+            pending.first = own.run(now)
+            yield
+            for branching, present in zip(changed, might, strict=True):
+                pending.changed.append(branching.run(present))
+                yield
+            for cause, into in zip(causes, others, strict=True):
+                for other in cause:
+                    into.append(own.run(now, other))
+                    yield
+
+        pending.runs = runs()
+        return pending
+
+    def _give(self, t: float, made: Rows) -> None:
+        """The prediction that is being made, as a row of the last sample."""
+        pending, self._pending = self._pending, None
+        assert pending is not None
+        for _ in pending.runs:
+            pass
+        own = self._ahead.branchings[0]
+        first, now = pending.first, own.beginning(pending.now)
+        lower, upper = band(first, pending.others, now, pending.now.around.unsure(pending.now.J))
+        bounds = [values[:, k] for k in range(2) for values in (lower, upper)]
+        made["ahead"][-1] = np.concatenate([[pending.t], *first.T, *bounds])
+        foreseen = self._ahead.foreseen
+        foreseen.predictions += 1
+        times = pending.t + LEADS
+        self._open.append((times, np.column_stack([first[:, 0], lower[:, 0], upper[:, 0]]), float(now[0])))
+        for k, (apart, other) in enumerate(zip(foreseen.apart.values(), pending.changed, strict=True), start=1):
+            made[f"what_if/{k}"][-1] = np.concatenate([[pending.t], *other.T])
+            apart.add(times, other[:, 0] - first[:, 0])
+        beyond = np.flatnonzero(first[:, 0] > self._ahead.limit)
+        if len(beyond) and not self._warned:
+            lead = max(0.0, float(times[beyond[0]]) - t)
+            text = f"will press beyond {self._ahead.limit:g} N in {lead:.1f} s"
+            self.happenings.append(Happening(t, text))
+        self._warned = bool(len(beyond))
+
+    def _score(self, t: NDArray[np.float64], F_z: NDArray[np.float64], deviation: NDArray[np.float64]) -> None:
+        """Compare what was predicted with the estimates `F_z` (n,), N, at `t` (n,), s, of that `deviation`."""
+        foreseen = self._ahead.foreseen
+        J = self._state.estimate.J
+        tare, tare_unsure = float(self._around.tare(J)[2]), self._around.unsure(J)
+        for times, values, held in self._open:
+            due = (times > t[0] - 1e-9) & (times <= t[-1])
+            at = np.searchsorted(t, times[due] - 1e-9)
+            came, unsure = F_z[at] + tare, Z * np.hypot(deviation[at], tare_unsure)
+            first, lower, upper = values[due].T
+            foreseen.error.add(times[due], first - came)
+            foreseen.holding.add(times[due], held - came)
+            foreseen.within += int(np.sum((lower - unsure <= came) & (came <= upper + unsure)))
+        self._open = [one for one in self._open if one[0][-1] > t[-1]]
+
+
+LEFT_OUT = {
+    "contact": "where the surface is, and how stiff, comes from the estimate",
+    "monitor": "branches have no monitor",
+    "scale": "it moves nothing",
+    "fault": "branches have none",
+}
+"""Tables that say nothing of a branch, and why."""
+
+
+def changed_experiments(path: Path, settings: Sequence[str], what_if: Sequence[str]) -> dict[str, Experiment]:
+    """By each of `what_if`, several keys with ";", the experiment with it.
+
+    Args:
+        path: of the experiment.
+        settings: of the robot.
+        what_if: as on the command line.
+
+    Raises:
+        InputRefused: a key that there is not, or that cannot change in mid-run.
+    """
+    found = {}
+    for text in what_if:
+        keys = text.split(";")
+        for key in keys:
+            if "=" not in key:
+                raise InputRefused(f"--what-if {key}: expected key=value, for example controller.force.kp_mm_per_N=3")
+        refuse_fixed(keys, "--what-if")
+        for key in keys:
+            table = key.partition("=")[0].strip().partition(".")[0]
+            if table in LEFT_OUT:
+                raise InputRefused(f"--what-if {key}: {table} cannot be another one ahead: {LEFT_OUT[table]}")
+        found[text] = load_experiment(path, [*settings, *keys])
+    return found
+
+
+def ahead_of(
+    experiment: Experiment, changed: Mapping[str, Experiment], limit: float | None, note: Callable[[str], None]
+) -> Ahead | None:
+    """The branches of a session; None if a part of the robot cannot be put where the robot's is, which `note` takes.
+
+    Args:
+        limit: of the pressing force (N); None: the monitor's, if there is one.
+
+    Raises:
+        InputRefused: so it is, and somebody asks what might be.
+    """
+    if limit is None:
+        limit = experiment.monitor.force_limit if experiment.monitor else math.inf
+    try:
+        return Ahead(experiment, changed, limit)
+    except InputRefused as problem:
+        if changed:
+            raise
+        note(f"no predictions: {problem}")
+        return None

@@ -1,0 +1,312 @@
+"""A robot's system that is put where an estimate has the robot, and run ahead from there.
+
+What six counts cannot tell comes from the past: the drives have followed the robot's commands and loads from the first
+sample on, and hold inside what these leave there; the controller is the twin's own on the robot's counts. Plant and
+encoders are put to the estimate, surface and dry friction to what the past has shown (`surroundings`). Where a drive's
+shaft is elsewhere than the estimate has it, or zeros of encoders load a spring, a belt slips by as much: springs,
+weight and contact are in balance as the filter has them. Left out are the monitor, faults, noise
+of the encoders, and what an energy tank has stored.
+"""
+
+from collections.abc import Mapping
+from copy import copy
+from dataclasses import replace
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.cosim.component import Component, NativeComponent
+from twin.kernel.cosim.delay import play
+from twin.kernel.cosim.port import by_port, width
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.cosim.state import SavedState, StatePlaces, SystemState, stateless
+from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.fmi.groups import AT_END
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.build import belief
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.plant.component import Plant
+from twin.robot.plant.contact import HELD
+from twin.robot.plant.dynamics import PlantParameters
+from twin.studies.shadow.layout import FORCE, MOTOR, POSITION, VELOCITY
+from twin.studies.shadow.surroundings import Surroundings
+
+HORIZON, SPACING = 1.0, 0.05
+"""s ahead, and between two of the times that are looked at."""
+LEADS = np.linspace(SPACING, HORIZON, round(HORIZON / SPACING))
+Native = TypeVar("Native", bound=NativeComponent)
+ENDLESS = 1 << 40
+"""Ticks. A session has no end that an FMU could be given."""
+
+
+class Present(NamedTuple):
+    """Where the robot is.
+
+    Attributes:
+        tick: of the branch's system.
+        x: of the filter (15,).
+        J: d theta_l / d p_B there (3, 3).
+        omega_ref: commands that hold (3,), rad/s.
+        law: what the controller holds, by the names of its pieces.
+        drives: the state of the drives.
+        shafts: what their outputs are.
+        around: what the past has shown.
+    """
+
+    tick: int
+    x: NDArray[np.float64]
+    J: NDArray[np.float64]
+    omega_ref: NDArray[np.float64]
+    law: Mapping[str, NDArray]
+    drives: SystemState
+    shafts: Mapping[str, NDArray[np.float64]]
+    around: Surroundings
+
+
+class Otherwise(NamedTuple):
+    """What is other in one branch than in the present.
+
+    Attributes:
+        dx: added to the state (15,).
+        height: added to that of the surface (m), where the robot does not touch it.
+        share: of its stiffness.
+    """
+
+    dx: NDArray[np.float64] = np.zeros(15)
+    height: float = 0.0
+    share: float = 1.0
+
+
+def _spring(p: NDArray) -> NDArray[np.float64]:
+    """Torque on each joint by angle of its motor (3,), N m/rad."""
+    return np.asarray(p["k_s"] * p["k_s_share"] * p["N"] * p["eta"], dtype=np.float64)
+
+
+class Branching:
+    """The system of an experiment that is run ahead from wherever the robot is.
+
+    Args:
+        experiment: of the robot.
+        where: begins a refusal.
+
+    Attributes:
+        tick, period: of the system (s), and of its controller (ticks).
+
+    Raises:
+        InputRefused: a part has no state, or is none that twin can put anywhere.
+    """
+
+    def __init__(self, experiment: Experiment, where: str = ""):
+        others = {role: part for role, part in experiment.stand_ins.items() if role not in ("monitor", "scale")}
+        bare = replace(
+            experiment, monitor=None, scale=None, faults=(), stand_ins=others, duration_ticks=ENDLESS
+        )  # fmt: skip
+        if others:
+            raise InputRefused(f"{where}{', '.join(others)} of others cannot be put where the robot's is")
+        self._assembly = assemble(bare)
+        try:
+            system, made = self._assembly.system, self._assembly.made
+            if lacking := stateless(system.components, portable=False):
+                raise InputRefused(f"{where}{'; '.join(lacking)}")
+            self._drives = made["drive"]
+            rest = [one for one in system.components if one not in self._drives]
+            none = np.zeros(0)
+            self._drive_places, self._places = StatePlaces(self._drives, none, none), StatePlaces(rest, none, none)
+            self._plant, self._encoder = self._only("plant", Plant), self._only("encoder", NativeComponent)
+            self.law = self._only("controller", NativeComponent)
+            self._as_made = [(one, one.memory.copy()) for one in (self._plant, self._encoder)]
+            self._fresh = self._places.take(0)
+            self.tick, self.period = system.tick, experiment.controller_ticks
+            self._steps = round(SPACING / self.tick)
+            self._simulation = Simulation(system, ENDLESS, len(LEADS) * self._steps + 1)
+            self._columns = [system.columns("plant.F_ee_B").start + 2, system.columns("plant.p_B").start + 2]
+        except BaseException:
+            self._assembly.close()
+            raise
+        self._belief = belief(experiment)
+        p = self._plant.memory["parameters"][0]
+        self._spring, self._slip = _spring(p), p["slip"].copy()
+        self._presliding = float(p["joint_presliding"])
+        self._at = 0
+        self._shafts = {one.name: one.initial_outputs.copy() for one in self._drives}
+        self._now = np.zeros(6)
+
+    def _only(self, row: str, kind: type[Native]) -> Native:
+        (component,) = self._assembly.made[row]
+        assert isinstance(component, kind)
+        return component
+
+    def close(self) -> None:
+        """Free the FMUs."""
+        self._fresh.close()
+        self._assembly.close()
+
+    def follow(self, t: NDArray[np.float64], omega_ref: NDArray[np.float64], tau_load: NDArray[np.float64]) -> int:
+        """Step the drives as the robot's are, up to the last sample.
+
+        Args:
+            t: of samples (n,), s, later than those before.
+            omega_ref: commands (n, 3), rad/s.
+            tau_load: of the springs on the shafts (n, 3), N m.
+
+        Returns:
+            The tick that they have come to, one of those at which the controller is called.
+        """
+        end = max(self._at, self.period * round(float(t[-1]) / (self.period * self.tick)))
+        values = np.vstack([self._now, np.hstack([omega_ref, tau_load])])
+        self._now = values[-1]
+        ticks = np.arange(self._at, end)
+        if len(ticks):
+            # a sample that is a little late is that of its tick
+            starts = np.asarray(ticks * self.tick, dtype=np.float64)
+            held = values[np.searchsorted(t, (ticks + 0.25) * self.tick, side="right")]
+            for number, drive in enumerate(self._drives):
+                rows, status = play(
+                    drive, starts, np.full(len(ticks), self.tick), self._inputs(drive, number, held),
+                    np.array([len(ticks)]), self._shafts[drive.name],
+                )  # fmt: skip
+                if status:
+                    raise ComponentFailed(f"{drive.label} ({drive.name}) {drive.explain(status)} at t = {t[-1]:.3f} s")
+                self._shafts[drive.name] = rows[-1]
+        self._at = end
+        return end
+
+    def _inputs(self, drive: Component, number: int, held: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of a drive at each tick: those of its joint, or of all three; it has power."""
+        columns = []
+        for port in drive.inputs:
+            first = {"omega_ref": 0, "tau_load": 3}.get(port.name.removesuffix(AT_END))
+            if first is None:
+                columns.append(np.ones((len(held), port.size)))
+            else:
+                first += number if port.size == 1 else 0
+                columns.append(held[:, first : first + port.size])
+        return np.hstack(columns)
+
+    @property
+    def command(self) -> NDArray[np.float64]:
+        """The newest one (3,), rad/s."""
+        return self._now[:3]
+
+    @property
+    def call(self) -> float:
+        """From one call of the controller to the next, s."""
+        return self.period * self.tick
+
+    @property
+    def parameters(self) -> NDArray:
+        """Of the plant, a record."""
+        return self._as_made[0][1]["parameters"][0]
+
+    def accept(self, plant: PlantParameters) -> None:
+        """Go on with what may have moved in a robot: springs, their zeros, stiffness of the contact; as in `plant`."""
+        for memory in (self._plant.memory, self._as_made[0][1]):
+            for name in ("k_s_share", "slip", "K"):
+                memory["parameters"][0][name] = getattr(plant, name)
+        self._spring, self._slip = _spring(self.parameters), np.array(plant.slip)
+
+    def present(self, x: NDArray[np.float64], J: NDArray[np.float64], law: Component, around: Surroundings) -> Present:
+        """What a branch begins from, to be run now or later.
+
+        Args:
+            x, J, around: see `Present`.
+            law: the controller, where the robot's is.
+        """
+        pieces = {name: array.copy() for name, array in law.pieces().items()}
+        drives = self._drive_places.take(self._at)
+        return Present(self._at, x, J, self.command.copy(), pieces, drives, dict(self._shafts), copy(around))
+
+    def beginning(self, now: Present) -> NDArray[np.float64]:
+        """Pressing force (N) and height (m) that a branch goes out from (2,)."""
+        return np.array([now.around.pressing(now.x, now.J, self.surface(now.tick)[0]), now.x[POSITION + 2]])
+
+    def refuse_other_law(self, law: Component, where: str) -> None:
+        """Raises InputRefused if this controller cannot go on from what `law` holds."""
+        mine, theirs = ({name: a.shape for name, a in one.pieces().items()} for one in (self.law, law))
+        if mine != theirs:
+            raise InputRefused(f"{where}the controller cannot be another one in mid-run")
+
+    def run(self, now: Present, other: Otherwise = Otherwise()) -> NDArray[np.float64]:  # noqa: B008, it is a tuple
+        """Pressing force (N) and height (m) at each of `LEADS` (leads, 2); NaN from where a component fails."""
+        before = self._drive_places.take(now.tick)
+        try:
+            self._put(now, other)
+            return self._ahead()
+        finally:
+            self._drive_places.put_back(before)
+            before.close()
+
+    def run_from(self, saved: SavedState) -> NDArray[np.float64]:
+        """As `run`, from a state of the robot itself."""
+        before = self._drive_places.take(saved.tick)
+        try:
+            for component, memory in self._as_made:
+                component.memory[...] = memory
+            self._simulation.adopt(saved)
+            return self._ahead()
+        finally:
+            self._drive_places.put_back(before)
+            before.close()
+
+    def _ahead(self) -> NDArray[np.float64]:
+        rows = self._simulation.advance()
+        found = np.full((len(LEADS), 2), np.nan)
+        there = rows[self._steps :: self._steps, self._columns]
+        found[: len(there)] = there * (-1.0, 1.0)
+        return found
+
+    def _put(self, now: Present, other: Otherwise) -> None:
+        self._places.put_back(self._fresh)
+        self._drive_places.put_back(now.drives)
+        for name, array in self.law.pieces().items():
+            array[...] = now.law[name]
+        x, outputs = now.x + other.dx, dict(now.shafts)
+        s_B, outputs_of_body = self.surface(now.tick)
+        outputs |= outputs_of_body
+        p, v = x[POSITION : POSITION + 3], x[VELOCITY : VELOCITY + 3]
+        theta_m, shaft = x[MOTOR : MOTOR + 3], self._angles(now.shafts)
+        parameters = self._plant.memory["parameters"]
+        z_s, K, z_b = now.around.contact(x, now.J, s_B, other.height, other.share)
+        parameters["z_s"], parameters["K"], parameters["slip"] = z_s, K, self._slip
+        state = np.concatenate([p, v, z_b])
+        seen = state.copy()
+        seen[:6] -= s_B
+        F = by_port(self._plant.outputs, self._plant.put(seen, theta_m))["F_ee_B"]
+        friction = float(now.around.zeros[3])
+        too_much = np.linalg.solve(now.J.T, x[FORCE : FORCE + 3] - F) - friction * now.around.carried
+        parameters["slip"] = self._slip + shaft - theta_m + too_much / self._spring
+        parameters["joint_friction"] = friction
+        outputs["plant"] = self._plant.put(state, shaft)
+        theta_l = by_port(self._plant.outputs, outputs["plant"])["theta_l"]
+        self._plant.memory["anchors"][0, :, HELD] = theta_l - self._presliding * now.around.carried
+        encoder = self._encoder.memory
+        for side, zero in (
+            ("motor", theta_m - shaft + np.array(self._belief.motor_zero)), ("joint", np.array(self._belief.joint_zero))
+        ):  # fmt: skip
+            encoder[side]["zero"], encoder[side]["noise"], encoder[side]["eccentricity"] = zero, 0.0, 0.0
+        values = {"theta_m": shaft, "theta_l": theta_l, "omega_ref": now.omega_ref}
+        for row in ("latency", "delay", "bus"):
+            for one in self._assembly.made[row]:
+                outputs[one.name] = np.concatenate([values[port.name] for port in one.outputs])
+                one.pieces()["ring"].reshape(-1, width(one.outputs))[:] = outputs[one.name]
+        for row, port in (("controller", "omega_ref"), ("tank", "omega_ref")):
+            for one in self._assembly.made[row]:
+                outputs[one.name] = one.initial_outputs.copy()
+                by_port(one.outputs, outputs[one.name])[port][:] = now.omega_ref
+        self._simulation.place(now.tick, outputs)
+
+    def surface(self, tick: int | None = None) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+        """Displacement and velocity of a surface that moves, by the twin's clock (6,), SI; outputs of what moves it.
+
+        Args:
+            tick: when; None: now.
+        """
+        t = self.tick * (self._at if tick is None else tick)
+        for body in self._assembly.made["body"]:
+            rows, _ = play(body, np.array([t]), np.array([self.tick]), np.empty((1, 0)))
+            return rows[0], {body.name: rows[0]}
+        return np.zeros(6), {}
+
+    def _angles(self, shafts: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+        return np.concatenate([by_port(one.outputs, shafts[one.name])["theta_m"] for one in self._drives])
