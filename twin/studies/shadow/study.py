@@ -89,8 +89,6 @@ def shadow(
 
     Example: twin shadow fig4_force_position --source results/fig4_force_position --speed 0
 
-    Example: twin shadow fig4_force_position --source results/fig4_force_position --speed 0 --what-if controller.force.kp_mm_per_N=3
-
     Raises:
         InputRefused: source, map, experiment or folder cannot be used, or what comes is not of this robot.
     """
