@@ -51,6 +51,33 @@ def test_beside_the_log_of_a_healthy_robot_the_two_do_not_part(tmp_path: Path):
     assert facts["residuals"]["force"]["rms"] < 0.05
     # deg; what rounding can do is 0.04
     assert np.degrees(facts["residuals"]["joint 1"]["rms"]) < 0.04
+    # its commands are not known: the twin's own lead the predictions
+    assert facts["ahead"]["predictions"] == 39 and facts["ahead"]["in_band"] > 0.95
+    assert facts["ahead"]["error_rms_N"] < 0.1 * facts["ahead"]["last_value_rms_N"]
+    assert "ahead      39 predictions of 1 s; " in report.text
+
+
+def test_what_would_be_is_recorded_beside_what_is_predicted_with_the_same_bytes_twice(tmp_path: Path):
+    asked = "controller.position.kp_per_s=3"
+    for name in ("once", "twice"):
+        report = shadow(
+            ROBOT,
+            str(ran(FIG4).path),
+            speed=0.0,
+            duration_s=2.0,
+            what_if=[asked],
+            force_limit_N=4.0,
+            out=tmp_path / name,
+        )
+    assert f"what if {asked}: " in report.text
+    recording = read(tmp_path / "once")
+    made, later = recording["ahead.made"], recording["what_if/1.p_z"]
+    np.testing.assert_allclose(made[:3], [0.5, 1.0, 1.5], atol=1e-9)
+    np.testing.assert_allclose(recording.time("ahead"), made + 0.1, atol=1e-9)
+    assert recording.fields()["what_if/1.p_z"].meaning.endswith(asked)
+    # on its way down it follows more closely
+    assert np.all(later[1:3, -1] < recording["ahead.p_z"][1:3, -1] - 1e-4)
+    assert (tmp_path / "once" / "run.mcap").read_bytes() == (tmp_path / "twice" / "run.mcap").read_bytes()
 
 
 @pytest.mark.slow

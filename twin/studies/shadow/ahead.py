@@ -20,8 +20,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.delay import named
-from twin.kernel.cosim.port import Port, width
+from twin.kernel.cosim.port import Port, places, width
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF
@@ -247,6 +246,11 @@ class Ahead:
         return [self._own, *self._changed]
 
 
+_TAU_L, _THETA_L = (places(ESTIMATOR_OUTPUTS)[name] for name in ("tau_l", "theta_l"))
+_F_Z = places(OUTPUTS)["F_ee_B"].start + 2
+_DEVIATION, _STARTED = places(OUTPUTS)["deviation"].start + FORCE + 2, places(OUTPUTS)["started"].start
+
+
 def _after(t: float, start: float, period: float) -> float:
     """The first of the times `start`, `start` + `period` .. after `t`."""
     return start + period * (math.floor((t - start) / period + 1e-6) + 1)
@@ -266,7 +270,9 @@ class _LookAhead:
         self._around = Surroundings(ahead.branchings[0].parameters)
         self._pending: _Pending | None = None
         self._next, self._next_look, self._begun = ahead.start, 0.0, 0.0
+        self._heard: list[NDArray[np.float64]] = []
         self._strange: list[NDArray[np.float64]] = []
+        self._command = places(law.topics["controller"])[OMEGA_REF.name]
         self._warned = self._foreign = self._failed = False
         self._open: list[tuple[NDArray[np.float64], NDArray[np.float64], float]] = []
         p = ahead.branchings[0].parameters
@@ -302,43 +308,57 @@ class _LookAhead:
         t, n = float(samples.t[-1]), len(samples.t)
         for topic in self.topics.keys() - made.keys():
             made[topic] = np.full((n, width(self.topics[topic])), np.nan)
-        estimate = named(OUTPUTS, made["shadow"])
-        if np.any(estimate["started"]):
-            self._begun = float(samples.t[np.flatnonzero(estimate["started"])[-1]])
-            self._pending = None
-        self._around.drag(samples.t, named(ESTIMATOR_OUTPUTS, rows["estimator"])["theta_l"])
-        self._score(samples.t, -estimate["F_ee_B"][:, 2], estimate["deviation"][:, FORCE + 2])
-        if not self._failed:
-            self._follow(samples, rows, made)
-        if self._pending and t >= self._pending.t + READY:
+        self._keep(samples, rows, made)
+        giving = self._pending is not None and t >= self._pending.t + READY
+        looking, beginning = t >= self._next_look, t >= self._next
+        if giving or looking or beginning:
+            self._catch_up(t)
+        if giving and self._pending:
             self._give(t, made)
-        if t >= self._next_look:
+        if looking:
             self._next_look = _after(t, 0.0, LOOK)
             x, _, J = self._state.estimate
             if np.all(np.isfinite(x)) and t >= self._begun + LOOK:
                 self._around.learn(x, J, self._ahead.branchings[0].surface()[0])
-        if t >= self._next:
+        if beginning:
             self._next = _after(t, self._ahead.start, EVERY)
             if not (self._failed or self._is_foreign(t)) and t >= self._begun + SETTLED:
                 self._pending = self._begin(t)
         return made
 
-    def _follow(self, samples: RobotSamples, rows: Rows, made: Rows) -> None:
-        """Let the drives follow, and look whether the robot is led as the twin would."""
-        commands = named(self._law.topics["controller"], made["controller"])[OMEGA_REF.name]
-        known = ~np.isnan(samples.omega_ref)
-        omega_ref = np.where(known, samples.omega_ref, commands)
-        newest = np.maximum.accumulate(np.where(np.isnan(omega_ref[:, 0]), -1, np.arange(len(omega_ref))))
-        before = self._ahead.branchings[0].command
-        omega_ref = np.where(newest[:, None] < 0, before, omega_ref[newest])
-        tau_load = named(ESTIMATOR_OUTPUTS, rows["estimator"])["tau_l"] / self._per_motor
+    def _keep(self, samples: RobotSamples, rows: Rows, made: Rows) -> None:
+        """Lay aside what is needed of samples at the next look."""
+        shadow, estimator, law = (made["shadow"], rows["estimator"], made["controller"])
+        if np.any(shadow[:, _STARTED]):
+            self._begun = float(samples.t[np.flatnonzero(shadow[:, _STARTED])[-1]])
+            self._pending = None
+        self._heard.append(
+            np.column_stack(
+                [samples.t, samples.omega_ref, law[:, self._command], estimator[:, _TAU_L], estimator[:, _THETA_L],
+                 -shadow[:, _F_Z], shadow[:, _DEVIATION]]
+            )
+        )  # fmt: skip
+
+    def _catch_up(self, t: float) -> None:
+        """Let friction and drives follow what was laid aside, and compare it with what was predicted of it."""
+        heard = np.concatenate(self._heard)
+        self._heard.clear()
+        times, robots, commands = heard[:, 0], heard[:, 1:4], heard[:, 4:7]
+        self._around.drag(times, heard[:, 10:13])
+        self._score(times, heard[:, 13], heard[:, 14])
+        self._strange.append(np.hstack([commands - robots, robots]))
+        if self._failed:
+            return
+        omega_ref = np.where(np.isnan(robots), commands, robots)
+        # what was commanded last holds
+        omega_ref = np.vstack([self._ahead.branchings[0].command, omega_ref])
+        newest = np.maximum.accumulate(np.where(np.isnan(omega_ref[:, 0]), 0, np.arange(len(omega_ref))))[1:]
         try:
             for branching in self._ahead.branchings:
-                branching.follow(samples.t, omega_ref, tau_load)
+                branching.follow(times, omega_ref[newest], heard[:, 7:10] / self._per_motor)
         except ComponentFailed as problem:
             self._failed, self._pending = True, None
-            self.happenings.append(Happening(float(samples.t[-1]), f"no more predictions: {problem}"))
-        self._strange.append(np.column_stack([commands - samples.omega_ref, samples.omega_ref]))
+            self.happenings.append(Happening(t, f"no more predictions: {problem}"))
 
     def _is_foreign(self, t: float) -> bool:
         """Whether the robot's commands since the last time were those of somebody else; it is said once.
@@ -413,6 +433,8 @@ class _LookAhead:
 
     def _score(self, t: NDArray[np.float64], F_z: NDArray[np.float64], deviation: NDArray[np.float64]) -> None:
         """Compare what was predicted with the estimates `F_z` (n,), N, at `t` (n,), s, of that `deviation`."""
+        if not self._open:
+            return
         foreseen = self._ahead.foreseen
         J = self._state.estimate.J
         tare, tare_unsure = float(self._around.tare(J)[2]), self._around.unsure(J)

@@ -114,7 +114,7 @@ class Surroundings:
     @property
     def zeros(self) -> NDArray[np.float64]:
         """Torques (3,), N m, that zeros of encoders look like; and of dry friction, one for all joints, last."""
-        found: NDArray[np.float64] = np.linalg.solve(self._prior + self._A, self._before + self._b)
+        found = np.asarray(np.linalg.solve(self._prior + self._A, self._before + self._b), dtype=np.float64)
         found[3] = min(max(found[3], 0.0), MOST_FRICTION)
         return found
 
