@@ -92,6 +92,13 @@ def test_a_softer_spring_is_proposed_with_its_joint_and_no_other():
     assert text.startswith("k_s of joint 2 was 1.00") and ", is 0.93" in text and text.endswith("N m/rad")
 
 
+def test_a_belt_that_slips_moves_a_zero_and_no_spring():
+    slip = "fault=[{kind='belt_slip', target='joint_1', onset_s=2.0, magnitude_deg=-2.0}]"
+    (one,) = (one for one in found(part(robot(slip), 4.0, 16.0)).values() if one.is_news)
+    assert (one.field, one.leg) == ("slip", 0) and one.now is not None
+    assert abs(one.now.value - np.radians(-2.0)) <= one.now.half_width
+
+
 def test_where_only_the_skin_has_changed_springs_stay_inside_their_intervals():
     skin = "fault=[{kind='stiffness_change', target='contact', onset_s=0.1, magnitude_factor=1.5}]"
     moved = found(part(robot(skin), 3.0, 15.0))

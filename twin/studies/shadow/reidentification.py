@@ -2,7 +2,7 @@
 
 By windows of slow, even motion (`identify.windows`), means in which the encoders' rounding runs out, and intervals
 by the scatter between groups of them (`identify.line`). Of each leg, with w = theta_m - N theta_l - slip, b the half
-width of its dead zone, s = sign(w), and tau its motor's torque less that of its rotor,
+width of its dead zone, s = sign(tau), and tau its motor's torque less that of its rotor,
 
     w - s b = tau (1/k_s + N^2 c_belt) + zero:
 
@@ -170,15 +170,13 @@ def reidentified(samples: FilterSamples, plant: PlantParameters, believed: Belie
     slow = _slow_motion(samples, believed)
     if slow is None:
         return (*_springs([None] * 3, STILL, plant), _contact(None, STILL, plant))
-    zeros = np.subtract(believed.motor_zero, np.multiply(believed.N, believed.joint_zero))
-    w = slow.seen.motor - believed.N * slow.seen.joint - zeros - plant.slip
-    half = plant.backlash + np.array(plant.backlash_added)
-    # where mean and law do not swap
-    clear = np.abs(w) > half + slow.seen.spread
-    d = w - np.sign(w) * half
     if np.isfinite(slow.tau).any():
         torque = slow.tau - rotor * believed.N * slow.seen.acceleration
-        usable = clear & np.isfinite(torque)
+        zeros = np.subtract(believed.motor_zero, np.multiply(believed.N, believed.joint_zero))
+        w = slow.seen.motor - believed.N * slow.seen.joint - zeros - plant.slip
+        # on which side of the dead zone says the torque, whatever has become of the zero
+        d = w - np.sign(torque) * (plant.backlash + np.array(plant.backlash_added))
+        usable = np.abs(torque) > plant.k_s * slow.seen.spread
         belt = believed.N**2 * plant.belt_compliance
         springs = [_by_torque(d[:, i], torque[:, i], slow.seen.cluster, usable[:, i], belt) for i in range(3)]
         why = "its torque varies too little"
