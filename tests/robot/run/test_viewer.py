@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.kernel.cosim.deadlines import advance, callbacks
+from twin.kernel.cosim.deadlines import callbacks
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run import viewer as pacing
 from twin.robot.run.run import SLICE_TICKS, SUMMARY, execute
@@ -48,12 +48,10 @@ def kept(pace: Pace, clock: Clock, work: list[float]) -> None:
         clock.now += sum(left[first : first + count])
         return count
 
-    address = ctypes.cast(worked, ctypes.c_void_p).value
-    assert address
-    pace.deadlines.of(address, 0)
+    step = pace.deadlines.before(worked, 0)
     for first in range(0, len(left), 7):
         count = min(7, len(left) - first)
-        assert advance.native.called(pace.deadlines.address, first, count, 0) == count
+        assert step(pace.deadlines.address, first, count, 0) == count
 
 
 @given(factor=st.floats(1e-3, 1e4), tick=st.floats(1e-5, 1e-1))

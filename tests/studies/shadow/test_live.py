@@ -24,7 +24,7 @@ SHADOW = [sys.executable, "-m", "twin", "shadow", FIG4, *MAPS]
 LIVE = ["--source", "ros2:/joint_states"]
 
 
-def ended(one: Popen[str], seconds: float = 60.0) -> tuple[int, str, str]:
+def ended(one: Popen[str], seconds: float = 120.0) -> tuple[int, str, str]:
     out, err = one.communicate(timeout=seconds)
     return one.returncode, out, err
 

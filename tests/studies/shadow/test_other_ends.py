@@ -203,11 +203,11 @@ def test_across_a_network_that_loses_and_holds_up_the_twin_follows_by_stamps(
 
 @pytest.mark.parametrize("bad_network", [0.0], indirect=True)
 @pytest.mark.usefixtures("bad_network")
-def test_where_messages_overtake_each_other_no_count_of_missing_ones_is_claimed(
+def test_what_is_overtaken_dds_drops_unsaid_and_the_twin_goes_on_in_order(
     start: Start, built: Callable[[str], Path], raw_angles: Path, tmp_path: Path
 ):
     facts = across(start, built, raw_angles, tmp_path)
     # of best effort DDS hands on what is newer than all before, and says that it has lost none
     assert facts["counts"]["samples"] < 0.5 * 1750 and facts["dropped"] == 0
-    assert facts["period_s"] is None
-    assert any("cannot be counted" in note for note in facts["notes"])
+    # the period of what is left comes and goes, and with it the count of what is missing
+    assert facts["counts"]["samples"] > 300 and facts["counts"]["late"] == 0

@@ -8,6 +8,7 @@ interrupted between a look at the clock and the wait moves nothing.
 import ctypes
 import math
 import time
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -193,9 +194,11 @@ class Deadlines:
         )  # fmt: skip
         self.address = self.memory.ctypes.data
 
-    def of(self, advance: int, loop: int) -> None:
-        """What makes ticks, and its memory: addresses."""
-        self.memory["advance"], self.memory["loop"] = advance, loop
+    def before(self, ticks: Any, loop: int) -> Callable[[int, int, int, int], int]:
+        """`advance`, which calls `ticks`, a function of C like it, with the memory at `loop`."""
+        self.memory["advance"], self.memory["loop"] = ctypes.cast(ticks, ctypes.c_void_p).value, loop
+        found: Callable[[int, int, int, int], int] = advance.native.called
+        return found
 
     @property
     def counts(self) -> dict[str, float]:

@@ -9,10 +9,9 @@ from functools import cached_property
 
 import numpy as np
 
-from twin.kernel.cosim import adaptive, deadlines, master
 from twin.kernel.cosim.component import NOT_FINITE, Component
 from twin.kernel.cosim.deadlines import Deadlines
-from twin.kernel.cosim.master import NO_COMPONENT
+from twin.kernel.cosim.master import NO_COMPONENT, advance
 from twin.kernel.cosim.port import by_port, named_values, width
 from twin.kernel.cosim.state import SavedState, StatePlaces, SystemState
 from twin.kernel.cosim.system import System
@@ -115,7 +114,7 @@ class Simulation:
         self._unchanged = [change.memory.copy() for change in system.changes]
         # no ticks: compiles, or loads from the cache, before anyone's clock runs
         self._address = self._loop.ctypes.data
-        self._advance = master.advance.native.called
+        self._advance = advance.native.called
         self.control = system.control(self._loop, self._y, self._u) if system.control else None
         if self.control is not None:
             self._address, self._advance = self.control.address, self.control.advance
@@ -124,9 +123,8 @@ class Simulation:
 
     def pace(self, waits: Deadlines) -> None:
         """From now on no tick begins before it is due."""
-        step = (adaptive if self.control else master).advance.native
-        waits.of(step.address, self._address)
-        self._deadlines, self._address, self._advance = waits, waits.address, deadlines.advance.native.called
+        self._advance = waits.before(self._advance, self._address)
+        self._deadlines, self._address = waits, waits.address
         self._advance(self._address, 0, 0, 0)
 
     @property
