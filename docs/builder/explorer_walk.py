@@ -1,6 +1,6 @@
 """The walk of docs/explore.md, recorded: explore.gif, a frame a step, and explore.png, one of them.
 
-`python docs/builder/explorer_walk.py FOLDER` prints the numbers of each step, which are those that docs/explore.md names.
+`python docs/builder/explorer_walk.py FOLDER` prints the numbers of each step: those that docs/explore.md names.
 """
 
 import re
@@ -87,7 +87,8 @@ def main(out: Path) -> None:
     frames[1].quantize(128).save(out / "explore.png", optimize=True)
     small = [frame.resize((WIDE, WIDE * frame.height // frame.width), Image.Resampling.LANCZOS) for frame in frames]
     palette = [frame.quantize(128, Image.Quantize.MAXCOVERAGE) for frame in small]
-    palette[0].save(out / "explore.gif", save_all=True, append_images=palette[1:], duration=FRAME, loop=0, optimize=True)
+    first, *others = palette
+    first.save(out / "explore.gif", save_all=True, append_images=others, duration=FRAME, loop=0, optimize=True)
 
 
 if __name__ == "__main__":
