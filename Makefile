@@ -87,6 +87,7 @@ picture: $(VENV)/.test-$(EXTRAS) run tasks  ## redraw the README's pictures
 	$(VENV)/bin/python -m validation.people docs/bodies.png
 	$(TWIN) report results/fig4_force_position
 	$(VENV)/bin/python docs/builder/report_picture.py results/fig4_force_position/latest/report.html docs/report.png
+	$(VENV)/bin/python docs/builder/explorer_walk.py docs
 
 fmus: $(VENV)/.test-test,fmus  ## rebuild the drive FMUs from their sources; DRIVES=mine builds that one
 	$(VENV)/bin/python fmus/build.py $(DRIVES)
