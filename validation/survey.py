@@ -35,6 +35,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 JOB = "validation.survey:tried"
 DEFAULT = "default experiment"
 POINTER = b"version https://git-lfs"
+ABSOLUTE = re.compile(r"(?:file:/*|(?<![\w./:-])/)(?:[\w.-]+/)+")
 LONGEST = 400
 """Characters of a sentence: what an FMU says in its own words may be long."""
 MOST_FMUS = 5_000
@@ -131,7 +132,7 @@ def _surveyed_systems(place: Path, sources: Path | None, wall: float) -> dict[st
                 print(f"{number} of {len(found)}: {name.relative_to(place)}", flush=True)
                 inside = name.relative_to(place / groups[name]).as_posix()
                 row = system_row(inside, file, JobLimits(wall=wall, memory=MEMORY))
-                row["detail"] = _without_paths(row["detail"], file, digest)
+                row["detail"] = _without_paths(row["detail"], file)
                 rows[digest] = {"source": groups[name], **row, "sha256": digest}
     return {"system_sources": origins, "systems": list(rows.values())}
 
@@ -171,7 +172,7 @@ def row(file: Path, digest: str, limits: JobLimits) -> dict[str, Any]:
     except TwinError as refusal:
         found = {"word": "refused", "detail": str(refusal)}
     known |= found
-    return known | {"detail": _without_paths(known["detail"], file, digest)}
+    return known | {"detail": _without_paths(known["detail"], file)}
 
 
 def tried(reporter: Reporter, file: str) -> dict[str, Any]:
@@ -202,11 +203,12 @@ def _facts(outcome: Outcome) -> dict[str, Any]:
     return {"word": outcome.word, "detail": outcome.detail}
 
 
-def _without_paths(sentence: str, file: Path, digest: str) -> str:
+def _without_paths(sentence: str, file: Path) -> str:
     """A sentence on one line that tells nothing of this machine."""
-    unpacked = cache_folder(HOME) / digest / CONTENT
-    for place in (f"{unpacked}/", f"{unpacked}", f"{file.parent}/"):
-        sentence = sentence.replace(place, "")
+    cache = re.escape(f"{cache_folder(HOME)}/")
+    sentence = re.sub(f"{cache}[0-9a-f]{{64}}/{CONTENT}/?", "", sentence).replace(f"{file.parent}/", "")
+    # what a file names on the machine of who wrote it
+    sentence = ABSOLUTE.sub("", sentence)
     sentence = visible(" ".join(sentence.split()))
     return sentence if len(sentence) <= LONGEST else sentence[: LONGEST - 3] + "..."
 

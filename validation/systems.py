@@ -2,6 +2,7 @@
 
 import json
 import re
+import tempfile
 import tomllib
 import zipfile
 from collections.abc import Iterator, Mapping
@@ -10,13 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from twin.kernel.archive import sha256
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import ComponentFailed, EndRequested, InputRefused, TwinError
 from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
 from twin.kernel.process.job import JobLimits
 from twin.kernel.process.reporter import Reporter
-from twin.kernel.recording.logs.csv_file import read_table
 from twin.kernel.ssp.package import STRUCTURE, Package
 from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice
@@ -27,6 +26,8 @@ from twin.studies.result import counted
 JOB = "validation.systems:tried"
 ASKED = "as it is"
 LACKING = re.compile(r"neither the structure nor an FMU states a (step size|stop time)")
+OUTSIDE = re.compile(rb'"(\.\./[^"]+)"')
+"""What a structure names that lies in a folder above, as libcosim allows."""
 GIVEN = {"stop": 1.0, "tick": 0.01}
 """Of a system that does not state them (s)."""
 MOST_STEPS = 200_000
@@ -40,13 +41,24 @@ def systems_below(place: Path, scratch: Path) -> Iterator[tuple[Path, Path]]:
         if file.suffix == ".ssp" or (file.name.startswith("OspSystemStructure") and file.suffix == ".xml"):
             yield file, file
         elif file.name == STRUCTURE:
-            packed = scratch / f"{sha256(file)[:12]}.ssp"
-            with zipfile.ZipFile(packed, "w") as archive:
-                for one in sorted(one for one in file.parent.rglob("*") if one.is_file()):
-                    archive.write(one, one.relative_to(file.parent).as_posix())
-            yield file, packed
+            yield file, _packed(file, Path(tempfile.mkdtemp(dir=scratch)))
         elif file.suffix == ".json" and _is_multi_model(file):
             yield file, file
+
+
+def _packed(structure: Path, folder: Path) -> Path:
+    """An archive of all that lies beside a structure, and of FMUs that it names outside."""
+    packed, home = folder / f"{structure.parent.name}.ssp", structure.parent
+    with zipfile.ZipFile(packed, "w") as archive:
+        text = structure.read_bytes()
+        for source in sorted({one.decode() for one in OUTSIDE.findall(text)}):
+            if (home / source).is_file():
+                text = text.replace(f'"{source}"'.encode(), f'"outside/{Path(source).name}"'.encode())
+                archive.write(home / source, f"outside/{Path(source).name}")
+        archive.writestr(STRUCTURE, text)
+        for one in sorted(one for one in home.rglob("*") if one.is_file() and one != structure):
+            archive.write(one, one.relative_to(home).as_posix())
+    return packed
 
 
 def _is_multi_model(file: Path) -> bool:
@@ -107,8 +119,9 @@ def _run(
 ) -> dict[str, Any]:
     wanted = dict[str, np.ndarray]()
     if results.exists():
-        table = read_table(results)
-        wanted = dict(zip(table.head, table.values.T, strict=True))
+        head, _, _ = results.read_text(encoding="utf-8").partition("\n")
+        numbers = np.loadtxt(results, delimiter=",", skiprows=1, ndmin=2)
+        wanted = dict(zip(head.split(","), numbers.T, strict=True))
     times = wanted.pop("time", np.zeros(0))
     choice = MasterChoice(tick=asked.get("tick"), stop=asked.get("stop"), lenient=True)
     with opened(package, choice, additions=Additions(settings, recorded=[*wanted])) as (plan, made):

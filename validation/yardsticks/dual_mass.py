@@ -66,7 +66,7 @@ def coupled(masses: Masses, stop: float, tick: float, every: int) -> np.ndarray:
     from twin.kernel.systems.opening import opened
 
     parts = {"first": "System1", "second": "System2"}
-    wires = [Connection(*(Endpoint(*end.split(".")) for end in wire)) for wire in WIRES]
+    wires = [Connection(Endpoint(*start.split(".")), Endpoint(*end.split("."))) for start, end in WIRES]
     system = SspSystem(OSCILLATOR, tuple(SspComponent(name, f"{name}.fmu") for name in parts), tuple(wires))
     choice = MasterChoice(tick=tick, loops="solve", kinds={"": "model_exchange"}, solver="rk4")
     with tempfile.TemporaryDirectory() as folder:

@@ -148,7 +148,7 @@ def _each(model: str) -> Iterator[tuple[str, Path, np.ndarray, Curves]]:
 
 def exchanged_beside_results(model: str) -> Mapping[str, float]:
     """How far each signal is from the FMU's own results at most a step away, of its range."""
-    off = {}
+    off: dict[str, float] = {}
     for version, file, t, results in _each(model):
         off |= {f"{version}, {name}": value for name, value in _off(exchanged(file, t, [*results]), results, 1).items()}
     return off
@@ -156,7 +156,7 @@ def exchanged_beside_results(model: str) -> Mapping[str, float]:
 
 def exchanged_beside_exact(model: str) -> Mapping[str, float]:
     """The same, from the solution of its equations at the same time."""
-    off = {}
+    off: dict[str, float] = {}
     for version, file, t, _ in _each(model):
         exact = _exact(model, t)
         off |= {f"{version}, {name}": value for name, value in _off(exchanged(file, t, [*exact]), exact, 0).items()}

@@ -78,6 +78,13 @@ def test_values_are_set_over_those_of_the_file_and_of_ssv_files(ran: Ran, tmp_pa
     assert run["a.omega_m"][-1] == pytest.approx(2 * math.pi) and run["b.theta_m"][0] == -1.0
 
 
+def test_what_is_set_and_fed_by_a_connection_is_named(ran: Ran):
+    settings = ["a.omega_ref=2", "b.omega_ref=3"]
+    run, facts = ran(BOTH, additions=Additions(settings))
+    assert facts["overruled"] == ["b.omega_ref=3"] and run["b.omega_m"][-1] == 2.0
+    assert "overruled  b.omega_ref=3, by connections" in system_result(facts).text
+
+
 def test_a_connector_of_the_system_takes_values_and_signals_for_what_it_leads_to(ran: Ran):
     ends = [connection("speed", "a.omega_ref"), connection("speed", "b.omega_ref")]
     whole = structure(system([A, B], ends, [connector("speed", "input", "rpm")]), 0.01)
@@ -158,8 +165,11 @@ BAD: dict[str, tuple[dict[str, Any], str]] = {
         {"settings": ["a.omega_ref=1"], "inputs": ["a.omega_ref=t"]},
         "--input a.omega_ref and --set a.omega_ref contradict each other; remove one",
     ),
-    "fed by a wire": ({"inputs": ["b.omega_ref=t"]}, "--input b.omega_ref: b.omega_ref is fed already; remove one"),
-    "fed twice": ({"inputs": ["a.omega_ref=t", "a.omega_ref=1"]}, "a.omega_ref is fed already; remove one of both"),
+    "fed by a wire": ({"inputs": ["b.omega_ref=t"]}, "is fed already, by the connection from a.omega_m; remove one"),
+    "fed twice": (
+        {"inputs": ["a.omega_ref=t", "a.omega_ref=1"]},
+        "--input a.omega_ref: a.omega_ref is fed already, by --input a.omega_ref; remove one of both",
+    ),
     "an output fed": ({"inputs": ["a.omega_m=t"]}, "--input a.omega_m: it is output; expected an input"),
     "no expression": ({"inputs": ["a.omega_ref=stop(1)"]}, "--input a.omega_ref: 'stop' is not known; did you mean"),
     "no file": ({"inputs": ["a.omega_ref=none.csv"]}, "none.csv: no such file"),

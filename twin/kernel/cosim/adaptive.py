@@ -30,6 +30,7 @@ from twin.kernel.cosim.component import (
     clock_cycles,
     doubles_at,
     integers_at,
+    outcome,
     step_function,
 )
 from twin.kernel.cosim.master import LOOP, NO_COMPONENT, TABLE
@@ -149,12 +150,7 @@ def _stepped(m, a, k, length):
         if status == 0 or status == 1:
             begin, where = (0, 0.5) if lines else (length - 1, 1.0)
             status = _part_of_step(m, a, part, k, begin, length, length, where)
-        if status == 0 or status == 1:
-            status = 0
-            newest = carray(doubles_at(part.newest), part.y_size)
-            for j in range(part.y_size):
-                if not np.isfinite(newest[j]) and part.finite:
-                    status = NOT_FINITE
+        status = outcome(status, part.newest, part)
         if status != 0:
             m.culprit, m.status = c, status
             return False

@@ -195,6 +195,24 @@ NOT_FINITE = 1 << 32
 """Status the master gives a component whose step returned NaN or infinity; beyond int32, so no step can return it."""
 
 
+@njit(cache=True)
+def outcome(status, outputs, part):
+    """0 if a step went well, else its status, or `NOT_FINITE`; `master` asks by itself, which is faster.
+
+    Args:
+        status: that the step returned.
+        outputs: address of what it wrote.
+        part: record of the component, with `y_size`, and `finite`: whether NaN and infinity are bad.
+    """
+    if status != 0 and status != 1:
+        return status
+    y = carray(doubles_at(outputs), part.y_size)
+    for j in range(part.y_size):
+        if not np.isfinite(y[j]) and part.finite:
+            return NOT_FINITE
+    return 0
+
+
 @dataclass
 class Component:
     """One participant of a co-simulation, stepped by address.

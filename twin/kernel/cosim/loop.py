@@ -24,6 +24,7 @@ from twin.kernel.cosim.component import (
     call_step,
     doubles_at,
     integers_at,
+    outcome,
     step_function,
 )
 from twin.kernel.cosim.port import Port, record, state, width
@@ -95,12 +96,7 @@ def _gather(m, part):
 @njit(cache=True)
 def _checked(m, c, part, status):
     """Whether a member went on, with finite outputs; if not, who and why is noted."""
-    if status == 0 or status == 1:
-        status = 0
-        y = carray(doubles_at(part.y), part.y_size)
-        for j in range(part.y_size):
-            if not np.isfinite(y[j]) and part.finite:
-                status = NOT_FINITE
+    status = outcome(status, part.y, part)
     if status != 0:
         m.culprit, m.status = c, status
     return status == 0

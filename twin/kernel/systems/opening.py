@@ -5,6 +5,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -80,10 +81,15 @@ def _planned(
     package = with_parameters(package, additions.parameters)
     flat, tables = tables_beside(package, flattened(package.structure, f"{package.file}"))
     files, names = taken_out(package, flat, scratch, compiled)
+    overruled: tuple[str, ...] = ()
     if additions.settings or additions.inputs:
         flat = with_settings(flat, names, additions.settings)
+        fed = {lead.end for lead in flat.leads}
+        overruled = tuple(
+            one for one in additions.settings if names.place(one.partition("=")[0].strip(), "--set") in fed
+        )
         tables = tables + inputs_beside(names, additions.inputs, additions.settings)
-    plan = planned(package, flat, files, choice, tables + beside, additions.recorded)
+    plan = replace(planned(package, flat, files, choice, tables + beside, additions.recorded), overruled=overruled)
     # refuses names that a recording cannot hold, before there is one
     topics(plan)
     return plan

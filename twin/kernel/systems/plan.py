@@ -81,6 +81,7 @@ class SystemPlan:
         ignored: names that get values, and nothing is called so.
         forgiven: offences of files that were let through.
         beside: what takes part beside the FMUs.
+        overruled: what `--set` gives to inputs that connections feed.
     """
 
     package: Package
@@ -91,6 +92,7 @@ class SystemPlan:
     ignored: tuple[str, ...]
     forgiven: tuple[str, ...] = ()
     beside: Beside = field(default_factory=Beside)
+    overruled: tuple[str, ...] = ()
 
     @property
     def scheme(self) -> Scheme:
@@ -405,8 +407,11 @@ class _Planner:
         end = self._variable(path, name, ("input",), "ends at an input")
         if end.size != feed.size:
             raise InputRefused(f"{feed.by}: {feed.size} values into {path}.{name}, which has {end.size}")
-        if any(port.variable == end for _, port in self._into[path]):
-            raise InputRefused(f"{feed.by}: {path}.{name} is fed already; remove one of both")
+        for source, port in self._into[path]:
+            if port.variable == end:
+                others = (one.by for one in self._beside.feeds if one.source == source)
+                by = next(others, "") if isinstance(source, str) else f"the connection from {'.'.join(source)}"
+                raise InputRefused(f"{feed.by}: {path}.{name} is fed already, by {by}; remove one of both")
         own = measure(end.unit, self._connector(path, name), self._units, self._descriptions[path], feed.by)
         start = own
         if feed.unit and feed.unit != own.text:

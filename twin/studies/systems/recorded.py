@@ -92,6 +92,7 @@ def facts(
         # the name of 1.0
         "kept": unfed,
         "ignored": list(plan.ignored),
+        "overruled": list(plan.overruled),
         "steps": _steps(plan, done),
         "settled": made.settled,
         "ended": str(done.failure or ""),
@@ -145,6 +146,7 @@ def system_result(came: Mapping[str, Any]) -> Result:
         *(note("loop", _loop(one), True) for one in came["loops"]),
         *([note("not fed", some(unfed, MOST), True)] if unfed else []),
         *([note("ignored", ignored, True)] if came["ignored"] else []),
+        *([note("overruled", f"{some(came['overruled'], MOST)}, by connections", True)] if came["overruled"] else []),
         *(note("unsaid", sentence) for sentence in came["unsaid"]),
         *([] if came["settled"] else [note("start", UNSETTLED)]),
         *(note("forgiven", one, True) for one in came["forgiven"]),

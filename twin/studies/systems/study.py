@@ -54,7 +54,13 @@ def _check_times(asked: Asked) -> None:
             raise InputRefused(f"--{option.replace('_', '-')} {value:g}: expected a number > 0")
 
 
-@study(isolated=True, limited=True, before=[_check_times, _check_master])
+def _check_writing(asked: Asked) -> None:
+    for option, value in (("--from", asked["start_from"]), ("--state-every-s", asked["state_every_s"])):
+        if asked["to"] is not None and value is not None:
+            raise InputRefused(f"--to runs nothing, and does not go with {option}; leave one of them out")
+
+
+@study(isolated=True, limited=True, before=[_check_times, _check_master, _check_writing])
 def cosim(
     system: Annotated[
         Path,
