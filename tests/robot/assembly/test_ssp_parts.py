@@ -265,7 +265,7 @@ def test_a_component_steps_as_it_is_annotated_else_once_a_call(tmp_path: Path, a
             *ONE,
             "its resource 'other.fmu' is no file of this archive",
         ),
-        ("", {"F_ee_B[2]": "u", "F_ee_B[1]": "pi.u"}, ONE[1], "one.ssp: pi.u: pi.u is fed already; remove one of both"),
+        ("", {"F_ee_B[2]": "u", "F_ee_B[1]": "pi.u"}, ONE[1], "one.ssp: pi.u: pi.u is fed already, by "),
     ],
 )  # fmt: skip
 def test_what_cannot_be_right_is_refused_before_a_binary_is_loaded(

@@ -2,12 +2,12 @@
 
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -132,7 +132,7 @@ def _matrices(one: Linear) -> dict[str, Any]:
     [
         (
             "tcp://10.0.0.5:8786",
-            "tcp leaves this machine unencrypted, and whoever reaches that port can run code there",
+            "tcp leaves this machine unencrypted, and anybody who reaches that port can run code there",
         ),
         ("tcp://8.8.8.8:8786", "give tls://"),
         ("tcp://name:8786", "expected NAME=tls://HOST:PORT"),
@@ -158,6 +158,7 @@ def test_options_that_contradict_each_other_or_mean_nothing_are_refused(tmp_path
         ran(servo(tmp_path), tmp_path / "run", remote={"mot": "tcp://127.0.0.1:8786"})
 
 
+@pytest.mark.slow
 def test_the_process_of_a_worker_gives_the_bits_of_this_one_and_its_end_is_told(tmp_path: Path):
     file = MOTOR.fmu(tmp_path / "motor.fmu")
     description = described(file)
@@ -182,6 +183,23 @@ def test_the_process_of_a_worker_gives_the_bits_of_this_one_and_its_end_is_told(
         assert (outcome, came["status"], came["y"]) == (DONE, 0, rows[k].tobytes().hex())
     own.close()
     # what it raises is raised here, and its process has ended
-    outcome, report = host.call("read", variables=[replace(u, reference=10**6)])
+    outcome, report = host.call("step", t=0.0, h=1e-3, u="no number")
     assert outcome == "failed" and isinstance(error_of(report), ComponentFailed)
     assert host.call("read", variables=[u]) == (ENDED, "has ended")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("what", "told"), [(signal.SIGSEGV, "crashed (SIGSEGV"), (signal.SIGSTOP, "did not return within 0.5 s")]
+)
+def test_an_fmu_that_crashes_or_hangs_ends_its_own_process_and_the_worker_can_say_so(
+    tmp_path: Path, what: signal.Signals, told: str
+):
+    file = MOTOR.fmu(tmp_path / "motor.fmu")
+    host = HostedFmu(0.5)
+    order = {"name": "m", "kind": "co_simulation", "values": {}, "settings": [], "setup": Setup(step=1e-3)}
+    assert host.make(file.read_bytes(), "motor.fmu", **order)[0] == DONE
+    assert host._process is not None
+    os.kill(host._process.pid, what)
+    outcome, how = host.call("read", variables=[described(file).variables["u"]])
+    assert outcome == ENDED and how.startswith(told)

@@ -490,7 +490,7 @@ class _Settling:
                 return True
         return False
 
-    def _set(self, target: Instance, port: FmuPort, value: np.ndarray) -> None:
+    def _set(self, target: Instance, port: FmuPort, value: float | np.ndarray) -> None:
         _write(target, port, np.asarray(value, dtype=float))
         self._written[id(target)] += 1
 

@@ -86,7 +86,7 @@ def _refuse_open(where: str, address: str) -> None:
             if parts.hostname == "localhost" or ipaddress.ip_address(parts.hostname).is_loopback:
                 return
             raise InputRefused(
-                f"{where}: tcp leaves this machine unencrypted, and whoever reaches that port can run code there; "
+                f"{where}: tcp leaves this machine unencrypted, and anybody who reaches that port can run code there; "
                 "start scheduler and worker with certificates, and give tls://"
             )
     raise InputRefused(f"{where}: expected NAME=tls://HOST:PORT, or tcp://127.0.0.1:PORT, of a Dask scheduler")
@@ -119,7 +119,7 @@ class RemoteHost:
             with client.as_current():
                 instance = RemoteInstance(part, setup, place, actor.result(PATIENCE + LOADING))
         except (OSError, TimeoutError, IndexError) as problem:
-            raise InputRefused(f"--remote {part.path}={self.address}: {_reason(problem)}") from None
+            raise InputRefused(f"--remote {part.path}={self.address}: {_reason(problem, PATIENCE + LOADING)}") from None
         instance.make(self._content)
         return instance
 
@@ -176,7 +176,7 @@ class RemoteInstance(Instance):
         # of Dask there may be any, where a worker has gone
         except Exception as problem:
             self.gone = True
-            raise ConnectionGone(f"lost the connection to {self.place}: {_reason(problem)}") from None
+            raise ConnectionGone(f"lost the connection to {self.place}: {_reason(problem, PATIENCE + more)}") from None
         if outcome == DONE:
             return came
         self.gone = True
@@ -272,8 +272,9 @@ class RemoteComponent(Elsewhere):
         self._instance.close()
 
 
-def _reason(problem: BaseException) -> str:
+def _reason(problem: BaseException, patience: float) -> str:
+    """Why there is no answer, of which `patience` (s) had been waited for."""
     text = str(problem).strip().splitlines()
-    if isinstance(problem, TimeoutError) and not text:
-        return f"no answer within {PATIENCE:g} s"
+    if isinstance(problem, TimeoutError):
+        return f"no answer within {patience:g} s"
     return f"{type(problem).__name__}: {text[0]}" if text else type(problem).__name__
