@@ -2,6 +2,7 @@
 
 from functools import cache
 from multiprocessing import get_context
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -68,6 +69,22 @@ def test_robots_are_the_same_each_time_and_different_from_each_other():
     assert np.array_equal(first.u, again.u, equal_nan=True) and np.array_equal(first.t, again.t)
     assert not np.array_equal(first.u[:100, :6], other.u[:100, :6])
     assert read_fleet(FLEET, FIG4, runs=3, seed=5).robots != fleet.robots
+
+
+def test_a_fleet_has_a_robot_at_each_corner_of_what_varies_where_it_varies_between_ends(tmp_path: Path):
+    fleet = read_fleet(FLEET, FIG4, runs=3)
+    assert len(set(fleet.corners)) == 32
+    ends: dict[str, set[float]] = {key: set() for key in (setting.partition("=")[0] for setting in fleet.corners[0])}
+    for setting in (one for corner in fleet.corners for one in corner):
+        ends[setting.partition("=")[0]].add(float(setting.partition("=")[2]))
+    assert ends["contact.height_mm"] == {-101.5, -100.5} and ends["plant.joint_friction_Nm"] == {0.0, 0.02}
+    assert {len(found) for found in ends.values()} == {2}
+    # one that nothing bounds has no corner
+    file = tmp_path / "fleet.toml"
+    text = FLEET.read_text().replace("../massage.toml", str(EXPERIMENTS / "massage.toml"))
+    file.write_text(text.replace("from = 1000\nto   = 1500", 'distribution = "normal"\nmean = 1250\nstd = 100'))
+    assert len(read_fleet(file, FIG4, runs=3).corners) == 16
+    assert not any(setting.startswith("contact.stiffness") for setting in read_fleet(file, FIG4, runs=3).corners[0])
 
 
 def test_samples_are_lost_and_stamps_are_off_on_the_way():

@@ -32,8 +32,11 @@ LOST = 0.01
 LATE = 0.2e-3
 """s. Stamps are off by so much at most, either way."""
 MARGIN = 1.25
-"""A tolerance by the largest shift that the fleet shows. The largest of 96 bounds 97 % of all robots with 95 %
-confidence (S. S. Wilks, Ann. Math. Statist. 12 (1941) 91); the others are not much further off."""
+"""A tolerance by the largest shift that the fleet shows: of robots that are drawn, and of one at each corner of what
+varies, where shifts are largest. The largest of 96 bounds 97 % of all robots with 95 % confidence (S. S. Wilks, Ann.
+Math. Statist. 12 (1941) 91)."""
+MOST_CORNERS = 64
+"""With more of them there is none: a tolerance takes a run of each."""
 SCALE = ("scale.resolution_g=5", "scale.period_ms=10")
 """A measured force, of an experiment that has none."""
 SIGNALS = ("encoder.count_m", "encoder.count_l", "controller.omega_ref", "scale.F_z")
@@ -48,6 +51,7 @@ class Fleet:
         experiment: file of what the twin believes.
         settings: of all robots and their twin, as of `twin run --set`.
         robots: settings of each.
+        corners: settings of robots at the ends of all intervals at once.
         seed: of what is drawn besides.
     """
 
@@ -55,13 +59,19 @@ class Fleet:
     settings: tuple[str, ...]
     robots: tuple[tuple[str, ...], ...]
     seed: int
+    corners: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def all_robots(self) -> tuple[tuple[str, ...], ...]:
+        """Those that are drawn, then those at corners."""
+        return self.robots + self.corners
 
     def twin(self) -> Experiment:
         """What is believed of every robot."""
         return load_experiment(self.experiment, self.settings)
 
     def samples(self, number: int, every: int = 1, settings: Sequence[str] = ()) -> FilterSamples:
-        """Of robot `number`, from 0, as they arrive.
+        """Of robot `number` of `all_robots`, from 0, as they arrive.
 
         Args:
             every: ticks of the run that are kept, at most those of the controller.
@@ -69,7 +79,7 @@ class Fleet:
         """
         random = np.random.default_rng([self.seed, number])
         zeros = [f"plant.{side}_zero_deg={random.uniform(-ZERO, ZERO, 3).tolist()}" for side in ("motor", "joint")]
-        own = (*self.settings, *self.robots[number % len(self.robots)], *zeros, *settings)
+        own = (*self.settings, *self.all_robots[number % len(self.all_robots)], *zeros, *settings)
         experiment = load_experiment(self.experiment, [*own, f"seed={int(random.integers(1 << 31))}"])
         return arrived(samples_of(run_in_memory(experiment, every)), random)
 
@@ -90,7 +100,14 @@ def read_fleet(path: Path, experiment: Path | None = None, runs: int = 0, seed: 
     definition = definition.model_copy(update=changed)
     plan = plan_of(definition, experiment or named, path.stem, str(path), SCALE)
     robots = tuple(task.settings[len(SCALE) :] for task in plan.tasks)
-    return Fleet(plan.experiment, SCALE, robots, definition.seed)
+    # of what has no ends there is no corner
+    ends = [one.model_copy(update={"count": 2}) for one in definition.vary if one.low is not None]
+    corners: tuple[tuple[str, ...], ...] = ()
+    if 2 ** len(ends) <= MOST_CORNERS:
+        at_ends = definition.model_copy(update={"design": "grid", "runs": None, "vary": ends})
+        grid = plan_of(at_ends, experiment or named, path.stem, str(path), SCALE)
+        corners = tuple(task.settings[len(SCALE) :] for task in grid.tasks)
+    return Fleet(plan.experiment, SCALE, robots, definition.seed, corners)
 
 
 def arrived(samples: FilterSamples, random: np.random.Generator) -> FilterSamples:
@@ -148,8 +165,9 @@ def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
 def fleet_limits(fleet: Fleet, every: int = 1, say: Say = silent) -> Tolerances:
     """The `limits_of` the robots of a fleet; `say` takes how far it is."""
     twin, means = fleet.twin(), []
-    for k in range(len(fleet.robots)):
-        say(f"healthy robot {k + 1} of {len(fleet.robots)}", k / len(fleet.robots))
+    count = len(fleet.all_robots)
+    for k in range(count):
+        say(f"healthy robot {k + 1} of {count}", k / count)
         means.append(block_means(twin, fleet.samples(k, every))[1])
     return limits_of(means)
 
