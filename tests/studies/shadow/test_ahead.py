@@ -15,6 +15,7 @@ from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.build import plant_parameters
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import Trace, run_in_memory
@@ -61,6 +62,15 @@ def test_from_the_robots_own_state_a_branch_is_its_future_bit_for_bit(
     predicted = branching.run_from(saved)
     branching.close()
     assert predicted.tobytes() == came.tobytes()
+
+
+def test_predictions_go_on_with_the_plant_that_was_accepted():
+    experiment = load_experiment(FIG4)
+    plant = plant_parameters(experiment.plant, experiment.contact)._replace(k_s_share=(1.0, 0.7, 1.0))
+    with Ahead(experiment) as ahead:
+        for part in twin_of(experiment, model_of(experiment), "robot", ahead=ahead.beside).on_plant:
+            part.accept(plant)
+        assert ahead.branchings[0].parameters["k_s_share"].tolist() == [1.0, 0.7, 1.0]
 
 
 LENGTH = 20.0

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,8 @@ from twin.kernel.recording.reader import read
 from twin.kernel.recording.sources.arrival import Arrival, SteadyClock
 from twin.kernel.recording.sources.signals import Reading
 from twin.kernel.recording.sources.stamps import Aligner, Sample, rows_of
-from twin.studies.shadow.following import twin_of
+from twin.studies.shadow.ahead import Ahead
+from twin.studies.shadow.following import Twin, twin_of
 from twin.studies.shadow.mapping import NEEDED, WIDTH, samples_of
 from twin.studies.shadow.receiving import Receiver
 from twin.studies.shadow.session import Followed, Session
@@ -79,7 +81,13 @@ def receiver(robot: Robot, estimate: Callable[[Sample], None]) -> Receiver:
 
 def test_a_sample_that_is_estimated_at_once_gives_the_row_that_it_gives_in_a_slice():
     made: list[Sample] = []
-    at_once, sliced = (twin_of(EXPERIMENT, MODEL, "robot") for _ in range(2))
+    with ExitStack() as stack:
+        ahead = [stack.enter_context(Ahead(EXPERIMENT)) for _ in range(2)]
+        at_once, sliced = (twin_of(EXPERIMENT, MODEL, "robot", ahead=one.beside) for one in ahead)
+        compare_at_once_with_slices(at_once, sliced, made)
+
+
+def compare_at_once_with_slices(at_once: Twin, sliced: Twin, made: list[Sample]) -> None:
     robot = Robot(readings(500))
 
     def estimate(sample: Sample) -> None:
@@ -92,10 +100,11 @@ def test_a_sample_that_is_estimated_at_once_gives_the_row_that_it_gives_in_a_sli
     # more of them than the first slice takes
     found = samples_of(*rows_of(made))
     halves = [type(found)(*(column[part] for column in found)) for part in (slice(200), slice(200, None))]
-    rows = [at_once.feed(half)["shadow"] for half in halves]
-    expected = [sliced.feed(half)["shadow"] for half in halves]
-    assert len(made) == 500 and not np.all(np.isnan(expected[1]))
-    assert [row.tobytes() for row in rows] == [row.tobytes() for row in expected]
+    rows, expected = [at_once.feed(half) for half in halves], [sliced.feed(half) for half in halves]
+    assert len(made) == 500
+    for topic in ("shadow", "ahead"):
+        assert not np.all(np.isnan(expected[1][topic]))
+        assert [row[topic].tobytes() for row in rows] == [row[topic].tobytes() for row in expected]
 
 
 def test_the_time_in_hand_counts_from_when_a_sample_is_due_and_a_late_estimate_is_an_event(tmp_path: Path):

@@ -376,9 +376,13 @@ class AlarmWatch:
         return {"alarm": levels}
 
     @property
-    def proposals(self) -> list[Adaptation]:
-        """All so far."""
-        return [] if self.reidentifier is None else self.reidentifier.proposals
+    def proposals(self) -> list[str]:
+        """All so far, sentences."""
+        if self.reidentifier is None:
+            return []
+        accepted = self.reidentifier.accepted
+        ways = ((one, "accepted" if one in accepted else "not accepted") for one in self.reidentifier.proposals)
+        return [f"{one.t:.1f} s  {one}; {done}" for one, done in ways]
 
     def accept(self, proposal: Adaptation) -> PlantParameters:
         """What the robot is believed to be from now on; the alarm listens anew after cooling down."""

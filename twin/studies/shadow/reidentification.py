@@ -305,12 +305,14 @@ class Reidentifier:
         plant: what the robot is believed to be by now.
         proposal: the newest one, until it is accepted; None: there is none.
         proposals: all.
+        accepted: those of them that were.
     """
 
     def __init__(self, experiment: Experiment, wait: bool):
         self.plant = plant_parameters(experiment.plant, experiment.contact)
         self.proposal: Adaptation | None = None
         self.proposals: list[Adaptation] = []
+        self.accepted: list[Adaptation] = []
         self._belief, self._rotor, self._wait = belief(experiment), drive_model(experiment).inertia, wait
         self._ring, self._pool = SampleRing(), ThreadPoolExecutor(1)
         self._answer: Future[tuple[Moved, ...]] | None = None
@@ -345,3 +347,4 @@ class Reidentifier:
     def accept(self, proposal: Adaptation) -> None:
         """From now on the robot is believed to be what `proposal` says."""
         self.plant, self.proposal = proposal.of(self.plant), None
+        self.accepted.append(proposal)

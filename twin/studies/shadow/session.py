@@ -411,7 +411,9 @@ class Session:
         one.lateness, one.offset, one.drift = aligner.clocks.lateness, aligner.clocks.offset, aligner.clocks.drift
         one.in_hand, one.missed = self._receiver.in_hand, self._receiver.missed
         one.dropped = self._source.dropped
-        one.changes = self._watched.changes if self._watched else None
+        if self._watched:
+            one.changes = self._watched.changes
+            one.notes += self._watched.proposals
         one.notes += [
             f"{topic} has no stamps: its times of arrival are taken, so that their jitter is an error of time"
             for topic, reader in self._readers.items()

@@ -174,9 +174,6 @@ def shadow(
             return (claimed or create_run_folder(HOME, model.name, datetime.now())) / RECORDING
 
         followed = session.follow(recording)
-    if watched:
-        done = "accepted" if adapt else "twin accepts with --adapt"
-        followed.notes += [f"{one.t:.1f} s  {one}; {done}" for one in watched.proposals]
     facts = followed.recording.parent / FACTS
     write_json(facts, shadow_facts(followed, model.name))
     return shadow_result(followed, model.name, {"recording": followed.recording, "facts": facts})
