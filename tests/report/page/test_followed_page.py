@@ -12,7 +12,7 @@ from tests.kernel.recording.forgery import data_records, sealed, with_metadata
 from tests.studies.replay.logs import ANGLES, EXPERIMENTS, FIG4, ran, write_log
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import read
-from twin.report.page.followed import evenly
+from twin.report.page.followed import evenly, foreseen
 from twin.report.page.markup import DataBlock
 from twin.report.page.page import write_report
 from twin.report.page.panels import scene
@@ -140,3 +140,24 @@ def test_a_session_is_not_judged_beside_a_run_whose_truth_is_known(session: Path
 def test_a_session_has_no_accuracy_budget(session: Path):
     with pytest.raises(InputRefused, match="records a session, whose true force is not known; leave --budget out"):
         write_report([session], budget=True)
+
+
+def test_of_predictions_the_later_halves_are_drawn_one_after_the_other_with_a_gap_where_there_was_none():
+    made = np.array([0.5, 1.0, 2.0])
+    values = made[:, None] + 0.05 * np.arange(1, 21)
+
+    class Session:
+        def has(self, *keys: str) -> bool:
+            return set(keys) <= {"ahead.made", "ahead.F_z"}
+
+        def column(self, key: str, column: int | None) -> np.ndarray:
+            return made if key == "ahead.made" else values
+
+    assert foreseen("p_z")(Session()) is None  # type: ignore[arg-type]
+    drawn = foreseen("F_z")(Session())  # type: ignore[arg-type]
+    assert drawn is not None
+    t, found = drawn
+    np.testing.assert_allclose([t[0], t[-1]], [1.05, 3.0])
+    there = np.isfinite(found)
+    assert np.sum(there) == 30
+    np.testing.assert_allclose(found[there], t[there])

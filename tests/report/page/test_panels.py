@@ -7,7 +7,7 @@ from tests.laws.runs import PARAMETERS
 from tests.studies.paper.fig5_recordings import pressed
 from twin.kernel.recording.reader import Recording
 from twin.report.page.markup import DataBlock
-from twin.report.page.panels import foreseen, scene, surface
+from twin.report.page.panels import scene, surface
 from twin.report.page.run import ReportRun
 from twin.robot.plant.contact import Shape, surface_frame
 from twin.studies.packing import values_of
@@ -53,24 +53,3 @@ def test_the_drawn_surface_is_where_the_depth_is_zero(shape: str):
 
 def test_a_run_without_joint_angles_has_no_scene(tmp_path: Path):
     assert scene(ReportRun("", pressed(tmp_path)), DataBlock()) is None
-
-
-def test_of_predictions_the_later_halves_are_drawn_one_after_the_other_with_a_gap_where_there_was_none():
-    made = np.array([0.5, 1.0, 2.0])
-    values = made[:, None] + 0.05 * np.arange(1, 21)
-
-    class Session:
-        def has(self, *keys: str) -> bool:
-            return set(keys) <= {"ahead.made", "ahead.F_z"}
-
-        def column(self, key: str, column: int | None) -> np.ndarray:
-            return made if key == "ahead.made" else values
-
-    assert foreseen("p_z")(Session()) is None  # type: ignore[arg-type]
-    drawn = foreseen("F_z")(Session())  # type: ignore[arg-type]
-    assert drawn is not None
-    t, found = drawn
-    np.testing.assert_allclose([t[0], t[-1]], [1.05, 3.0])
-    there = np.isfinite(found)
-    assert np.sum(there) == 30
-    np.testing.assert_allclose(found[there], t[there])

@@ -18,6 +18,7 @@ from twin.report.page.run import PageVerdict, ReportRun, number
 from twin.studies.metrics.response import Curve
 from twin.studies.result import counted
 from twin.studies.shadow.alarm import nis_per_count
+from twin.studies.shadow.branching import HORIZON, LEADS, SPACING
 from twin.studies.shadow.session import Running
 
 MOST_GAPS = 30
@@ -135,6 +136,23 @@ def _spread(run: PanelRun) -> Samples | None:
     return run.times["shadow"], nis_per_count(NIS, used)
 
 
+def foreseen(key: str, topic: str = "ahead") -> Reader:
+    """Reads of the predictions of `topic` the later half, one after the other; where there was none it is NaN."""
+
+    def samples(run: PanelRun) -> Samples | None:
+        if not run.has(f"{topic}.{key}", f"{topic}.made"):
+            return None
+        made, late = run.column(f"{topic}.made", None), LEADS > 0.5 * HORIZON
+        values = run.column(f"{topic}.{key}", None)[:, late]
+        times = made[:, None] + LEADS[late]
+        place = np.rint((times - times[0, 0]) / SPACING).astype(int)
+        found = np.full(place[-1, -1] + 1, np.nan)
+        found[place] = values
+        return times[0, 0] + SPACING * np.arange(len(found)), found
+
+    return samples
+
+
 def _limit(run: PanelRun) -> Samples | None:
     return (run.times["alarm"], np.ones(len(run.times["alarm"]))) if run.has("alarm.level") else None
 
@@ -164,6 +182,15 @@ PANELS = (
          PanelCurve("plant model", "truth", evenly(series("plant.F_ee_B", 2, -1.0))),
          PanelCurve("filter", "shifted", evenly(series("shadow.F_ee_B", 2, -1.0)), shown=False),
          PanelCurve("measured", "display", evenly(series("scale.F_z")))),
+    ),
+    Panel(
+        "Pressing force F_z, predicted 0.5 to 1 s before", "N",
+        (PanelCurve("filter", "belief", evenly(series("shadow.F_ee_B", 2, -1.0))),
+         PanelCurve("predicted", "shifted", foreseen("F_z")),
+         PanelCurve("lower bound, 95 %", "display", foreseen("F_z_lower")),
+         PanelCurve("upper bound, 95 %", "display", foreseen("F_z_upper")),
+         PanelCurve("what if, 1st", "reference", foreseen("F_z", "what_if/1")),
+         PanelCurve("what if, 2nd", "reference", foreseen("F_z", "what_if/2"), 1)),
     ),
     Panel(
         "Height z", "mm",

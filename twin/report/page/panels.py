@@ -211,25 +211,6 @@ def commanded_speed(joint: int) -> Reader:
     return samples
 
 
-def foreseen(key: str) -> Reader:
-    """Reads of predictions (`twin shadow`) the later half, one after the other; where there was none it is NaN."""
-
-    def samples(run: PanelRun) -> Samples | None:
-        if not run.has(f"ahead.{key}", "ahead.made"):
-            return None
-        from twin.studies.shadow.branching import HORIZON, LEADS, SPACING
-
-        made, late = run.column("ahead.made", None), LEADS > 0.5 * HORIZON
-        values = run.column(f"ahead.{key}", None)[:, late]
-        times = made[:, None] + LEADS[late]
-        place = np.rint((times - times[0, 0]) / SPACING).astype(int)
-        found = np.full(place[-1, -1] + 1, np.nan)
-        found[place] = values
-        return times[0, 0] + SPACING * np.arange(len(found)), found
-
-    return samples
-
-
 def _of_joints(label: str, role: Role, read: Callable[[int], Reader], shown: bool = True) -> tuple[PanelCurve, ...]:
     return tuple(PanelCurve(f"{label} {joint + 1}", role, read(joint), joint, shown) for joint in JOINTS)
 
@@ -258,15 +239,6 @@ PANELS = (
             PanelCurve("true", "truth", series("plant.p_B", 2, MM)),
             PanelCurve("pre-defined", "reference", series("controller.p_ref_B", 2, MM)),
             PanelCurve("surface", "display", surface_height),
-        ),
-    ),
-    Panel(
-        "Pressing force F_z, predicted 0.5 to 1 s before", "N",
-        (
-            PanelCurve("estimated", "belief", series("shadow.F_ee_B", 2, -1.0)),
-            PanelCurve("predicted", "shifted", foreseen("F_z")),
-            PanelCurve("lower bound, 95 %", "display", foreseen("F_z_lower")),
-            PanelCurve("upper bound, 95 %", "display", foreseen("F_z_upper")),
         ),
     ),
     Panel(
