@@ -33,6 +33,7 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import run_in_memory
 from twin.studies.replay.model import model_of
+from twin.studies.shadow.ahead import Ahead
 from twin.studies.shadow.alarm import CHANNELS, Tolerances
 from twin.studies.shadow.following import AlarmWatch, twin_of
 from twin.studies.shadow.mapping import F_Z, WIDTH, wanted_signals
@@ -111,10 +112,16 @@ def bare(seconds: float) -> list[float]:
 
 
 class Beside:
-    """Sessions beside the robot of an experiment, with everything that a session has."""
+    """Sessions beside the robot of an experiment, with everything that a session has.
 
-    def __init__(self, experiment: Experiment):
-        self.experiment, self.model = experiment, model_of(experiment)
+    Args:
+        experiment: of the robot.
+        predicts: whether they predict, too.
+    """
+
+    def __init__(self, experiment: Experiment, predicts: bool = True):
+        self.experiment, self.model, self._predicts = experiment, model_of(experiment), predicts
+        self._ahead: Ahead | None = None
         self.latencies: list[float] = []
         self.when: list[float] = []
 
@@ -122,7 +129,10 @@ class Beside:
         belief = self.model.belief
         # what is no news plays no role for the time
         limits = Tolerances(dict.fromkeys(CHANNELS, 1.0), dict.fromkeys(CHANNELS, 1.0))
-        twin = twin_of(self.experiment, self.model, source.name, AlarmWatch(limits, 0.01))
+        self.close()
+        self._ahead = Ahead(self.experiment) if self._predicts else None
+        ahead = self._ahead.beside if self._ahead else None
+        twin = twin_of(self.experiment, self.model, source.name, AlarmWatch(limits, 0.01), ahead=ahead)
         columns = column_map([*MAPS, *COMMANDS, LATE]) if live else {}
         made = Session(
             source, columns, wanted_signals(belief), twin, self.model, 0.03, seconds, live, lambda text: None
@@ -147,6 +157,12 @@ class Beside:
             followed = session.follow(lambda: Path(folder) / "run.mcap")
         source.close()
         return followed
+
+    def close(self) -> None:
+        """Free the FMUs of the last session's predictions."""
+        if self._ahead:
+            self._ahead.__exit__()
+        self._ahead = None
 
     def block(self, seconds: float) -> list[float]:
         """Times (s) from stamp to estimate."""
@@ -234,7 +250,7 @@ def in_wall_time(beside: Beside, blocks: int, block: float, long: float) -> list
     ]
 
 
-def replayed(beside: Beside, times: int = 5) -> Measurement:
+def replayed(beside: Beside, what: str, least: float | None, times: int = 5) -> Measurement:
     """Decoded samples of the experiment at 500 Hz, as fast as they go, recorded."""
     samples = samples_of(run_in_memory(beside.experiment, beside.experiment.controller_ticks))
     rows = np.full((len(samples.t), WIDTH), np.nan)
@@ -249,13 +265,14 @@ def replayed(beside: Beside, times: int = 5) -> Measurement:
         began = time.perf_counter()
         beside.follow(Playback("log", readings=arrivals, speed=0.0), math.inf, live=False)
         speeds.append(float(samples.t[-1]) / (time.perf_counter() - began))
-    return Measurement("shadow: log at 500 Hz, recorded, times real time", median(speeds[1:]), "", None, 50.0)
+    beside.close()
+    return Measurement(f"shadow: log at 500 Hz, {what}, times real time", median(speeds[1:]), "", None, least)
 
 
 def measurements(path: Path, blocks: int = 3, block: float = 4.0, long: float = 15.0) -> list[Measurement]:
     """Of the experiment at `path`."""
-    beside = Beside(load_experiment(path))
-    found = [replayed(beside)]
+    beside, plain = Beside(load_experiment(path)), Beside(load_experiment(path), predicts=False)
+    found = [replayed(plain, "recorded", 50.0), replayed(beside, "predicting, too", None)]
     if find_spec("cyclonedds") is None:
         return [*found, Measurement("shadow at 1 kHz", None, "", remark="cyclonedds not installed")]
     run = run_in_memory(beside.experiment, beside.experiment.controller_ticks)
@@ -270,6 +287,7 @@ def measurements(path: Path, blocks: int = 3, block: float = 4.0, long: float = 
             try:
                 return [*found, *in_wall_time(beside, blocks, block, long)]
             finally:
+                beside.close()
                 publisher.kill()
 
 
