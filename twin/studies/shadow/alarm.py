@@ -134,9 +134,9 @@ class WatchEvent:
         """A sentence."""
         if not self.channel:
             return f"{self.state}{f': {self.found}' if self.found else ''}"
-        unit = CHANNELS[self.channel][2]
+        unit = "" if CHANNELS[self.channel][2] == "1" else f" {CHANNELS[self.channel][2]}"
         what = "robot and twin have parted" if self.alarm else f"{self.state}"
-        off = f"{self.channel} is off by {self.size:+.3g} {unit} since {self.since:.1f} s"
+        off = f"{self.channel} is off by {self.size:+.3g}{unit} since {self.since:.1f} s"
         return f"{what}: {off} ({self.level:.2f} of the threshold)"
 
 
