@@ -10,18 +10,12 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import shipped
+from tests.report.explore.test_worker import BASE
 from twin.kernel.process.reporter import DirectReporter
 from twin.report.explore.logs import known_logs, stored
 from twin.report.explore.worker import answered
 from twin.robot.run.trace import Trace, run_in_memory
 
-BASE: dict[str, Any] = {
-    "experiment": "fig4_force_position",
-    "drive": None,
-    "body": None,
-    "settings": [],
-    "uploaded": {},
-}
 MAP = "\n".join(
     ['time = "clock (s)"', *(f'"encoder.count_{c}[{i}]" = "{name}{i + 1}"' for c, name in (("m", "motor"), ("l", "arm"))
                              for i in range(3)), '"scale.F_z" = "-load (N)"']

@@ -17,7 +17,8 @@ from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.messages import HEAD_SIZE, Field, Topic, message_layout, message_records
 from twin.kernel.recording.recorder import RowStream
 from twin.robot.live.runs import served_runs
-from twin.robot.live.server import LiveServer, MessageEncoder
+from twin.robot.live.server import LiveServer
+from twin.robot.live.topics import MessageEncoder
 from twin.robot.run.run import execute
 
 TOPICS = (
