@@ -191,9 +191,7 @@ class ExplorerServer:
         session: with a robot, that pages show; None: there is none.
     """
 
-    def __init__(
-        self, base: Mapping[str, Any], limits: JobLimits, linger: float, session: "LiveSession | None" = None
-    ):
+    def __init__(self, base: Mapping[str, Any], limits: JobLimits, linger: float, session: "LiveSession | None" = None):
         self.base, self.limits, self.session = {"settings": (), "uploaded": {}, **base}, limits, session
         self._linger = linger
         self._processes = [AnsweringProcess(limits) for _ in range(PROCESSES)]

@@ -1,6 +1,7 @@
 """A session of `twin shadow --live` beside the explored experiment: its robot is shown, its proposals are accepted.
 
-The server is the viewer of the session, not the page: the page's policy stays what it is, and no browser gets the token.
+The server is the viewer of the session, not the page: the page's policy stays what it is, and the token of the session
+reaches no browser.
 """
 
 import asyncio
@@ -13,6 +14,7 @@ import socket
 import struct
 from array import array
 from collections import deque
+from itertools import pairwise
 from typing import Any
 
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
@@ -31,18 +33,21 @@ AGAIN = 2.0
 """s between two attempts to connect."""
 PATIENCE = 5.0
 """s that an answer may take."""
+GOODBYE = 1.0
+"""s that the end of a connection may take."""
 LARGEST = 2**22
 """Bytes of a message; the list of topics with their types is the longest."""
 SPAN, STEP = 20.0, 0.05
 """s that the strip of forces shows, and from one of its samples to the next."""
 SAMPLES = round(SPAN / STEP) + 1
 HELD = 1.0
-"""s for which a sample holds; after that there is a gap."""
+"""s from a sample to the next one, at most; else there is a gap."""
 CURVES = {"/estimator": "robot, by its counts", "/plant": "twin", "/scale": "measured"}
 """Pressing forces of the strip, by topic."""
 EVENTS, ALARM = "/events", "/alarm"
 MOST_EVENTS = 3
 """That are shown."""
+REMEDY = "Start twin explore again with the whole address that twin shadow has printed."
 
 STRANGE = (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError, DecodeError, struct.error)
 """What a message that is not twin's ends in."""
@@ -78,11 +83,11 @@ class ForceStrip:
         return {"curves": names, "count": SAMPLES, "span": SPAN, "block": samples}
 
     def _held(self, column: dict[int, float]) -> list[float]:
-        found, last, since = [], math.nan, math.inf
-        for at in range(self._newest - SAMPLES + 1, self._newest + 1):
-            value = column.get(at, math.nan)
-            last, since = (value, 0.0) if math.isfinite(value) else (last, since + STEP)
-            found.append(last if since < HELD else math.nan)
+        found, first = [math.nan] * SAMPLES, self._newest - SAMPLES + 1
+        there = sorted((at, force) for at, force in column.items() if at >= first)
+        for (at, force), (end, _) in pairwise([*there, (self._newest + 1, math.nan)]):
+            holds = end - at if (end - at) * STEP <= HELD else 1
+            found[at - first : at - first + holds] = [force] * holds
         return found
 
 
@@ -122,9 +127,7 @@ class LiveSession:
         self._topics: dict[int, str] = {}
         self._strip, self._events = ForceStrip(), deque[str](maxlen=MOST_EVENTS)
         self._refusal, self.accepted = "", list[dict[str, Any]]()
-        self._watches = "" if self._token else (
-            "Watching only: --follow has no token. Start twin explore with the whole address that twin shadow has printed."
-        )  # fmt: skip
+        self._watches = "" if self._token else f"Watching only: --follow has no token. {REMEDY}"
 
     def facts(self) -> dict[str, Any]:
         """What is known now, for the page."""
@@ -162,7 +165,8 @@ class LiveSession:
                 await asyncio.get_running_loop().sock_connect(there, (HOST, self._port))
                 async with connect(
                     f"{self.name}/{self._token}", sock=there, subprotocols=SUBPROTOCOLS, compression=None,
-                    max_size=LARGEST, open_timeout=PATIENCE, ping_interval=PATIENCE, ping_timeout=PATIENCE, close_timeout=1.0,
+                    max_size=LARGEST, open_timeout=PATIENCE, ping_interval=PATIENCE, ping_timeout=PATIENCE,
+                    close_timeout=GOODBYE,
                 ) as connection:  # fmt: skip
                     await self._greet(connection)
                     found = True
@@ -192,6 +196,8 @@ class LiveSession:
             first = await _text(connection)
             if (first["op"], first["name"]) != ("serverInfo", "twin"):
                 raise NoSession(self._strange())
+            # first, so that no change is missed
+            await connection.send(json.dumps({"op": "subscribeParameterUpdates", "parameterNames": []}))
             await connection.send(json.dumps({"op": "getParameters", "parameterNames": [], "id": "all"}))
             while LINE not in self._values:
                 answer = await _text(connection)
@@ -202,15 +208,11 @@ class LiveSession:
                         "expected twin shadow --live. Trying again."
                     )
         if self._refusal:
-            self._watches = (
-                "Watching only: the token of --follow is not that of this session. "
-                "Start twin explore again with the address that twin shadow has printed now."
-            )
+            self._watches = f"Watching only: the token of --follow is not that of this session. {REMEDY}"
         wanted = [topic for topic in (*CURVES, EVENTS) if topic in self._types]
         self._topics = {self._types[topic][0]: topic for topic in wanted}
         subscriptions = [{"id": number, "channelId": number} for number in self._topics]
         await connection.send(json.dumps({"op": "subscribe", "subscriptions": subscriptions}))
-        await connection.send(json.dumps({"op": "subscribeParameterUpdates", "parameterNames": []}))
         self._connection, self._problem = connection, ""
 
     def _take(self, frame: str | bytes) -> None:

@@ -14,7 +14,7 @@ export function framed(canvas, height, bottom, top) {
   pen.strokeStyle = color("--grid");
   pen.textAlign = "right";
   pen.textBaseline = "middle";
-  for (const [value, text] of ticks(bottom, top, height / 45)) {
+  for (const [value, text] of ticks(bottom, top, 4)) {
     line(pen, [[EDGE.left, y(value)], [width - EDGE.right, y(value)]]);
     pen.fillText(text, EDGE.left - 6, y(value));
   }
