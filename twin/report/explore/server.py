@@ -29,7 +29,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from websockets.datastructures import Headers
 
 from twin.kernel.cache_folder import cache_folder
-from twin.kernel.errors import InputRefused, SafetyTrip, TwinError, plain
+from twin.kernel.errors import InputRefused, NotWritten, SafetyTrip, TwinError, disk_refusals, plain
 from twin.kernel.live import OwnPageGate
 from twin.kernel.process.guard import guarded
 from twin.kernel.process.job import JobLimits
@@ -301,14 +301,19 @@ class ExplorerServer:
         number = len(self._brought)
         path = self._scratch / str(number) / name
         self._brought.append(path)
-        path.parent.mkdir()
         size = 0
-        with path.open("wb") as file:
-            async for chunk in request.stream():
-                size += len(chunk)
-                if size > MOST_BYTES:
-                    break
-                file.write(chunk)
+        try:
+            with disk_refusals(name):
+                path.parent.mkdir()
+                with path.open("wb") as file:
+                    async for chunk in request.stream():
+                        size += len(chunk)
+                        if size > MOST_BYTES:
+                            break
+                        file.write(chunk)
+        except NotWritten as problem:
+            path.unlink(missing_ok=True)
+            return PlainTextResponse(f"{problem}\n", 507)
         if size > MOST_BYTES:
             path.unlink()
             return PlainTextResponse(f"{name}: expected at most {MOST_BYTES / 1e6:g} MB\n", 413)
