@@ -3,6 +3,7 @@
 import asyncio
 import base64
 import http.server
+import json
 import math
 import re
 import socketserver
@@ -24,6 +25,7 @@ from twin.report.explore import session as module
 from twin.report.explore.session import SAMPLES, STEP, ForceStrip, LiveSession
 from twin.robot.assembly.load import load_experiment
 from twin.robot.live.server import Broadcast, LiveServer
+from twin.studies.shadow import LINE, PROPOSAL
 from twin.studies.shadow.following import Happening
 from twin.studies.shadow.seen import ShadowViewer
 
@@ -195,6 +197,24 @@ def garbled(link: ServerConnection) -> None:
 def other(link: ServerConnection) -> None:
     link.send('{"op": "serverInfo", "name": "foxglove_bridge"}')
     silent(link)
+
+
+def mute(link: ServerConnection) -> None:
+    values = [{"name": name, "value": "k_s"} for name in (LINE, PROPOSAL)]
+    link.send('{"op": "serverInfo", "name": "twin"}')
+    link.send(json.dumps({"op": "parameterValues", "parameters": values}))
+    while True:
+        link.recv()
+
+
+def test_a_twin_that_does_not_answer_is_waited_for_no_longer_than_a_moment(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(module, "PATIENCE", 0.3)
+    with serve(mute, "127.0.0.1", 0) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        name = f"ws://127.0.0.1:{server.socket.getsockname()[1]}"
+        with listening(f"{name}/?token=t") as explorer:
+            explorer.until(lambda facts: not facts["problem"])
+            assert explorer.accept("k_s") == f"{name} does not answer."
 
 
 @pytest.mark.parametrize("attend", [silent, garbled, other])
