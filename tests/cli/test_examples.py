@@ -14,7 +14,7 @@ from twin.kernel.recording.reader import Recording
 ENDS = {"falsify": 1}
 """Exit codes: what is shown is a requirement that does not hold."""
 SERVES = ("explore",)
-"""Go on until they are ended: tests/browser/test_explore.py has their example."""
+"""Go on until they are ended: tests/browser/explore has their example."""
 LONG = ("converge", "faults", "safety", "tune")
 """Ten seconds each: `make endurance` tries them, and `make test` what they run by shorter ones of its own."""
 

@@ -2,12 +2,16 @@
 
 import shlex
 import socket
+import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.job import JobLimits
 from twin.studies.command import Argument, BodyName, DriveName, LimitStep, Option, Settings, study
+
+if TYPE_CHECKING:
+    from twin.report.explore.session import LiveSession
 
 PORT = 8766
 LINGER = 60.0
@@ -26,6 +30,10 @@ def explore(
     browser: Annotated[
         bool, Option("Open the page, or only print its address.", flags="--browser/--no-browser")
     ] = True,
+    follow: Annotated[
+        str | None,
+        Option("Show a robot beside: the address that twin shadow --live prints; -: from standard input.", "ADDRESS"),
+    ] = None,
     port: Annotated[int, Option("Port; 0: any free one.", "N", least=0, most=65535)] = PORT,
     linger_s: Annotated[float, Option("Time to go on after the last page was closed.", "S", least=0.0)] = LINGER,
     limit_step: LimitStep = JobLimits.step,
@@ -34,7 +42,9 @@ def explore(
 
     Each change runs the experiment again in memory; 'record' makes a real run.
     Only this machine can open the page, with the address that is printed. It
-    ends with Ctrl-C, or a minute after its last page was closed.
+    ends with Ctrl-C, or a minute after its last page was closed. With --follow
+    it shows the robot of a session, and has a button for what twin proposes.
+    Read from standard input, the address is in no list of processes.
 
     Exit code: 0 the last page was closed, 2 refused, 130 interrupted.
 
@@ -55,7 +65,7 @@ def explore(
         except OSError as problem:
             raise InputRefused(f"--port {port}: {problem}; choose another one, or 0 for any that is free") from None
         base = {"experiment": str(experiment), "drive": drive, "body": body}
-        server = ExplorerServer(base, JobLimits(step=limit_step), linger_s)
+        server = ExplorerServer(base, JobLimits(step=limit_step), linger_s, _session(follow))
         server.begin(list(settings))
         at = listening.getsockname()[1]
         token = lasting_token(at)
@@ -68,3 +78,17 @@ def explore(
 
             webbrowser.open(address)
         server.serve(listening, token)
+
+
+def _session(address: str | None) -> "LiveSession | None":
+    """The session at `address`; None: none is wanted.
+
+    Raises:
+        InputRefused: there is no such address.
+    """
+    if address is None:
+        return None
+    # takes a while to load
+    from twin.report.explore.session import LiveSession
+
+    return LiveSession(sys.stdin.readline() if address == "-" else address)

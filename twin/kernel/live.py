@@ -117,6 +117,8 @@ class OwnPageGate:
 
 SUBPROTOCOLS = (Subprotocol("foxglove.sdk.v1"), Subprotocol("foxglove.websocket.v1"))
 _MESSAGE_DATA, _TIME = 1, 2
+_HEAD = struct.Struct("<BIQ")
+"""Of message data: kind, subscription, time."""
 
 
 class Level(IntEnum):
@@ -196,7 +198,15 @@ def time_now(time: int) -> bytes:
 
 def message_data(subscription: int, message: Message) -> bytes:
     """`message` for the subscription of this number."""
-    return struct.pack("<BIQ", _MESSAGE_DATA, subscription, message.time) + message.content
+    return _HEAD.pack(_MESSAGE_DATA, subscription, message.time) + message.content
+
+
+def unpacked_data(frame: bytes) -> tuple[int, int, bytes] | None:
+    """`message_data` backwards: (subscription, simulated time (ns), content); None: a frame of another kind."""
+    if frame[:1] != bytes([_MESSAGE_DATA]) or len(frame) < _HEAD.size:
+        return None
+    _, subscription, time = _HEAD.unpack_from(frame)
+    return subscription, time, frame[_HEAD.size :]
 
 
 class _Request(BaseModel):

@@ -1,12 +1,13 @@
 """A state of a page, its command and its file are the same experiment."""
 
+import math
 import shlex
 from pathlib import Path
 
 import pytest
 
 from twin.kernel.errors import InputRefused
-from twin.report.explore.asked import Base, asked, first_state, saved
+from twin.report.explore.asked import MOST_FAULTS, Base, adopted, asked, first_state, saved
 from twin.robot.assembly.load import load_experiment
 
 FIG4 = Base("fig4_force_position")
@@ -131,3 +132,37 @@ def test_faults_are_added_to_those_of_the_file_and_stand_in_the_command(
 def test_a_fault_that_is_none_is_refused(fault: object, expected: str):
     with pytest.raises(InputRefused, match=expected):
         asked(FIG4, {"faults": [fault]})
+
+
+def accepted(field: str, leg: int, value: float) -> dict:
+    return {"text": f"{field} of {leg}", "field": field, "leg": leg, "value": value}
+
+
+def test_what_was_accepted_of_a_robot_becomes_faults_from_the_start_and_the_contacts_own_key():
+    found = adopted(
+        FIG4,
+        {"set": {GAIN: 3.0, "robot.k_s_Nm_per_rad": 2.0}, "drive": "", "body": ""},
+        [accepted("k_s_share", 1, 0.85), accepted("slip", 0, math.radians(-2.0)), accepted("K", -1, 1000.0)],
+    )
+    # a share of the spring that the page has
+    assert found["faults"] == [
+        {"kind": "spring_softened", "target": "joint_2", "onset_s": 0.0, "magnitude": 0.425},
+        {"kind": "belt_slip", "target": "joint_1", "onset_s": 0.0, "magnitude": -2.0},
+    ]
+    assert found["set"] == {GAIN: 3.0, "robot.k_s_Nm_per_rad": 2.0, "contact.stiffness_N_per_m": 1000.0}
+    # a newer value takes the place of the one before, and other faults stay
+    other = {"kind": "spring_softened", "target": "joint_3", "onset_s": 4.0, "magnitude": 0.5}
+    again = adopted(FIG4, found | {"faults": [*found["faults"], other]}, [accepted("k_s_share", 1, 1.0)])
+    assert [fault["magnitude"] for fault in again["faults"]] == [-2.0, 0.5, 0.5]
+
+
+def test_what_cannot_be_taken_over_is_refused_in_a_sentence():
+    with pytest.raises(InputRefused, match="mass of 0: no key of an experiment and no fault stands for it"):
+        adopted(FIG4, {}, [accepted("mass", 0, 1.0)])
+    with pytest.raises(InputRefused, match="expected a target of joint_1"):
+        adopted(FIG4, {}, [accepted("slip", 8, 1.0)])
+    with pytest.raises(InputRefused, match="expected a number for magnitude_factor"):
+        adopted(FIG4, {}, [accepted("k_s_share", 0, math.nan)])
+    full = [{"kind": "encoder_bias", "target": "joint_encoder_1", "onset_s": 1.0, "magnitude": 0.1}] * MOST_FAULTS
+    with pytest.raises(InputRefused, match=f"expected at most {MOST_FAULTS} faults"):
+        adopted(FIG4, {"faults": full}, [accepted("k_s_share", 0, 0.9)])

@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.kernel.recording.test_writer import largest_file
 from tests.laws.runs import shipped
 from tests.report.explore.test_worker import BASE
+from twin.kernel.errors import NotWritten
 from twin.kernel.process.reporter import DirectReporter
+from twin.report.explore.brought import inspected, settled
 from twin.report.explore.logs import known_logs, stored
 from twin.report.explore.worker import answered
 from twin.robot.run.trace import Trace, run_in_memory
@@ -120,3 +123,15 @@ def test_a_log_that_was_brought_in_is_one_of_them_under_the_same_name_every_time
     path = stored(Path(robot_csv))
     assert path == stored(Path(robot_csv)) and path in known_logs()
     assert Path(path).read_bytes() == Path(robot_csv).read_bytes()
+
+
+def test_a_disk_that_is_full_is_a_sentence_and_leaves_no_half_of_what_was_brought_in(robot_csv: str, root: Path):
+    fmu = root / "fmus/ideal_velocity/ideal_velocity.fmu"
+    roles = {role["role"]: role["chosen"] for role in inspected(fmu)["commands"]["velocity"] if role["chosen"]}
+    with largest_file(1000):
+        with pytest.raises(NotWritten, match=r"results/explored/robot-\w{8}.csv: cannot be written: File too large"):
+            stored(Path(robot_csv))
+        with pytest.raises(NotWritten, match=r"ideal_velocity.fmu: cannot be written: File too large"):
+            settled(fmu, {"command": "velocity", "roles": roles})
+    assert [path for path in Path("results").rglob("*") if path.is_file()] == []
+    assert Path(stored(Path(robot_csv))).is_file()

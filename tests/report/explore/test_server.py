@@ -15,6 +15,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from tests.kernel.recording.test_writer import largest_file
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.process.job import JobLimits
 from twin.report.explore import server as explorer
@@ -62,17 +63,23 @@ class StandIn:
 class Served:
     """A server that listens, in a thread of its own."""
 
-    def __init__(self) -> None:
+    def __init__(self, session: Any = None) -> None:
         StandIn.asked, StandIn.may = [], threading.Event()
         StandIn.may.set()
         listening = socket.create_server(("127.0.0.1", 0))
         self.port = listening.getsockname()[1]
-        self.server = ExplorerServer({"experiment": "x", "drive": None, "body": None}, JobLimits(), LINGER)
+        self.server = ExplorerServer({"experiment": "x", "drive": None, "body": None}, JobLimits(), LINGER, session)
         self.server.begin([])
         self.thread = threading.Thread(target=self.server.serve, args=(listening, TOKEN), daemon=True)
         self.thread.start()
         self.cookie = f"twin_{self.port}={TOKEN}"
         self.origin = f"http://127.0.0.1:{self.port}"
+
+    def end(self) -> None:
+        StandIn.may.set()
+        if hasattr(self.server, "_server"):
+            self.server._server.should_exit = True
+        self.thread.join(10)
 
     def get(self, path: str, method: str = "GET", **headers: str) -> http.client.HTTPResponse:
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=10)
@@ -92,10 +99,7 @@ def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
     monkeypatch.setattr(explorer, "AnsweringProcess", StandIn)
     found = Served()
     yield found
-    StandIn.may.set()
-    if hasattr(found.server, "_server"):
-        found.server._server.should_exit = True
-    found.thread.join(10)
+    found.end()
 
 
 def test_the_token_in_the_address_is_given_for_a_cookie_and_leaves_the_address(served: Served):
@@ -266,3 +270,104 @@ def test_a_page_that_is_closed_sets_no_process_free_that_is_still_at_work(served
             link.recv(0.3)
         StandIn.may.set()
         assert isinstance(link.recv(5), bytes)
+
+
+class OneSession:
+    """In place of a `LiveSession`: a proposal, until it is accepted."""
+
+    def __init__(self) -> None:
+        self.version, self.pressed, self.accepted = 0, list[object](), list[dict[str, Any]]()
+
+    async def attend(self) -> None:
+        pass
+
+    def facts(self) -> dict[str, Any]:
+        return {"proposal": "k_s", "block": ""}
+
+    async def accept(self, proposal: object) -> str:
+        self.pressed.append(proposal)
+        if proposal != "k_s":
+            return "twin does not propose that any more"
+        self.accepted = [{"text": "k_s"}]
+        return ""
+
+
+@pytest.fixture
+def beside(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Served, OneSession]]:
+    monkeypatch.setattr(explorer, "AnsweringProcess", StandIn)
+    session = OneSession()
+    found = Served(session)
+    yield found, session
+    found.end()
+
+
+def heard(link: ClientConnection, op: str) -> dict[str, Any]:
+    """The next answer of one kind."""
+    while True:
+        answer = link.recv(5)
+        if isinstance(answer, bytes):
+            answer = answer[4 : 4 + struct.unpack_from("<I", answer)[0]]
+        found: dict[str, Any] = json.loads(answer)
+        if found["op"] == op:
+            return found
+
+
+def test_a_page_of_its_own_accepts_what_it_has_shown_and_takes_over_what_was_accepted(
+    beside: tuple[Served, OneSession],
+):
+    served, session = beside
+    with served.link() as link:
+        assert heard(link, "robot")["proposal"] == "k_s"
+        link.send(json.dumps({"op": "adopt", "id": 1, "state": {}}))
+        assert heard(link, "adopt")["refused"] == "nothing was accepted in this session"
+        link.send(json.dumps({"op": "accept", "id": 2, "proposal": "zero"}))
+        assert heard(link, "accept")["refused"] == "twin does not propose that any more"
+        # while an experiment takes long
+        StandIn.may.clear()
+        link.send(json.dumps({"op": "show", "id": 3}))
+        link.send(json.dumps({"op": "accept", "id": 4, "proposal": "k_s"}))
+        assert heard(link, "accept") == {"op": "accept", "id": 4, "slot": None}
+        StandIn.may.set()
+        # what was accepted is the session's to say, not the page's
+        link.send(json.dumps({"op": "adopt", "id": 5, "state": {}, "accepted": [{"text": "mine"}]}))
+        heard(link, "adopt")
+    assert session.pressed == ["zero", "k_s"]
+    assert [ask["accepted"] for ask in StandIn.asked if ask["op"] == "adopt"] == [[{"text": "k_s"}]]
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "http://evil.example"},
+        {"Origin": "http://127.0.0.1:1"},
+        {"Origin": "null"},
+        {"Host": "evil.example"},
+        {"Cookie": "a=b"},
+        {"Sec-Fetch-Site": "cross-site"},
+    ],
+)
+def test_no_page_of_another_site_sees_the_robot_or_accepts_anything(
+    beside: tuple[Served, OneSession], headers: dict[str, str]
+):
+    served, session = beside
+    with pytest.raises((InvalidStatus, ConnectionClosed)), served.link(**headers) as link:
+        link.send(json.dumps({"op": "accept", "proposal": "k_s"}))
+        link.recv(5)
+    given = {"Cookie": served.cookie, "Origin": served.origin} | {"Origin": "http://evil.example"}
+    assert served.get("/accept", "POST", **given).status == 403
+    assert session.pressed == []
+
+
+def test_without_a_session_there_is_nothing_to_accept(served: Served):
+    with served.link() as link:
+        link.send(json.dumps({"op": "accept", "id": 1, "proposal": "k_s"}))
+        assert heard(link, "accept")["refused"] == "--follow: twin explore was started without a session"
+
+
+def test_a_disk_that_is_full_is_a_sentence_for_who_drops_a_file(served: Served):
+    connection = http.client.HTTPConnection("127.0.0.1", served.port, timeout=10)
+    with largest_file(1000):
+        headers = {"Cookie": served.cookie, "Origin": served.origin}
+        connection.request("POST", "/file?name=robot.csv", b"x" * 100_000, headers)
+        answer = connection.getresponse()
+        assert (answer.status, answer.read()) == (507, b"robot.csv: cannot be written: File too large\n")

@@ -1,5 +1,6 @@
 """A session served to real WebSocket clients, and the button that accepts what the twin proposes."""
 
+import json
 import re
 import socket
 import subprocess
@@ -20,10 +21,13 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS
 from twin.robot.live.server import WATCHES, LiveServer
 from twin.robot.plant.component import OUTPUTS as MOTION
+from twin.studies.identify.windows import Estimate
 from twin.studies.replay.model import model_of
+from twin.studies.shadow import ACCEPT, ACCEPTED, LINE, PROPOSAL
 from twin.studies.shadow.following import ALARM_LEVEL, Happening, Rows, twin_of
 from twin.studies.shadow.mapping import wanted_signals
-from twin.studies.shadow.seen import ACCEPT, PROPOSAL, AcceptButton, ShadowViewer
+from twin.studies.shadow.reidentification import Adaptation, Moved
+from twin.studies.shadow.seen import AcceptButton, ShadowViewer
 from twin.studies.shadow.session import Session
 from twin.studies.shadow.sources import opened
 from twin.studies.shadow.study import shadow
@@ -37,10 +41,11 @@ class OneProposal:
     """A twin that proposes a spring, until that is accepted."""
 
     def __init__(self) -> None:
-        self.proposal: object | None = "k_s of joint 2 was 1.000, is 0.93 +- 0.02"
-        self.accepted: list[object] = []
+        spring = Moved("k_s of joint 2", "k_s_share", 1, 1.0, Estimate(0.93, 0.02, "N m/rad"), "N m/rad", 0.02)
+        self.proposal: Adaptation | None = Adaptation(14.5, (spring,))
+        self.accepted: list[Adaptation] = []
 
-    def accept(self, proposal: object, /) -> bool:
+    def accept(self, proposal: Adaptation, /) -> bool:
         if proposal is not self.proposal:
             return False
         self.proposal = None
@@ -105,14 +110,15 @@ def test_viewers_that_come_go_or_do_not_read_see_both_robots_and_change_nothing_
 
 def test_accept_takes_the_token_and_an_open_proposal_and_follows_it_once():
     twin, addresses = OneProposal(), list[str]()
-    text = str(twin.proposal)
+    proposal, text = twin.proposal, "k_s of joint 2 was 1.000, is 0.930 +- 0.020 N m/rad"
+    values = {"text": text, "field": "k_s_share", "leg": 1, "value": 0.93, "half_width": 0.02, "unit": "N m/rad"}
     with LiveServer(0, addresses.append, waits=False) as server:
         viewer = ShadowViewer(server, TOPICS, load_experiment(ROBOT), twin)
         rows = {"alarm": np.array([[np.nan], [0.25]])}
         with Viewer(addresses[0]) as owner, Viewer(addresses[0].partition("?")[0]) as stranger:
             owner.subscribe("/alarm", "/events", "/estimator")
-            owner.send(op="subscribeParameterUpdates", parameterNames=[ACCEPT, PROPOSAL])
-            assert owner.parameters() == {ACCEPT: False, PROPOSAL: text}
+            owner.send(op="subscribeParameterUpdates", parameterNames=[])
+            assert owner.parameters() == {ACCEPT: False, PROPOSAL: text, ACCEPTED: "[]", LINE: ""}
             stranger.set(ACCEPT, True)
             stranger.until(lambda: bool(stranger.of("parameterValues", id="set")))
             assert [one["message"] for one in stranger.of("status")] == [WATCHES]
@@ -123,7 +129,7 @@ def test_accept_takes_the_token_and_an_open_proposal_and_follows_it_once():
             assert answer["parameters"] == [{"name": ACCEPT, "value": True}]
             assert twin.accepted == []
             assert (viewer.press(), viewer.press()) == ("", "")
-            assert twin.accepted == [text]
+            assert twin.accepted == [proposal]
             viewer.show(np.array([0, 2_000_000]), rows, [Happening(0.002, text)])
             # what happens while nothing comes is seen, too
             viewer.show(np.array([], dtype=np.int64), {}, [Happening(1.002, "nothing has come for 1 s")])
@@ -133,7 +139,11 @@ def test_accept_takes_the_token_and_an_open_proposal_and_follows_it_once():
             assert owner.messages("/alarm")[-1].message.level == 0.25  # type: ignore[attr-defined]
             heard = [one["parameters"] for one in owner.of("parameterValues") if "id" not in one]
             assert {"name": ACCEPT, "value": True} in heard[0]
-            assert heard[-1] == [{"name": ACCEPT, "value": False}, {"name": PROPOSAL, "value": ""}]
+            accepted = {"name": ACCEPTED, "value": json.dumps([values])}
+            assert [{"name": ACCEPT, "value": False}, {"name": PROPOSAL, "value": ""}, accepted] in heard
+            viewer.say("12.3 s  500 Hz")
+            line = [{"name": LINE, "value": "12.3 s  500 Hz"}]
+            owner.until(lambda: line in [one["parameters"] for one in owner.of("parameterValues")])
 
 
 def test_a_port_that_is_taken_is_refused_before_the_robot_is_waited_for(tmp_path: Path):
@@ -151,7 +161,8 @@ def test_a_port_that_is_taken_is_refused_before_the_robot_is_waited_for(tmp_path
         (ACCEPT, 1.0, "expected true, which accepts what shadow.proposal says"),
         (ACCEPT, "yes", "expected true"),
         ("shadow.acept", True, "did you mean 'shadow.accept'?"),
-        (PROPOSAL, "k_s = 2", "shadow.accept = true accepts it"),
+        (PROPOSAL, "k_s = 2", "shadow.accept = true accepts what shadow.proposal says"),
+        (ACCEPTED, "[]", "shadow.accepted is the twin's to say"),
     ],
 )
 def test_what_is_no_acceptance_is_refused_in_a_sentence(name: str, value: object, expected: str):
@@ -163,7 +174,7 @@ def test_what_was_accepted_is_that_proposal_and_not_a_later_one():
     twin = OneProposal()
     button = AcceptButton(twin)
     button.request(ACCEPT, True)
-    twin.proposal = "zero of motor 1 was 0.000 deg, is 0.1 deg"
+    twin.proposal = Adaptation(20.0, ())
     assert (button.press() or "").startswith("not accepted, for it is not open any more: k_s of joint 2")
     button.request(ACCEPT, True)
     button.request(ACCEPT, False)
@@ -175,6 +186,9 @@ class Onlooker:
 
     def __init__(self) -> None:
         self.samples, self.texts, self.asked = 0, list[str](), ["not accepted, for it is not open any more: k_s"]
+
+    def say(self, line: str) -> None:
+        pass
 
     def press(self) -> str:
         return self.asked.pop() if self.samples > 100 and self.asked else ""

@@ -169,6 +169,44 @@ def asked(base: Base, state: Any) -> PageState:
     return PageState(base, drive, body, values, tuple(map(_fault, faults)))
 
 
+AS_FAULT = {"k_s_share": "spring_softened", "slip": "belt_slip"}
+"""Of one joint no key says anything; a fault from the start does."""
+CONTACT_KEY = "contact.stiffness_N_per_m"
+
+
+def adopted(base: Base, state: Any, accepted: Any) -> dict[str, Any]:
+    """The `state` of a page, of a robot as it is now: by its own keys and faults.
+
+    Args:
+        base: of the command line.
+        state: see `asked`.
+        accepted: what a session has accepted, see `twin.studies.shadow.seen.accepted_values`; it may be anything.
+
+    Raises:
+        InputRefused: `state` or `accepted` is something else, or the experiment has no such parameter.
+    """
+    k_s = asked(base, state).loaded().plant.k_s
+    found = {**state, "set": dict(state.get("set") or {}), "faults": list(state.get("faults") or [])}
+    for one in accepted:
+        field, value = one["field"], one["value"]
+        if field == "K":
+            found["set"][CONTACT_KEY] = _rounded(value)
+            continue
+        if field not in AS_FAULT:
+            raise InputRefused(f"{one['text']}: no key of an experiment and no fault stands for it")
+        kind, target = AS_FAULT[field], f"joint_{one['leg'] + 1}"
+        magnitude = _rounded(value / k_s if field == "k_s_share" else math.degrees(value))
+        others = [fault for fault in found["faults"] if (fault["kind"], fault["target"]) != (kind, target)]
+        found["faults"] = [*others, {"kind": kind, "target": target, "onset_s": 0.0, "magnitude": magnitude}]
+    asked(base, found).loaded()
+    return found
+
+
+def _rounded(value: float) -> float:
+    """To as many digits as anybody reads."""
+    return float(f"{value:.5g}")
+
+
 def _fault(table: Any) -> dict[str, Any]:
     """A table of [[fault]]; whether its numbers are in bounds is left to the experiment."""
     name = table.get("kind") if isinstance(table, dict) else None

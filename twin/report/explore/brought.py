@@ -10,7 +10,7 @@ import tomlkit
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.description import FmuDescription, described
-from twin.kernel.writing import made_folder, write_text
+from twin.kernel.writing import made_folder, write_text, written
 from twin.robot.drive.contract import COMMANDS, Command, contract
 from twin.robot.drive.mapping import Wiring, candidates, choice
 from twin.robot.experiment.drive_files import MAPPING
@@ -113,6 +113,7 @@ def settled(fmu: Path, how: Any) -> tuple[str, Path]:
     """
     text = mapping_text(fmu, how)
     folder = made_folder(HOME / f"{fmu.stem}-{described(fmu).sha256[:8]}")
-    shutil.copyfile(fmu, folder / fmu.name)
+    with written(folder / fmu.name) as beside:
+        shutil.copyfile(fmu, beside)
     write_text(folder / MAPPING, text)
     return f"{fmu.stem} (brought in)", folder / MAPPING

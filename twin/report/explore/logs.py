@@ -20,7 +20,7 @@ from twin.kernel.recording.logs.csv_file import proposal, read_table
 from twin.kernel.recording.logs.log import Log, LogSeries
 from twin.kernel.recording.logs.reader import LogKind, kind_of, read_log
 from twin.kernel.recording.messages import Field
-from twin.kernel.writing import made_folder
+from twin.kernel.writing import made_folder, written
 from twin.report.explore.brought import HOME
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.metrics.response import Curve
@@ -82,7 +82,8 @@ def stored(file: Path) -> str:
     stem, dot, ending = file.name.partition(".")
     path = made_folder(HOME) / f"{stem}-{digest}{dot}{ending}"
     if not path.exists():
-        shutil.copyfile(file, path)
+        with written(path) as beside:
+            shutil.copyfile(file, beside)
     return str(path)
 
 

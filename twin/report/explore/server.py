@@ -17,7 +17,7 @@ import threading
 from collections.abc import Awaitable, Callable, Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import uvicorn
 from starlette.applications import Starlette
@@ -29,7 +29,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from websockets.datastructures import Headers
 
 from twin.kernel.cache_folder import cache_folder
-from twin.kernel.errors import InputRefused, SafetyTrip, TwinError, plain
+from twin.kernel.errors import InputRefused, NotWritten, SafetyTrip, TwinError, disk_refusals, plain
 from twin.kernel.live import OwnPageGate
 from twin.kernel.process.guard import guarded
 from twin.kernel.process.job import JobLimits
@@ -37,12 +37,17 @@ from twin.report.explore import FMU_NAME, LOG_NAME
 from twin.report.explore.processes import AnsweringProcess, Outdated
 from twin.studies.left_behind import SCRATCH, held_folder
 
+if TYPE_CHECKING:
+    from twin.report.explore.session import LiveSession
+
 LARGEST = 2**16
 """Bytes of the largest message of a page."""
 PAGES = 16
 """Pages that may be open at the same time."""
 MOST_WAITING = 64
 """Requests of one page that may wait; there is one of each kind at most."""
+ROBOT_PACE = 0.2
+"""s between two looks of a page at the robot."""
 PROCESSES = 2
 """That run experiments."""
 GOODBYE = 1.0
@@ -183,10 +188,11 @@ class ExplorerServer:
         base: fields of `twin.report.explore.asked.Base`.
         limits: of each process that runs experiments.
         linger: how long (s) it goes on after the last page was closed.
+        session: with a robot, that pages show; None: there is none.
     """
 
-    def __init__(self, base: Mapping[str, Any], limits: JobLimits, linger: float):
-        self.base, self.limits = {"settings": (), "uploaded": {}, **base}, limits
+    def __init__(self, base: Mapping[str, Any], limits: JobLimits, linger: float, session: "LiveSession | None" = None):
+        self.base, self.limits, self.session = {"settings": (), "uploaded": {}, **base}, limits, session
         self._linger = linger
         self._processes = [AnsweringProcess(limits) for _ in range(PROCESSES)]
         self._reports: list[Path] = []
@@ -256,6 +262,20 @@ class ExplorerServer:
         finally:
             self._idle.put_nowait(process)
 
+    async def accept(self, ask: Mapping[str, Any]) -> dict[str, Any]:
+        """Ask the session's twin to accept what the page has shown."""
+        if self.session is None:
+            return {"refused": "--follow: twin explore was started without a session"}
+        refused = await self.session.accept(ask.get("proposal"))
+        return {"refused": refused} if refused else {}
+
+    async def adopt(self, ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
+        """A state of the page, of the robot that the session has accepted."""
+        accepted = self.session.accepted if self.session else []
+        if not accepted:
+            return {"refused": "nothing was accepted in this session"}
+        return await self.answer({**ask, "accepted": accepted}, outdated)
+
     async def record(self, ask: Mapping[str, Any]) -> dict[str, Any]:
         """Make a real run of a state in results/, as `twin run` does, and its report."""
         found = await self.answer({**ask, "op": "command"}, threading.Event())
@@ -281,14 +301,19 @@ class ExplorerServer:
         number = len(self._brought)
         path = self._scratch / str(number) / name
         self._brought.append(path)
-        path.parent.mkdir()
         size = 0
-        with path.open("wb") as file:
-            async for chunk in request.stream():
-                size += len(chunk)
-                if size > MOST_BYTES:
-                    break
-                file.write(chunk)
+        try:
+            with disk_refusals(name):
+                path.parent.mkdir()
+                with path.open("wb") as file:
+                    async for chunk in request.stream():
+                        size += len(chunk)
+                        if size > MOST_BYTES:
+                            break
+                        file.write(chunk)
+        except NotWritten as problem:
+            path.unlink(missing_ok=True)
+            return PlainTextResponse(f"{problem}\n", 507)
         if size > MOST_BYTES:
             path.unlink()
             return PlainTextResponse(f"{name}: expected at most {MOST_BYTES / 1e6:g} MB\n", 413)
@@ -347,6 +372,8 @@ class ExplorerServer:
             self._idle: asyncio.LifoQueue[AnsweringProcess] = asyncio.LifoQueue()
             for process in reversed(self._processes):
                 self._idle.put_nowait(process)
+            if self.session:
+                self._listening = asyncio.create_task(self.session.attend())
         await link.accept()
         self._pages += 1
         if self._ending:
@@ -405,13 +432,15 @@ class PageLink:
     def __init__(self, link: WebSocket, server: ExplorerServer):
         self._link, self._server = link, server
         # what takes longer holds up no picture
-        self._lanes = {name: Lane() for name in ("", "loops", "score", "map")}
+        self._lanes = {name: Lane() for name in ("", "loops", "score", "map", "accept")}
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def attend(self, greeting: Mapping[str, Any]) -> None:
         """Say the `greeting`, then answer until the page is closed."""
         await self._send({"op": "begin", **greeting})
         answering = [asyncio.create_task(self._answer(lane)) for lane in self._lanes.values()]
+        if self._server.session:
+            answering.append(asyncio.create_task(self._show(self._server.session)))
         try:
             while True:
                 self._take(await self._link.receive_text())
@@ -450,9 +479,22 @@ class PageLink:
             ask = await lane.next()
             if ask["op"] in FROM_PAGES:
                 found = await self._server.answer(ask, lane.outdated)
+            elif ask["op"] == "accept":
+                found = await self._server.accept(ask)
+            elif ask["op"] == "adopt":
+                found = await self._server.adopt(ask, lane.outdated)
             else:
                 found = {"refused": "not understood"}
             await self._send({"op": ask["op"], "id": ask.get("id"), "slot": ask.get("slot"), **found})
+
+    async def _show(self, session: "LiveSession") -> None:
+        """What has become of the robot, as long as something is heard of it."""
+        shown = -1
+        while True:
+            if shown != session.version:
+                shown = session.version
+                await self._send({"op": "robot", **session.facts()})
+            await asyncio.sleep(ROBOT_PACE)
 
     async def _send(self, answer: dict[str, Any]) -> None:
         # the page may be gone

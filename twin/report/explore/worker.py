@@ -16,7 +16,7 @@ from twin.kernel.errors import ComponentFailed, InputRefused, UnknownSeries
 from twin.kernel.files import read_json
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import recording_in
-from twin.report.explore.asked import Base, PageState, asked, first_state, known, saved
+from twin.report.explore.asked import Base, PageState, adopted, asked, first_state, known, saved
 from twin.report.explore.brought import inspected, settled
 from twin.report.explore.figures import SIGNALS, claims, fig4_panels, fig4_runs, fig5_panels, figure_of
 from twin.report.explore.logs import known_logs, log_run, proposed_map, stored
@@ -351,6 +351,7 @@ ANSWERS: Mapping[str, Callable[[Base, Mapping[str, Any]], dict[str, Any]]] = {
     "runs": _runs,
     "save": _saved,
     "command": _command,
+    "adopt": lambda base, ask: {"state": adopted(base, ask["state"], ask["accepted"])},
     "columns": lambda base, ask: proposed_map(ask),
     "log": _log,
     "store": lambda base, ask: {"stored": stored(Path(ask["file"]))},

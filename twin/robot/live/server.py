@@ -5,6 +5,7 @@ Each run is broadcast by an event loop in a thread of its own, to which viewers 
 
 import asyncio
 import logging
+import os
 import socket
 import threading
 import time
@@ -388,6 +389,9 @@ class LiveServer:
     ):
         self._announce, self._warn, self._gate, self._waits = announce, warn, Gate(origins), waits
         self._held = socket.socket()
+        if os.name == "posix":
+            # what is left of viewers of a session before must not hold up the next one for a minute
+            self._held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             self._held.bind((HOST, port))
         except OSError as problem:

@@ -428,12 +428,18 @@ class Twin:
         self.state.at_once(sample)
 
     @property
+    def _reidentifier(self) -> Reidentifier | None:
+        return next((part.reidentifier for part in self.parts if isinstance(part, AlarmWatch)), None)
+
+    @property
     def proposal(self) -> Adaptation | None:
         """What has moved, for somebody to accept; None: nothing that anything knows of."""
-        for part in self.parts:
-            if isinstance(part, AlarmWatch) and part.reidentifier is not None:
-                return part.reidentifier.proposal
-        return None
+        return self._reidentifier.proposal if self._reidentifier else None
+
+    @property
+    def accepted(self) -> Sequence[Adaptation]:
+        """What it goes on with."""
+        return self._reidentifier.accepted if self._reidentifier else ()
 
     def accept(self, proposal: Adaptation) -> bool:
         """Go on with what `proposal` says: the filter, the plant model, predictions, and the alarm after

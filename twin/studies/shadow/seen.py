@@ -13,6 +13,7 @@ from twin.kernel.cosim.port import Port
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.recording.messages import MessageForm, Topic
 from twin.kernel.recording.recorder import RowStream
+from twin.kernel.writing import json_text
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import geometry_of
@@ -31,14 +32,14 @@ from twin.robot.scene import (
     transforms_example,
 )
 from twin.studies.replay.text import TICK
+from twin.studies.shadow import ACCEPT, ACCEPTED, LINE, PROPOSAL
 from twin.studies.shadow.following import Happening, Rows
 from twin.studies.shadow.recording import fields_of
+from twin.studies.shadow.reidentification import Adaptation
 
 if TYPE_CHECKING:
     from twin.robot.live.server import LiveServer
 
-ACCEPT = "shadow.accept"
-PROPOSAL = "shadow.proposal"
 MODEL = "plant/"
 """Before the frames of the twin's plant model; those of the robot have the names that they have in a run."""
 
@@ -50,6 +51,10 @@ class Proposes(Protocol):
     def proposal(self) -> object | None:
         """What waits for an answer; its text is a sentence. Read by any thread."""
 
+    @property
+    def accepted(self) -> Sequence[Adaptation]:
+        """What was accepted so far, by whatever way. Read by any thread."""
+
     def accept(self, proposal: Any, /) -> bool:
         """Go on with what `proposal` says, unless another one is open by now; called between two slices.
 
@@ -58,21 +63,40 @@ class Proposes(Protocol):
         """
 
 
+def accepted_values(accepted: Sequence[Adaptation]) -> str:
+    """JSON for programs: of each parameter the newest value, as a list of objects.
+
+    "text" is the sentence of the proposal, "field" and "leg" (-1: of all) say of which of `PlantParameters`, "value"
+    and "half_width" (95 %) have SI "unit"; of "k_s_share" they are those of the spring itself, N m/rad.
+    """
+    newest = {(one.field, one.leg): one for adaptation in accepted for one in adaptation.changes}
+    return json_text([
+        {"text": str(one), "field": one.field, "leg": one.leg, "value": one.now.value,
+         "half_width": one.now.half_width, "unit": one.unit}
+        for one in newest.values() if one.now is not None
+    ])  # fmt: skip
+
+
 class AcceptButton:
-    """The parameters of a session: `shadow.accept`, and what that would accept. Any thread may call.
+    """The parameters of a session: `shadow.accept`, and what the twin says. Any thread may call.
 
     Args:
         twin: that proposes; None: it never does.
+
+    Attributes:
+        line: how it goes.
     """
 
     def __init__(self, twin: Proposes | None):
-        self._twin = twin
+        self._twin, self.line = twin, ""
         self._asked: object | None = None
         self._lock = threading.Lock()
 
     def values(self) -> Mapping[str, bool | float | str]:
         """As of `Parameters`."""
-        return {ACCEPT: self._asked is not None, PROPOSAL: str(self._open() or "")}
+        accepted = accepted_values(self._twin.accepted if self._twin else ())
+        proposal = str(self._open() or "")
+        return {ACCEPT: self._asked is not None, PROPOSAL: proposal, ACCEPTED: accepted, LINE: self.line}
 
     def request(self, name: str, value: object, /) -> None:
         """As of `Parameters`: true accepts the proposal that is open now, and no other.
@@ -80,8 +104,8 @@ class AcceptButton:
         Raises:
             InputRefused: it is no button, no boolean, or there is no proposal.
         """
-        if name == PROPOSAL:
-            raise InputRefused(f"{PROPOSAL} is the twin's to say; {ACCEPT} = true accepts it")
+        if name in (PROPOSAL, ACCEPTED, LINE):
+            raise InputRefused(f"{name} is the twin's to say; {ACCEPT} = true accepts what {PROPOSAL} says")
         if name != ACCEPT:
             raise InputRefused(f"{name}: no such parameter; {nearest(name, [ACCEPT], f'there is {ACCEPT}')}")
         if not isinstance(value, bool):
@@ -168,7 +192,7 @@ class ShadowViewer:
             whole += [port.kind != "double" for port in ports for _ in range(port.size)]
             self._places[name] = slice(end, end := len(whole))
             streams.append(RowStream(Topic(name, fields_of(ports), 1), self._places[name]))
-        self._whole, self._proposal = np.array(whole), ""
+        self._whole, self._answers = np.array(whole), {PROPOSAL: "", ACCEPTED: accepted_values(())}
         # of a topic that has said nothing yet there is no number; what is no fraction has no sign for that
         self._row = np.where(self._whole, 0.0, np.nan)[None]
         self._tick = 0
@@ -178,8 +202,13 @@ class ShadowViewer:
         """Accept what was asked for: a sentence if that was not done."""
         text = self._button.press()
         if text is not None:
-            self._server.tell([ACCEPT, PROPOSAL])
+            self._server.tell([ACCEPT, PROPOSAL, ACCEPTED])
         return text or ""
+
+    def say(self, line: str) -> None:
+        """How it goes, as in the terminal."""
+        self._button.line = line
+        self._server.tell([LINE])
 
     def show(self, times: NDArray[np.int64], rows: Rows, happened: Sequence[Happening]) -> None:
         """Samples at `times` (n,), ns, maybe none, what the twin made of them, and what has happened."""
@@ -192,7 +221,8 @@ class ShadowViewer:
         self._tick = int(times[-1]) if len(times) else self._tick
         events = [TickEvent(max(0, round(one.t / TICK)), "WARNING", one.text, "shadow") for one in happened]
         self._server.show(self._tick, self._row, events)
-        proposal = str(self._button.values()[PROPOSAL])
-        if proposal != self._proposal:
-            self._proposal = proposal
-            self._server.tell([PROPOSAL])
+        values = self._button.values()
+        changed = [name for name, before in self._answers.items() if values[name] != before]
+        if changed:
+            self._answers |= {name: str(values[name]) for name in changed}
+            self._server.tell(changed)

@@ -289,7 +289,10 @@ class Session:
             if now - shown >= LINE_PERIOD:
                 shown = now
                 self._watch_publishers()
-                self._say(self.line(now - heard))
+                line = self.line(now - heard)
+                self._say(line)
+                if self._viewer:
+                    self._viewer.say(line)
             if now - flushed >= FLUSH_PERIOD and self._recording is not None:
                 flushed = now
                 self._recording.flush()

@@ -160,7 +160,7 @@ def shadow(
                 port, announce=lambda address: _print(f"serving {address}; viewers may come and go"),
                 warn=lambda refusal: _print(f"refused: {refusal}"), origins=origins, waits=False,
             )  # fmt: skip
-            viewer = ShadowViewer(stack.enter_context(server), twin.topics, loaded)
+            viewer = ShadowViewer(stack.enter_context(server), twin.topics, loaded, twin)
         duration = math.inf if duration_s is None else duration_s
         session = Session(
             robot, columns, wanted, twin, model, 1e-3 * lateness_ms, duration, of_now, say, _announce, watched, viewer

@@ -8,6 +8,7 @@ import { Loops } from "./loops.js";
 import { Mapped } from "./map.js";
 import { FaultMarks } from "./marks.js";
 import { Picture } from "./picture.js";
+import { Robot } from "./robot.js";
 import { Score } from "./score.js";
 import { Sliders } from "./sliders.js";
 import { copied, fresh, History, MOST_PINS, plainView, read, written } from "./state.js";
@@ -38,7 +39,7 @@ const link = new Link(hear, (there, strange) => {
   const status = element("status");
   status.classList.toggle("lost", !there);
   status.textContent = there ? "" : strange ? STRANGE : LOST;
-  element("picture").classList.toggle("old", !there);
+  for (const id of ["picture", "beside-robot"]) element(id).classList.toggle("old", !there);
   if (!there) loops.lost();
 });
 const picture = new Picture(() => askAll(), () => {
@@ -58,6 +59,8 @@ const brought = new Brought((what) => link.ask(what), say, useDrive, (path) => {
   link.ask({ op: "runs" });
   log.open(path);
 });
+
+const robot = new Robot(element("beside-robot"), (what) => link.ask(what), say, () => history.now, go);
 
 /** From the input event to the frame in which the answer to it was drawn. */
 function measure() {
@@ -107,6 +110,7 @@ function hear(answer) {
   else if (answer.slot === "try") log.tried(answer);
   else if (answer.op === "save") say(answer.saved ? `Saved: ${answer.saved}` : answer.refused ?? answer.failed, !answer.saved);
   else if (answer.op === "record") tellRecorded(answer);
+  else if (["robot", "accept", "adopt"].includes(answer.op)) robot.take(answer);
   else if (answer.op === "score") score.take(answer);
   else if (answer.op === "map") map.take(answer);
   else if (answer.op === "loops") loops.take(answer);

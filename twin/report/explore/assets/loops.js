@@ -1,7 +1,8 @@
 // The loops at one operating point: margins in a table, Bode and Nyquist diagrams of the open loops.
 
+import { curve, EDGE, framed, line } from "./diagram.js";
+
 const HEIGHT = 190;
-const EDGE = { left: 52, right: 10, top: 8, bottom: 22 };
 const DECADES = ["0.01", "0.1", "1", "10", "100", "1000"];
 
 const said = (value, unit, digits = 3) => (value === null ? "none" : `${value.toPrecision(digits)} ${unit}`);
@@ -81,58 +82,21 @@ export class Loops {
     this.nyquist(nyquist, loops);
   }
 
-  frame(canvas, bottom, top) {
-    const width = canvas.parentElement.clientWidth || 300;
-    canvas.style.height = `${HEIGHT}px`;
-    const pen = prepared(canvas, width, HEIGHT);
-    const floor = HEIGHT - EDGE.bottom;
-    const y = (value) => floor - ((value - bottom) / (top - bottom)) * (floor - EDGE.top);
-    pen.font = "11px system-ui, sans-serif";
-    pen.fillStyle = color("--muted");
-    pen.strokeStyle = color("--grid");
-    pen.textAlign = "right";
-    pen.textBaseline = "middle";
-    for (const [value, text] of ticks(bottom, top, 4)) {
-      this.line(pen, [[EDGE.left, y(value)], [width - EDGE.right, y(value)]]);
-      pen.fillText(text, EDGE.left - 6, y(value));
-    }
-    pen.textAlign = "center";
-    pen.textBaseline = "top";
-    return { pen, width, floor, y };
-  }
-
-  line(pen, points) {
-    pen.beginPath();
-    points.forEach(([x, y], i) => (i ? pen.lineTo(x, y) : pen.moveTo(x, y)));
-    pen.stroke();
-  }
-
-  curve(pen, number, points, { width, floor }) {
-    pen.save();
-    pen.beginPath();
-    pen.rect(EDGE.left, EDGE.top, width - EDGE.left - EDGE.right, floor - EDGE.top);
-    pen.clip();
-    pen.strokeStyle = color(runColor(number));
-    pen.lineWidth = 1.5;
-    this.line(pen, points);
-    pen.restore();
-  }
-
   over(canvas, f, span, curves, bottom, top) {
-    const frame = this.frame(canvas, bottom, top);
+    const frame = framed(canvas, HEIGHT, bottom, top);
     const { pen, width, floor, y } = frame;
     const x = (log) => EDGE.left + ((log - span.from) / (span.to - span.from)) * (width - EDGE.left - EDGE.right);
     for (const text of DECADES) {
       const log = Math.log10(Number(text));
       if (log < span.from || log > span.to) continue;
-      this.line(pen, [[x(log), EDGE.top], [x(log), floor]]);
+      line(pen, [[x(log), EDGE.top], [x(log), floor]]);
       pen.fillText(text, x(log), floor + 6);
     }
-    curves.forEach((values, number) => this.curve(pen, number, Array.from(values, (v, i) => [x(Math.log10(f[i])), y(v)]), frame));
+    curves.forEach((values, number) => curve(number, Array.from(values, (v, i) => [x(Math.log10(f[i])), y(v)]), frame));
   }
 
   nyquist(canvas, loops) {
-    const frame = this.frame(canvas, -2, 2);
+    const frame = framed(canvas, HEIGHT, -2, 2);
     const { pen, width, floor, y } = frame;
     const scale = (floor - EDGE.top) / 4;
     const zero = EDGE.left + (width - EDGE.left - EDGE.right) / 2;
@@ -143,11 +107,11 @@ export class Loops {
         const [size, angle] = [10 ** (dB / 20), (phase[i] * Math.PI) / 180];
         return [x(size * Math.cos(angle)), y(size * Math.sin(angle))];
       });
-      this.curve(pen, number, points, frame);
+      curve(number, points, frame);
     });
     pen.strokeStyle = color("--vermilion");
     pen.lineWidth = 2;
-    this.line(pen, [[x(-1) - 5, y(0) - 5], [x(-1) + 5, y(0) + 5]]);
-    this.line(pen, [[x(-1) - 5, y(0) + 5], [x(-1) + 5, y(0) - 5]]);
+    line(pen, [[x(-1) - 5, y(0) - 5], [x(-1) + 5, y(0) + 5]]);
+    line(pen, [[x(-1) - 5, y(0) + 5], [x(-1) + 5, y(0) - 5]]);
   }
 }

@@ -1,0 +1,151 @@
+"""What the page draws: zoom, faults, loops, claims, layouts of the paper, maps."""
+
+import re
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import BrowserContext, expect
+
+from tests.browser.explore.explorer import GAIN, SPRING, Explorer, Opened, wait_until
+
+pytestmark = pytest.mark.slow
+
+
+def test_a_zoom_asks_for_finer_samples_and_pins_follow(opened: Opened):
+    stage = opened.page.locator(".stage").first
+    box = stage.bounding_box()
+    assert box is not None
+    drawn = opened.answers()
+    opened.page.mouse.move(box["x"] + 150, box["y"] + 60)
+    opened.page.mouse.down()
+    opened.page.mouse.move(box["x"] + 250, box["y"] + 60, steps=4)
+    opened.page.mouse.up()
+    opened.page.locator(".stage:not([data-from='0'])").first.wait_for()
+    wait_until(opened.page, "n => performance.getEntriesByName('twin-follow').length > n", drawn)
+    start = float(stage.get_attribute("data-from") or "nan")
+    assert 3.0 < start < 8.0
+    opened.page.keyboard.down("Shift")
+    opened.page.mouse.move(box["x"] + 250, box["y"] + 60)
+    opened.page.mouse.down()
+    opened.page.mouse.move(box["x"] + 200, box["y"] + 60, steps=4)
+    opened.page.mouse.up()
+    opened.page.keyboard.up("Shift")
+    wait_until(opened.page, "t => Number(document.querySelector('.stage').dataset.from) > t + 0.1", start)
+
+
+def test_a_fault_is_placed_on_the_time_axis_moved_and_repaired(context: BrowserContext, tmp_path: Path):
+    with Explorer(tmp_path, "pressing") as explorer:
+        opened = Opened(context.new_page(), explorer.address)
+        page, before = opened.page, opened.number("largest force")
+        page.click("#faults summary")
+        page.select_option("#faults select", "drive_runaway")
+        page.click("#faults button")
+        page.get_by_label("at (s)").last.fill("6")
+        page.get_by_label("at (s)").last.press("Enter")
+        expect(page.locator("#problem")).to_contain_text("safety monitor: joint 1")
+        reacts = page.locator(".box", has_text="monitor trips after the fault").locator("strong")
+        expect(reacts).to_have_text(re.compile(r"^0\.1\d+ s$"))
+        assert opened.number("largest force") != before
+        # its mark in a plot is grabbed: sideways the onset, upwards the size
+        page.evaluate("scrollTo({top: 0, behavior: 'instant'})")
+        mark = page.locator(".fault-mark").first
+        box, stage = mark.bounding_box(), page.locator(".stage").first.bounding_box()
+        assert box is not None and stage is not None
+        size, drawn = page.get_by_label("how much").last.input_value(), opened.answers()
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + 40)
+        page.mouse.down()
+        page.mouse.move(box["x"] + box["width"] / 2 + 0.2 * stage["width"], box["y"] + 10, steps=8)
+        wait_until(page, "n => performance.getEntriesByName('twin-follow').length > n", drawn)
+        page.mouse.up()
+        onset = float(page.get_by_label("at (s)").last.input_value())
+        assert 7.0 < onset < 11.0 and float(page.get_by_label("how much").last.input_value()) > float(size)
+        # which limit it is that a larger one meets first depends on the pixels that the mouse went
+        expect(page.locator("#problem")).to_contain_text("safety monitor: ")
+        # one step to take back
+        page.keyboard.press("Control+z")
+        expect(page.get_by_label("at (s)").last).to_have_value("6")
+        mark.focus()
+        page.keyboard.press("ArrowRight")
+        expect(page.get_by_label("at (s)").last).to_have_value("6.05")
+        opened.page.get_by_text("repair").click()
+        expect(page.locator("#problem")).to_be_hidden()
+        expect(page.locator(".box", has_text="largest force").first.locator("strong")).to_have_text(before)
+
+
+def test_loops_follow_with_margins_and_diagrams(opened: Opened):
+    page = opened.page
+    page.click("#loops summary")
+    page.locator("#loops tbody tr").first.wait_for(timeout=60_000)
+    force = page.locator("#loops tbody tr", has_text="force")
+    before = force.inner_text()
+    assert page.locator("#loops canvas").count() == 3
+    opened.type(GAIN, "6")
+    wait_until(page, "old => [...document.querySelectorAll('#loops tbody tr')].at(-1).innerText !== old", before)
+    assert opened.messages == []
+
+
+def test_claims_of_the_paper_turn_over_with_the_state(opened: Opened):
+    page = opened.page
+    page.click("#score summary")
+    page.locator("#score tbody tr").first.wait_for(timeout=60_000)
+    expect(page.locator("#score .hint")).to_contain_text("0 turned over. All four runs of Fig. 4")
+    expect(page.locator("#score tbody tr", has_text="imperfect runs")).not_to_have_count(0)
+    opened.type(SPRING, "8")
+    page.locator("#score tr.turned").first.wait_for(timeout=60_000)
+    expect(page.locator("#score tr.turned").first).to_contain_text("(was: holds)")
+    assert opened.messages == []
+
+
+def test_fig_4_as_the_paper_has_it_follows_and_a_link_brings_it_back(
+    opened: Opened, context: BrowserContext, explorer: Explorer
+):
+    page = opened.page
+    page.select_option("#layout", "fig4")
+    expect(page.locator("figcaption").first).to_have_text("A: z position mm")
+    expect(page.locator("#plots .plot")).to_have_count(4)
+    drawn = opened.answers()
+    opened.type(GAIN, "4")
+    assert opened.answers() > drawn and page.locator("#plots .plot").count() == 4
+    page.click("#pin")
+    page.locator("#plots .several").first.wait_for()
+    other = Opened(context.new_page(), page.url)
+    expect(other.page.locator("figcaption").first).to_have_text("A: z position mm")
+    expect(other.page.locator("#panels")).to_be_hidden()
+    assert opened.messages == other.messages == []
+
+
+def test_fig_5_has_its_tasks_side_by_side_and_its_own_claims(context: BrowserContext, tmp_path: Path):
+    with Explorer(tmp_path, "rolling") as explorer:
+        opened = Opened(context.new_page(), f"{explorer.address}#layout=fig5")
+        page = opened.page
+        expect(page.locator(".task h3")).to_have_text("C Rolling: 5 N, radius 5 mm at 1 Hz, 8 turns")
+        expect(page.locator(".way figcaption")).to_have_text(["C: in space", "C: on the surface"])
+        # pointing at the circle sets the one clock, and the coordinates have units
+        page.locator(".way .stage canvas").last.scroll_into_view_if_needed()
+        box = page.locator(".way .stage canvas").last.bounding_box()
+        assert box is not None
+        page.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + 90)
+        expect(page.locator(".way .value").last).to_have_text(re.compile(r"^x [-\d.]+ mm, y [-\d.]+ mm$"))
+        assert float(page.input_value("#time")) > 1.0
+        page.locator(".way .legend button").last.click()
+        expect(page.locator(".way .legend button").last).to_have_attribute("aria-pressed", "false")
+        page.click("#score summary")
+        expect(page.locator("#score summary")).to_have_text("Scorecard of Fig. 5")
+        expect(page.locator("#score tbody tr", has_text="1 roll: radius over that asked for")).to_contain_text("holds")
+        assert opened.messages == []
+
+
+def test_a_map_fills_coarse_to_fine_and_a_click_goes_there(opened: Opened):
+    page = opened.page
+    page.click("#map summary")
+    page.select_option("#map select >> nth=0", SPRING)
+    page.select_option("#map select >> nth=1", GAIN)
+    expect(page.locator("#map output")).to_have_text(re.compile("; (1[6-9]|[2-9][0-9]) of 256 points"), timeout=60_000)
+    page.locator("#map canvas").scroll_into_view_if_needed()
+    box = page.locator("#map canvas").bounding_box()
+    assert box is not None
+    page.mouse.click(box["x"] + 0.75 * box["width"], box["y"] + 100)
+    expect(opened.row(SPRING)).to_have_class("setting changed")
+    expect(opened.row(GAIN)).to_have_class("setting changed")
+    page.locator("#map summary").click()
+    assert opened.messages == []

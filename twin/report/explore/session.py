@@ -1,0 +1,282 @@
+"""A session of `twin shadow --live` beside the explored experiment: its robot is shown, its proposals are accepted.
+
+The server is the viewer of the session, not the page: the page's policy stays what it is, and the token of the session
+reaches no browser.
+"""
+
+import asyncio
+import base64
+import itertools
+import json
+import math
+import re
+import socket
+import struct
+from array import array
+from collections import deque
+from itertools import pairwise
+from typing import Any
+
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message import DecodeError, Message
+from google.protobuf.message_factory import GetMessageClass
+from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
+
+from twin.kernel.errors import InputRefused, plain
+from twin.kernel.live import HOST, SUBPROTOCOLS, unpacked_data
+from twin.studies.shadow import ACCEPT, ACCEPTED, LINE, PROPOSAL
+
+ADDRESS = re.compile(r"ws://(?:localhost|127\.0\.0\.1|\[::1\]):([0-9]{1,5})/?(\?token=[\w-]+)?")
+AGAIN = 2.0
+"""s between two attempts to connect."""
+PATIENCE = 5.0
+"""s that an answer may take."""
+GOODBYE = 1.0
+"""s that the end of a connection may take."""
+LARGEST = 2**22
+"""Bytes of a message; the list of topics with their types is the longest."""
+SPAN, STEP = 20.0, 0.05
+"""s that the strip of forces shows, and from one of its samples to the next."""
+SAMPLES = round(SPAN / STEP) + 1
+HELD = 1.0
+"""s from a sample to the next one, at most; else there is a gap."""
+CURVES = {"/estimator": "robot, by its counts", "/plant": "twin", "/scale": "measured"}
+"""Pressing forces of the strip, by topic."""
+EVENTS, ALARM = "/events", "/alarm"
+MOST_EVENTS = 3
+"""That are shown."""
+REMEDY = "Start twin explore again with the whole address that twin shadow has printed."
+
+STRANGE = (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError, DecodeError, struct.error)
+"""What a message that is not twin's ends in."""
+
+
+class NoSession(Exception):
+    """What answers is no session beside a robot; why, a sentence."""
+
+
+class ForceStrip:
+    """Pressing forces of the last `SPAN`, on a grid of `STEP`."""
+
+    def __init__(self) -> None:
+        self._columns: dict[str, dict[int, float]] = {topic: {} for topic in CURVES}
+        self._newest = 0
+
+    def put(self, topic: str, t: float, force: float) -> None:
+        """A force (N) at `t` (s), mostly later than those before."""
+        at, column = round(t / STEP), self._columns[topic]
+        self._newest = max(self._newest, at)
+        column[at] = force
+        while (first := next(iter(column))) <= self._newest - SAMPLES:
+            del column[first]
+
+    def facts(self) -> dict[str, Any]:
+        """For the page: names of the curves that there are, and their samples one after the other, NaN in gaps."""
+        block, names = array("f"), []
+        for topic, column in self._columns.items():
+            if any(map(math.isfinite, column.values())):
+                names.append(CURVES[topic])
+                block.extend(self._held(column))
+        samples = base64.b64encode(block.tobytes()).decode()
+        return {"curves": names, "count": SAMPLES, "span": SPAN, "block": samples}
+
+    def _held(self, column: dict[int, float]) -> list[float]:
+        found, first = [math.nan] * SAMPLES, self._newest - SAMPLES + 1
+        there = sorted((at, force) for at, force in column.items() if at >= first)
+        for (at, force), (end, _) in pairwise([*there, (self._newest + 1, math.nan)]):
+            holds = end - at if (end - at) * STEP <= HELD else 1
+            found[at - first : at - first + holds] = [force] * holds
+        return found
+
+
+class LiveSession:
+    """A viewer of a session, for as long as the explorer lives.
+
+    Args:
+        address: that `twin shadow --live` has printed.
+
+    Attributes:
+        version: grows with all that is heard.
+        accepted: parameters of the robot with their values, see `twin.studies.shadow.seen.accepted_values`.
+
+    Raises:
+        InputRefused: the address is none.
+    """
+
+    def __init__(self, address: str):
+        found = ADDRESS.fullmatch(address.strip())
+        if not found or int(found[1]) > 65535:
+            # what stands behind the question mark may be a token
+            got = address.strip().partition("?")[0]
+            raise InputRefused(
+                f"--follow {got}: expected the address that twin shadow --live has printed, ws://{HOST}:8765/?token=..."
+            )
+        self._port, self._token = int(found[1]), found[2] or ""
+        self.name, self.version = f"ws://{HOST}:{self._port}", 0
+        self._connection: ClientConnection | None = None
+        self._problem = f"Connecting to {self.name}."
+        self._lock, self._ids = asyncio.Lock(), itertools.count()
+        self._answer: tuple[str, asyncio.Future[str]] | None = None
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self._values: dict[str, Any] = {}
+        self._types: dict[str, tuple[int, type[Message]]] = {}
+        self._topics: dict[int, str] = {}
+        self._strip, self._events = ForceStrip(), deque[str](maxlen=MOST_EVENTS)
+        self._refusal, self.accepted = "", list[dict[str, Any]]()
+        self._watches = "" if self._token else f"Watching only: --follow has no token. {REMEDY}"
+
+    def facts(self) -> dict[str, Any]:
+        """What is known now, for the page."""
+        silent = "" if EVENTS not in self._types or ALARM in self._types else (
+            "No alarms, and so no proposals: twin shadow was started without --fleet."
+        )  # fmt: skip
+        return {
+            "problem": self._problem,
+            "watches": self._watches,
+            "line": self._values.get(LINE, ""),
+            "none": silent or "No proposal.",
+            "proposal": self._values.get(PROPOSAL, ""),
+            "asked": self._values.get(ACCEPT) is True,
+            "accepted": [one["text"] for one in self.accepted],
+            "events": list(self._events),
+            **self._strip.facts(),
+        }
+
+    async def attend(self) -> None:
+        """Listen, and try again whenever that has ended; for ever."""
+        while True:
+            self._problem = plain(await self._listened())
+            self._connection = None
+            self._resolve(self._problem)
+            self.version += 1
+            await asyncio.sleep(AGAIN)
+
+    async def _listened(self) -> str:
+        """Until there is nothing to listen to any more; why, a sentence."""
+        found = False
+        try:
+            with socket.socket() as there:
+                there.setblocking(False)
+                # whatever name the address has, the session is here
+                await asyncio.get_running_loop().sock_connect(there, (HOST, self._port))
+                async with connect(
+                    f"{self.name}/{self._token}", sock=there, subprotocols=SUBPROTOCOLS, compression=None,
+                    max_size=LARGEST, open_timeout=PATIENCE, ping_interval=PATIENCE, ping_timeout=PATIENCE,
+                    close_timeout=GOODBYE,
+                ) as connection:  # fmt: skip
+                    await self._greet(connection)
+                    found = True
+                    async for frame in connection:
+                        self._take(frame)
+                        self.version += 1
+        except NoSession as other:
+            return str(other)
+        except InvalidStatus as refusal:
+            return f"{self.name} refuses: {(refusal.response.body or b'').decode(errors='replace').strip()[:200]}"
+        except STRANGE:
+            return self._strange()
+        except (OSError, WebSocketException) as trouble:
+            if not found:
+                if isinstance(trouble, WebSocketException | TimeoutError):
+                    return self._strange()
+                return f"Nothing answers at {self.name}: start twin shadow with --live. Trying again."
+        return f"The connection to {self.name} is lost: twin shadow has ended, or hangs. Trying again."
+
+    def _strange(self) -> str:
+        return f"What answers at {self.name} is no live server of twin; expected twin shadow --live. Trying again."
+
+    async def _greet(self, connection: ClientConnection) -> None:
+        """Learn who is there; of a run nothing is subscribed to, for that would begin it."""
+        self._begin_anew()
+        async with asyncio.timeout(PATIENCE):
+            first = await _text(connection)
+            if (first["op"], first["name"]) != ("serverInfo", "twin"):
+                raise NoSession(self._strange())
+            # first, so that no change is missed
+            await connection.send(json.dumps({"op": "subscribeParameterUpdates", "parameterNames": []}))
+            await connection.send(json.dumps({"op": "getParameters", "parameterNames": [], "id": "all"}))
+            while LINE not in self._values:
+                answer = await _text(connection)
+                self._hear(answer)
+                if answer.get("id") == "all" and LINE not in self._values:
+                    raise NoSession(
+                        f"{self.name} serves a run (twin run --live), which follows no robot and proposes nothing; "
+                        "expected twin shadow --live. Trying again."
+                    )
+        if self._refusal:
+            self._watches = f"Watching only: the token of --follow is not that of this session. {REMEDY}"
+        wanted = [topic for topic in (*CURVES, EVENTS) if topic in self._types]
+        self._topics = {self._types[topic][0]: topic for topic in wanted}
+        subscriptions = [{"id": number, "channelId": number} for number in self._topics]
+        await connection.send(json.dumps({"op": "subscribe", "subscriptions": subscriptions}))
+        self._connection, self._problem = connection, ""
+
+    def _take(self, frame: str | bytes) -> None:
+        if isinstance(frame, str):
+            self._hear(json.loads(frame))
+            return
+        if (data := unpacked_data(frame)) is None:
+            return
+        number, time, content = data
+        topic, t = self._topics[number], 1e-9 * time
+        message: Any = self._types[topic][1].FromString(content)
+        if topic == EVENTS:
+            self._events.append(f"{t:.1f} s  {plain(message.message)}")
+        else:
+            self._strip.put(topic, t, message.F_z if topic == "/scale" else -message.F_ee_B[2])
+
+    def _hear(self, news: dict[str, Any]) -> None:
+        if news["op"] == "advertise":
+            self._types |= {one["topic"]: (one["id"], _message_type(one)) for one in news["channels"]
+                            if one["topic"] in (*CURVES, EVENTS, ALARM)}  # fmt: skip
+        elif news["op"] == "status":
+            self._refusal = str(news["message"])
+        elif news["op"] == "parameterValues":
+            self._values |= {one["name"]: one["value"] for one in news["parameters"]}
+            self.accepted = [{"text": str(one["text"]), "field": str(one["field"]), "leg": int(one["leg"]),
+                              "value": float(one["value"])}
+                             for one in json.loads(self._values.get(ACCEPTED, "[]"))]  # fmt: skip
+            if self._answer and news.get("id") == self._answer[0]:
+                self._resolve(self._refusal)
+
+    def _resolve(self, text: str) -> None:
+        if self._answer and not self._answer[1].done():
+            self._answer[1].set_result(text)
+
+    async def accept(self, proposal: object) -> str:
+        """Ask the twin to accept the `proposal` that a page has shown: why that was not done; "" if it was asked."""
+        async with self._lock:
+            if self._connection is None or self._watches:
+                return self._problem or self._watches
+            if not proposal or proposal != self._values[PROPOSAL]:
+                return "Not accepted: twin does not propose that any more."
+            self._refusal, number = "", f"accept {next(self._ids)}"
+            self._answer = number, asyncio.get_running_loop().create_future()
+            wish = {"name": ACCEPT, "value": True}
+            try:
+                async with asyncio.timeout(PATIENCE):
+                    await self._connection.send(json.dumps({"op": "setParameters", "parameters": [wish], "id": number}))
+                    return plain(await self._answer[1])
+            except (TimeoutError, ConnectionClosed):
+                return f"{self.name} does not answer."
+
+
+async def _text(connection: ClientConnection) -> dict[str, Any]:
+    """The next message that is text: between those the time comes."""
+    while isinstance(frame := await connection.recv(), bytes):
+        pass
+    found: dict[str, Any] = json.loads(frame)
+    return found
+
+
+def _message_type(channel: dict[str, Any]) -> type[Message]:
+    """The message class that the channel's own schema describes."""
+    pool = DescriptorPool()
+    for file in FileDescriptorSet.FromString(base64.b64decode(channel["schema"])).file:
+        pool.Add(file)
+    found: type[Message] = GetMessageClass(pool.FindMessageTypeByName(channel["schemaName"]))
+    return found
