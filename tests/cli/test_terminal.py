@@ -28,7 +28,6 @@ from twin.cli.streams import Harmless
 from twin.cli.terminal import PIECES, Bar, PlainLine, PlainProgress, TerminalDisplay, program
 from twin.cli.terminal import compiling as compiling_text
 from twin.studies.check.study import check
-from twin.studies.command import JobIsolation
 
 NAME = "\x1b]0;owned\x07[bold]x[/y]\x9b31m"
 
@@ -102,7 +101,7 @@ def test_checks_are_counted_on_a_line_that_is_gone_in_the_end(
         "drives": ["velocity_servo"],
         "baselines": root / "tests/no_such_folder",
         "out": root / "results/check",
-        "isolate": JobIsolation.NONE,
+        "isolate": "none",
     }
     # there is no baseline
     with pytest.raises(SystemExit, match="2"):

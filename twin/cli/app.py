@@ -340,9 +340,9 @@ def carried_out(words: list[str]) -> Any:
 def as_spelt_now(words: list[str]) -> list[str]:
     """A command line with --isolate and --no-isolate, as some commands called them, in today's spelling; and with
     --realtime as --realtime=1, because Typer knows no options whose value may be left out."""
-    spelt = {"--no-isolate": "--isolate=none", "--realtime": "--realtime=1"}
+    spelt, values = {"--no-isolate": "--isolate=none", "--realtime": "--realtime=1"}, typing.get_args(Isolation)
     return [
-        "--isolate=run" if word == "--isolate" and following not in list(Isolation) else spelt.get(word, word)
+        "--isolate=run" if word == "--isolate" and following not in values else spelt.get(word, word)
         for word, following in pairwise([*words, ""])
     ]
 

@@ -73,7 +73,7 @@ def _answers(
     shared = {key: default if key in own else given.get(key, default) for key, (_, default) in SHARED.items()}
     name, limits = f"{function.__module__}:{function.__name__}", JobLimits(shared["limit_step"], shared["limit_wall"])
     apart = marked.isolated is True or given.get(str(marked.isolated))
-    isolate = shared["isolate"] if apart else JobIsolation.NONE
+    isolate: JobIsolation = shared["isolate"] if apart else "none"
     if "reporter" in own:
         with TerminalDisplay() as display:
             done = recorded(RECORDED, {"name": name, "asked": asked}, display, isolate, limits)
@@ -101,7 +101,7 @@ def recorded(
     job: str,
     arguments: dict[str, Any],
     display: TerminalDisplay,
-    isolate: JobIsolation | Isolation,
+    isolate: Isolation,
     limits: JobLimits,
     hear: Hear | None = None,
 ) -> Any:
@@ -120,7 +120,7 @@ def recorded(
     """
     hear = hear or display.hear
     try:
-        if isolate == Isolation.NONE:
+        if isolate == "none":
             from twin.kernel.process.reporter import DirectReporter
 
             return function_called(job)(DirectReporter(hear, display.show), **arguments)

@@ -67,7 +67,7 @@ def run(
     isolate: Annotated[
         Isolation,
         Option("Processes: one for the run, one more per drive, or none (for debuggers)."),
-    ] = Isolation(JOB_ISOLATION),  # noqa: B008, it is a constant
+    ] = JOB_ISOLATION,
     limit_step: LimitStep = JobLimits.step,
     limit_wall: LimitWall = math.inf,
     limit_memory: Annotated[float, Option("Most memory of the run's process.", "MB", least=0.0)] = MEMORY,
@@ -90,7 +90,7 @@ def run(
     Example: twin run experiments/fig4_force_position.toml --drive pmsm_foc
     """
     if ranges:
-        others = (body, report, live, realtime is not None, isolate != Isolation.RUN, limit_wall < math.inf)
+        others = (body, report, live, realtime is not None, isolate != "run", limit_wall < math.inf)
         if len(experiments) > 1 or any(others) or limit_memory != MEMORY:
             raise InputRefused(
                 "--sweep: takes one experiment and --drive, --set, --out, --limit-step, --json; "
@@ -108,7 +108,7 @@ def run(
         raise InputRefused("--from: the run says its experiment, drive and body; leave them out, or use twin branch")
     if out is not None and len(experiments) > 1:
         raise InputRefused(f"--out {out}: names the folder of one run; {len(experiments)} experiments were given")
-    if isolate != Isolation.NONE and os.name != "posix":
+    if isolate != "none" and os.name != "posix":
         raise InputRefused(f"--isolate {isolate}: needs Linux or macOS; use --isolate none here")
     if realtime is not None and not math.isfinite(realtime):
         raise InputRefused(f"--realtime={realtime}: expected a finite factor; 0 runs as fast as it goes")
@@ -119,7 +119,7 @@ def run(
         "drive": drive,
         "body": body,
         "out": str(out) if out else None,
-        "isolate_drives": isolate == Isolation.DRIVE,
+        "isolate_drives": isolate == "drive",
         "limit_step": limit_step,
         "factor": factor,
         "sure": yes,
@@ -127,7 +127,7 @@ def run(
         **({"port": port, "origins": origins} if live else {}),
     }
     # the run itself notices a drive of its own that is stuck, and ends better than if it is ended
-    patience = limit_step + (GRACE if isolate == Isolation.DRIVE else 0.0)
+    patience = limit_step + (GRACE if isolate == "drive" else 0.0)
     # a paced run lasts as long as it was asked to
     limits = JobLimits(patience, limit_wall, 1e6 * limit_memory, math.inf if yes or factor else LONG)
     with Reported(report, as_json) as reported, TerminalDisplay(as_json) as display:

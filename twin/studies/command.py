@@ -12,9 +12,8 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypeVar
 
 from twin.kernel.errors import ComponentFailed, TwinError
 from twin.kernel.process.job import INTERRUPTED, JobLimits, function_called
@@ -104,32 +103,12 @@ class Interrupted(TwinError):
     exit_code = INTERRUPTED
 
 
-class JobIsolation(StrEnum):
-    """What lives in a process of its own."""
-
-    RUN = "run"
-    NONE = "none"
-
-
-JOB_ISOLATION = JobIsolation.RUN if os.name == "posix" else JobIsolation.NONE
+JobIsolation = Literal["run", "none"]
+"""What lives in a process of its own."""
+JOB_ISOLATION: JobIsolation = "run" if os.name == "posix" else "none"
 """Where processes can be guarded they are, unless one says no."""
-
-
-class Isolation(StrEnum):
-    """The same of a run, whose drives may have processes of their own."""
-
-    RUN = "run"
-    DRIVE = "drive"
-    NONE = "none"
-
-
-class PictureFormat(StrEnum):
-    """What pictures are written as for a paper."""
-
-    SVG = "svg"
-    PDF = "pdf"
-
-
+Isolation = Literal["run", "drive", "none"]
+"""The same of a run, whose drives may have processes of their own."""
 Isolate = Annotated[
     JobIsolation,
     Option("Process for FMUs: a separate one, or none (for debuggers).", flags="--isolate"),
@@ -137,7 +116,7 @@ Isolate = Annotated[
 LimitStep = Annotated[float, Option("Longest time of one call into a drive.", "S", least=0.0)]
 LimitWall = Annotated[float, Option("Longest time of the whole command.", "S", least=0.0)]
 Formats = Annotated[
-    Sequence[PictureFormat],
+    Sequence[Literal["svg", "pdf"]],
     Option("Also write pictures for a paper; may be repeated.", "svg|pdf", "--format"),
 ]
 Columns = Annotated[int, Option("With --format: width in columns of the paper.", "1|2", "--columns", least=1, most=2)]
@@ -190,7 +169,7 @@ def answer_apart(
     name: str,
     asked: Asked,
     say: "Say",
-    isolate: JobIsolation = JobIsolation.NONE,
+    isolate: JobIsolation = "none",
     limits: JobLimits = JobLimits(),  # noqa: B008, it is frozen
     formats: Sequence[str] = (),
     columns: int = 2,
@@ -215,7 +194,7 @@ def answer_apart(
         say(note["say"], note["share"])
 
     arguments: dict[str, Any] = {"study": name, "asked": dict(asked), "formats": list(formats), "columns": columns}
-    if isolate == JobIsolation.NONE:
+    if isolate == "none":
         from twin.kernel.process.reporter import DirectReporter
 
         return Answer(**answered(DirectReporter(hear), **arguments))

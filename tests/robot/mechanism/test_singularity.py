@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from tests.robot.mechanism.poses import GEOMETRY, HOME, reachable_poses
+from tests.robot.mechanism.poses import GEOMETRY, HOME, height_range, reachable_poses
 from twin.robot.mechanism.kinematics import (
     SingularPose,
     distal_volume,
@@ -15,7 +15,6 @@ from twin.robot.mechanism.kinematics import (
     refuse_serial_singularity,
     transmission_sines,
 )
-from twin.robot.mechanism.workspace import height_range
 
 
 @given(reachable_poses())

@@ -3,12 +3,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.robot.mechanism.poses import GEOMETRY, HOME, TURN, reachable_poses, triple, working_poses
+from tests.robot.mechanism.poses import GEOMETRY, HOME, TURN, height_range, reachable_poses, triple, working_poses
 from twin.kernel.errors import InputRefused, Unreachable
 from twin.robot.mechanism.geometry import distal_link
 from twin.robot.mechanism.kinematics import SingularPose, jacobian, joint_angles
 from twin.robot.mechanism.statics import end_effector_force, joint_torques, leg_force
-from twin.robot.mechanism.workspace import height_range
 
 
 @given(working_poses, triple)

@@ -17,23 +17,9 @@ import numpy as np
 from twin.kernel.cosim.component import piece_table
 from twin.kernel.cosim.port import Port, state_fields
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.fmi import cosim_step
+from twin.kernel.fmi import cosim_step, groups
 from twin.kernel.fmi.cosim_step import CLOCK, SHORTER
 from twin.kernel.fmi.description import FmuDescription, clocks
-from twin.kernel.fmi.groups import (
-    AT_END,
-    DO_STEP,
-    ENDLESS,
-    GROUP,
-    INTERVAL,
-    PAST,
-    PERIOD,
-    RAMP,
-    RESTORE,
-    SAVE,
-    announced,
-    explain_status,
-)
 from twin.kernel.fmi.variable import ITEM_SIZES, TEXTS, Setting, Setup, Variable
 
 MOST_UNHEARD = 100
@@ -86,7 +72,7 @@ class Instance:
         self._unheard: list[tuple[int, str]] = []
         self.folder, self.settings, self.inputs, self.setup = folder, settings, inputs, setup
         self.standard = self._standards[description.version]
-        self.ramp = np.zeros(1, dtype=RAMP)
+        self.ramp = np.zeros(1, dtype=groups.RAMP)
         self.clocks = np.zeros(0, dtype=CLOCK)
         self.planned, self.returned = np.array([np.inf]), np.zeros(0, dtype=np.uint8)
         self.events: np.ndarray | None = None
@@ -224,12 +210,12 @@ class Instance:
         self.fmu = None
 
     def calling(self, function: str) -> AbstractContextManager[None]:
-        return announced(self.description.path.name, self.name, f"{self.description.prefix}{function}")
+        return groups.announced(self.description.path.name, self.name, f"{self.description.prefix}{function}")
 
     def _loaded(self) -> Any:
         description, here = self.description, os.getcwd()
         try:
-            with announced(description.path.name, self.name, "the loading of its binary"):
+            with groups.announced(description.path.name, self.name, "the loading of its binary"):
                 return self.standard.loaded(self)
         # FMPy raises bare Exception for a library that does not load or lacks a function, ctypes AttributeError
         except Exception as problem:
@@ -313,7 +299,7 @@ class FmuPort:
 
     def at(self, instant: Literal["start", "end"]) -> "FmuPort":
         """The port for its value at the start of a step, or for that at its end."""
-        name = self.port.name + AT_END * (instant == "end")
+        name = self.port.name + groups.AT_END * (instant == "end")
         return replace(self, port=replace(self.port, name=name, instant=instant))
 
 
@@ -403,16 +389,21 @@ class Stepping:
         """What a bad `status` of a step means, as the verb phrase of a sentence."""
         instance = self.instance
         message = f" ('{instance.messages[-1]}')" if instance.messages else ""
-        states = {SAVE: f"Get{self.state_name}", RESTORE: f"Set{self.state_name}"}
+        states = {groups.SAVE: f"Get{self.state_name}", groups.RESTORE: f"Set{self.state_name}"}
         value, clock = float(self._shorter[0]["value"]), 0
         if "value" in (self.memory.dtype.names or ()):
             value = float(self.memory[0]["value"])
-        if instance.events is not None and status in (ENDLESS, PAST, PERIOD, *range(INTERVAL, INTERVAL + 16)):
+        if instance.events is not None and status in (
+            groups.ENDLESS,
+            groups.PAST,
+            groups.PERIOD,
+            *range(groups.INTERVAL, groups.INTERVAL + 16),
+        ):
             value, clock = float(instance.events[0]["value"]), int(instance.events[0]["culprit"])
-        sentence = explain_status(
+        sentence = groups.explain_status(
             status, instance.description.prefix, states, value, instance.clock_name(clock), message
         )
-        if status == DO_STEP + 2:
+        if status == groups.DO_STEP + 2:
             varies = instance.description.model.coSimulation.canHandleVariableCommunicationStepSize
             sentence += "; it may do with shorter steps: raise [drive] substeps"
             sentence += "" if varies else ", as it takes none of another size by itself"
@@ -465,7 +456,7 @@ class Stepping:
         for p in ports:
             key = instance.standard.type_name(p.port.variable), instance.clock_bits(p.port.variable)
             members.setdefault(key, []).append(p)
-        table = np.zeros(len(members), dtype=GROUP)
+        table = np.zeros(len(members), dtype=groups.GROUP)
         self._keep.append(table)
         for row, (type_name, bits), group in zip(table, members, members.values(), strict=True):
             kind = group[0].port.variable.kind

@@ -5,20 +5,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.ssp.structure import (
-    NONE,
-    Connection,
-    Connector,
-    Endpoint,
-    ParameterBinding,
-    ParameterValue,
-    Patience,
-    SspComponent,
-    SspSystem,
-    Structure,
-    Transformation,
-    UnitDefinition,
-)
+from twin.kernel.ssp import structure as ssp
 
 SOURCES, SINKS = ("output", "calculatedParameter", "constant", "local"), ("input", "parameter", "structuralParameter")
 """Kinds of connectors that values leave, and get to; seen from inside a system its own are the other way round."""
@@ -35,7 +22,7 @@ class Hop(NamedTuple):
         unit: of the system's connector where the hop ends; "": that of the value, or the last hop.
     """
 
-    transformation: Transformation = NONE
+    transformation: ssp.Transformation = ssp.NONE
     suppress: bool = False
     unit: str = ""
 
@@ -44,8 +31,8 @@ class Hop(NamedTuple):
 class Lead:
     """What goes from an output of one component to an input of another one; each end is a path and a connector."""
 
-    start: Endpoint
-    end: Endpoint
+    start: ssp.Endpoint
+    end: ssp.Endpoint
     hops: tuple[Hop, ...]
 
 
@@ -59,8 +46,8 @@ class Assigned:
         hops: on the way, none of them if it goes as it is.
     """
 
-    value: ParameterValue
-    units: tuple[UnitDefinition, ...]
+    value: ssp.ParameterValue
+    units: tuple[ssp.UnitDefinition, ...]
     hops: tuple[Hop, ...]
 
 
@@ -77,15 +64,15 @@ class FlatSystem:
         exits: by each connector through which values leave it, what comes there.
     """
 
-    components: dict[str, SspComponent]
+    components: dict[str, ssp.SspComponent]
     leads: tuple[Lead, ...]
     assigned: dict[str, dict[str, Assigned]]
     ignored: tuple[str, ...]
-    entrances: dict[str, tuple[tuple[Endpoint, tuple[Hop, ...]], ...]] = field(default_factory=dict)
+    entrances: dict[str, tuple[tuple[ssp.Endpoint, tuple[Hop, ...]], ...]] = field(default_factory=dict)
     exits: dict[str, Lead] = field(default_factory=dict)
 
 
-def flattened(structure: Structure, where: str) -> FlatSystem:
+def flattened(structure: ssp.Structure, where: str) -> FlatSystem:
     """The system of `structure` without systems in it; `where` is for sentences.
 
     Raises:
@@ -101,16 +88,16 @@ class _Flat:
     Attributes of a node: an `Endpoint` whose element is the path of a component or of a system ("" for the outermost).
     """
 
-    def __init__(self, outermost: SspSystem, where: str):
+    def __init__(self, outermost: ssp.SspSystem, where: str):
         self._where = where
-        self._components: dict[str, SspComponent] = {}
-        self._systems: dict[str, SspSystem] = {"": outermost}
-        self._into: dict[Endpoint, tuple[Endpoint, Connection]] = {}
-        self._out: dict[Endpoint, list[tuple[Endpoint, Connection]]] = {}
+        self._components: dict[str, ssp.SspComponent] = {}
+        self._systems: dict[str, ssp.SspSystem] = {"": outermost}
+        self._into: dict[ssp.Endpoint, tuple[ssp.Endpoint, ssp.Connection]] = {}
+        self._out: dict[ssp.Endpoint, list[tuple[ssp.Endpoint, ssp.Connection]]] = {}
         self._assigned: dict[str, dict[str, Assigned]] = {}
         self._ignored: dict[str, None] = {}
         self._count = 0
-        self._patience = Patience(where)
+        self._patience = ssp.Patience(where)
         self._visit(outermost, "")
 
     def system(self) -> FlatSystem:
@@ -118,22 +105,22 @@ class _Flat:
         self._assign(self._systems[""], "")
         ignored = tuple(self._ignored)
         entrances = {
-            one.name: tuple(self._forward(Endpoint("", one.name), (Hop(unit=one.unit),)))
+            one.name: tuple(self._forward(ssp.Endpoint("", one.name), (Hop(unit=one.unit),)))
             for one in self._systems[""].connectors
             # from those that are not fed themselves every way is another one
-            if one.kind in ("input", "inout") and Endpoint("", one.name) not in self._into
+            if one.kind in ("input", "inout") and ssp.Endpoint("", one.name) not in self._into
         }
         found = {end.connector: self._lead(end) for end in self._into if not end.element}
         exits = {name: lead for name, lead in found.items() if lead}
         given = tuple(lead for lead in leads if lead)
         return FlatSystem(self._components, given, self._assigned, ignored, entrances, exits)
 
-    def _visit(self, system: SspSystem, path: str) -> None:
+    def _visit(self, system: ssp.SspSystem, path: str) -> None:
         for part in system.elements:
             below = f"{path}.{part.name}" if path else part.name
             if below in self._components or below in self._systems:
                 raise InputRefused(f"{self._where}: two elements have the path '{below}'; expected different names")
-            if isinstance(part, SspSystem):
+            if isinstance(part, ssp.SspSystem):
                 self._systems[below] = part
                 self._visit(part, below)
             else:
@@ -149,7 +136,9 @@ class _Flat:
             self._into[end] = start, connection
             self._out.setdefault(start, []).append((end, connection))
 
-    def _directed(self, connection: Connection, path: str, system: SspSystem) -> tuple[Endpoint, Endpoint]:
+    def _directed(
+        self, connection: ssp.Connection, path: str, system: ssp.SspSystem
+    ) -> tuple[ssp.Endpoint, ssp.Endpoint]:
         """Where the value comes from, and where it gets: the standard leaves that to the kinds of the connectors."""
         start, end = (self._node(at, path, system) for at in (connection.start, connection.end))
         gives = [self._gives(at, inside) for at, inside in ((start, connection.start), (end, connection.end))]
@@ -161,7 +150,7 @@ class _Flat:
             )
         return (end, start) if gives[0] is False or gives[1] is True else (start, end)
 
-    def _gives(self, node: Endpoint, stated: Endpoint) -> bool | None:
+    def _gives(self, node: ssp.Endpoint, stated: ssp.Endpoint) -> bool | None:
         """Whether values leave a connector here; None: not stated."""
         within = self._systems.get(node.element)
         owner = within or self._components[node.element]
@@ -172,10 +161,10 @@ class _Flat:
         # a system's own connector, seen from inside
         return (kind in SOURCES) == bool(stated.element)
 
-    def _node(self, end: Endpoint, path: str, system: SspSystem) -> Endpoint:
+    def _node(self, end: ssp.Endpoint, path: str, system: ssp.SspSystem) -> ssp.Endpoint:
         if not end.element:
             self._known(system, end.connector, path)
-            return Endpoint(path, end.connector)
+            return ssp.Endpoint(path, end.connector)
         part = system.element_of.get(end.element)
         if part is None:
             known = ", ".join(part.name for part in system.elements)
@@ -184,11 +173,11 @@ class _Flat:
                 f"{known or 'none'}"
             )
         below = f"{path}.{part.name}" if path else part.name
-        if isinstance(part, SspSystem):
+        if isinstance(part, ssp.SspSystem):
             self._known(part, end.connector, below)
-        return Endpoint(below, end.connector)
+        return ssp.Endpoint(below, end.connector)
 
-    def _known(self, system: SspSystem, connector: str, path: str) -> Connector:
+    def _known(self, system: ssp.SspSystem, connector: str, path: str) -> ssp.Connector:
         found = system.connector_of.get(connector)
         if found is None:
             raise InputRefused(
@@ -197,7 +186,7 @@ class _Flat:
             )
         return found
 
-    def _lead(self, end: Endpoint) -> Lead | None:
+    def _lead(self, end: ssp.Endpoint) -> Lead | None:
         """What feeds an end; None: a connector of the outermost system, which has no source."""
         hops: list[Hop] = []
         node, seen = end, {end}
@@ -216,23 +205,23 @@ class _Flat:
                 return Lead(node, end, tuple(reversed(hops)))
         return None
 
-    def _hop(self, end: Endpoint, connection: Connection) -> Hop:
+    def _hop(self, end: ssp.Endpoint, connection: ssp.Connection) -> Hop:
         unit = ""
         if end.element in self._systems:
             unit = self._known(self._systems[end.element], end.connector, end.element).unit
         return Hop(connection.transformation, connection.suppress_unit_conversion, unit)
 
-    def _assign(self, system: SspSystem, path: str) -> None:
+    def _assign(self, system: ssp.SspSystem, path: str) -> None:
         """What is inside first: a value of a higher level counts."""
         for part in system.elements:
             below = f"{path}.{part.name}" if path else part.name
-            if isinstance(part, SspSystem):
+            if isinstance(part, ssp.SspSystem):
                 self._assign(part, below)
             else:
                 self._bind(part.bindings, below)
         self._bind(system.bindings, path)
 
-    def _bind(self, bindings: tuple[ParameterBinding, ...], path: str) -> None:
+    def _bind(self, bindings: tuple[ssp.ParameterBinding, ...], path: str) -> None:
         for binding in bindings:
             for value in binding.parameters.parameters:
                 self._patience.spend()
@@ -252,23 +241,23 @@ class _Flat:
                     if not reached:
                         self._ignored[f"{path}.{target}" if path else target] = None
 
-    def _resolved(self, name: str, path: str, hops: tuple[Hop, ...]) -> Iterator[tuple[Endpoint, tuple[Hop, ...]]]:
+    def _resolved(self, name: str, path: str, hops: tuple[Hop, ...]) -> Iterator[tuple[ssp.Endpoint, tuple[Hop, ...]]]:
         """The variables of components that `name`, in the component or system at `path`, means."""
         if path in self._components:
-            yield Endpoint(path, name), hops
+            yield ssp.Endpoint(path, name), hops
             return
         system = self._systems[path]
         own = system.connector_of.get(name)
         if own is not None:
             led = (*hops[:-1], hops[-1]._replace(unit=own.unit)) if hops else (Hop(unit=own.unit),)
-            yield from self._forward(Endpoint(path, name), led)
+            yield from self._forward(ssp.Endpoint(path, name), led)
             return
         # names of elements may have dots themselves
         inner = next((name[:n] for n in system.lengths if name[n : n + 1] == "." and name[:n] in system.element_of), "")
         if inner:
             yield from self._resolved(name[len(inner) + 1 :], f"{path}.{inner}" if path else inner, hops)
 
-    def _forward(self, start: Endpoint, hops: tuple[Hop, ...]) -> Iterator[tuple[Endpoint, tuple[Hop, ...]]]:
+    def _forward(self, start: ssp.Endpoint, hops: tuple[Hop, ...]) -> Iterator[tuple[ssp.Endpoint, tuple[Hop, ...]]]:
         """Where a value gets from a connector of a system; on one way at most, as nothing is fed twice."""
         seen, ahead = {start}, [(start, hops)]
         while ahead:
@@ -284,5 +273,5 @@ class _Flat:
                     ahead.append((end, (*way, self._hop(end, connection))))
 
 
-def _text(end: Endpoint) -> str:
+def _text(end: ssp.Endpoint) -> str:
     return f"{end.element}.{end.connector}" if end.element else end.connector

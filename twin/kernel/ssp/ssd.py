@@ -12,53 +12,15 @@ from typing import NamedTuple, TypeVar, cast, get_args
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import xml_of
-from twin.kernel.ssp.structure import (
-    FMU,
-    METADATA,
-    NONE,
-    PARAMETER_MAPPING,
-    PARAMETER_SET,
-    REALS,
-    TRUTH,
-    WHOLES,
-    Annotation,
-    Connection,
-    Connector,
-    ConnectorKind,
-    DefaultExperiment,
-    Endpoint,
-    Implementation,
-    MappingEntry,
-    Metadata,
-    ParameterBinding,
-    ParameterMapping,
-    ParameterSet,
-    ParameterValue,
-    Patience,
-    SspComponent,
-    SspSystem,
-    Structure,
-    Transformation,
-    UnitDefinition,
-    annotations_of,
-    inside,
-    listed,
-    local,
-    metadata_of,
-    named,
-    number,
-    transformation_of,
-    truth,
-    unique,
-    units_of,
-)
+from twin.kernel.ssp import structure as ssp
+from twin.kernel.ssp.structure import inside, listed, truth
 
 MOST_PARAMETERS = 100_000
 """Of one set, and entries of one mapping."""
 TEXTS = ("String", "Enumeration", "Binary")
 
 
-def parameter_set(content: bytes, where: str, source: str = "") -> ParameterSet:
+def parameter_set(content: bytes, where: str, source: str = "") -> ssp.ParameterSet:
     """The set in an SSV file.
 
     Args:
@@ -72,59 +34,59 @@ def parameter_set(content: bytes, where: str, source: str = "") -> ParameterSet:
     return parameter_set_of(xml_of(content, where), where, source)
 
 
-def parameter_set_of(root: ET.Element, where: str, source: str = "") -> ParameterSet:
+def parameter_set_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterSet:
     """The set that an element is.
 
     Raises:
         InputRefused: it is none, a parameter has no name or another one's, or what it has is no finite number, truth
             value or text.
     """
-    if local(root) != "ParameterSet":
-        raise InputRefused(f"{where}: <{local(root)}>; expected <ParameterSet>, an SSV file")
+    if ssp.local(root) != "ParameterSet":
+        raise InputRefused(f"{where}: <{ssp.local(root)}>; expected <ParameterSet>, an SSV file")
     found = listed(root, "Parameters", "Parameter")
     if len(found) > MOST_PARAMETERS:
         raise InputRefused(f"{where}: {len(found)} parameters; expected at most {MOST_PARAMETERS}")
-    values: dict[str, ParameterValue] = {}
+    values: dict[str, ssp.ParameterValue] = {}
     for element in found:
         name = element.get("name", "")
         kinds = [
-            child for child in element if local(child) not in ("Annotations", "Dimension", "MetaData", "Signature")
+            child for child in element if ssp.local(child) not in ("Annotations", "Dimension", "MetaData", "Signature")
         ]
         if not name or name in values or len(kinds) != 1:
             wrong = "without a name" if not name else "given twice" if name in values else "without one value"
             raise InputRefused(f"{where}: a parameter {wrong}{f', {name}' if name else ''}")
-        type_ = local(kinds[0])
+        type_ = ssp.local(kinds[0])
         taken = _values(kinds[0], type_, f"{where}: {name}")
-        values[name] = ParameterValue(name, type_, taken, kinds[0].get("unit", ""), element.get("description", ""))
-    units = units_of(root, where)
-    return ParameterSet(
-        root.get("name", ""), tuple(values.values()), units, source, metadata_of(root), annotations_of(root)
+        values[name] = ssp.ParameterValue(name, type_, taken, kinds[0].get("unit", ""), element.get("description", ""))
+    units = ssp.units_of(root, where)
+    return ssp.ParameterSet(
+        root.get("name", ""), tuple(values.values()), units, source, ssp.metadata_of(root), ssp.annotations_of(root)
     )
 
 
-def mapping_of(root: ET.Element, where: str, source: str = "") -> ParameterMapping:
+def mapping_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterMapping:
     """The mapping that an element is.
 
     Raises:
         InputRefused: it is none, or an entry has no source or target.
     """
-    if local(root) != "ParameterMapping":
-        raise InputRefused(f"{where}: <{local(root)}>; expected <ParameterMapping>, an SSM file")
+    if ssp.local(root) != "ParameterMapping":
+        raise InputRefused(f"{where}: <{ssp.local(root)}>; expected <ParameterMapping>, an SSM file")
     found = inside(root, "MappingEntry")
     if len(found) > MOST_PARAMETERS:
         raise InputRefused(f"{where}: {len(found)} entries; expected at most {MOST_PARAMETERS}")
     entries = [
-        MappingEntry(
-            named(entry, "source", where),
-            named(entry, "target", where),
-            transformation_of(entry, where),
+        ssp.MappingEntry(
+            ssp.named(entry, "source", where),
+            ssp.named(entry, "target", where),
+            ssp.transformation_of(entry, where),
             truth(entry, "suppressUnitConversion", where),
         )
         for entry in found
         # tools write entries that lead from nothing, for people to fill in
         if entry.get("source") != ""
     ]
-    return ParameterMapping(tuple(entries), source, metadata_of(root))
+    return ssp.ParameterMapping(tuple(entries), source, ssp.metadata_of(root))
 
 
 def _values(element: ET.Element, type_: str, where: str) -> tuple[float, ...] | tuple[str, ...]:
@@ -139,8 +101,8 @@ def _values(element: ET.Element, type_: str, where: str) -> tuple[float, ...] | 
 def _number(text: str, type_: str, where: str) -> float:
     try:
         if type_ == "Boolean":
-            return float(TRUTH[text])
-        value = float(int(text)) if type_ in WHOLES else float(text) if type_ in REALS else math.nan
+            return float(ssp.TRUTH[text])
+        value = float(int(text)) if type_ in ssp.WHOLES else float(text) if type_ in ssp.REALS else math.nan
     except (KeyError, ValueError, OverflowError):
         value = math.nan
     if not math.isfinite(value):
@@ -166,7 +128,7 @@ Bring = Callable[[str, str], Resource]
 _T = TypeVar("_T")
 
 
-def structure_of(content: bytes, where: str, bring: Bring) -> Structure:
+def structure_of(content: bytes, where: str, bring: Bring) -> ssp.Structure:
     """What a SystemStructure.ssd says.
 
     Args:
@@ -181,7 +143,7 @@ def structure_of(content: bytes, where: str, bring: Bring) -> Structure:
     root = xml_of(content, where)
     if root.tag != f"{NAMESPACE}SystemStructureDescription":
         raise InputRefused(
-            f"{where}: <{local(root)}>; expected <SystemStructureDescription> of SSP 1.0 or 2.0, namespace "
+            f"{where}: <{ssp.local(root)}>; expected <SystemStructureDescription> of SSP 1.0 or 2.0, namespace "
             f"{NAMESPACE[1:-1]}"
         )
     version = root.get("version", "")
@@ -192,27 +154,27 @@ def structure_of(content: bytes, where: str, bring: Bring) -> Structure:
         raise InputRefused(f"{where}: has no system")
     enumerations = tuple(
         (
-            named(one, "name", where),
-            tuple((named(i, "name", where), int(number(i, "value", where, 0))) for i in inside(one, "Item")),
+            ssp.named(one, "name", where),
+            tuple((ssp.named(i, "name", where), int(ssp.number(i, "value", where, 0))) for i in inside(one, "Item")),
         )
         for one in listed(root, "Enumerations", "Enumeration")
     )
-    experiment = DefaultExperiment()
+    experiment = ssp.DefaultExperiment()
     for stated in inside(root, "DefaultExperiment")[:1]:
         start, stop = (
-            number(stated, time, where, 0.0) if stated.get(time) is not None else None
+            ssp.number(stated, time, where, 0.0) if stated.get(time) is not None else None
             for time in ("startTime", "stopTime")
         )
-        experiment = DefaultExperiment(start, stop, annotations_of(stated))
-    return Structure(
+        experiment = ssp.DefaultExperiment(start, stop, ssp.annotations_of(stated))
+    return ssp.Structure(
         name=root.get("name", ""),
         system=_SystemReader(where, bring).system(system, "system"),
         version=version,
-        units=units_of(root, where),
+        units=ssp.units_of(root, where),
         enumerations=enumerations,
         experiment=experiment,
-        metadata=metadata_of(root),
-        annotations=annotations_of(root),
+        metadata=ssp.metadata_of(root),
+        annotations=ssp.annotations_of(root),
     )
 
 
@@ -227,81 +189,81 @@ class _SystemReader:
     def __init__(self, where: str, bring: Bring):
         self._where, self._bring = where, bring
         self._parts = 0
-        self._patience = Patience(where)
+        self._patience = ssp.Patience(where)
         self._known: dict[tuple[str, str], object] = {}
 
-    def system(self, element: ET.Element, place: str) -> SspSystem:
-        name = named(element, "name", self._where)
+    def system(self, element: ET.Element, place: str) -> ssp.SspSystem:
+        name = ssp.named(element, "name", self._where)
         for unread in ("SignalDictionaries", "SignalDictionary"):
             if inside(element, unread):
                 raise InputRefused(f"{self._where}: {place} '{name}' has signal dictionaries, which are not supported")
         parts = [self._part(part) for group in inside(element, "Elements") for part in group]
-        unique((part.name for part in parts), f"elements of {place} '{name}'", self._where)
+        ssp.unique((part.name for part in parts), f"elements of {place} '{name}'", self._where)
         connections = [self._connection(one) for one in listed(element, "Connections", "Connection")]
-        return SspSystem(
+        return ssp.SspSystem(
             name=name,
             elements=tuple(parts),
             connections=tuple(connections),
             connectors=self._connectors(element, name),
             bindings=self._bindings(element, name),
             description=element.get("description", ""),
-            annotations=annotations_of(element),
+            annotations=ssp.annotations_of(element),
         )
 
-    def _part(self, element: ET.Element) -> SspComponent | SspSystem:
+    def _part(self, element: ET.Element) -> ssp.SspComponent | ssp.SspSystem:
         self._parts += 1
         if self._parts > MOST_PARTS:
             raise InputRefused(f"{self._where}: more than {MOST_PARTS} parts; do not trust this file")
-        if local(element) == "System":
+        if ssp.local(element) == "System":
             return self.system(element, "the system")
-        name = named(element, "name", self._where)
-        if local(element) != "Component":
-            kind = re.sub(r"(?<!^)([A-Z])", r" \1", local(element)).lower()
+        name = ssp.named(element, "name", self._where)
+        if ssp.local(element) != "Component":
+            kind = re.sub(r"(?<!^)([A-Z])", r" \1", ssp.local(element)).lower()
             raise InputRefused(f"{self._where}: element '{name}' is a {kind}, which is not supported")
         implementation = element.get("implementation", "any")
-        if implementation not in get_args(Implementation):
-            known = ", ".join(get_args(Implementation))
+        if implementation not in get_args(ssp.Implementation):
+            known = ", ".join(get_args(ssp.Implementation))
             raise InputRefused(f"{self._where}: '{name}': implementation '{implementation}'; expected {known}")
-        return SspComponent(
+        return ssp.SspComponent(
             name=name,
             source=element.get("source", ""),
-            type=element.get("type", FMU),
-            implementation=cast(Implementation, implementation),
+            type=element.get("type", ssp.FMU),
+            implementation=cast(ssp.Implementation, implementation),
             connectors=self._connectors(element, name),
             bindings=self._bindings(element, name),
             description=element.get("description", ""),
-            annotations=annotations_of(element),
+            annotations=ssp.annotations_of(element),
         )
 
-    def _connectors(self, element: ET.Element, owner: str) -> tuple[Connector, ...]:
+    def _connectors(self, element: ET.Element, owner: str) -> tuple[ssp.Connector, ...]:
         found = [self._connector(one, owner) for one in listed(element, "Connectors", "Connector")]
-        unique((one.name for one in found), f"connectors of '{owner}'", self._where)
+        ssp.unique((one.name for one in found), f"connectors of '{owner}'", self._where)
         return tuple(found)
 
-    def _connector(self, element: ET.Element, owner: str) -> Connector:
+    def _connector(self, element: ET.Element, owner: str) -> ssp.Connector:
         self._patience.spend()
-        name, kind = named(element, "name", self._where), named(element, "kind", self._where)
-        if kind not in get_args(ConnectorKind):
-            known = ", ".join(get_args(ConnectorKind))
+        name, kind = ssp.named(element, "name", self._where), ssp.named(element, "kind", self._where)
+        if kind not in get_args(ssp.ConnectorKind):
+            known = ", ".join(get_args(ssp.ConnectorKind))
             raise InputRefused(f"{self._where}: {owner}.{name}: kind '{kind}'; expected {known}")
         unread = ("ConnectorGeometry", "Annotations", "Dimension", "Clock")
-        stated = next((child for child in element if local(child) not in unread), None)
+        stated = next((child for child in element if ssp.local(child) not in unread), None)
         sizes = [(one.get("size"), one.get("sizeConnector", "")) for one in inside(element, "Dimension")]
         if not all((size or "1").isdecimal() and (size or by) for size, by in sizes):
             raise InputRefused(f"{self._where}: {owner}.{name}: a dimension without a size")
-        return Connector(
+        return ssp.Connector(
             name=name,
-            kind=cast(ConnectorKind, kind),
-            type="" if stated is None else local(stated),
+            kind=cast(ssp.ConnectorKind, kind),
+            type="" if stated is None else ssp.local(stated),
             unit="" if stated is None else stated.get("unit", ""),
             dimensions=tuple(by if size is None else int(size) for size, by in sizes),
             description=element.get("description", ""),
         )
 
-    def _connection(self, element: ET.Element) -> Connection:
+    def _connection(self, element: ET.Element) -> ssp.Connection:
         self._patience.spend()
         start, end = (
-            Endpoint(element.get(f"{side}Element", ""), named(element, f"{side}Connector", self._where))
+            ssp.Endpoint(element.get(f"{side}Element", ""), ssp.named(element, f"{side}Connector", self._where))
             for side in ("start", "end")
         )
         if element.get("startIndices") or element.get("endIndices"):
@@ -310,23 +272,23 @@ class _SystemReader:
                 "(startIndices, endIndices), which is not supported; connect whole arrays"
             )
         suppressed = truth(element, "suppressUnitConversion", self._where)
-        return Connection(start, end, transformation_of(element, self._where), suppressed)
+        return ssp.Connection(start, end, ssp.transformation_of(element, self._where), suppressed)
 
-    def _bindings(self, element: ET.Element, owner: str) -> tuple[ParameterBinding, ...]:
+    def _bindings(self, element: ET.Element, owner: str) -> tuple[ssp.ParameterBinding, ...]:
         return tuple(
             self._binding(one, f"parameters of '{owner}'")
             for one in listed(element, "ParameterBindings", "ParameterBinding")
         )
 
-    def _binding(self, element: ET.Element, what: str) -> ParameterBinding:
+    def _binding(self, element: ET.Element, what: str) -> ssp.ParameterBinding:
         self._patience.spend()
         inline = next(iter(inside(element, "ParameterValues")), None)
-        values = self._stated(element, inline, PARAMETER_SET, what, parameter_set_of)
+        values = self._stated(element, inline, ssp.PARAMETER_SET, what, parameter_set_of)
         if values is None:
             raise InputRefused(f"{self._where}: {what}: neither a source nor values")
         led = next(iter(inside(element, "ParameterMapping")), None)
-        to = None if led is None else self._stated(led, led, PARAMETER_MAPPING, what, mapping_of)
-        return ParameterBinding(values, element.get("prefix", ""), to)
+        to = None if led is None else self._stated(led, led, ssp.PARAMETER_MAPPING, what, mapping_of)
+        return ssp.ParameterBinding(values, element.get("prefix", ""), to)
 
     def _stated(
         self,
@@ -364,7 +326,7 @@ for prefix, namespace in (("ssc", SSC), ("ssd", SSD), ("ssv", SSV), ("ssm", SSM)
     ET.register_namespace(prefix, namespace[1:-1])
 
 
-def structure_xml(structure: Structure) -> bytes:
+def structure_xml(structure: ssp.Structure) -> bytes:
     """SystemStructure.ssd, UTF-8. Parameter sets and mappings with a source are referred to, the others are inside."""
     root = ET.Element(f"{SSD}SystemStructureDescription", {"version": VERSION, "name": structure.name})
     root.attrib.update(_metadata(structure.metadata))
@@ -385,7 +347,7 @@ def structure_xml(structure: Structure) -> bytes:
     return _bytes(root)
 
 
-def parameter_set_xml(values: ParameterSet) -> bytes:
+def parameter_set_xml(values: ssp.ParameterSet) -> bytes:
     """The SSV file of a set, UTF-8."""
     return _bytes(_parameter_set(values))
 
@@ -395,11 +357,11 @@ def _bytes(root: ET.Element) -> bytes:
     return ET.tostring(root, encoding="UTF-8", xml_declaration=True) + b"\n"
 
 
-def _metadata(metadata: Metadata) -> dict[str, str]:
-    return {name: text for name, text in zip(METADATA, vars(metadata).values(), strict=True) if text}
+def _metadata(metadata: ssp.Metadata) -> dict[str, str]:
+    return {name: text for name, text in zip(ssp.METADATA, vars(metadata).values(), strict=True) if text}
 
 
-def _append_annotations(parent: ET.Element, namespace: str, annotations: Sequence[Annotation]) -> None:
+def _append_annotations(parent: ET.Element, namespace: str, annotations: Sequence[ssp.Annotation]) -> None:
     if annotations:
         listed = ET.SubElement(parent, f"{namespace}Annotations")
         for annotation in annotations:
@@ -408,7 +370,7 @@ def _append_annotations(parent: ET.Element, namespace: str, annotations: Sequenc
                 one.append(ET.fromstring(annotation.content))
 
 
-def _append_units(parent: ET.Element, namespace: str, units: Sequence[UnitDefinition]) -> None:
+def _append_units(parent: ET.Element, namespace: str, units: Sequence[ssp.UnitDefinition]) -> None:
     if units:
         listed = ET.SubElement(parent, f"{namespace}Units")
         for unit in units:
@@ -419,21 +381,21 @@ def _append_units(parent: ET.Element, namespace: str, units: Sequence[UnitDefini
             ET.SubElement(one, f"{SSC}BaseUnit", powers | factor | offset)
 
 
-def _append_component(parent: ET.Element, element: SspComponent) -> None:
+def _append_component(parent: ET.Element, element: ssp.SspComponent) -> None:
     stated = {"name": element.name, **_described(element.description), "source": element.source}
-    stated |= {"type": element.type} if element.type != FMU else {}
+    stated |= {"type": element.type} if element.type != ssp.FMU else {}
     stated |= {"implementation": element.implementation} if element.implementation != "any" else {}
     component = ET.SubElement(parent, f"{SSD}Component", stated)
     _append_interface(component, element)
     _append_annotations(component, SSD, element.annotations)
 
 
-def _append_system(parent: ET.Element, system: SspSystem) -> None:
+def _append_system(parent: ET.Element, system: ssp.SspSystem) -> None:
     one = ET.SubElement(parent, f"{SSD}System", {"name": system.name, **_described(system.description)})
     _append_interface(one, system)
     elements = ET.SubElement(one, f"{SSD}Elements")
     for element in system.elements:
-        if isinstance(element, SspSystem):
+        if isinstance(element, ssp.SspSystem):
             _append_system(elements, element)
         else:
             _append_component(elements, element)
@@ -441,7 +403,7 @@ def _append_system(parent: ET.Element, system: SspSystem) -> None:
     _append_annotations(one, SSD, system.annotations)
 
 
-def _append_interface(parent: ET.Element, element: SspComponent | SspSystem) -> None:
+def _append_interface(parent: ET.Element, element: ssp.SspComponent | ssp.SspSystem) -> None:
     _append_all(parent, "Connectors", element.connectors, _append_connector)
     _append_all(parent, "ParameterBindings", element.bindings, _append_binding)
 
@@ -456,14 +418,14 @@ def _append_all(
             append(inside, item)
 
 
-def _append_connector(parent: ET.Element, connector: Connector) -> None:
+def _append_connector(parent: ET.Element, connector: ssp.Connector) -> None:
     stated = {"name": connector.name, "kind": connector.kind, **_described(connector.description)}
     one = ET.SubElement(parent, f"{SSD}Connector", stated)
     if connector.type:
         ET.SubElement(one, f"{SSC}{connector.type}", {"unit": connector.unit} if connector.unit else {})
 
 
-def _append_connection(parent: ET.Element, connection: Connection) -> None:
+def _append_connection(parent: ET.Element, connection: ssp.Connection) -> None:
     stated = {
         f"{side}{what}": text
         for side, end in (("start", connection.start), ("end", connection.end))
@@ -474,28 +436,28 @@ def _append_connection(parent: ET.Element, connection: Connection) -> None:
     _append_transformation(ET.SubElement(parent, f"{SSD}Connection", stated), connection.transformation)
 
 
-def _append_transformation(parent: ET.Element, transformation: Transformation) -> None:
-    if transformation != NONE:
+def _append_transformation(parent: ET.Element, transformation: ssp.Transformation) -> None:
+    if transformation != ssp.NONE:
         factor, offset = repr(transformation.factor), repr(transformation.offset)
         ET.SubElement(parent, f"{SSC}LinearTransformation", factor=factor, offset=offset)
 
 
-def _append_binding(parent: ET.Element, binding: ParameterBinding) -> None:
+def _append_binding(parent: ET.Element, binding: ssp.ParameterBinding) -> None:
     values, to = binding.parameters, binding.mapping
     one = ET.SubElement(parent, f"{SSD}ParameterBinding", {"prefix": binding.prefix} if binding.prefix else {})
     if values.source:
-        one.attrib.update(type=PARAMETER_SET, source=values.source)
+        one.attrib.update(type=ssp.PARAMETER_SET, source=values.source)
     else:
         ET.SubElement(one, f"{SSD}ParameterValues").append(_parameter_set(values))
     if to is not None:
         led = ET.SubElement(one, f"{SSD}ParameterMapping")
         if to.source:
-            led.attrib.update(type=PARAMETER_MAPPING, source=to.source)
+            led.attrib.update(type=ssp.PARAMETER_MAPPING, source=to.source)
         else:
             led.append(_parameter_mapping(to))
 
 
-def _parameter_set(values: ParameterSet) -> ET.Element:
+def _parameter_set(values: ssp.ParameterSet) -> ET.Element:
     root = ET.Element(f"{SSV}ParameterSet", {"version": VERSION, "name": values.name, **_metadata(values.metadata)})
     listed = ET.SubElement(root, f"{SSV}Parameters")
     for value in values.parameters:
@@ -507,17 +469,17 @@ def _parameter_set(values: ParameterSet) -> ET.Element:
     return root
 
 
-def _text(value: ParameterValue) -> str:
+def _text(value: ssp.ParameterValue) -> str:
     """A value as the file has it."""
     (one,) = value.values
     if isinstance(one, str):
         return one
     if value.type == "Boolean":
-        return next(text for text, truth in TRUTH.items() if truth == bool(one))
-    return str(round(one)) if value.type in WHOLES else repr(float(one))
+        return next(text for text, truth in ssp.TRUTH.items() if truth == bool(one))
+    return str(round(one)) if value.type in ssp.WHOLES else repr(float(one))
 
 
-def _parameter_mapping(to: ParameterMapping) -> ET.Element:
+def _parameter_mapping(to: ssp.ParameterMapping) -> ET.Element:
     root = ET.Element(f"{SSM}ParameterMapping", {"version": VERSION, **_metadata(to.metadata)})
     for entry in to.entries:
         stated = {"source": entry.source, "target": entry.target}

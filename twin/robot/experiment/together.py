@@ -55,23 +55,7 @@ COMMON_CAUSES = (
     CommonCause("brown_out", "power", _SUPPLY, Seen(0.05, 0.05)),
     CommonCause("power_off", "power", _SUPPLY, ALWAYS),
 )
-NOT_COMMON = {
-    "encoder_flip": "a wiring error of one encoder, found when it is connected",
-    "encoder_swap": "two channels are a group already",
-    "sample_delay": "one message carries all encoders",
-    "sample_jitter": "one message carries all encoders",
-    "sample_loss": "one message carries all encoders",
-    "controller_overrun": "one command carries all motors",
-    "joint_jam": "three things caught in three gears have no one cause",
-    "drive_failure": "it ends the run",
-    "belief_k_s": "one belief holds for all joints",
-    "belief_eta": "one belief holds for all joints",
-    "stiffness_change": "there is one body",
-    "surface_jump": "there is one body",
-    "contact_loss": "there is one body",
-    "breathing": "there is one body",
-}
-"""Kinds that are in no common cause, and why."""
+"""Which kinds are left out here and in `PAIR_PARTS`, and why: tests/robot/experiment/test_together.py."""
 
 
 class PairPart(NamedTuple):
@@ -97,34 +81,6 @@ PAIR_PARTS = (
     PairPart("body", "surface_jump", "contact", 5.0),
 )
 """Of each component the kind that hides most from the monitor, or presses most before it is seen."""
-NOT_PAIRED = {
-    "encoder_bias": "as a drift that has ended",
-    "encoder_quantisation": "of the large steps the deflection jumps, as alone",
-    "encoder_dropout_hold": "its largest share is a stuck encoder",
-    "encoder_dropout_zero": "trips at once, and the monitor then reacts as to lost messages",
-    "encoder_dropout_nan": "trips at once, and the monitor then reacts as to lost messages",
-    "encoder_glitch": "trips at once, and the encoder is right again",
-    "encoder_flip": "trips at once",
-    "encoder_swap": "trips at once, or is not seen where the angles agree",
-    "sample_delay": "lost messages are longer late",
-    "sample_jitter": "lost messages are longer late",
-    "controller_overrun": "a command held for ever is later",
-    "command_lost": "motors that stand still press less than motors that go on",
-    "belief_k_s": "has the sign that presses less; eta stands for the estimator",
-    "spring_broken": "trips by itself",
-    "backlash_growth": "smaller than a slip",
-    "joint_friction": "acts on motion only",
-    "drive_freewheel": "presses less than a runaway",
-    "drive_dead": "presses less than a runaway",
-    "joint_jam": "presses less than a runaway",
-    "drive_failure": "it ends the run",
-    "drive_saturation": "presses less than a runaway; one supply for all stands for it",
-    "power_off": "all drives without power do nothing else any more",
-    "stiffness_change": "from one tick to the next, before any reaction, as alone",
-    "contact_loss": "takes force away",
-    "breathing": "is what a healthy body does",
-}
-"""Kinds that are in no pair, and why."""
 IMPOSSIBLE = {
     ("controller", "bus"): "who repeats the last command is the same to the drives",
     ("motor encoder", "messages"): "what does not arrive cannot be wrong",

@@ -22,22 +22,10 @@ from websockets.asyncio.server import ServerConnection, serve
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
+from twin.kernel import live
 from twin.kernel import live as protocol
 from twin.kernel.cosim.observers import TickEvent
 from twin.kernel.errors import InputRefused
-from twin.kernel.live import (
-    HOST,
-    SUBPROTOCOLS,
-    Channel,
-    Gate,
-    Level,
-    Message,
-    advertisement,
-    message_data,
-    server_info,
-    status,
-    time_now,
-)
 from twin.kernel.recording.recorder import RowStream
 from twin.robot.live.topics import Drawn, Topics
 
@@ -82,7 +70,7 @@ class Client:
         self,
         connection: ServerConnection,
         may_tune: bool,
-        channels: Mapping[int, Channel],
+        channels: Mapping[int, live.Channel],
         tuning: Parameters,
         subscribed: Callable[[bool], None],
         changed: Callable[[Sequence[str]], None],
@@ -112,15 +100,15 @@ class Client:
         finally:
             self._sending.cancel()
 
-    def hand(self, time: int, messages: Sequence[Message]) -> None:
+    def hand(self, time: int, messages: Sequence[live.Message]) -> None:
         """Send it the simulated `time` (ns), and what it has subscribed to of `messages`."""
-        found, sent = self.subscriptions, [time_now(time)]
+        found, sent = self.subscriptions, [live.time_now(time)]
         for message in messages:
             if message.channel in self.lacking:
                 self.lacking.remove(message.channel)
-                self._once[message.channel] = message_data(found[message.channel], message)
+                self._once[message.channel] = live.message_data(found[message.channel], message)
             elif message.channel in found and not self._channels[message.channel].constant:
-                sent.append(message_data(found[message.channel], message))
+                sent.append(live.message_data(found[message.channel], message))
         self._put(*sent)
 
     def tell(self, names: Sequence[str]) -> None:
@@ -157,11 +145,11 @@ class Client:
 
     def _answers(self, frame: str | bytes) -> list[str]:
         if isinstance(frame, bytes):
-            return [status(Level.ERROR, "not understood: nothing binary is expected here")]
+            return [live.status(live.Level.ERROR, "not understood: nothing binary is expected here")]
         try:
             return self._answer(protocol.request(frame))
         except InputRefused as refusal:
-            return [status(Level.ERROR, str(refusal))]
+            return [live.status(live.Level.ERROR, str(refusal))]
 
     def _answer(self, asked: protocol.Request) -> list[str]:
         match asked:
@@ -186,9 +174,9 @@ class Client:
         answers, before = [], len(self.subscriptions)
         for wanted in asked.subscriptions:
             if wanted.channel not in self._channels:
-                answers.append(status(Level.ERROR, f"there is no channel {wanted.channel}"))
+                answers.append(live.status(live.Level.ERROR, f"there is no channel {wanted.channel}"))
             elif wanted.channel in self.subscriptions:
-                answers.append(status(Level.WARNING, f"already subscribed to channel {wanted.channel}"))
+                answers.append(live.status(live.Level.WARNING, f"already subscribed to channel {wanted.channel}"))
             else:
                 self.subscriptions[wanted.channel] = wanted.id
                 if self._channels[wanted.channel].constant:
@@ -205,10 +193,10 @@ class Client:
                 try:
                     self._tuning.request(wish.name, wish.value)
                 except InputRefused as refusal:
-                    answers.append(status(Level.WARNING, f"refused: {refusal}"))
+                    answers.append(live.status(live.Level.WARNING, f"refused: {refusal}"))
             self._changed(names)
         else:
-            answers.append(status(Level.WARNING, WATCHES))
+            answers.append(live.status(live.Level.WARNING, WATCHES))
         if asked.id is not None and names:
             answers.append(protocol.parameter_values(self._values(names), asked.id))
         return answers
@@ -255,13 +243,13 @@ class Broadcast:
         OSError: the port is taken.
     """
 
-    def __init__(self, port: int, gate: Gate, channels: Sequence[Channel], tuning: Parameters):
+    def __init__(self, port: int, gate: live.Gate, channels: Sequence[live.Channel], tuning: Parameters):
         self.news: SimpleQueue[str | None] = SimpleQueue()
         self.wanted: frozenset[int] = frozenset()
         self.lacking: frozenset[int] = frozenset()
         self.port, self._gate, self._tuning = port, gate, tuning
         self._channels = {channel.number: channel for channel in channels}
-        self._greeting = (server_info(str(time.time_ns())), advertisement(channels))
+        self._greeting = (live.server_info(str(time.time_ns())), live.advertisement(channels))
         self._clients: set[Client] = set()
         self._refused: set[str] = set()
         self._begun = False
@@ -271,7 +259,7 @@ class Broadcast:
         self._thread.start()
         self._loop = self._started.result()
 
-    def publish(self, time: int, messages: Sequence[Message]) -> None:
+    def publish(self, time: int, messages: Sequence[live.Message]) -> None:
         """Send every viewer the simulated `time` (ns), and what it has subscribed to of `messages`."""
         self._loop.call_soon_threadsafe(self._hand_out, time, messages)
 
@@ -291,9 +279,9 @@ class Broadcast:
             # no context manager: its end waits for viewers that do not read
             server = await serve(
                 self._attend,
-                HOST,
+                live.HOST,
                 self.port,
-                subprotocols=SUBPROTOCOLS,
+                subprotocols=live.SUBPROTOCOLS,
                 process_request=self._admit,
                 # a small message that unpacks into a large one, and work for the thread that steps
                 compression=None,
@@ -333,7 +321,7 @@ class Broadcast:
         client = Client(connection, knows is True, self._channels, self._tuning, self._subscribed, self._changed)
         greeting = list(self._greeting)
         if knows is False:
-            greeting.append(status(Level.WARNING, "the token is not that of this run: watching only"))
+            greeting.append(live.status(live.Level.WARNING, "the token is not that of this run: watching only"))
         self._clients.add(client)
         try:
             await client.attend(greeting)
@@ -355,7 +343,7 @@ class Broadcast:
         for client in self._clients:
             client.tell(names)
 
-    def _hand_out(self, time: int, messages: Sequence[Message]) -> None:
+    def _hand_out(self, time: int, messages: Sequence[live.Message]) -> None:
         for client in self._clients:
             client.hand(time, messages)
         if self.lacking:
@@ -387,13 +375,13 @@ class LiveServer:
         origins: Sequence[str] = (),
         waits: bool = True,
     ):
-        self._announce, self._warn, self._gate, self._waits = announce, warn, Gate(origins), waits
+        self._announce, self._warn, self._gate, self._waits = announce, warn, live.Gate(origins), waits
         self._held = socket.socket()
         if os.name == "posix":
             # what is left of viewers of a session before must not hold up the next one for a minute
             self._held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            self._held.bind((HOST, port))
+            self._held.bind((live.HOST, port))
         except OSError as problem:
             self._held.close()
             raise _refusal(port, problem) from None
@@ -421,7 +409,7 @@ class LiveServer:
         except OSError as problem:
             raise _refusal(self._port, problem) from None
         self._on_air = broadcast, None
-        self._announce(f"ws://{HOST}:{self._port}/?token={self._gate.token}")
+        self._announce(f"ws://{live.HOST}:{self._port}/?token={self._gate.token}")
         if self._waits:
             for refusal in iter(broadcast.news.get, None):
                 self._warn(refusal)

@@ -11,30 +11,11 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import ArrayLike, NDArray
 
+from twin.studies.analyse import passivity, stability
 from twin.studies.analyse.linear.hand import AXES, power_share
 from twin.studies.analyse.linear.loops import Matrix, closed_poles
 from twin.studies.analyse.linear.margins import LARGEST_GAIN, DiskMargin, Margins, Pole, frequencies, loop_response
 from twin.studies.analyse.operating_point import OperatingPoint
-from twin.studies.analyse.passivity import (
-    INSIDE,
-    MASSES,
-    OUTSIDE,
-    Band,
-    Passivity,
-    PassivityTrial,
-    PointPassivity,
-    Width,
-)
-from twin.studies.analyse.stability import (
-    FARTHEST,
-    FORCE,
-    HOLDS,
-    POSITION,
-    LimitCheck,
-    PointStability,
-    Stability,
-    StabilityMap,
-)
 from twin.studies.figure import BLUE, GREEN, GREY, INK, LIGHT_IS_GOOD, MAP, ORANGE, PINK, SKY, VERMILION, Axes, picture
 from twin.studies.result import TIE, Block, Column, Note, Result, Row, Table, counted
 
@@ -45,11 +26,11 @@ LOCUS = np.geomspace(1e-2, 1.0, 60)
 SWINGING = 0.3
 """Damping ratio below which a pole is one of the platform on its springs, which a root locus shows."""
 
-Curve = tuple[PointStability, str]
+Curve = tuple[stability.PointStability, str]
 Numbers = NDArray[np.float64]
 
 
-def draw_analysis(done: Stability, path: Path) -> None:
+def draw_analysis(done: stability.Stability, path: Path) -> None:
     """Write the picture to `path` (PNG).
 
     Shown are the points that leave the gains of the two laws least room; an unstable one only as a root locus.
@@ -85,8 +66,8 @@ def draw_analysis(done: Stability, path: Path) -> None:
         sensitivity.set(title="|1/(1+L)|, dotted |L/(1+L)|", xlabel="frequency (Hz)")
         sensitivity.set_ylim(1e-2, 5.0)
         _dress_nyquist(nyquist)
-        _draw_locus(position, done, "position", POSITION)
-        _draw_locus(force, done, "force", FORCE)
+        _draw_locus(position, done, "position", stability.POSITION)
+        _draw_locus(force, done, "force", stability.FORCE)
         if curves:
             figure.legend(loc="outside lower center", ncols=2, fontsize=9)
 
@@ -116,17 +97,17 @@ def _mark_margins(magnitude: Axes, phase: Axes, margins: Margins, curve: tuple[N
         phase.plot([at, at], [degrees - own, degrees], **look)
 
 
-def shown_loops(done: Stability) -> list[Curve]:
+def shown_loops(done: stability.Stability) -> list[Curve]:
     """Position x, y and z of the critical point of the position law, then z and force of that of the force law."""
     curves: list[Curve] = []
-    for law, names in (("position", POSITION), ("force", ("position_z", *FORCE))):
+    for law, names in (("position", stability.POSITION), ("force", ("position_z", *stability.FORCE))):
         critical = done.critical(law)
         if critical is not None and critical.stable:
             curves += [(critical, name) for name in names]
     return curves
 
 
-def _draw_locus(axes: Axes, done: Stability, law: str, names: tuple[str, ...]) -> None:
+def _draw_locus(axes: Axes, done: stability.Stability, law: str, names: tuple[str, ...]) -> None:
     """Closed-loop poles s = ln(z) / T while all gains of a law grow from nothing to 1.5 times their limit."""
     critical = done.critical(law)
     limit = critical.limits[law] if critical else None
@@ -161,7 +142,7 @@ WIDEST = 24.0
 """dB that are drawn."""
 
 
-def draw_disks(done: Stability, path: Path) -> None:
+def draw_disks(done: stability.Stability, path: Path) -> None:
     """Write the picture to `path` (PNG): the stable point with the smallest disk, in air and pressing."""
     shown = [point for in_contact in (False, True) if (point := _tightest(done, in_contact)) is not None]
     with picture(path, 11, 4.6, f"All loops of {done.experiment.name} off at once") as figure:
@@ -182,7 +163,7 @@ def outline(disk: DiskMargin) -> tuple[Matrix, Matrix]:
     return 20.0 * np.log10(np.abs(f)), np.angle(f, deg=True)
 
 
-def _tightest(done: Stability, in_contact: bool) -> PointStability | None:
+def _tightest(done: stability.Stability, in_contact: bool) -> stability.PointStability | None:
     there = [point for point in done.points if point.disks and point.linear.point.in_contact == in_contact]
     return min(there, key=lambda point: min(disk.alpha for disk in point.disks.values()), default=None)
 
@@ -193,7 +174,7 @@ SHADES = ("#2a788e", "#5aa6a9", "#9accc4", "#cfe6df", "#f4f0dc", "#fdf9cf")
 """From hardly damped to well damped: light is good, as in every map."""
 
 
-def draw_stability_maps(done: Stability, path: Path) -> None:
+def draw_stability_maps(done: stability.Stability, path: Path) -> None:
     """Write the picture to `path` (PNG); `done` has at least one map."""
     title = f"{done.experiment.name}: {point_name(done.maps[0].at.point)}, on surfaces of other stiffness"
     with picture(path, 6.3 * len(done.maps) + 1.0, 5.2, title, look=MAP) as figure:
@@ -209,7 +190,7 @@ def draw_stability_maps(done: Stability, path: Path) -> None:
         bar.ax.set_yticklabels(["unstable", *(f"{level:g}" for level in LEVELS[1:])])
 
 
-def _mark(axes: Axes, done: Stability, chart: StabilityMap) -> None:
+def _mark(axes: Axes, done: stability.Stability, chart: stability.StabilityMap) -> None:
     gain, K = _gain(done, chart), chart.at.point.parameters.K
     axes.contour(chart.stiffness, gain, chart.zeta, levels=[0.0], colors=INK, linewidths=1.2)
     axes.plot(K, np.interp(1.0, chart.factors, gain), "o", color=INK, mfc="white", ms=8)
@@ -217,19 +198,19 @@ def _mark(axes: Axes, done: Stability, chart: StabilityMap) -> None:
     axes.set(xscale="log", yscale="log", xlabel="contact stiffness (N/m)", ylabel=_gain_label(done, chart))
 
 
-def _gain_label(done: Stability, chart: StabilityMap) -> str:
+def _gain_label(done: stability.Stability, chart: stability.StabilityMap) -> str:
     force = done.experiment.controller.force
     if not _kp(done, chart):
         return f"{chart.law} gains, times what is set"
     return f"force kp (mm/N){', ki with it' if force.ki else ''}" if chart.law == "force" else "position kp (1/s)"
 
 
-def _kp(done: Stability, chart: StabilityMap) -> float:
+def _kp(done: stability.Stability, chart: stability.StabilityMap) -> float:
     c = done.experiment.controller
     return 1e3 * c.force.kp if chart.law == "force" else c.position.kp
 
 
-def _gain(done: Stability, chart: StabilityMap) -> np.ndarray:
+def _gain(done: stability.Stability, chart: stability.StabilityMap) -> np.ndarray:
     return chart.factors * (_kp(done, chart) or 1.0)
 
 
@@ -237,7 +218,7 @@ PASSIVITY_COLORS = dict(zip(AXES, (BLUE, ORANGE, GREEN), strict=True))
 PASSIVITY_LEVELS = (-1.0, -0.3, -0.1, 0.0, 1.0)
 
 
-def draw_passivity(done: Passivity, path: Path) -> None:
+def draw_passivity(done: passivity.Passivity, path: Path) -> None:
     """Write the picture to `path` (PNG): the last point in air and the first pressing, and the map if there is one."""
     air = [point for point in done.points if not point.point.in_contact]
     pressing = [point for point in done.points if point.point.in_contact]
@@ -263,7 +244,7 @@ def draw_passivity(done: Passivity, path: Path) -> None:
             _draw_width(panels[0, -1], done.width)
 
 
-def _draw_width(axes: Axes, width: Width) -> None:
+def _draw_width(axes: Axes, width: passivity.Width) -> None:
     axes.set_facecolor(UNSTABLE)
     shades, norm = ListedColormap([SHADES[0], SHADES[1], SHADES[2], SHADES[4]]), BoundaryNorm(PASSIVITY_LEVELS, 4)
     drawn = axes.pcolormesh(width.stiffness, width.damping, width.least, cmap=shades, norm=norm, shading="nearest")
@@ -302,7 +283,7 @@ COLUMNS = (
 AXIS_COLUMNS = (Column("axis", 6, left=True), Column("springs", 14), Column("passive", gap=3, left=True))
 
 
-def analysis_result(done: Stability, files: Sequence[str] = ()) -> Result:
+def analysis_result(done: stability.Stability, files: Sequence[str] = ()) -> Result:
     """The verdict first, then where its numbers come from, then where `files` are."""
     first, *verdict = _verdict(done)
     plant = done.experiment.plant
@@ -340,7 +321,7 @@ def loop_name(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _verdict(done: Stability) -> Iterator[Block]:
+def _verdict(done: stability.Stability) -> Iterator[Block]:
     unstable = [judged for judged in done.points if not judged.stable]
     count = len(done.points)
     left_out = f"; {len(done.problems)} left out" if done.problems else ""
@@ -360,14 +341,14 @@ def _verdict(done: Stability) -> Iterator[Block]:
         yield from (_tied(f"  {law:8}  ", text) for text in limits)
 
 
-def _limit(done: Stability, law: str, critical: PointStability) -> str:
+def _limit(done: stability.Stability, law: str, critical: stability.PointStability) -> str:
     where, factor = point_name(critical.linear.point), critical.limits[law]
     if not factor:
         return f"no gain of it makes the robot stable {where}"
     return f"stable up to {_gains(done, law, factor)}, {factor:.3g} times what is set; beyond, it shakes {where}"
 
 
-def _checked(done: Stability, check: LimitCheck) -> str:
+def _checked(done: stability.Stability, check: stability.LimitCheck) -> str:
     where, predicted = point_name(check.point), check.predicted
     if check.holds and predicted is None:
         return f"nothing limits its gains up to {LARGEST_GAIN:g} times what is set, nor in the co-simulation, {where}"
@@ -376,13 +357,13 @@ def _checked(done: Stability, check: LimitCheck) -> str:
     else:
         linear = f"{_gains(done, check.law, predicted)}, {predicted:.3g} times what is set"
     if check.holds:
-        within = f"the co-simulation agrees within {100 * HOLDS:.0f} %"
+        within = f"the co-simulation agrees within {100 * stability.HOLDS:.0f} %"
         return f"stable up to {linear}; beyond, it shakes {where}; {within}"
     if check.high is None:
         tried = check.low or 0.0
         found = f"no nudge lasts up to {_gains(done, check.law, tried)}, {tried:.3g} times what is set"
     elif check.simulated is None:
-        found = f"a nudge lasts down to a {FARTHEST:g}th of that"
+        found = f"a nudge lasts down to a {stability.FARTHEST:g}th of that"
     else:
         factor = check.simulated
         found = f"a nudge lasts from {_gains(done, check.law, factor)} on, {factor:.3g} times what is set"
@@ -392,7 +373,7 @@ def _checked(done: Stability, check: LimitCheck) -> str:
     )
 
 
-def _gains(done: Stability, law: str, factor: float) -> str:
+def _gains(done: stability.Stability, law: str, factor: float) -> str:
     c = done.experiment.controller
     if law == "position":
         return f"kp = {_digits(factor * c.position.kp)} 1/s"
@@ -400,7 +381,7 @@ def _gains(done: Stability, law: str, factor: float) -> str:
     return ", ".join([*terms, f"ki = {_digits(1e3 * factor * c.force.ki)} mm/(N s)"] if c.force.ki else terms)
 
 
-def _damping(judged: PointStability) -> str:
+def _damping(judged: stability.PointStability) -> str:
     pole = judged.least_damped
     if not judged.stable:
         return f": UNSTABLE, {_growth(judged.poles[0])}"
@@ -418,7 +399,7 @@ def _growth(pole: Pole) -> str:
     return f"a swing of {_hertz(pole.omega)} Hz grows e-fold in {1.0 / rate:.2g} s"
 
 
-def _point(judged: PointStability) -> list[Block]:
+def _point(judged: stability.PointStability) -> list[Block]:
     title = _tied("", point_name(judged.linear.point) + _damping(judged))
     if not judged.stable:
         return [title]
@@ -441,7 +422,7 @@ def _disk_row(name: str, disk: DiskMargin) -> Row:
     return name, gain, f"{math.degrees(disk.phase):.0f} deg", disk.alpha
 
 
-def _drives(done: Stability) -> Iterator[Note]:
+def _drives(done: stability.Stability) -> Iterator[Note]:
     fits = dict(zip(done.shared.labels, done.shared.drives, strict=True))
     for label, model in fits.items():
         doubt = "; take the numbers with that doubt" if model.residual > DOUBT else ""
@@ -466,7 +447,7 @@ def _tied(head: str, text: str) -> Note:
     return Note(tied, head, max(2, len(head)), whole=True)
 
 
-def passivity_result(done: Passivity, files: Sequence[str] = ()) -> Result:
+def passivity_result(done: passivity.Passivity, files: Sequence[str] = ()) -> Result:
     """The verdict first: how many points are passive, what is rendered, what was tried; then where `files` are."""
     passive = sum(point.bands["all"] is None and point.stable for point in done.points)
     parts = [
@@ -481,7 +462,7 @@ def passivity_result(done: Passivity, files: Sequence[str] = ()) -> Result:
     return Result(Note(verdict, later=4), parts, facts, {file: file for file in files}, 0, 0 if stable else 1)
 
 
-def _rendered(width: Width) -> str:
+def _rendered(width: passivity.Width) -> str:
     rendered, stiffness, damping = width.largest
     spring = f"the springs have {width.spring:.4g} N/m there"
     if not rendered:
@@ -491,10 +472,10 @@ def _rendered(width: Width) -> str:
     )
 
 
-def _carried(trial: PassivityTrial | None) -> str:
+def _carried(trial: passivity.PassivityTrial | None) -> str:
     if trial is None:
-        return f"{MASSES[1]:g} kg on the platform in the air, as far as the linear model says"
-    inside, outside = (f"{factor * trial.mass:.3g} kg" for factor in (INSIDE, OUTSIDE))
+        return f"{passivity.MASSES[1]:g} kg on the platform in the air, as far as the linear model says"
+    inside, outside = (f"{factor * trial.mass:.3g} kg" for factor in (passivity.INSIDE, passivity.OUTSIDE))
     simulated = [f"{growth:+.2g} 1/s" for growth in trial.simulated]
     predicted = [f"{growth:+.2g}" for growth in trial.predicted]
     agrees = "the co-simulation agrees" if trial.confirmed else "the co-simulation does NOT agree"
@@ -505,7 +486,7 @@ def _carried(trial: PassivityTrial | None) -> str:
     )
 
 
-def _passive_point(point: PointPassivity) -> list[Block]:
+def _passive_point(point: passivity.PointPassivity) -> list[Block]:
     springs = {axis: f"{spring:.0f} N/m" for axis, spring in zip(AXES, point.springs, strict=True)}
     rows = [(axis, springs.get(axis), _passive(point.bands[axis])) for axis in (*AXES, "all")]
     worst = point.worst
@@ -522,7 +503,7 @@ def _passive_point(point: PointPassivity) -> list[Block]:
     ]
 
 
-def _passive(band: Band | None) -> str:
+def _passive(band: passivity.Band | None) -> str:
     if band is None:
         return "at all frequencies"
     return f"not from {band.low:.2g} to {band.high:.3g} Hz; gives back {-100.0 * band.least:.0f} % at {band.at:.2g} Hz"

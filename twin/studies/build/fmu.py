@@ -13,21 +13,8 @@ from twin.kernel.fmi.unpacked import fmi_headers
 from twin.kernel.units import Unit, known_unit
 from twin.kernel.writing import made_folder, refuse_unwritable, write_bytes
 from twin.robot.assembly.load import load_experiment
+from twin.studies.build import linking
 from twin.studies.build.layout import ExportedVariable, Kind, Layout, laid_out, sizes, tables
-from twin.studies.build.linking import (
-    HERE,
-    Platform,
-    c_files,
-    emitted_steps,
-    guid_of,
-    names_of,
-    object_files,
-    platforms_named,
-    refuse_platform,
-    shared_library,
-    summary,
-    universal,
-)
 from twin.studies.build.part import RobotPart, fixed, parameters, part_of
 from twin.studies.command import Answer
 
@@ -158,7 +145,7 @@ def packed(
     part: RobotPart,
     layout: Layout,
     fmi: str,
-    platforms: Sequence[Platform],
+    platforms: Sequence[linking.Platform],
     about: str,
     readme: str,
     wanted: Path,
@@ -179,7 +166,7 @@ def packed(
     Raises:
         InputRefused: a step cannot leave Python, or the compiler refuses.
     """
-    steps = emitted_steps(layout, platforms, say)
+    steps = linking.emitted_steps(layout, platforms, say)
     variables = layout.variables if fmi == "3.0" else layout.scalars()
     experiment = part.experiment
     tick, duration = experiment.cosim.tick, experiment.duration_ticks * experiment.cosim.tick
@@ -189,14 +176,18 @@ def packed(
 
     source = tables(layout, variables)
     front = f"fmi{fmi[0]}.c"
-    ceremony = c_files("part.h", "part.c", "instance.h", "instance.c", front)
+    ceremony = linking.c_files("part.h", "part.c", "instance.h", "instance.c", front)
     # of the steps for this platform: the others are the same ones
-    guid = guid_of(*(step.content for step in steps[HERE]), source.encode(), description(""), *ceremony.values())
+    guid = linking.guid_of(
+        *(step.content for step in steps[linking.HERE]), source.encode(), description(""), *ceremony.values()
+    )
     files = ceremony | {"sizes.h": sizes(layout, variables, guid, tick).encode(), "tables.c": source.encode()}
     options = ("-DFMI3_OVERRIDE_FUNCTION_PREFIX", "-isystem", str(fmi_headers()))
 
-    def library(platform: Platform) -> bytes:
-        return shared_library(part.name, front, platform, files | object_files(steps[platform]), options, wanted)
+    def library(platform: linking.Platform) -> bytes:
+        return linking.shared_library(
+            part.name, front, platform, files | linking.object_files(steps[platform]), options, wanted
+        )
 
     say("linking")
     with ThreadPoolExecutor() as threads:
@@ -210,13 +201,13 @@ def packed(
     )
 
 
-def _binaries(name: str, fmi: str, libraries: dict[Platform, bytes]) -> dict[str, bytes]:
+def _binaries(name: str, fmi: str, libraries: dict[linking.Platform, bytes]) -> dict[str, bytes]:
     """Libraries by their places in the archive; FMI 2.0 has one for all processors of macOS."""
     places: dict[str, dict[str, bytes]] = {}
     for platform, library in libraries.items():
         folder = platform.name if fmi == "3.0" else platform.fmi2
         places.setdefault(f"binaries/{folder}/{name}.{platform.suffix}", {})[platform.triple] = library
-    return {place: next(iter(s.values())) if len(s) == 1 else universal(s) for place, s in places.items()}
+    return {place: next(iter(s.values())) if len(s) == 1 else linking.universal(s) for place, s in places.items()}
 
 
 HOME = Path("results/build")
@@ -246,13 +237,13 @@ def build_fmu(
         InputRefused: the experiment or the part cannot be used, or there is no compiler.
         NotWritten: the disk refuses.
     """
-    targets = platforms_named(platforms, fmi)
+    targets = linking.platforms_named(platforms, fmi)
     loaded = load_experiment(experiment, settings)
     file = out or HOME / loaded.name / f"{part}.fmu"
     if out is not None:
         refuse_unwritable(file)
     found = part_of(loaded, part)
-    refuse_platform(file, targets)
+    linking.refuse_platform(file, targets)
     offered = parameters(found)
     layout, closed = laid_out(found, offered), fixed(found, offered)
     page = readme(found, layout, closed, targets)
@@ -262,8 +253,8 @@ def build_fmu(
     write_bytes(file, content)
     components = [component.name for component in found.components]
     inputs, outputs = _names(layout, "input"), _names(layout, "output")
-    text = summary(f"{found.name} of {loaded.name}, FMI {fmi} co-simulation, {len(content) / 1000:.0f} KB", {
-        "runs on": names_of(targets),
+    text = linking.summary(f"{found.name} of {loaded.name}, FMI {fmi} co-simulation, {len(content) / 1000:.0f} KB", {
+        "runs on": linking.names_of(targets),
         "holds": ", ".join(components),
         "step": f"multiples of {1e3 * loaded.cosim.tick:g} ms",
         "inputs": ", ".join(inputs) or "none",
@@ -317,7 +308,7 @@ def _names(layout: Layout, kind: str) -> list[str]:
     return [variable.name for variable in layout.variables if variable.kind == kind]
 
 
-def readme(part: RobotPart, layout: Layout, closed: Sequence[str], platforms: Sequence[Platform]) -> str:
+def readme(part: RobotPart, layout: Layout, closed: Sequence[str], platforms: Sequence[linking.Platform]) -> str:
     rows = [
         f"| `{v.name}` | {v.kind} | {v.text} | {', '.join(f'{x:g}' for x in v.start) if v.kind != 'output' else ''} | "
         f"{v.meaning} |"
@@ -329,7 +320,8 @@ def readme(part: RobotPart, layout: Layout, closed: Sequence[str], platforms: Se
             "",
             about(part),
             "",
-            f"Native code for {names_of(platforms)}; it needs the C library with its mathematics and nothing else.",
+            f"Native code for {linking.names_of(platforms)}; it needs the C library with its mathematics and nothing "
+            "else.",
             "",
             "| variable | | unit | start | |",
             "|---|---|---|---|---|",

@@ -15,22 +15,9 @@ from twin.kernel.errors import disk_refusals
 from twin.kernel.writing import made_folder, write_bytes
 from twin.robot.assembly.load import load_experiment
 from twin.robot.monitor.checks import Reason
+from twin.studies.build import linking
 from twin.studies.build.fmu import HOME
 from twin.studies.build.layout import STATUS, ExportedVariable, Layout, laid_out, sizes, tables
-from twin.studies.build.linking import (
-    HERE,
-    PLATFORMS,
-    Platform,
-    c_files,
-    emitted_steps,
-    guid_of,
-    names_of,
-    object_files,
-    platforms_named,
-    refuse_platform,
-    static_library,
-    summary,
-)
 from twin.studies.build.part import Limits, RobotPart, drive_commands, fixed, parameters, part_of
 from twin.studies.command import Answer
 
@@ -85,7 +72,7 @@ def header(part: RobotPart, layout: Layout) -> bytes:
         f"    uint64_t opaque[{_words(layout)}];",
         "} computer;",
     ]
-    template = c_files("computer.h")["computer.h"].decode()
+    template = linking.c_files("computer.h")["computer.h"].decode()
     return template.replace("/* TYPES */", "\n".join(types)).encode()
 
 
@@ -219,29 +206,29 @@ def build_c(
         InputRefused: the experiment cannot be used, or there is no compiler.
         NotWritten: the disk refuses.
     """
-    targets = platforms_named(platforms)
+    targets = linking.platforms_named(platforms)
     loaded = load_experiment(experiment, settings)
     folder = out or HOME / loaded.name / "c"
     part = part_of(loaded, PART)
-    refuse_platform(folder, targets)
+    linking.refuse_platform(folder, targets)
     offered = parameters(part)
     layout = laid_out(part, offered)
     layout = replace(layout, rows=tuple(row._replace(symbol=OURS + row.symbol) for row in layout.rows))
     closed = fixed(part, offered)
     # before what takes long
     made_folder(folder)
-    steps = emitted_steps(layout, targets, say)
+    steps = linking.emitted_steps(layout, targets, say)
     source = tables(layout, layout.variables).encode()
-    shared = c_files("part.h", "part.c", "computer.c", "main.c") | {
+    shared = linking.c_files("part.h", "part.c", "computer.c", "main.c") | {
         "computer.h": header(part, layout),
         "fields.c": fields(part, layout),
         "tables.c": source,
     }
-    guid = guid_of(*(step.content for step in steps[HERE]), *shared.values())
+    guid = linking.guid_of(*(step.content for step in steps[linking.HERE]), *shared.values())
     shared["sizes.h"] = sizes(layout, layout.variables, guid, loaded.cosim.tick).encode()
 
-    def library(platform: Platform) -> bytes:
-        return static_library("computer.c", platform, shared | object_files(steps[platform]), folder)
+    def library(platform: linking.Platform) -> bytes:
+        return linking.static_library("computer.c", platform, shared | linking.object_files(steps[platform]), folder)
 
     say("linking")
     with ThreadPoolExecutor() as threads:
@@ -255,13 +242,13 @@ def build_c(
         write_bytes(folder / name, content)
     with disk_refusals(folder, "cannot be tidied"):
         # what an earlier build has left does not belong to this header
-        for other in PLATFORMS.keys() - {target.name for target in targets}:
+        for other in linking.PLATFORMS.keys() - {target.name for target in targets}:
             (folder / other / LIBRARY).unlink(missing_ok=True)
     names = [variable.name for variable in parameters_of(layout)]
     components = [component.name for component in part.components]
     step = step_ticks(part) * loaded.cosim.tick
-    text = summary(f"C for the robot's own computer, of {loaded.name}", {
-        "runs on": names_of(targets),
+    text = linking.summary(f"C for the robot's own computer, of {loaded.name}", {
+        "runs on": linking.names_of(targets),
         "holds": ", ".join(components),
         "step": f"{1e3 * step:g} ms: counts in, motor speeds out",
         "open": f"{len(names)} parameters, as the experiment's file calls them",
@@ -279,7 +266,7 @@ def build_c(
     })  # fmt: skip
 
 
-def _readme(part: RobotPart, platforms: Sequence[Platform], closed: Sequence[str]) -> str:
+def _readme(part: RobotPart, platforms: Sequence[linking.Platform], closed: Sequence[str]) -> str:
     experiment = part.experiment
     step = step_ticks(part) * experiment.cosim.tick
     names = ", ".join(component.name for component in part.components)
@@ -310,9 +297,9 @@ def _readme(part: RobotPart, platforms: Sequence[Platform], closed: Sequence[str
     return "\n".join(lines)
 
 
-def _compile(platform: Platform) -> str:
-    if platform is HERE:
-        return f"cc -O2 main.c {HERE.name}/{LIBRARY} -lm -o main"
+def _compile(platform: linking.Platform) -> str:
+    if platform is linking.HERE:
+        return f"cc -O2 main.c {linking.HERE.name}/{LIBRARY} -lm -o main"
     suffix = ".exe" if platform.suffix == "dll" else ""
     libm = " -lm" if platform.is_elf else ""
     target = platform.target

@@ -25,23 +25,7 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import KIND_NAMES, FmuDescription
 from twin.kernel.fmi.variable import FilePath, Setting, Variable
-from twin.kernel.ssp.structure import (
-    Annotation,
-    Connection,
-    Connector,
-    ConnectorKind,
-    DefaultExperiment,
-    Endpoint,
-    Metadata,
-    ParameterBinding,
-    ParameterSet,
-    ParameterValue,
-    SspComponent,
-    SspSystem,
-    Structure,
-    Transformation,
-    UnitDefinition,
-)
+from twin.kernel.ssp import structure as ssp
 from twin.kernel.units import Dimension, known_unit
 from twin.robot.assembly.assemble import COMMAND, HERE, POWER
 from twin.robot.assembly.build import (
@@ -334,15 +318,15 @@ def _output(component: Component, element: str, name: str) -> Socket:
     return Socket(element, found.port.variable.name, found.port.gain, found.port.offset + float(found.shift[0]))
 
 
-ConnectorUnit = tuple[Connector, UnitDefinition | None]
+ConnectorUnit = tuple[ssp.Connector, ssp.UnitDefinition | None]
 """A connector, and the unit that it names."""
 FROM_ROBOT = ("plant", "controller.model")
 """Tables that the robot's own fills where they say nothing."""
 
 
-def defined(units: Iterable[UnitDefinition | None]) -> dict[str, UnitDefinition]:
+def defined(units: Iterable[ssp.UnitDefinition | None]) -> dict[str, ssp.UnitDefinition]:
     """Units of one file by their names; where two mean different things by one name, it is ambiguous."""
-    found: dict[str, UnitDefinition] = {}
+    found: dict[str, ssp.UnitDefinition] = {}
     disputed: set[str] = set()
     for unit in units:
         if unit is not None and found.setdefault(unit.name, unit) != unit:
@@ -381,7 +365,7 @@ class Member:
     about: str
     entry: str
     connectors: tuple[ConnectorUnit, ...]
-    values: ParameterSet | None
+    values: ssp.ParameterSet | None
 
 
 def structure(
@@ -389,8 +373,8 @@ def structure(
     members: Sequence[Member],
     drives: Sequence[JointDrive],
     hashes: Mapping[str, str],
-    metadata: Metadata,
-) -> Structure:
+    metadata: ssp.Metadata,
+) -> ssp.Structure:
     """The whole of it.
 
     Args:
@@ -402,39 +386,39 @@ def structure(
     """
     units = defined(unit for member in members for _, unit in member.connectors)
     tick, duration = experiment.cosim.tick, experiment.duration_ticks * experiment.cosim.tick
-    system = SspSystem(
+    system = ssp.SspSystem(
         name=experiment.name,
         elements=tuple(_component(member, units) for member in members),
         connections=tuple(_connections(members, drives)),
         description=experiment.title,
         # OMSimulator reads the first one, and no file with one outside of the system
         annotations=(
-            Annotation("org.openmodelica", _fixed_steps(tick)),
-            Annotation("twin", _provenance(experiment, hashes)),
+            ssp.Annotation("org.openmodelica", _fixed_steps(tick)),
+            ssp.Annotation("twin", _provenance(experiment, hashes)),
         ),
     )
-    return Structure(
+    return ssp.Structure(
         name=experiment.name,
         system=system,
         units=tuple(units.values()),
-        experiment=DefaultExperiment(0.0, duration),
+        experiment=ssp.DefaultExperiment(0.0, duration),
         metadata=metadata,
     )
 
 
-def _component(member: Member, units: Mapping[str, UnitDefinition]) -> SspComponent:
+def _component(member: Member, units: Mapping[str, ssp.UnitDefinition]) -> ssp.SspComponent:
     connectors = (c if c.unit in units else replace(c, unit="") for c, _ in member.connectors)
-    return SspComponent(
+    return ssp.SspComponent(
         name=member.name,
         source=member.entry,
         implementation="CoSimulation",
         connectors=tuple(connectors),
-        bindings=() if member.values is None else (ParameterBinding(member.values),),
+        bindings=() if member.values is None else (ssp.ParameterBinding(member.values),),
         description=member.about,
     )
 
 
-def _connections(members: Sequence[Member], drives: Sequence[JointDrive]) -> Iterator[Connection]:
+def _connections(members: Sequence[Member], drives: Sequence[JointDrive]) -> Iterator[ssp.Connection]:
     ours = [member for member in members if not member.name.startswith("drive_")]
     given = {c.name: Socket(member.name, c.name) for member in ours for c, _ in member.connectors if c.kind == "output"}
     last = {name: _last(given, sources) for name, sources in (("omega_ref", COMMAND), ("enable", POWER))}
@@ -467,12 +451,12 @@ def _last(given: Mapping[str, Socket], sources: Sequence[str]) -> str:
     return next((name for name in sources if name in given or f"{name}[1]" in given), "")
 
 
-def _joined(source: Socket, target: Socket) -> Connection:
+def _joined(source: Socket, target: Socket) -> ssp.Connection:
     factor, offset = source.gain / target.gain, (source.offset - target.offset) / target.gain
-    line = Transformation(factor, offset)
-    ends = Endpoint(source.element, source.variable), Endpoint(target.element, target.variable)
+    line = ssp.Transformation(factor, offset)
+    ends = ssp.Endpoint(source.element, source.variable), ssp.Endpoint(target.element, target.variable)
     # a line does all of it: a tool that converts units as well would do it twice
-    return Connection(*ends, line, suppress_unit_conversion=line != Transformation())
+    return ssp.Connection(*ends, line, suppress_unit_conversion=line != ssp.Transformation())
 
 
 def _fixed_steps(tick: float) -> str:
@@ -500,7 +484,7 @@ TYPES = {name: name for name in ("Real", "Boolean", "String", "Enumeration", "Bi
 TYPES |= {"Float64": "Real", "Float32": "Real"}
 
 # some tools leave their outputs marked as local
-THEIRS: dict[str, ConnectorKind] = {
+THEIRS: dict[str, ssp.ConnectorKind] = {
     "input": "input", "output": "output", "local": "output", "parameter": "parameter",
     "structuralParameter": "parameter",
 }  # fmt: skip
@@ -513,7 +497,7 @@ def foreign_connectors(description: FmuDescription, variables: Sequence[Variable
         kind, unit = _type(v), _unit(v, description)
         # which enumeration, the FMU tells
         type_ = "" if kind == "Enumeration" else kind
-        connector = Connector(v.name, THEIRS[v.causality], type_, unit.name if unit else "", (), v.description)
+        connector = ssp.Connector(v.name, THEIRS[v.causality], type_, unit.name if unit else "", (), v.description)
         found.append((connector, unit))
     return tuple(found)
 
@@ -525,8 +509,8 @@ def foreign_values(
     description: FmuDescription,
     settings: Sequence[Setting],
     source: str,
-    metadata: Metadata,
-) -> ParameterSet:
+    metadata: ssp.Metadata,
+) -> ssp.ParameterSet:
     """What an FMU of a drive is set to before it is initialised.
 
     Args:
@@ -547,8 +531,8 @@ def foreign_values(
         if variable.causality == "input" and not stated:
             stated = "at the start of the experiment, the robot at rest"
         named = unit.name if unit is not None and unit.name in units else ""
-        values.append(ParameterValue(variable.name, kind, (_plain(variable, kind, value),), named, stated))  # type: ignore[arg-type]
-    return ParameterSet(name, tuple(values), tuple(units.values()), source, metadata)
+        values.append(ssp.ParameterValue(variable.name, kind, (_plain(variable, kind, value),), named, stated))  # type: ignore[arg-type]
+    return ssp.ParameterSet(name, tuple(values), tuple(units.values()), source, metadata)
 
 
 def _plain(variable: Variable, kind: str, value: float | np.ndarray | list[str] | list[bytes]) -> float | str:
@@ -566,7 +550,7 @@ def _type(variable: Variable) -> str:
     return TYPES.get(variable.type, "Integer")
 
 
-def _unit(variable: Variable, description: FmuDescription) -> UnitDefinition | None:
+def _unit(variable: Variable, description: FmuDescription) -> ssp.UnitDefinition | None:
     """What its values are in; None: not stated."""
     text = variable.unit
     if not text or _type(variable) != "Real":
@@ -575,6 +559,6 @@ def _unit(variable: Variable, description: FmuDescription) -> UnitDefinition | N
         if stated.name == text and stated.baseUnit is not None:
             base = stated.baseUnit
             powers = Dimension(*(int(getattr(base, name) or 0) for name in Dimension._fields))
-            return UnitDefinition(text, powers, float(base.factor), float(base.offset))
+            return ssp.UnitDefinition(text, powers, float(base.factor), float(base.offset))
     known = known_unit(text)
-    return None if known is None else UnitDefinition(text, known.dimension, known.scale)
+    return None if known is None else ssp.UnitDefinition(text, known.dimension, known.scale)

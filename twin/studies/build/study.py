@@ -1,20 +1,12 @@
 """`twin build`: parts of the robot as FMUs, SSP archives and C."""
 
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from twin.kernel.errors import InputRefused
 from twin.studies.command import Answer, Argument, Asked, DriveName, Option, Say, Settings, study
 from twin.studies.first_look import load_experiments
-
-
-class Fmi(StrEnum):
-    """Versions of FMI that are written."""
-
-    TWO = "2"
-    THREE = "3"
 
 
 def _check_options(asked: Asked) -> None:
@@ -35,7 +27,7 @@ def build(
     ] = None,
     c: Annotated[bool, Option("Export the controller as C: encoder counts in, motor speeds out.")] = False,
     ssp: Annotated[bool, Option("Export the whole robot with its drives as an SSP.")] = False,
-    fmi: Annotated[Fmi | None, Option("Version of FMI; default: 2.")] = None,
+    fmi: Annotated[Literal["2", "3"] | None, Option("Version of FMI; default: 2.")] = None,
     platforms: Annotated[
         Sequence[str],
         Option("Another platform: aarch64-linux, x86_64-windows .. or all; may be repeated.", "NAME", "--platform"),
@@ -65,7 +57,7 @@ def build(
         InputRefused: the experiment or the part cannot be used, or there is no compiler.
         NotWritten: the disk refuses.
     """
-    version = f"{fmi or Fmi.TWO}.0"
+    version = f"{fmi or 2}.0"
     if c:
         from twin.studies.build.library import build_c
 

@@ -15,18 +15,8 @@ import numpy as np
 from twin.kernel.archive import zipped
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.description import FmuDescription
+from twin.kernel.ssp import structure as ssp
 from twin.kernel.ssp.ssd import parameter_set_xml, structure_xml
-from twin.kernel.ssp.structure import (
-    NONE,
-    STRUCTURE,
-    Connection,
-    Connector,
-    ConnectorKind,
-    Metadata,
-    ParameterSet,
-    ParameterValue,
-    UnitDefinition,
-)
 from twin.kernel.writing import json_text, made_folder, refuse_unwritable, write_bytes
 from twin.robot.assembly.build import have_lines
 from twin.robot.assembly.load import load_experiment
@@ -51,19 +41,19 @@ from twin.studies.build.structure import (
 )
 from twin.studies.command import Answer
 
-KINDS: dict[Kind, ConnectorKind] = {
+KINDS: dict[Kind, ssp.ConnectorKind] = {
     "parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output",
 }  # fmt: skip
 
 
 def own_connectors(variables: Sequence[ExportedVariable]) -> tuple[ConnectorUnit, ...]:
     """One for each of its scalars."""
-    return tuple((Connector(v.name, KINDS[v.kind], "Real", v.text, (), v.meaning), _unit(v)) for v in variables)
+    return tuple((ssp.Connector(v.name, KINDS[v.kind], "Real", v.text, (), v.meaning), _unit(v)) for v in variables)
 
 
 def own_values(
-    experiment: Experiment, name: str, variables: Sequence[ExportedVariable], source: str, metadata: Metadata
-) -> ParameterSet:
+    experiment: Experiment, name: str, variables: Sequence[ExportedVariable], source: str, metadata: ssp.Metadata
+) -> ssp.ParameterSet:
     """The parameters of a part of ours, each with where it comes from.
 
     Args:
@@ -75,15 +65,15 @@ def own_values(
     """
     given = [v for v in variables if v.kind in ("parameter", "tunable")]
     values = [
-        ParameterValue(v.name, "Real", v.start, v.text, origin(experiment, re.sub(r"\[\d+\]$", "", v.name)))
+        ssp.ParameterValue(v.name, "Real", v.start, v.text, origin(experiment, re.sub(r"\[\d+\]$", "", v.name)))
         for v in given
     ]
     units = defined(_unit(v) for v in given)
-    return ParameterSet(name, tuple(values), tuple(units.values()), source, metadata)
+    return ssp.ParameterSet(name, tuple(values), tuple(units.values()), source, metadata)
 
 
-def _unit(variable: ExportedVariable) -> UnitDefinition:
-    return UnitDefinition(variable.text, variable.unit.dimension, variable.unit.scale)
+def _unit(variable: ExportedVariable) -> ssp.UnitDefinition:
+    return ssp.UnitDefinition(variable.text, variable.unit.dimension, variable.unit.scale)
 
 
 _SCHEME = {
@@ -104,7 +94,7 @@ _SCHEME = {
 def system_readme(
     experiment: Experiment,
     members: Sequence[Member],
-    connections: Sequence[Connection],
+    connections: Sequence[ssp.Connection],
     hashes: Mapping[str, str],
     platforms: Sequence[Platform],
 ) -> str:
@@ -138,7 +128,7 @@ def system_readme(
             f"| `{'.'.join(c.start)}` | `{'.'.join(c.end)}` | {c.transformation.factor!r} | "
             f"{c.transformation.offset!r} |"
             for c in connections
-            if c.transformation != NONE
+            if c.transformation != ssp.NONE
         ),
         "",
         "## What it was made of",
@@ -265,7 +255,7 @@ class _Makers:
         self._experiment, self._fmi, self._platforms, self._wanted, self._say = (
             experiment, fmi, platforms, wanted, say,
         )  # fmt: skip
-        self._metadata = Metadata(description=experiment.title, tool=f"twin {version('twin')}")
+        self._metadata = ssp.Metadata(description=experiment.title, tool=f"twin {version('twin')}")
         self._files: dict[str, bytes] = {}
         self._foreign: dict[str, str] = {}
         self.members: list[Member] = []
@@ -333,7 +323,7 @@ class _Makers:
         self._files["resources/experiment.json"] = (json_text(facts, indent=2) + "\n").encode()
         whole = structure(experiment, self.members, drives, self.hashes, self._metadata)
         text = system_readme(experiment, self.members, whole.system.connections, self.hashes, self._platforms)
-        return zipped(self._files | {STRUCTURE: structure_xml(whole), "documentation/README.md": text.encode()})
+        return zipped(self._files | {ssp.STRUCTURE: structure_xml(whole), "documentation/README.md": text.encode()})
 
     def _add(self, member: Member) -> None:
         if member.values is not None and not member.values.parameters:

@@ -18,22 +18,8 @@ from twin.kernel.process.reporter import DirectReporter
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.drive_files import experiment_file, shelved
 from twin.robot.experiment.experiment import Experiment
-from twin.studies.check.baseline import (
-    FOLDER,
-    OWN,
-    Baseline,
-    CheckRow,
-    CheckVerdict,
-    HistoryEntry,
-    baseline_file,
-    baseline_of,
-    baseline_text,
-    baselines_here,
-    baselines_of,
-    known_baseline,
-    stored_drives,
-    verdict,
-)
+from twin.studies.check import baseline as stored
+from twin.studies.check.baseline import verdict
 from twin.studies.check.measurement import Measured, measured, run_for_measures
 from twin.studies.command import Say
 
@@ -44,7 +30,7 @@ class Deviation:
 
     experiment: str
     drive: str
-    row: CheckRow
+    row: stored.CheckRow
 
     def __str__(self) -> str:
         row, at = self.row, "" if self.row.at is None else f" at {self.row.at:g} s"
@@ -70,10 +56,10 @@ def check(experiment: str | Path, drive: str | None = None, baselines: str | Pat
         ComponentFailed, SafetyTrip: the run did not come to its end.
     """
     file = experiment_file(experiment)
-    folder = baselines_of(file, update=False) if baselines is None else Path(baselines)
-    drives = [drive] if drive is not None else stored_drives(folder, file.stem)
+    folder = stored.baselines_of(file, update=False) if baselines is None else Path(baselines)
+    drives = [drive] if drive is not None else stored.stored_drives(folder, file.stem)
     if not drives:
-        raise InputRefused(_no_baseline(folder, file, OWN))
+        raise InputRefused(_no_baseline(folder, file, stored.OWN))
     found = []
     for name in drives:
         baseline = stored_baseline(folder, file, name)
@@ -88,13 +74,13 @@ def measured_with(file: Path, drive: str) -> tuple[Experiment, Measured]:
     return experiment, measured(experiment, run_for_measures(experiment))
 
 
-def stored_baseline(folder: Path, file: Path, drive: str) -> Baseline:
+def stored_baseline(folder: Path, file: Path, drive: str) -> stored.Baseline:
     """The baseline of the experiment in `file` with `drive`.
 
     Raises:
         InputRefused: there is none, and it says how one is made; or it is damaged, or of something else.
     """
-    known = known_baseline(folder, file.stem, drive)
+    known = stored.known_baseline(folder, file.stem, drive)
     if known is None:
         # a misspelt experiment or drive is reported
         _loaded(file, drive)
@@ -103,16 +89,16 @@ def stored_baseline(folder: Path, file: Path, drive: str) -> Baseline:
 
 
 def _loaded(file: Path, drive: str) -> Experiment:
-    return load_experiment(file, drive=None if drive == OWN else drive)
+    return load_experiment(file, drive=None if drive == stored.OWN else drive)
 
 
 def _no_baseline(folder: Path, file: Path, drive: str) -> str:
     # what comes with twin is not written to
-    folder = FOLDER if folder == HOME / FOLDER else folder
-    elsewhere = [] if folder == FOLDER else ["--baselines", str(folder)]
+    folder = stored.FOLDER if folder == HOME / stored.FOLDER else folder
+    elsewhere = [] if folder == stored.FOLDER else ["--baselines", str(folder)]
     accept = shlex.join(["twin", "check", str(file), "--drive", drive, *elsewhere, "--update"])
     return (
-        f"{baseline_file(folder, file.stem, drive)}: no baseline of {file.stem}; accept what it comes to now: "
+        f"{stored.baseline_file(folder, file.stem, drive)}: no baseline of {file.stem}; accept what it comes to now: "
         f'{accept} --reason "first"'
     )
 
@@ -142,7 +128,7 @@ class CheckOutcome:
     """
 
     pair: Pair
-    verdict: CheckVerdict | None
+    verdict: stored.CheckVerdict | None
     text: str = ""
     failure: str = ""
     exit_code: int = 0
@@ -169,7 +155,7 @@ def pairs(
     """
     files = [experiment_file(experiment) for experiment in experiments]
     if not experiments:
-        baselines = baselines or (FOLDER if update else baselines_here())
+        baselines = baselines or (stored.FOLDER if update else stored.baselines_here())
         files = [_file_of(one.name) for one in sorted(baselines.glob("*")) if one.is_dir()]
     if not files:
         raise InputRefused(
@@ -179,14 +165,14 @@ def pairs(
     shelf = [fmu.stem for fmu in sorted(located("fmus", Path.cwd()).glob("*/*.fmu"))]
     named = [name for drive in drives for name in (shelf if drive == ALL else [drive])]
     for name in named:
-        if name != OWN and not any(Path(shelved(name, file.resolve().parent)).exists() for file in files):
+        if name != stored.OWN and not any(Path(shelved(name, file.resolve().parent)).exists() for file in files):
             raise InputRefused(f"--drive {name}: no such drive; expected an .fmu file, a folder of fmus/, own or all")
-    folders = {file: baselines or baselines_of(file, update) for file in files}
+    folders = {file: baselines or stored.baselines_of(file, update) for file in files}
     return [
         Pair(str(file), drive, str(folder))
         for file, folder in folders.items()
         # a missing baseline is reported
-        for drive in dict.fromkeys(named or stored_drives(folder, file.stem) or [OWN])
+        for drive in dict.fromkeys(named or stored.stored_drives(folder, file.stem) or [stored.OWN])
     ]
 
 
@@ -220,12 +206,16 @@ def _outcome(pair: Pair, date: str, reason: str) -> CheckOutcome:
         before = stored_baseline(folder, file, pair.drive)
         experiment, now = measured_with(file, pair.drive)
         return CheckOutcome(pair, verdict(experiment, pair.drive, before, now))
-    known = known_baseline(folder, file.stem, pair.drive)
+    known = stored.known_baseline(folder, file.stem, pair.drive)
     experiment, now = measured_with(file, pair.drive)
     history = known.history if known else ()
-    after = baseline_of(experiment, pair.drive, now, (*history, HistoryEntry(date=date, reason=reason)), known)
-    same = known is not None and baseline_text(known) == baseline_text(after.model_copy(update={"history": history}))
-    return CheckOutcome(pair, verdict(experiment, pair.drive, known, now), "" if same else baseline_text(after))
+    after = stored.baseline_of(
+        experiment, pair.drive, now, (*history, stored.HistoryEntry(date=date, reason=reason)), known
+    )
+    same = known is not None and stored.baseline_text(known) == stored.baseline_text(
+        after.model_copy(update={"history": history})
+    )
+    return CheckOutcome(pair, verdict(experiment, pair.drive, known, now), "" if same else stored.baseline_text(after))
 
 
 JOB = "twin.studies.check.job:checked"

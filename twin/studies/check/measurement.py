@@ -27,18 +27,8 @@ from twin.robot.mechanism.geometry import Geometry, geometry_of
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.monitor.component import trip_reason
 from twin.robot.run.trace import Trace, fields_of
+from twin.studies.metrics import response
 from twin.studies.metrics.requirement import checked_requirement, distance
-from twin.studies.metrics.response import (
-    PERIODS,
-    lag,
-    path_error,
-    rms,
-    step_info,
-    strongest_swing,
-    travel,
-    within,
-    work,
-)
 
 SHARE = 0.02
 FLOORS = {"s": 2e-3, "m": 2e-6, "N": 2e-3, "rad": 5e-5, "rad/s": 1e-3, "m/s": 2e-6, "N m": 1e-4, "J": 1e-4, "1": 2e-3}
@@ -266,7 +256,7 @@ def metrics_of_measure(measure: measures.Measure, signals: Signals) -> Metrics:
 
 
 def _inside(measure: measures.Window, signals: Signals) -> NDArray[np.bool_]:
-    return within(signals.t, measure.begin, np.inf if measure.until is None else measure.until)
+    return response.within(signals.t, measure.begin, np.inf if measure.until is None else measure.until)
 
 
 def _curve(signal: str, signals: Signals, inside: NDArray[np.bool_]) -> SampledCurve:
@@ -287,7 +277,7 @@ def _step(measure: measures.Step, signals: Signals, inside: NDArray[np.bool_]) -
     if abs(settled[-1] - reference[max(0, first - 1)]) <= _still(settled):
         raise InputRefused(f"{measure.reference} makes no step at {measure.begin:g} s; set begin_s to when it does")
     before = signals[measure.signal][max(0, first - 1)]
-    info = step_info(signals.t[inside] - signals.t[first], y, float(before), float(settled[-1]))
+    info = response.step_info(signals.t[inside] - signals.t[first], y, float(before), float(settled[-1]))
     step = abs(info.final - float(before))
     floor, length = floor_of(unit), float(signals.t[inside][-1] - signals.t[first])
     return {
@@ -309,7 +299,7 @@ def _tracking(measure: measures.Tracking, signals: Signals, inside: NDArray[np.b
     unit = _common_unit(measure, signals)
     error = (signals[measure.reference] - signals[measure.signal])[inside]
     return {
-        "rms_error": Metric(rms(error), unit, floor_of(unit)),
+        "rms_error": Metric(response.rms(error), unit, floor_of(unit)),
         "max_error": Metric(float(np.max(np.abs(error))), unit, floor_of(unit)),
     }
 
@@ -321,11 +311,11 @@ def _lag(measure: measures.Lag, signals: Signals, inside: NDArray[np.bool_]) -> 
         if np.ptp(values) <= _still(values):
             raise InputRefused(f"{name} does not move, so it has no lag; measure while it does")
     t = signals.t[inside]
-    found = lag(t, y, reference, measure.longest)
+    found = response.lag(t, y, reference, measure.longest)
     if found >= measure.longest - (t[1] - t[0]):
         raise InputRefused(f"lags by longest_s = {measure.longest:g} or more; raise it, or it does not follow at all")
     late = t >= t[0] + found
-    missed = rms(y[late] - np.interp(t[late] - found, t, reference))
+    missed = response.rms(y[late] - np.interp(t[late] - found, t, reference))
     # steps of a stepper drown the speed that they come to: then there is no such number
     return {"lag": Metric(found, "s", LAG_FLOOR, "nearer zero")} if missed < np.std(reference) else {}
 
@@ -341,12 +331,12 @@ def _spread(measure: measures.Spread, signals: Signals, inside: NDArray[np.bool_
 def _oscillation(measure: measures.Oscillation, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
     unit, t, values = signals.unit(measure.signal), signals.t[inside], signals[measure.signal][inside]
     length = float(t[-1] - t[0])
-    if length * measure.lowest < PERIODS:
+    if length * measure.lowest < response.PERIODS:
         raise InputRefused(
-            f"measures for {length:g} s; expected {PERIODS} periods of lowest_Hz = {measure.lowest:g}, which are "
-            f"{PERIODS / measure.lowest:g} s"
+            f"measures for {length:g} s; expected {response.PERIODS} periods of lowest_Hz = {measure.lowest:g}, "
+            f"which are {response.PERIODS / measure.lowest:g} s"
         )
-    amplitude, frequency = strongest_swing(t, values, measure.lowest)
+    amplitude, frequency = response.strongest_swing(t, values, measure.lowest)
     found = {"amplitude": Metric(amplitude, unit, floor_of(unit))}
     # what does not swing has no frequency
     return found | ({"frequency": Metric(frequency, "Hz", 1.0 / length, "none")} if amplitude > _still(values) else {})
@@ -363,9 +353,9 @@ def _path(measure: measures.Path, signals: Signals, inside: NDArray[np.bool_]) -
     path = signals["controller.p_ref_B"][inside]
     if np.all(np.ptp(path, axis=0) == 0.0):
         raise InputRefused("the reference does not move, so it has no path; measure while it does")
-    error = path_error(signals["plant.p_B"][inside], path)
+    error = response.path_error(signals["plant.p_B"][inside], path)
     return {
-        "rms_error": Metric(rms(error), "m", floor_of("m")),
+        "rms_error": Metric(response.rms(error), "m", floor_of("m")),
         "max_error": Metric(float(np.max(error)), "m", floor_of("m")),
     }
 
@@ -373,9 +363,9 @@ def _path(measure: measures.Path, signals: Signals, inside: NDArray[np.bool_]) -
 def _effort(measure: measures.Effort, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
     t = signals.t[inside]
     omega_m = np.gradient(signals.run.of_drives("theta_m")[inside], t, axis=0)
-    delivered, returned = work(t, signals["plant.tau_load"][inside], omega_m)
+    delivered, returned = response.work(t, signals["plant.tau_load"][inside], omega_m)
     return {
-        "commanded_travel": Metric(travel(t, signals["controller.omega_ref"][inside]), "rad", floor_of("rad")),
+        "commanded_travel": Metric(response.travel(t, signals["controller.omega_ref"][inside]), "rad", floor_of("rad")),
         "work_delivered": Metric(delivered, "J", floor_of("J")),
         "work_returned": Metric(returned, "J", floor_of("J"), "none"),
     }

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.kernel.errors import InputRefused, plain
-from twin.studies.command import JOB_ISOLATION, Argument, Isolate, JobIsolation, Option, Say, study
+from twin.studies.command import JOB_ISOLATION, Argument, Isolate, Option, Say, study
 from twin.studies.first_look import find_experiments
 from twin.studies.result import Result
 
@@ -68,7 +68,7 @@ def check(
 
     if update != bool(reason.strip()):
         raise InputRefused('twin check: --update and --reason "why the numbers may move" go together; give both')
-    processes = jobs if isolate == JobIsolation.RUN else 0
+    processes = jobs if isolate == "run" else 0
     done = outcomes(pairs(experiments, drives, baselines, update), reason, processes, say)
     verdicts = [outcome.verdict for outcome in done if outcome.verdict]
     failures = [outcome for outcome in done if outcome.failure]

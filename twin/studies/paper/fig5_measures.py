@@ -23,17 +23,8 @@ from twin.robot.controller.program import TASKS, PhaseKind, Press, Push, Roll, T
 from twin.robot.experiment.recorded import recorded_values
 from twin.robot.experiment.schema import checked_tasks
 from twin.robot.monitor.checks import MEANINGS, Reason
+from twin.studies.metrics import response
 from twin.studies.metrics.requirement import FIG5, lacking
-from twin.studies.metrics.response import (
-    Curve,
-    along_and_off,
-    first_time,
-    fitted_circle,
-    rms,
-    steepest_rise,
-    turns_about,
-    variation,
-)
 
 Mask = NDArray[np.bool_]
 
@@ -41,7 +32,7 @@ TOUCH = 0.1
 """Share of the pre-defined force that counts as a tap."""
 
 
-def _read(of: "Callable[[TaskRun], Curve]") -> "cached_property[Curve]":
+def _read(of: "Callable[[TaskRun], response.Curve]") -> "cached_property[response.Curve]":
     return cached_property(of)
 
 
@@ -79,7 +70,7 @@ class TaskRun:
         ticks = np.flatnonzero(on[self._held])
         return slice(ticks[0], ticks[-1] + 1) if len(ticks) else slice(0, 0)
 
-    def commanded(self, name: str) -> Curve:
+    def commanded(self, name: str) -> response.Curve:
         """A series of the controller, held."""
         return self.recording[f"controller.{name}"][self._held[self._window]]
 
@@ -101,7 +92,7 @@ class TaskRun:
         """Samples of the full circles: without the turn that spirals out and the one that spirals back."""
         circling = self.during(PhaseKind.CIRCLE)
         assert self.task.kind == "roll"
-        since = self.t - first_time(self.t, circling)
+        since = self.t - response.first_time(self.t, circling)
         turn = 1.0 / self.task.rate
         return circling & (since >= turn) & (since <= (1.0 + self.task.turns) * turn)
 
@@ -113,7 +104,7 @@ class TaskRun:
         return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(self.t)], strict=True)]
 
     @cached_property
-    def peaks(self) -> Curve:
+    def peaks(self) -> response.Curve:
         """Largest force of each tap that touches (N)."""
         largest = np.array([self.F_z[tap].max() for tap in self.taps])
         return largest[largest >= TOUCH * self.task.force]
@@ -191,7 +182,7 @@ def trip_time(recording: Recording) -> float:
     """When the safety monitor tripped (s); infinity: never, or there is none."""
     if "monitor.tripped" not in recording.fields():
         return np.inf
-    return first_time(recording.time("monitor"), recording["monitor.tripped"].astype(bool))
+    return response.first_time(recording.time("monitor"), recording["monitor.tripped"].astype(bool))
 
 
 def trip_sentence(recording: Recording) -> str:
@@ -247,12 +238,12 @@ def speed_of_touch(run: TaskRun, on: Mask) -> float:
 def steepness(run: TaskRun, on: Mask) -> float:
     """Largest rate of the force, over the mean rate that was asked for."""
     assert not isinstance(run.task, Tap)
-    return steepest_rise(run.t[on], run.F_z[on], SPAN) * run.task.build_up / run.task.force
+    return response.steepest_rise(run.t[on], run.F_z[on], SPAN) * run.task.build_up / run.task.force
 
 
 def force_error(run: TaskRun, on: Mask) -> float:
     """Root mean square of the true force minus its final reference (N)."""
-    return rms(run.F_z[on] - run.task.force)
+    return response.rms(run.F_z[on] - run.task.force)
 
 
 def distance(run: TaskRun, on: Mask) -> float:
@@ -293,7 +284,7 @@ def mean_peak(run: TaskRun) -> float:
 
 def peak_variation(run: TaskRun) -> float:
     """Coefficient of variation of the taps' peaks."""
-    return variation(run.peaks) if len(run.peaks) > 1 else math.inf
+    return response.variation(run.peaks) if len(run.peaks) > 1 else math.inf
 
 
 def unrest(run: TaskRun) -> float:
@@ -311,7 +302,7 @@ def taps_missing(run: TaskRun) -> float:
 
 def _circle(run: TaskRun, on: Mask) -> tuple[float, float, float]:
     """(x, y, r) of the circle fitted to the trace (m)."""
-    return fitted_circle(run.p_B[on, 0], run.p_B[on, 1])
+    return response.fitted_circle(run.p_B[on, 0], run.p_B[on, 1])
 
 
 def radius(run: TaskRun, on: Mask) -> float:
@@ -329,19 +320,19 @@ def eccentricity(run: TaskRun, on: Mask) -> float:
 def unroundness(run: TaskRun, on: Mask) -> float:
     """Root mean square distance from the fitted circle, over its radius."""
     x, y, radius = _circle(run, on)
-    return rms(np.hypot(run.p_B[on, 0] - x, run.p_B[on, 1] - y) - radius) / radius
+    return response.rms(np.hypot(run.p_B[on, 0] - x, run.p_B[on, 1] - y) - radius) / radius
 
 
 def turns_missing(run: TaskRun, on: Mask) -> float:
     """By how many turns the trace has gone round the point too few or too many."""
     assert isinstance(run.task, Roll)
-    return abs(run.task.turns - turns_about(run.p_B[on, 0], run.p_B[on, 1], run.task.point))
+    return abs(run.task.turns - response.turns_about(run.p_B[on, 0], run.p_B[on, 1], run.task.point))
 
 
-def off_line(run: TaskRun, on: Mask) -> Curve:
+def off_line(run: TaskRun, on: Mask) -> response.Curve:
     """Signed distance from the line (m)."""
     assert isinstance(run.task, Push)
-    return along_and_off(run.p_B[on, :2], run.task.point, run.task.to)[1]
+    return response.along_and_off(run.p_B[on, :2], run.task.point, run.task.to)[1]
 
 
 def mirrored(deviation: Measure) -> Callable[[TaskRun], str]:
@@ -352,5 +343,5 @@ def mirrored(deviation: Measure) -> Callable[[TaskRun], str]:
 def line_missing(run: TaskRun, on: Mask) -> float:
     """Share of the line that is left when the push ends."""
     assert isinstance(run.task, Push)
-    along, _ = along_and_off(run.p_B[on, :2], run.task.point, run.task.to)
+    along, _ = response.along_and_off(run.p_B[on, :2], run.task.point, run.task.to)
     return 1.0 - float(along[-1]) / math.dist(run.task.point, run.task.to)

@@ -18,22 +18,10 @@ from twin.robot.monitor.checks import Monitor
 from twin.studies.command import judged
 from twin.studies.figure import GREEN, ORANGE, Axes, picture
 from twin.studies.metrics.response import along_and_off
+from twin.studies.paper import fig5
 from twin.studies.paper.claim import ClaimFinding
 from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, Score, bound_used, fig4_score, standing, tally
 from twin.studies.paper.fig4_measures import draw_fig4, fig4_runs
-from twin.studies.paper.fig5 import (
-    REFERENCE,
-    TITLES,
-    TRACE,
-    TRUTH,
-    Fig5Score,
-    TaskScore,
-    bound_of,
-    draw_in_space,
-    fig5_score,
-    seen_part,
-    shown_tasks,
-)
 from twin.studies.paper.fig5_measures import TaskRun, settings
 from twin.studies.result import WIDTH, Block, Column, Note, Result, Row, Table, counted
 
@@ -48,12 +36,12 @@ ALIKE = 0.35
 """Share of the reference by which a measured force may miss the limit of the monitor for both to fit one axis."""
 
 
-def draw_fig5(score: Fig5Score, path: Path) -> None:
+def draw_fig5(score: fig5.Fig5Score, path: Path) -> None:
     """Write the picture to `path` (PNG): the last task of each kind of the first run that has one, a column each.
 
     A series that a run lacks is left out.
     """
-    shown = shown_tasks(score)
+    shown = fig5.shown_tasks(score)
     width = COLUMN * len(shown) + 0.6
     with picture(path, width, 9.6, by_hand=True) as figure:
         grid = figure.add_gridspec(
@@ -63,9 +51,9 @@ def draw_fig5(score: Fig5Score, path: Path) -> None:
         floor = min(float(task.run.p_B[:, 2].min()) for task in shown)
         for column, task in enumerate(shown):
             space = figure.add_subplot(grid[0, column], projection="3d")
-            draw_in_space(space, task.run, floor)
+            fig5.draw_in_space(space, task.run, floor)
             corner = {"transform": space.transAxes, "va": "bottom"}
-            space.text2D(0.0, 1.115, TITLES[task.kind], fontweight="bold", fontsize=12, **corner)
+            space.text2D(0.0, 1.115, fig5.TITLES[task.kind], fontweight="bold", fontsize=12, **corner)
             place = f"{task.drive} on {task.body}{', safety monitor tripped' * task.run.tripped}"
             space.text2D(0.0, 1.0, f"{task.manner}\n{place}", fontsize=8, **corner)
             way, force = (figure.add_subplot(grid[row, column]) for row in (1, 2))
@@ -85,13 +73,13 @@ def draw_fig5(score: Fig5Score, path: Path) -> None:
 
 
 def _draw_height(axes: Axes, run: TaskRun) -> None:
-    seen = seen_part(run)
+    seen = fig5.seen_part(run)
     t = run.t[seen]
     with suppress(UnknownSeries):
         axes.plot(t, 1e3 * run.commanded("p_cmd_B")[seen, 2], color=SHIFTED, lw=1.6, label="after the force loop")
     with suppress(UnknownSeries):
-        axes.plot(t, 1e3 * run.commanded("p_ref_B")[seen, 2], color=REFERENCE, lw=1.6, ls="--", label="reference")
-    axes.plot(t, 1e3 * run.p_B[seen, 2], color=TRUTH, lw=1.2, label="true")
+        axes.plot(t, 1e3 * run.commanded("p_ref_B")[seen, 2], color=fig5.REFERENCE, lw=1.6, ls="--", label="reference")
+    axes.plot(t, 1e3 * run.p_B[seen, 2], color=fig5.TRUTH, lw=1.2, label="true")
     axes.set(xlabel="time (s)", ylabel="z (mm)", xlim=(t[0], t[-1]))
 
 
@@ -100,11 +88,11 @@ def _draw_circle(axes: Axes, run: TaskRun) -> None:
     circling = run.during(PhaseKind.CIRCLE)
     x, y = 1e3 * run.p_B[circling, 0], 1e3 * run.p_B[circling, 1]
     axes.plot(x, y, color="#bbbbbb", lw=0.8)
-    axes.plot(*(1e3 * run.p_B[run.full_turns, i] for i in (0, 1)), color=TRACE, lw=1.6, label="trace under force")
-    axes.add_patch(_ring(run.task, 1.0, color=REFERENCE, lw=1.6, ls="--", label="reference"))
-    for bound in (bound_of("radius").low, bound_of("radius").high):
+    axes.plot(*(1e3 * run.p_B[run.full_turns, i] for i in (0, 1)), color=fig5.TRACE, lw=1.6, label="trace under force")
+    axes.add_patch(_ring(run.task, 1.0, color=fig5.REFERENCE, lw=1.6, ls="--", label="reference"))
+    for bound in (fig5.bound_of("radius").low, fig5.bound_of("radius").high):
         axes.add_patch(
-            _ring(run.task, bound / bound_of("radius").scale, color=REFERENCE, lw=1.0, ls=":", label="bound")
+            _ring(run.task, bound / fig5.bound_of("radius").scale, color=fig5.REFERENCE, lw=1.0, ls=":", label="bound")
         )
     axes.set(xlabel="x (mm)", ylabel="y (mm)")
     axes.set_aspect("equal", adjustable="datalim")
@@ -118,10 +106,10 @@ def _ring(task: Roll, share: float, **look: Any) -> Circle:
 def _draw_line(axes: Axes, run: TaskRun) -> None:
     assert isinstance(run.task, Push)
     along, off = along_and_off(run.p_B[run.during(PhaseKind.PUSH), :2], run.task.point, run.task.to)
-    axes.plot(1e3 * along, 1e3 * off, color=TRACE, lw=1.8, label="trace under force")
-    axes.axhline(0.0, color=REFERENCE, lw=1.6, ls="--", label="reference")
+    axes.plot(1e3 * along, 1e3 * off, color=fig5.TRACE, lw=1.8, label="trace under force")
+    axes.axhline(0.0, color=fig5.REFERENCE, lw=1.6, ls="--", label="reference")
     for side in (-1.0, 1.0):
-        axes.axhline(side * bound_of("line_worst").high, color=REFERENCE, lw=1.0, ls=":", label="bound")
+        axes.axhline(side * fig5.bound_of("line_worst").high, color=fig5.REFERENCE, lw=1.0, ls=":", label="bound")
     axes.set(xlabel="along the line (mm)", ylabel="off the line (mm)")
 
 
@@ -135,22 +123,22 @@ WAYS: dict[str, Callable[[Axes, TaskRun], None]] = {
 
 
 def _draw_force(axes: Axes, run: TaskRun) -> None:
-    seen = seen_part(run)
+    seen = fig5.seen_part(run)
     t = run.t[seen]
     on = run.full_turns if isinstance(run.task, Roll) else run.during(WORK.get(run.task.kind, PhaseKind.TAP))
     if not isinstance(run.task, Tap) and np.any(on):
         axes.axvspan(run.t[on][0], run.t[on][-1], color=JUDGED, lw=0, label="judged")
     with suppress(UnknownSeries):
         axes.plot(t, run.commanded("F_z")[seen], color=ESTIMATE, lw=1.6, label="estimated")
-    axes.plot(t, run.F_z[seen], color=TRUTH, lw=1.1, label="true")
+    axes.plot(t, run.F_z[seen], color=fig5.TRUTH, lw=1.1, label="true")
     if isinstance(run.task, Tap):
-        axes.axhline(run.task.force, color=REFERENCE, lw=1.6, ls="--", label="reference")
+        axes.axhline(run.task.force, color=fig5.REFERENCE, lw=1.6, ls="--", label="reference")
     else:
         with suppress(UnknownSeries):
-            axes.plot(t, run.commanded("F_z_ref")[seen], color=REFERENCE, lw=1.6, ls="--", label="reference")
+            axes.plot(t, run.commanded("F_z_ref")[seen], color=fig5.REFERENCE, lw=1.6, ls="--", label="reference")
     limit = _force_limit(run)
     if limit is not None and limit <= (1.0 + ALIKE) * max(run.F_z.max(), run.task.force):
-        axes.axhline(limit, color=TRACE, lw=1.2, ls=":", label="monitor's limit")
+        axes.axhline(limit, color=fig5.TRACE, lw=1.2, ls=":", label="monitor's limit")
     axes.set(xlabel="time (s)", ylabel="pressing force F_z (N)", xlim=(t[0], t[-1]))
     axes.set_ylim(-0.12 * run.task.force, max(axes.get_ylim()[1], 1.06 * run.task.force))
 
@@ -189,7 +177,7 @@ def fig4_result(score: Score) -> Result:
     return _result(lines, score.facts(), not score.failed and not score.unscored)
 
 
-def fig5_result(score: Fig5Score) -> Result:
+def fig5_result(score: fig5.Fig5Score) -> Result:
     """Fig. 5: every claim on every task of a few runs; of many runs a table, and what fails in them."""
     held, judged = tally(score.findings)
     lines: list[Block] = [_two("Fig. 5: pressing, tapping, rolling, pushing", f"{held} of {judged} claims hold")]
@@ -205,7 +193,7 @@ def fig5_result(score: Fig5Score) -> Result:
     return _result(lines, score.facts(), not score.failed)
 
 
-def _table(tasks: Sequence[TaskScore]) -> list[Block]:
+def _table(tasks: Sequence[fig5.TaskScore]) -> list[Block]:
     rows: dict[tuple[str, str], dict[str, list[ClaimFinding]]] = {}
     for task in tasks:
         rows.setdefault((task.drive, task.body), {}).setdefault(task.kind, []).extend(task.findings)
@@ -229,7 +217,7 @@ def _cell(findings: Sequence[ClaimFinding]) -> str:
     return f"{held}/{judged} {'>999' if worst > 999.0 else format(worst, '.0f')} %"
 
 
-def _failures(tasks: Sequence[TaskScore]) -> list[str]:
+def _failures(tasks: Sequence[fig5.TaskScore]) -> list[str]:
     """What fails, one line per body, kind of task and claim: how often, the range measured, and with which drives."""
     drives = {task.drive for task in tasks}
     groups: dict[tuple[str, str, str], list[tuple[str, ClaimFinding]]] = {}
@@ -327,7 +315,7 @@ def score_fig5(paths: Sequence[Path], out: Path | None) -> Result:
         NotWritten: the disk refuses.
     """
     recordings = _recordings(paths or _latest("fig5"))
-    score = fig5_score(recordings)
+    score = fig5.fig5_score(recordings)
     notes = _deviations(recordings)
     return judged("fig5", out or HOME / "fig5", fig5_result(score), lambda path: draw_fig5(score, path), notes)
 

@@ -18,6 +18,7 @@ from twin.kernel.process.reporter import Reporter
 from twin.robot.assembly.drives import DrivePlan, belongs, planned
 from twin.robot.experiment.schema import Drive
 from twin.studies.metrics.response import Curve
+from twin.studies.qualify import motion
 from twin.studies.qualify.bench import Response, response
 from twin.studies.qualify.definitions import (
     AVERAGE,
@@ -33,17 +34,7 @@ from twin.studies.qualify.definitions import (
     judged,
     work_cycle,
 )
-from twin.studies.qualify.motion import (
-    bandwidth,
-    direction_findings,
-    frequency_response,
-    load_findings,
-    overload,
-    repetition_findings,
-    stall_torque,
-    step_error,
-    step_findings,
-)
+from twin.studies.qualify.motion import overload
 
 JOB = "twin.studies.qualify.qualification:examined"
 TICKS, LONGER = 50, 500
@@ -294,18 +285,18 @@ def qualified(table: Drive, apart: bool = False) -> Qualification:
         cycle = attempts.made(lambda: response(plan, *work_cycle()))
         if cycle is None:
             return _judged(plan, attempts, BenchCurves())
-        swept = attempts.made(lambda: frequency_response(plan))
+        swept = attempts.made(lambda: motion.frequency_response(plan))
         stalled = attempts.made(lambda: overload(plan))
-        attempts.found(lambda: direction_findings(plan, cycle))
-        attempts.found(lambda: load_findings(plan, cycle))
-        attempts.found(lambda: repetition_findings(plan, cycle))
+        attempts.found(lambda: motion.direction_findings(plan, cycle))
+        attempts.found(lambda: motion.load_findings(plan, cycle))
+        attempts.found(lambda: motion.repetition_findings(plan, cycle))
         attempts.found(lambda: lifecycle_findings(plan, apart))
-        attempts.found(lambda: [*step_findings(cycle), step_error(plan, cycle)])
+        attempts.found(lambda: [*motion.step_findings(cycle), motion.step_error(plan, cycle)])
         if swept:
             steady_gain = cycle.mean_speed(LOADED - AVERAGE, LOADED) / SPEED_IN_USE
-            attempts.findings.append(bandwidth(*swept, steady_gain))
+            attempts.findings.append(motion.bandwidth(*swept, steady_gain))
         if stalled:
-            attempts.found(lambda: [stall_torque(plan, stalled)])
+            attempts.found(lambda: [motion.stall_torque(plan, stalled)])
         return _judged(plan, attempts, BenchCurves(cycle, stalled, *(swept or ())))
 
 

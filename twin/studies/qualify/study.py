@@ -18,7 +18,6 @@ from twin.studies.command import (
     Compile,
     Formats,
     Isolate,
-    JobIsolation,
     LimitStep,
     LimitWall,
     Option,
@@ -155,7 +154,7 @@ def drive_check(
     for fmu, drive in zip(fmus, tables, strict=True):
         if compiled:
             _build(drive)
-        asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN, "sure": yes}
+        asked = {"fmu": fmu, "out": out, "apart": isolate == "run", "sure": yes}
         limits = JobLimits(limit_step, limit_wall)
         name = "twin.studies.qualify.study:qualify"
         answer = answer_apart(name, asked, say, isolate, limits, formats, columns)

@@ -4,9 +4,8 @@ import os
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.job import LONG, JobLimits, cores
@@ -21,21 +20,10 @@ MANY = 100_000
 """Runs from which on a sweep starts only after a question."""
 
 
-class EngineName(StrEnum):
-    """Who runs the runs."""
-
-    LOCAL = "local"
-    DASK = "dask"
-
-
-class Record(StrEnum):
-    """Which runs leave a recording."""
-
-    NONE = "none"
-    FAILURES = "failures"
-    ALL = "all"
-
-
+EngineName = Literal["local", "dask"]
+"""Who runs the runs."""
+Record = Literal["none", "failures", "all"]
+"""Which runs leave a recording."""
 By = Annotated[str | None, Option("Metric to rank by; without it, the force error.", "METRIC", "--by")]
 
 
@@ -50,11 +38,11 @@ def sweep_run(
     processes: Annotated[
         int | None, Option("Number of parallel processes; default: number of cores.", "N", "-j --processes", least=1)
     ] = None,
-    record: Annotated[Record, Option("Runs that are recorded in full.")] = Record.NONE,
+    record: Annotated[Record, Option("Runs that are recorded in full.")] = "none",
     limit_step: LimitStep = JobLimits.step,
     parquet: Annotated[bool, Option("Also write rows.parquet at the end.")] = False,
     yes: Annotated[bool, Option(f"Do not ask before {MANY:,} runs, or runs of an hour.")] = False,
-    engine: Annotated[EngineName, Option("Local processes, or the workers of a Dask cluster.")] = EngineName.LOCAL,
+    engine: Annotated[EngineName, Option("Local processes, or the workers of a Dask cluster.")] = "local",
     scheduler: Annotated[
         str | None, Option("Address of a running Dask cluster; default: start one here.", "ADDRESS")
     ] = None,
@@ -83,7 +71,7 @@ def sweep_run(
     sweep = sweep_file(sweep)
     definition, _ = read_definition(sweep)
     check_start(str(sweep), definition, yes or dry)
-    if scheduler and engine != EngineName.DASK:
+    if scheduler and engine != "dask":
         raise InputRefused(f"--scheduler {scheduler}: belongs to --engine dask; add that, or leave the address out")
     if scheduler and processes:
         raise InputRefused(f"--processes {processes}: the cluster of {scheduler} has the workers it has; leave it out")
@@ -125,7 +113,7 @@ def short_sweep(
     plan = plan_of(definition, experiment, experiment.stem, place, settings)
     # other ranges are another sweep; the same command goes on with its own
     folder = out or HOME / f"{plan.name}-{plan.configuration['the sweep'][:8]}"
-    engine, limits = _engine(EngineName.LOCAL, None, cores()), JobLimits(step=limit_step)
+    engine, limits = _engine("local", None, cores()), JobLimits(step=limit_step)
     return carried_out(_checked(plan, None, yes), folder, engine, limits, say, as_json=as_json)
 
 
@@ -171,7 +159,7 @@ def _checked(plan: "SweepPlan", by: str | None, sure: bool) -> "SweepPlan":
 
 
 def _engine(name: EngineName, scheduler: str | None, processes: int) -> "Engine":
-    if name == EngineName.LOCAL:
+    if name == "local":
         from twin.studies.sweep.sweep import Pool
 
         return Pool(processes)
@@ -184,7 +172,7 @@ def _estimated(plan: "SweepPlan", record: Record, processes: int, limits: JobLim
     from twin.studies.sweep.sweep import estimate_text, estimated
 
     say("trying the first one")
-    estimate, first = estimated(plan, record.value, limits)
+    estimate, first = estimated(plan, record, limits)
     runs = len(plan.tasks)
     seconds, size = estimate.total(runs, processes)
     facts = {"runs": runs, "processes": processes, "seconds": seconds, "MB": size / 1e6, "first": first}
@@ -197,7 +185,7 @@ def carried_out(
     engine: "Engine",
     limits: JobLimits,
     say: Say,
-    record: Record = Record.NONE,
+    record: Record = "none",
     parquet: bool = False,
     by: str | None = None,
     as_json: bool = False,
@@ -223,7 +211,7 @@ def carried_out(
     from twin.studies.sweep.sweep import run_sweep, state_text
 
     try:
-        run_sweep(plan, folder, engine, record.value, limits, lambda state: say(state_text(state)))
+        run_sweep(plan, folder, engine, record, limits, lambda state: say(state_text(state)))
     except KeyboardInterrupt:
         if not (folder / ROWS).exists():
             raise

@@ -21,20 +21,9 @@ from twin.robot.controller.tissue import Tissue
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness
 from twin.studies.result import Block, Column, Row, Table
+from twin.studies.tune import tuned
 from twin.studies.tune.prediction import Corner, Goals, LawGains, Prediction, opened, predicted, with_gains
 from twin.studies.tune.text import goals_sentence, missed_note
-from twin.studies.tune.tuned import (
-    Miss,
-    StepTrial,
-    Tuned,
-    Whole,
-    best_gains,
-    can_be_tried,
-    contradiction,
-    step_trial,
-    whole_run,
-    worst_misses,
-)
 
 RANGE = (300.0, 5000.0)
 """Stiffness (N/m) by default."""
@@ -62,9 +51,9 @@ class DesignedPoint:
     stiffness: float
     gains: LawGains
     predictions: list[Prediction]
-    misses: list[Miss]
-    trials: dict[int, StepTrial | None]
-    wholes: list[tuple[Whole, Whole]]
+    misses: list[tuned.Miss]
+    trials: dict[int, tuned.StepTrial | None]
+    wholes: list[tuple[tuned.Whole, tuned.Whole]]
 
     def ratio(self, drive: int) -> float:
         """Rms force with the schedule over that with one set; NaN where one of them failed."""
@@ -83,7 +72,7 @@ class Scheduled:
         between: predictions half-way between two points.
     """
 
-    base: Tuned
+    base: tuned.Tuned
     goals: Goals
     points: list[DesignedPoint]
     between: list[Prediction]
@@ -100,7 +89,7 @@ class Scheduled:
             name = f"on {point.stiffness:.4g} N/m"
             for i, trial in point.trials.items():
                 doubt = "the co-simulation failed"
-                doubt = doubt if trial is None else contradiction(trial, point.predictions[i], self.goals)
+                doubt = doubt if trial is None else tuned.contradiction(trial, point.predictions[i], self.goals)
                 doubts += [f"{name}: {doubt}"] if doubt else []
             for drive, (_, scheduled) in enumerate(point.wholes):
                 where = f"{name} with {Path(scheduled.drive).stem}"
@@ -150,7 +139,7 @@ def ladder(low: float, high: float) -> list[float]:
     return [float(f"{K:.3g}") for K in np.geomspace(low, high, steps + 1)]
 
 
-def scheduled(base: Tuned) -> Scheduled:
+def scheduled(base: tuned.Tuned) -> Scheduled:
     """A schedule for the experiment of `base`, over the stiffness that its gains were found for.
 
     Raises:
@@ -167,17 +156,17 @@ def scheduled(base: Tuned) -> Scheduled:
     for K in ladder(low, high):
         mistaken = [*_corners(base, places, K / DOUBT, True), *_corners(base, places, K * DOUBT)]
         designed_for = [*mistaken, *_corners(base, places, K)]
-        gains = best_gains(designed_for, goals, base.after.gains, "force", partial(_is_taken, base, K))
-        misses = worst_misses([predicted(corner, gains) for corner in designed_for], goals)
+        gains = tuned.best_gains(designed_for, goals, base.after.gains, "force", partial(_is_taken, base, K))
+        misses = tuned.worst_misses([predicted(corner, gains) for corner in designed_for], goals)
         predictions = [predicted(corner, gains) for corner in _corners(base, places, K)]
-        tried = [i for i, corner in enumerate(predictions) if corner.stable and can_be_tried(corner.corner)]
-        trials = {i: step_trial(predictions[i].corner, gains) for i in tried}
+        tried = [i for i, corner in enumerate(predictions) if corner.stable and tuned.can_be_tried(corner.corner)]
+        trials = {i: tuned.step_trial(predictions[i].corner, gains) for i in tried}
         found.append(DesignedPoint(K, gains, predictions, misses, trials, []))
     points = [replace(point, wholes=_wholes(base, found, point)) for point in found]
     return Scheduled(base, goals, points, list(_between(base, places, found)))
 
 
-def _is_taken(base: Tuned, K: float, gains: LawGains) -> bool:
+def _is_taken(base: tuned.Tuned, K: float, gains: LawGains) -> bool:
     """Whether an experiment with these gains for the stiffness `K` is not refused."""
     first = with_schedule(base.experiments[0], gains, ())
     loop = believed_loop(first.controller, first.plant, first.start)
@@ -198,7 +187,7 @@ def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[Desi
     )
 
 
-def _places(base: Tuned) -> list[OperatingPoint]:
+def _places(base: tuned.Tuned) -> list[OperatingPoint]:
     """Where the force law acts, once each, whatever the stiffness."""
     found: dict[tuple[float, ...], OperatingPoint] = {}
     for prediction in base.after.predictions:
@@ -208,7 +197,7 @@ def _places(base: Tuned) -> list[OperatingPoint]:
     return list(found.values())
 
 
-def _corners(base: Tuned, places: Sequence[OperatingPoint], K: float, undamped: bool = False) -> list[Corner]:
+def _corners(base: tuned.Tuned, places: Sequence[OperatingPoint], K: float, undamped: bool = False) -> list[Corner]:
     """Of each place with each drive; `undamped`: on a tissue that is a spring and nothing else."""
     there = [on_stiffness(place, K) for place in places]
     if undamped:
@@ -220,7 +209,7 @@ def _corners(base: Tuned, places: Sequence[OperatingPoint], K: float, undamped: 
     ]
 
 
-def _between(base: Tuned, places: Sequence[OperatingPoint], points: Sequence[DesignedPoint]) -> list[Prediction]:
+def _between(base: tuned.Tuned, places: Sequence[OperatingPoint], points: Sequence[DesignedPoint]) -> list[Prediction]:
     table = table_of([SchedulePoint(point.stiffness, point.gains.force_kp, point.gains.force_ki) for point in points])
     table = table.view(np.recarray)
     found = []
@@ -231,15 +220,17 @@ def _between(base: Tuned, places: Sequence[OperatingPoint], points: Sequence[Des
     return found
 
 
-def _wholes(base: Tuned, points: Sequence[DesignedPoint], at: DesignedPoint) -> list[tuple[Whole, Whole]]:
+def _wholes(
+    base: tuned.Tuned, points: Sequence[DesignedPoint], at: DesignedPoint
+) -> list[tuple[tuned.Whole, tuned.Whole]]:
     """The experiment on the stiffness of `at`, with each drive, without a monitor: soft tissue is pressed in deep."""
     done = []
     for experiment, shared in zip(base.experiments, base.drives, strict=True):
         contact = experiment.contact.model_copy(update={"stiffness": at.stiffness})
         alone, label = replace(experiment, contact=contact, monitor=None), shared.labels[0]
-        fixed = whole_run(alone, label, base.after.gains)
+        fixed = tuned.whole_run(alone, label, base.after.gains)
         # its own gains are the safe set already
-        followed = whole_run(with_schedule(alone, base.after.gains, points), label, base.after.gains)
+        followed = tuned.whole_run(with_schedule(alone, base.after.gains, points), label, base.after.gains)
         done.append((fixed, followed))
     return done
 
@@ -299,7 +290,7 @@ def _rows(point: DesignedPoint) -> Iterator[Row]:
         yield *own, f"{_error(fixed):>8} {_error(scheduled):>8}{label}"
 
 
-def _error(whole: Whole) -> str:
+def _error(whole: tuned.Whole) -> str:
     found = whole.outcome and whole.outcome.force_error
     return f"{found:.3f} N" if found else "failed"
 

@@ -20,6 +20,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from twin import __version__
 from twin.kernel.errors import InputRefused, disk_refusals, nearest
+from twin.kernel.recording import messages
 from twin.kernel.recording.export.table import table, time_base, write_csv, write_matlab, write_parquet
 from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.growing_file import Output
@@ -27,17 +28,6 @@ from twin.kernel.recording.logs.bag import is_bag
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
 from twin.kernel.recording.logs.reader import is_recording, read_log
-from twin.kernel.recording.messages import (
-    FIELD_NAME,
-    HEAD_SIZE,
-    NO_PLACES,
-    TOPIC_NAME,
-    Field,
-    Filling,
-    message_layout,
-    message_records,
-    record_template,
-)
 from twin.kernel.recording.reader import Recording, Stream, read
 from twin.kernel.recording.scan import NANOSECONDS
 from twin.kernel.recording.summary import COMPRESSION_LEVEL, Summary, encoded
@@ -128,9 +118,9 @@ def definition(kind: str) -> str:
     return own + "".join(f"\n{'=' * 80}\nMSG: {name}\n{text}" for name, text in others.items()) + "\n"
 
 
-def ros_topics(topic: str, fields: Sequence[Field]) -> Iterator[RosTopic]:
+def ros_topics(topic: str, fields: Sequence[messages.Field]) -> Iterator[RosTopic]:
     """Topics of the bag that hold `fields` of the recording's `topic`."""
-    states: dict[str, dict[str, Field]] = {}
+    states: dict[str, dict[str, messages.Field]] = {}
     for one in fields:
         side, part = JOINTS.get(one.name, ("", ""))
         same = states.get(side, {})
@@ -144,7 +134,7 @@ def ros_topics(topic: str, fields: Sequence[Field]) -> Iterator[RosTopic]:
         yield _joint_state(topic, side, parts)
 
 
-def _joints(topic: str, side: str, one: Field) -> list[str]:
+def _joints(topic: str, side: str, one: messages.Field) -> list[str]:
     """Names of the joints in a field: `joint_1` .. `joint_3`; of `drive/2` `motor_2`."""
     own = topic.rpartition("/")[2]
     if one.size == 1 and own.isdigit():
@@ -152,7 +142,7 @@ def _joints(topic: str, side: str, one: Field) -> list[str]:
     return [f"{side}_{k + 1}" for k in range(one.size)] if one.size > 1 else []
 
 
-def _joint_state(topic: str, side: str, parts: dict[str, Field]) -> RosTopic:
+def _joint_state(topic: str, side: str, parts: dict[str, messages.Field]) -> RosTopic:
     made = RosTopic(f"/{topic}/{side}_states", "sensor_msgs/msg/JointState", topic)
     cdr = _Cdr(made)
     cdr.header("")
@@ -167,7 +157,7 @@ def _joint_state(topic: str, side: str, parts: dict[str, Field]) -> RosTopic:
     return cdr.done()
 
 
-def _vector(topic: str, one: Field) -> RosTopic:
+def _vector(topic: str, one: messages.Field) -> RosTopic:
     kind, path, rest = _VECTORS[one.unit]
     cdr = _Cdr(RosTopic(f"/{topic}/{one.name}", kind, topic))
     cdr.header("B" if one.name.endswith("_B") else "")
@@ -176,7 +166,7 @@ def _vector(topic: str, one: Field) -> RosTopic:
     return cdr.done()
 
 
-def _numbers(topic: str, one: Field) -> RosTopic:
+def _numbers(topic: str, one: messages.Field) -> RosTopic:
     cdr = _Cdr(RosTopic(f"/{topic}/{one.name}", "std_msgs/msg/Float64MultiArray", topic))
     cdr.count(1)
     cdr.text(f"{topic}.{one.name} [{one.unit}]")
@@ -209,7 +199,7 @@ class _Cdr:
         self.count(len(content))
         self._body += content
 
-    def elements(self, one: Field, paths: Sequence[str]) -> None:
+    def elements(self, one: messages.Field, paths: Sequence[str]) -> None:
         """The numbers of a field, and where in the message they are."""
         self._align(8)
         for k, path in enumerate(paths):
@@ -314,18 +304,18 @@ def _records(
     channel: int, topic: RosTopic, recording: Recording, times: np.ndarray, picked: np.ndarray, first: int
 ) -> np.ndarray:
     """MCAP records of the messages of `topic` at `times` (ns) with the rows `picked` of the recording."""
-    template = record_template(channel, topic.body)
+    template = messages.record_template(channel, topic.body)
     # its numbers are put in below: they come of several topics
-    records = Filling(template, NO_PLACES).records(times, first, np.empty((len(times), 0)))
+    records = messages.Filling(template, messages.NO_PLACES).records(times, first, np.empty((len(times), 0)))
     assert records is not None, "there are no integers"
     if topic.stamp:
         stamp = np.stack([times // NANOSECONDS, times % NANOSECONDS], axis=1).astype("<u4")
-        at = HEAD_SIZE + topic.stamp
+        at = messages.HEAD_SIZE + topic.stamp
         records[:, at : at + 8] = stamp.view(np.uint8)
     values = recording.streams[topic.source].values
     for offset, name, element in topic.places:
         column = values[name][picked].astype("<f8").reshape(len(times), -1)[:, element]
-        at = HEAD_SIZE + offset
+        at = messages.HEAD_SIZE + offset
         records[:, at : at + 8] = np.ascontiguousarray(column).view(np.uint8).reshape(-1, 8)
     return records
 
@@ -476,7 +466,7 @@ def recording_of(log: Log) -> Recording:
     topics: dict[str, list[tuple[str, LogSeries]]] = {}
     for name in dict.fromkeys(re.sub(r"\[\d+\]$", "", name) for name in log.series):
         topic, _, own = name.rpartition(".")
-        if not TOPIC_NAME.fullmatch(topic) or not FIELD_NAME.fullmatch(own):
+        if not messages.TOPIC_NAME.fullmatch(topic) or not messages.FIELD_NAME.fullmatch(own):
             raise LogRefused(f"{log.path}: signal '{name}' is no TOPIC.FIELD; name it like lab.{own or 'F'} with --map")
         one = log.vector(name) if name not in log.series else log[name]
         topics.setdefault(topic, []).append((own, one))
@@ -497,9 +487,9 @@ def _stream(log: Log, topic: str, series: list[tuple[str, LogSeries]]) -> Stream
         raise LogRefused(f"{log.path}: {topic} begins at {t[0]:g} s; expected times from 0 on")
     columns = [one.values.reshape(len(t), -1) for _, one in series]
     fields = tuple(
-        Field(name, values.shape[1], "double", one.unit, f"as {log.path.name} has it")
+        messages.Field(name, values.shape[1], "double", one.unit, f"as {log.path.name} has it")
         for (name, one), values in zip(series, columns, strict=True)
     )
-    layout = message_layout(1, fields)
+    layout = messages.message_layout(1, fields)
     times = np.rint(t * NANOSECONDS).astype(np.int64)
-    return Stream(fields, layout, message_records(layout, fields, times, 0, np.concatenate(columns, axis=1)))
+    return Stream(fields, layout, messages.message_records(layout, fields, times, 0, np.concatenate(columns, axis=1)))

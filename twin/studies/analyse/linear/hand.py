@@ -22,17 +22,7 @@ from numpy.typing import NDArray
 from twin.kernel.cosim.port import Port
 from twin.robot.plant.component import INPUTS, OUTPUTS, PlantEquations
 from twin.robot.plant.dynamics import PlantParameters
-from twin.studies.analyse.linear.loops import (
-    DriveModel,
-    LinearLaw,
-    LoopStepping,
-    Matrix,
-    closed_loops,
-    connected,
-    open_loops,
-    period_map,
-    tick_map,
-)
+from twin.studies.analyse.linear import loops
 
 STATE_LABELS = ["p_B_x", "p_B_y", "p_B_z", "v_B_x", "v_B_y", "v_B_z", "z_b_1", "z_b_2"]
 
@@ -123,15 +113,15 @@ class Held(NamedTuple):
         damping: (3, 3) symmetric, N s/m.
     """
 
-    mass: Matrix
-    stiffness: Matrix
-    damping: Matrix
+    mass: loops.Matrix
+    stiffness: loops.Matrix
+    damping: loops.Matrix
 
 
 NOTHING = Held(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
 
 
-def along(direction: Matrix, mass: float, stiffness: float) -> Held:
+def along(direction: loops.Matrix, mass: float, stiffness: float) -> Held:
     """A mass (kg) and a spring (N/m) that only feel what goes along `direction` (3,)."""
     n = np.outer(direction, direction) / float(np.dot(direction, direction))
     return Held(mass * n, stiffness * n, np.zeros((3, 3)))
@@ -148,20 +138,20 @@ class FreePlant:
     linear: control.StateSpace
 
     @cached_property
-    def mass(self) -> Matrix:
+    def mass(self) -> loops.Matrix:
         """(3, 3), kg: what the springs' torques accelerate."""
         rows = self._rows
         jacobian, spring_torque = self.linear.C[rows["theta_l_1"] :][:3, :3], self.linear.D[rows["tau_l_1"] :][:3]
         return np.linalg.solve(self.linear.B[3:6].T, (jacobian.T @ spring_torque).T).T
 
     @cached_property
-    def force(self) -> Matrix:
+    def force(self) -> loops.Matrix:
         """(3, 6), N per m and m/s: what the platform feels of springs and mechanism when it is moved."""
         body = self.linear.C[self._rows["F_ee_B_x"] :][:3]
         return self.mass @ self.linear.A[3:6] + body
 
     @property
-    def stiffness(self) -> Matrix:
+    def stiffness(self) -> loops.Matrix:
         """(3, 3), N/m: of the springs as the hand feels them with the motors held."""
         return -self.force[:, :3]
 
@@ -190,19 +180,19 @@ class Hand:
         period: s.
     """
 
-    A: Matrix
-    B: Matrix
-    C: Matrix
+    A: loops.Matrix
+    B: loops.Matrix
+    C: loops.Matrix
     period: float
 
-    def admittance(self, omega: Matrix) -> Complex:
+    def admittance(self, omega: loops.Matrix) -> Complex:
         """Y (n, 3, 3) in m/s per N at the frequencies `omega` (rad/s)."""
         z = np.exp(1j * omega * self.period)[:, None, None]
         states = np.linalg.solve(z * np.eye(len(self.A)) - self.A, np.broadcast_to(self.B, (len(omega), *self.B.shape)))
         return (z - 1.0) / self.period * (self.C @ states)
 
     @property
-    def stiffness(self) -> Matrix:
+    def stiffness(self) -> loops.Matrix:
         """(3,), N/m: what a steady force along each axis meets in the end, the others free."""
         compliance = self.C @ np.linalg.solve(np.eye(len(self.A)) - self.A, self.B)
         return 1.0 / np.diagonal(compliance)
@@ -224,30 +214,30 @@ class Hand:
 
 
 def robot_with(
-    free: FreePlant, held: Held, drives: tuple[DriveModel, ...], stepping: LoopStepping
+    free: FreePlant, held: Held, drives: tuple[loops.DriveModel, ...], stepping: loops.LoopStepping
 ) -> control.StateSpace:
     """Drives and plant from one call of the controller to the next, with `held` in the hand."""
-    return period_map(tick_map(free.holding(held), drives, stepping), stepping)
+    return loops.period_map(loops.tick_map(free.holding(held), drives, stepping), stepping)
 
 
-def hand_of(robot: control.StateSpace, law: LinearLaw, gains: dict[str, float]) -> Hand:
+def hand_of(robot: control.StateSpace, law: loops.LinearLaw, gains: dict[str, float]) -> Hand:
     """The loops `gains` closed around `robot`, which is `robot_with` something in the hand."""
-    closed = closed_loops(open_loops(robot, law, whole=True), gains)
+    closed = loops.closed_loops(loops.open_loops(robot, law, whole=True), gains)
     force = np.arange(6, 9)
     rest = np.setdiff1d(np.arange(closed.nstates), force)
     A, B = closed.A[np.ix_(rest, rest)], closed.A[np.ix_(rest, force)]
     C = np.eye(3, len(rest))
-    linked = connected(A, B, C)
+    linked = loops.connected(A, B, C)
     return Hand(A[np.ix_(linked, linked)], B[linked], C[:, linked], closed.dt)
 
 
-def hertz(period: float, count: int) -> Matrix:
+def hertz(period: float, count: int) -> loops.Matrix:
     """Frequencies (Hz) that are looked at, up to half the controller's rate; more of them where drives and springs
     are."""
     return np.geomspace(LOWEST, 0.499 / period, count)
 
 
-def power_share(Y: Complex) -> Matrix:
+def power_share(Y: Complex) -> loops.Matrix:
     """Of each (k, k) of `Y` (n, k, k): the least of what a swing takes from the hand, as a share of what goes to and
     fro, -1 .. 1 (n,); negative: there is one that the robot feeds."""
     part = 0.5 * (Y + np.conj(np.swapaxes(Y, -1, -2)))

@@ -10,22 +10,8 @@ from twin.kernel.errors import InputRefused, nearest, plain
 from twin.studies.result import Block, Column, Note, Table, counted, laid_out
 from twin.studies.sweep.rows import Column as Values
 from twin.studies.sweep.rows import Columns, Positions, SweepRows
-from twin.studies.sweep.statistics.ranking import (
-    BINS,
-    QUANTILES,
-    Likelihood,
-    best,
-    drive_ranking,
-    drives_in,
-    likelihoods,
-    metrics_in,
-    numeric_labels,
-    of_drive,
-    pareto_front,
-    spread,
-    value,
-    worst_over,
-)
+from twin.studies.sweep.statistics import ranking
+from twin.studies.sweep.statistics.ranking import BINS, value, worst_over
 from twin.studies.sweep.statistics.sensitivity import (
     FEW,
     LEAST_FOR_INTERVALS,
@@ -96,10 +82,10 @@ def shown(parameters: Values | None, row: int) -> str:
 
 LIKELY = 0.95
 """Share of runs from which on a claim is called likely."""
-MEDIAN = QUANTILES.index(0.5)
+MEDIAN = ranking.QUANTILES.index(0.5)
 
 
-def least_sure(found: Sequence[Likelihood]) -> str:
+def least_sure(found: Sequence[ranking.Likelihood]) -> str:
     """`17 of 20 claims hold in 95 % of the runs; least sure is 'F_z stays lower' (41 %)`."""
     judged = [one for one in found if one.judged]
     if not judged:
@@ -112,7 +98,7 @@ def least_sure(found: Sequence[Likelihood]) -> str:
 
 def claims_part(sweep: SweepRows) -> ReportPart | None:
     """Each claim with the probability that it holds; None if none was asked for."""
-    found = likelihoods(sweep.columns)
+    found = ranking.likelihoods(sweep.columns)
     if not found:
         return None
     head = ["claim", "holds in", "P, 95 %", "expected", "median", "5 to 95 %"]
@@ -144,7 +130,7 @@ def claims_part(sweep: SweepRows) -> ReportPart | None:
     )
 
 
-def _measured(one: Likelihood, quantile: int) -> str:
+def _measured(one: ranking.Likelihood, quantile: int) -> str:
     value = one.quantiles[quantile]
     return number(value) if not math.isfinite(value) else f"{value:.{one.claim.digits}f}"
 
@@ -160,9 +146,9 @@ SURE = 0.05
 def sensitivity_parts(sweep: SweepRows, metric: str) -> list[ReportPart]:
     """For each drive by itself: what moves one drive need not move another."""
     found: list[ReportPart | None] = []
-    drives = drives_in(sweep.columns)
+    drives = ranking.drives_in(sweep.columns)
     for drive in drives:
-        columns = sweep.columns if len(drives) == 1 else sweep.columns.at(of_drive(sweep.columns, drive))
+        columns = sweep.columns if len(drives) == 1 else sweep.columns.at(ranking.of_drive(sweep.columns, drive))
         of = f", {drive}" if len(drives) > 1 else ""
         found += [_correlations(sweep, columns, metric, of), _indices(sweep, columns, metric, of)]
     parts = [part for part in found if part is not None]
@@ -189,7 +175,7 @@ def _correlations(sweep: SweepRows, columns: Columns, metric: str, of: str) -> R
     names = short(sweep.labels)
     found = {
         label: correlation
-        for label in numeric_labels(sweep.labels, columns)
+        for label in ranking.numeric_labels(sweep.labels, columns)
         if (correlation := rank_correlation(columns, label, metric))
     }
     if not found:
@@ -287,8 +273,8 @@ def headline(sweep: SweepRows, by: str) -> str:
     columns = sweep.columns
     begun = "" if len(columns) == sweep.runs else f"{len(columns)} of "
     text = f"{sweep.name}  {begun}{counted(sweep.runs, 'run')}"
-    ranked = best(columns, by)
-    if found := likelihoods(columns):
+    ranked = ranking.best(columns, by)
+    if found := ranking.likelihoods(columns):
         text += f": {least_sure(found)}"
     elif len(ranked):
         best_run = f"run {columns.run(ranked[0])}{_varied(sweep, ranked[0])}"
@@ -312,7 +298,7 @@ def _varied(sweep: SweepRows, row: int) -> str:
 
 
 def _best(sweep: SweepRows, asked: Asked) -> ReportPart | None:
-    ranked = best(sweep.columns, asked.by)
+    ranked = ranking.best(sweep.columns, asked.by)
     head, rows = _runs(sweep, ranked[: asked.top], asked)
     return ReportPart("best", f"best runs by {asked.by}", head, rows) if len(ranked) else None
 
@@ -344,12 +330,12 @@ def _worst(sweep: SweepRows, asked: Asked, label: str) -> ReportPart:
 
 
 def _front(sweep: SweepRows, asked: Asked) -> ReportPart | None:
-    front = pareto_front(sweep.columns, asked.by, asked.against)
+    front = ranking.pareto_front(sweep.columns, asked.by, asked.against)
     if not len(front) or asked.by == asked.against:
         return None
     head, rows = _runs(sweep, front[:MOST_OF_FRONT], asked)
     more = [f"and {len(front) - MOST_OF_FRONT} more"] if len(front) > MOST_OF_FRONT else []
-    ranked = len(best(sweep.columns, asked.by))
+    ranked = len(ranking.best(sweep.columns, asked.by))
     title = f"Pareto front of {asked.by} and {asked.against}: {counted(len(front), 'run')} of {ranked}"
     return ReportPart("front", title, head, rows, more)
 
@@ -371,9 +357,9 @@ def _runs(sweep: SweepRows, rows: Positions, asked: Asked) -> tuple[list[str], l
 
 
 def _drives(sweep: SweepRows, asked: Asked) -> ReportPart | None:
-    if len(drives_in(sweep.columns)) < 2:
+    if len(ranking.drives_in(sweep.columns)) < 2:
         return None
-    scores = drive_ranking(sweep.columns, asked.by)
+    scores = ranking.drive_ranking(sweep.columns, asked.by)
     head = ["drive", "completed", "median", "worst", "behind, 95 %", "first, P"]
     rows = [
         [
@@ -395,10 +381,12 @@ def _drives(sweep: SweepRows, asked: Asked) -> ReportPart | None:
 
 
 def _distributions(sweep: SweepRows) -> ReportPart | None:
-    spreads = [found for metric in metrics_in(sweep.columns) if (found := spread(sweep.columns, metric))]
+    spreads = [
+        found for metric in ranking.metrics_in(sweep.columns) if (found := ranking.spread(sweep.columns, metric))
+    ]
     if not spreads or len(sweep.columns) < 2:
         return None
-    head = ["metric", *(f"{100 * share:g} %" for share in QUANTILES), SKETCH, "missing"]
+    head = ["metric", *(f"{100 * share:g} %" for share in ranking.QUANTILES), SKETCH, "missing"]
     rows = [
         [
             one.metric,
@@ -436,7 +424,7 @@ def axes_of(sweep: SweepRows, x: str | None, y: str | None) -> tuple[str, str] |
     Raises:
         InputRefused: one asked for does not vary.
     """
-    numeric = numeric_labels(sweep.labels, sweep.columns)
+    numeric = ranking.numeric_labels(sweep.labels, sweep.columns)
     names = short(sweep.labels)
     chosen = []
     for option, wanted in (("--x", x), ("--y", y)):
