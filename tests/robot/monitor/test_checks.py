@@ -15,6 +15,7 @@ def test_codes_are_the_places_of_their_limits():
     assert limit[Reason.FORCE] == LIMITS.force_limit
     assert limit[Reason.STALE] == LIMITS.stale_time
     assert limit[Reason.FOLLOW] == LIMITS.follow_time
+    assert limit[Reason.HIDDEN_FORCE] == LIMITS.hidden_time
     assert rest[Reason.TOO_LOW] == rest[Reason.TOO_HIGH] == 0.5 * (LIMITS.z_min + LIMITS.z_max)
 
 

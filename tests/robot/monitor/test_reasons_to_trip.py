@@ -302,3 +302,52 @@ def test_a_drive_as_slow_as_it_may_be_follows():
     u[:, OMEGA_REF] = step[:, None]
     loose = LIMITS._replace(speed_limit=1e3, z_min=-1.0, z_max=1e-9, penetration_limit=1.0)
     assert watched(u, loose).trip is None
+
+
+DROOP = 0.6
+"""rad/s per N m, as the default drive has it."""
+FEELING = LIMITS._replace(drive_droop=DROOP, drive_lag=0.02)
+
+
+def hidden(n: int, shown: float, felt: float, way: float = -1.0):
+    """Inputs (n, 10): drives lose speed to a press of `felt` (N) from FAULT on, encoders show `shown`.
+
+    Args:
+        way: of the force in z; -1: a press.
+    """
+    u = standing(n, F_z=shown)
+    for row, force in ((slice(0, FAULT), shown), (slice(FAULT, n), felt)):
+        theta_m, theta_l = angles(np.array([(0.01, -0.015, -0.1)]), np.array([(0.0, 0.0, way * force)]))
+        deflected = theta_m - BELIEF.N * theta_l
+        # P12 at rest: omega_m = omega_ref - droop tau_load = 0
+        u[row, OMEGA_REF] = DROOP * BELIEF.k_s * (deflected - np.sign(deflected) * BELIEF.backlash)
+    return u
+
+
+def test_a_force_that_the_motors_feel_and_the_encoders_hide_trips():
+    """10 N more: 8 N of them are through a low-pass of 250 ms after 402 ms, and last 500 ms."""
+    due = FAULT + round((0.25 * np.log(10.0 / (10.0 - FEELING.hidden_force_limit)) + FEELING.hidden_time) / DT)
+    # the drive's lag of 20 ms and the filter of 8 ms come before; a count of each encoder is worth 0.25 N
+    assert due <= trip_row(hidden(FAULT + 600, 4.0, 14.0), Reason.HIDDEN_FORCE, FEELING) <= due + 30
+
+
+@pytest.mark.parametrize(("shown", "felt", "way"), [(4.0, 11.0, -1.0), (4.0, 0.0, -1.0), (0.0, 12.0, 1.0)])
+def test_a_hidden_force_below_its_limit_a_missing_one_and_a_pull_are_no_reason(shown, felt, way):
+    """Drives that lose less speed than believed, or none, look like a force that is missing."""
+    assert watched(hidden(FAULT + 600, shown, felt, way), FEELING).trip is None
+
+
+def test_without_a_believed_droop_no_hidden_force_is_looked_for():
+    assert watched(hidden(FAULT + 600, 4.0, 14.0), LIMITS).trip is None
+
+
+def test_drives_without_load_that_are_slower_than_believed_hide_no_force():
+    """A lag of 40 ms for the believed 20, and strokes of a tap: to and fro at 3.5 rad/s, twice a second."""
+    command, speed = 3.5 * np.sign(np.sin(4.0 * np.pi * DT * np.arange(1500))), np.zeros(1500)
+    for k in range(1, 1500):
+        speed[k] = speed[k - 1] + (1.0 - np.exp(-DT / 0.04)) * (command[k - 1] - speed[k - 1])
+    theta_m = 0.2 + np.tile(np.concatenate([[0.0], np.cumsum(speed)[:-1] * DT])[:, None], (1, 3))
+    u = told(theta_m, theta_m / BELIEF.N)
+    u[:, OMEGA_REF] = command[:, None]
+    loose = FEELING._replace(speed_limit=1e3, z_min=-1.0, z_max=1e-9, penetration_limit=1.0, follow_time=9.0)
+    assert watched(u, loose).trip is None

@@ -70,6 +70,20 @@ def test_three_runaway_drives_press_with_a_seventh_of_what_they_did(body: str, b
     assert new.peak == FeltRuns(now.experiment, share=False).ideal_peak(faults, new.seen or 0.0)
 
 
+@pytest.mark.parametrize(("onset", "before", "after"), [(0.5, 49.4, 15.1), (2.5, 36.3, 20.5)])
+def test_encoders_that_drift_together_are_found_by_what_the_motors_feel(onset: float, before: float, after: float):
+    now, then = stage("back"), stage("back", "monitor.hidden_force_limit_N=1000")
+    faults = faults_of(now.experiment, [table("encoder_drift", "all joint encoders", 2.0, onset)])
+    new, old = felt(now.experiment, faults), felt(then.experiment, faults)
+    # another processor may round
+    assert (old.peak, new.peak) == pytest.approx((before, after), rel=0.02)
+    assert now.experiment.monitor is not None and new.reason == "HIDDEN_FORCE"
+    assert new.peak < 1.5 * now.experiment.monitor.force_limit < old.peak
+    assert new.peak == pytest.approx(
+        FeltRuns(now.experiment, share=False).ideal_peak(faults, new.seen or 0.0), rel=0.02
+    )
+
+
 @pytest.mark.parametrize("body", ["scale", "back"])
 def test_no_common_cause_does_worse_than_an_ideal_monitor_allows(body: str):
     assert [row for row in rows(body) if row.beyond] == []

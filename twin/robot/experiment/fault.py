@@ -139,8 +139,8 @@ _ENCODER_KINDS = {
     ),
     "encoder_drift": Kind(
         "counts", _ENCODERS, "the count runs away from the angle at a constant speed", Seen(2.0, 2.0),
-        f"{_SAME_ENCODER}, and the force loop corrects what it believes; only once it is degrees off, the limit of "
-        "deflection or of the workspace ends it",
+        f"{_SAME_ENCODER}, and the force loop corrects what it believes; motors that lose speed under load show the "
+        "force, behind others only the limits of deflection, depth or workspace end it",
         "deg_per_s", (0.1, 0.5, 2.0), beyond=2.0,
     ),
     "encoder_quantisation": Kind(

@@ -44,6 +44,7 @@ class Reason(IntEnum):
     INVALID_COMMAND = 16
     SATURATION = 17
     FOLLOW = 18
+    HIDDEN_FORCE = 19
 
 
 class Meaning(NamedTuple):
@@ -91,6 +92,9 @@ MEANINGS = {
     Reason.INVALID_COMMAND: Meaning("the controller commands what is not a number", "invalid values", "", 1.0),
     Reason.SATURATION: Meaning("joint {joint}: the command has stayed at its limit", "for", "ms", 1e3),
     Reason.FOLLOW: Meaning("joint {joint}: the motor does not follow its command", "for", "ms", 1e3),
+    Reason.HIDDEN_FORCE: Meaning(
+        "the motors give way to more force than the encoders show: an encoder is wrong", "for", "ms", 1e3
+    ),
 }
 
 
@@ -153,6 +157,18 @@ class Monitor(Settings):
         "rad/s", default=1.5, gt=0, help="difference of commanded and measured motor speed that trips"
     )
     follow_time: float = setting("ms", default=150.0, gt=0, help="time for which it has to last")
+    drive_droop: float | None = optional(
+        "rad/s/(N m)",
+        gt=0,
+        absent=0.0,
+        example=0.6,
+        help="speed that the drives are believed to lose per load; without it no look for a hidden force",
+    )
+    drive_lag: float = setting("ms", default=0.0, ge=0, help="believed time constant of the drives' speed")
+    hidden_force_limit: float = setting(
+        "N", default=8.0, gt=0, help="pressing force that the motors feel and the encoders do not show, that trips"
+    )
+    hidden_time: float = setting("ms", default=500.0, gt=0, help="time for which it has to last")
     filter: float = setting("Hz", default=20.0, gt=0, help="low-pass of speeds and rates")
     retract: float = setting("deg", default=30.0, gt=0, help="how far a trip turns the motors back")
     retract_speed: float = setting("rad/s", default=2.0, gt=0, help="how fast")
@@ -193,7 +209,7 @@ followed, a command has been at its limit; motor angle (rad) at which each joint
 
 (
     INVALID_SAMPLE, STALE, JUMP, NO_POSE, DEFLECTION, FROZEN_MOTOR, FROZEN_JOINT, FORCE, FORCE_RATE, PENETRATION, SPEED,
-    RADIUS, TOO_LOW, TOO_HIGH, CONTACT_TIME, INVALID_COMMAND, SATURATION, FOLLOW,
+    RADIUS, TOO_LOW, TOO_HIGH, CONTACT_TIME, INVALID_COMMAND, SATURATION, FOLLOW, HIDDEN_FORCE,
 ) = (int(reason) for reason in Reason if reason is not Reason.NONE)  # fmt: skip
 
 
@@ -204,7 +220,7 @@ def thresholds(limits: Limits) -> tuple[np.ndarray, np.ndarray]:
         1.0, limits.stale_time, limits.jump_limit, 1.0, limits.deflection_limit, limits.frozen_time,
         limits.frozen_travel, limits.force_limit, limits.force_rate_limit, limits.penetration_limit, limits.speed_limit,
         limits.workspace_radius, limits.z_min, limits.z_max, limits.contact_time_limit, 1.0, limits.saturation_time,
-        limits.follow_time,
+        limits.follow_time, limits.hidden_time,
     ]  # fmt: skip
     rest[[Reason.TOO_LOW, Reason.TOO_HIGH]] = 0.5 * (limits.z_min + limits.z_max)
     return limit, rest
@@ -270,6 +286,7 @@ def value_sample(seen, timers, values, joints, tick):
     values[TOO_LOW] = seen.p_B[2]
     values[TOO_HIGH] = seen.p_B[2]
     values[CONTACT_TIME] = tick * seen.contact_ticks
+    values[HIDDEN_FORCE] = tick * seen.hidden_ticks
 
 
 @njit(cache=True)

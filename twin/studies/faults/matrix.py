@@ -6,7 +6,7 @@ One row of the matrix: a fault, what it did with the monitor and without, and wh
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -17,7 +17,8 @@ from twin.robot.assembly.roles import refuse_other_parts
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE, NEVER, Fault, checked_faults, expected
 from twin.robot.monitor.checks import trip_sentence
-from twin.studies.faults.trials import FaultTrial, Trials, healthy_run
+from twin.studies.faults.together import OF_IDEAL
+from twin.studies.faults.trials import FaultTrial, Trials, fault_trial_of, healthy_run
 
 GLITCH_SHARE = 0.02
 """Of the samples, for kinds that hit a share of them besides having a magnitude: ten a second at 2 ms."""
@@ -171,6 +172,8 @@ class FaultRow:
         healthy_peak: largest true force of the healthy run from the onset on (N).
         watched, unwatched: with the monitor and without.
         stays: whether the fault lasts to the end of the run.
+        ideal: of a row beyond its bound the largest force (N) if all drives lost their power as soon as the true force
+            reached the limit, which no sensor of the robot could tell sooner; None: it is not beyond.
     """
 
     kind: str
@@ -183,6 +186,7 @@ class FaultRow:
     watched: FaultOutcome
     unwatched: FaultOutcome
     stays: bool = True
+    ideal: float | None = None
 
     @property
     def bound(self) -> float:
@@ -229,9 +233,15 @@ class FaultRow:
         return self.detection_expected and not self.detected
 
     @property
+    def unavoidable(self) -> bool:
+        """Whether the force went beyond the bound, was not said to, and had done so with an ideal monitor, too."""
+        ideal = 0.0 if self.ideal is None else self.ideal
+        return not self.safe and not self.expected_beyond and self.watched.peak <= OF_IDEAL * ideal
+
+    @property
     def loose(self) -> bool:
-        """Whether the force went beyond the bound and was not said to."""
-        return not self.safe and not self.expected_beyond
+        """Whether the force went beyond the bound, was not said to, and could have been less."""
+        return not self.safe and not self.expected_beyond and not self.unavoidable
 
     @property
     def fails(self) -> bool:
@@ -258,6 +268,7 @@ class FaultRow:
             "as_stated": self.as_stated,
             "detectable": self.detection_expected,
             "expected_beyond": self.expected_beyond,
+            "ideal_peak_N": self.ideal,
             # the name of 1.0
             "said_to_go_beyond": self.expected_beyond,
             "failed": self.fails,
@@ -325,8 +336,9 @@ def matrix_rows(
     with Trials(experiment, share) as trials:
         for case in cases:
             fault = case.fault
-            watched, unwatched = (outcome(one, fault.onset, tick, limit) for one in trials.pair(fault))
-            yield FaultRow(
+            pair = trials.pair(fault)
+            watched, unwatched = (outcome(one, fault.onset, tick, limit) for one in pair)
+            row = FaultRow(
                 kind=fault.kind,
                 target=fault.target,
                 magnitude=case.magnitude,
@@ -338,6 +350,14 @@ def matrix_rows(
                 unwatched=unwatched,
                 stays=fault.end == NEVER,
             )
+            yield row if row.safe else replace(row, ideal=_ideal_peak(trials, fault, pair[0], limit))
+
+
+def _ideal_peak(trials: Trials, fault: Fault, watched: FaultTrial, limit: float) -> float:
+    """Largest force (N) from the onset on if all power is cut when the true force of `watched` reaches `limit` (N)."""
+    at = fault.onset + int(np.argmax(watched.force[fault.onset :] >= limit))
+    cut = trials.run((fault, Fault("power_off", "power", at)))
+    return float(fault_trial_of(cut.trace, cut.done).force[fault.onset :].max())
 
 
 def outcome(run: FaultTrial, onset: int, tick: float, limit: float) -> FaultOutcome:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from enum import StrEnum
+from itertools import product
 from pathlib import Path
 from typing import Annotated
 
@@ -57,6 +58,15 @@ def faults(
             complete="body",
         ),
     ] = (),
+    reach: Annotated[
+        float,
+        Option(
+            "Also move all tasks sideways, by this much in four directions, for common causes and pairs.",
+            "MM",
+            "--reach-mm",
+            least=0.0,
+        ),
+    ] = 0.0,
     settings: Settings = (),
     out: Annotated[Path | None, Option("Folder; default: results/faults/EXPERIMENT.", "DIR")] = None,
 ) -> Result:
@@ -93,7 +103,15 @@ def faults(
         touching,
     )
     from twin.studies.faults.text import draw_fault_matrix, fault_matrix_result, together_result
-    from twin.studies.faults.together import FaultSet, Stage, TogetherRow, together_of, together_rows
+    from twin.studies.faults.together import (
+        FaultSet,
+        Stage,
+        TogetherRow,
+        moved_settings,
+        places,
+        together_of,
+        together_rows,
+    )
 
     folder = made_folder(out or HOME / experiment.stem)
     name, picture = experiment.stem, folder / PICTURE
@@ -106,15 +124,17 @@ def faults(
         chosen = known_kinds(kinds)
         stages: list[Stage] = []
         of_bodies: list[tuple[FaultTrial, tuple[Case, ...]]] = []
-        for body in dict.fromkeys(bodies) or (None,):
+        for body, place in product(dict.fromkeys(bodies) or (None,), places(1e-3 * reach)):
             loaded = load_experiment(experiment, settings, drive, body)
+            if moved := moved_settings(loaded, place):
+                loaded = load_experiment(experiment, (*settings, *moved), drive, body)
             healthy = healthy_trial(loaded)
             times = onsets_of(loaded, healthy, onsets)
             # checks the onsets, too
             of_bodies.append((healthy, cases(loaded, chosen, times, duration)))
             touches = touching(healthy)
             inside = tuple((t, bool(touches[round(t / loaded.cosim.tick)])) for t in times)
-            stages.append(Stage(body or "", loaded, inside))
+            stages.append(Stage(body or "", loaded, inside, place))
         # single faults on the first body
         healthy, planned = of_bodies[0] if FaultSet.SINGLE in wanted else (of_bodies[0][0], ())
         each = sum(len(together_of(kind, 0.0, kinds)) for kind in wanted)

@@ -1,6 +1,7 @@
 """The matrix of faults as text of at most 80 columns, as a Markdown table and as a picture."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ import numpy as np
 
 from twin.robot.experiment.fault import CATALOGUE
 from twin.studies.faults.matrix import ALLOWANCE, FaultRow
-from twin.studies.faults.together import OF_IDEAL, REACHABLE, FaultSet, TogetherRow
+from twin.studies.faults.together import HERE, OF_IDEAL, REACHABLE, FaultSet, TogetherRow
 from twin.studies.figure import BARE, INK, LESS_IS_BETTER, LIGHT_IS_GOOD, VERMILION, Axes, picture
 from twin.studies.result import Block, Column, Note, Result, Table, counted
 
@@ -62,10 +63,12 @@ def fault_matrix_result(
         f"{sets if together else ''}"
     )
     claimed, allowed = [r for r in rows if r.detection_expected], [r for r in rows if r.expected_beyond]
+    unavoidable = sum(r.unavoidable for r in rows)
     counts = (
         f"Expected: {len(claimed)} cases detected, up to {len(allowed)} above {first.bound:g} N. "
         f"Found: {sum(r.detected for r in claimed)} of these detected, {sum(not r.safe for r in allowed)} of these "
-        f"above, {sum(r.loose for r in rows)} others above."
+        f"above, {sum(r.loose for r in rows)} others above"
+        f"{f', {unavoidable} more with an ideal monitor, too' if unavoidable else ''}."
     )
     ended = sum(r.unwatched.end == "run ended" and r.watched.end != "run ended" for r in rows)
     early = (
@@ -89,6 +92,13 @@ TOGETHER = (
     Column("seen", 5, unit="s"),
     Column("off", 5, unit="s"),
 )
+MOVED = (
+    replace(TOGETHER[0], width=26, form=".26s"),
+    TOGETHER[1],
+    Column("at mm", 7, left=True),
+    *TOGETHER[2:],
+)
+"""The same, where the tasks were moved, too."""
 SHOWN = 12
 """Causes of each list that the text shows, the worst first; all rows are in the files."""
 
@@ -122,18 +132,20 @@ def together_blocks(rows: Sequence[TogetherRow]) -> list[Block]:
         # of equal names the worst comes first
         worst = {row.faults.name: row for row in reversed(of_kind)}
         shown = sorted(worst.values(), key=lambda row: -row.watched.peak)[:SHOWN]
-        cells = [_together_cells(row) for row in shown]
-        blocks += ["", Note(text, later=4), Table(TOGETHER, cells, indent=0)]
+        moved = any(row.stage.offset != HERE for row in rows)
+        cells = [_together_cells(row, moved) for row in shown]
+        blocks += ["", Note(text, later=4), Table(MOVED if moved else TOGETHER, cells, indent=0)]
     return blocks
 
 
-def _together_cells(row: TogetherRow) -> tuple[str, ...]:
+def _together_cells(row: TogetherRow, moved: bool) -> tuple[str, ...]:
     def seconds(value: float | None) -> str:
         return "-" if value is None else f"{value:.3f}"
 
     return (
         f"{'!' if row.fails else '~' if row.watched.peak > REACHABLE * row.limit else ' '} {row.faults.name}",
-        row.body,
+        row.stage.body,
+        *([", ".join(f"{1e3 * each:.3g}" for each in row.stage.offset)] if moved else []),
         _force(row.watched.peak),
         "-" if row.ideal is None else _force(row.ideal),
         _force(row.unwatched.peak),
@@ -178,7 +190,10 @@ def _exceptions(rows: Sequence[FaultRow]) -> Iterator[Block]:
     blocks: dict[str, Sequence[FaultRow | str]] = {
         "! expected to be detected, and not detected:": [row for row in rows if row.missed],
         "! above the bound, and not expected there:": [row for row in rows if row.loose],
-        "! above the bound, as expected:": [row for row in rows if not row.safe and not row.loose],
+        "! above the bound, as with a monitor that cuts all power at the limit of force:": [
+            row for row in rows if row.unavoidable
+        ],
+        "! above the bound, as expected:": [row for row in rows if not row.safe and row.expected_beyond],
         "not detectable:": [kind for kind in kinds if CATALOGUE[kind].detection == "no"],
         "detected in time, and not expected to be:": [row for row in rows if not row.as_stated and not row.fails],
         "not detected at the largest magnitude, as expected:": [row for row in last if not row.missed],
@@ -193,7 +208,8 @@ def _exceptions(rows: Sequence[FaultRow]) -> Iterator[Block]:
 def _named(row: FaultRow) -> str:
     fault = " ".join(filter(None, (row.kind, magnitude_text(row.kind, row.magnitude))))
     seen = f"{row.watched.reason} after {1e3 * (row.watched.delay or 0.0):.0f} ms" if row.detected else "not detected"
-    return f"{fault} at {row.onset:.2f} s: {row.watched.peak:.1f} N, {seen}"
+    ideal = "" if row.ideal is None else f"; ideal {row.ideal:.1f} N"
+    return f"{fault} at {row.onset:.2f} s: {row.watched.peak:.1f} N, {seen}{ideal}"
 
 
 BEYOND = VERMILION

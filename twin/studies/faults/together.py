@@ -236,6 +236,27 @@ def moved_tasks(tasks: Sequence[Any], offset: tuple[float, float]) -> dict[str, 
     }
 
 
+def moved_settings(experiment: Experiment, offset: tuple[float, float]) -> tuple[str, ...]:
+    """`key=value` of each task that is moved by `offset` (m); none if it is not.
+
+    Raises:
+        InputRefused: no task could be moved.
+    """
+    if offset == HERE:
+        return ()
+    if not experiment.tasks:
+        raise InputRefused(
+            f"{experiment.name}: has no [[task]] that could be moved by {1e3 * offset[0]:g}, {1e3 * offset[1]:g} mm"
+        )
+    moved = moved_tasks(experiment.tasks, offset)
+    return tuple(f"task.{n}.{key}=[{x:g},{y:g}]" for n, new in moved.items() for key, (x, y) in new.items())
+
+
+def places(reach: float) -> tuple[tuple[float, float], ...]:
+    """Where the tasks are tried: where they are, and `reach` (m) from there in four directions."""
+    return (HERE, (reach, 0.0), (0.0, reach), (-reach, 0.0), (0.0, -reach)) if reach else (HERE,)
+
+
 def directions(kind: str) -> tuple[float, ...]:
     """Signs with which magnitudes of `kind` are tried: both, where a magnitude has one."""
     return (1.0, -1.0) if has_two_ways(kind) and CATALOGUE[kind].unit != "factor" else (1.0,)
@@ -287,11 +308,11 @@ def faults_of(experiment: Experiment, tables: Sequence[dict[str, Any]]) -> tuple
 
 @dataclass(frozen=True)
 class TogetherRow:
-    """Faults that act together, on one body.
+    """Faults that act together, on one body at one place.
 
     Attributes:
         faults: what acts.
-        body: what is pressed on; "": the experiment's own.
+        stage: where.
         onset: (s).
         in_contact: whether the healthy robot touches then.
         limit: the monitor's force limit (N).
@@ -300,7 +321,7 @@ class TogetherRow:
     """
 
     faults: Together
-    body: str
+    stage: "Stage"
     onset: float
     in_contact: bool
     limit: float
@@ -348,7 +369,8 @@ class TogetherRow:
             "set": str(self.faults.kind),
             "name": self.faults.name,
             "fault": list(self.faults.tables),
-            "body": self.body,
+            "body": self.stage.body,
+            "offset_m": list(self.stage.offset),
             "onset_s": self.onset,
             "in_contact": self.in_contact,
             "limit_N": self.limit,
@@ -363,17 +385,19 @@ class TogetherRow:
 
 
 class Stage(NamedTuple):
-    """An experiment on one body, and when its faults begin.
+    """An experiment on one body at one place, and when its faults begin.
 
     Attributes:
         body: its name; "": the experiment's own.
-        experiment: on it, healthy.
+        experiment: there, healthy.
         onsets: (s), and whether the robot touches then.
+        offset: by which all tasks are moved, x and y (m).
     """
 
     body: str
     experiment: Experiment
     onsets: tuple[tuple[float, bool], ...]
+    offset: tuple[float, float] = HERE
 
 
 def together_of(kind: FaultSet, onset: float, kinds: Sequence[str]) -> list[Together]:
@@ -402,4 +426,4 @@ def together_row(stage: Stage, runs: FeltRuns, one: Together, onset: float, in_c
     faults = faults_of(experiment, one.tables)
     watched, unwatched = runs.both(faults)
     ideal = None if watched.seen is None else runs.ideal_peak(faults, watched.seen)
-    return TogetherRow(one, stage.body, onset, in_contact, experiment.monitor.force_limit, watched, unwatched, ideal)
+    return TogetherRow(one, stage, onset, in_contact, experiment.monitor.force_limit, watched, unwatched, ideal)

@@ -10,12 +10,12 @@ from typing import Any, Literal, NamedTuple
 
 from scipy.stats import binomtest
 
-from twin.kernel.errors import InputRefused, TwinError
+from twin.kernel.errors import TwinError
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.together import table
 from twin.studies.faults.matrix import healthy_trial, onsets_of
-from twin.studies.faults.together import HERE, Felt, FeltRuns, faults_of, felt, moved_tasks, with_share
+from twin.studies.faults.together import Felt, FeltRuns, faults_of, felt, moved_settings, with_share
 from twin.studies.safety.hazards import Cause, Hazard, SafetyTable
 
 CONFIDENCE = 0.95
@@ -247,18 +247,8 @@ def robot_of(
         InputRefused: it cannot be made so. SafetyTrip, ComponentFailed: it trips or fails without any fault.
     """
     experiment = load_experiment(path, settings, None, body)
-    moved: tuple[str, ...] = ()
-    if point != HERE:
-        if not experiment.tasks:
-            raise InputRefused(
-                f"{path}: has no [[task]] that could be moved by {1e3 * point[0]:g}, {1e3 * point[1]:g} mm"
-            )
-        keys = [
-            (f"task.{n}.{key}", to)
-            for n, new in moved_tasks(experiment.tasks, point).items()
-            for key, to in new.items()
-        ]
-        moved = tuple(f"{key}=[{x:g},{y:g}]" for key, (x, y) in keys)
+    moved = moved_settings(experiment, point)
+    if moved:
         experiment = load_experiment(path, (*settings, *moved), None, body)
     onsets = onsets_of(experiment, healthy_trial(experiment), ())
     return HazardRobot(body, point, (*settings, *moved), experiment, onsets, FeltRuns(experiment, share))

@@ -25,8 +25,9 @@ from twin.robot.experiment.schema import WayPoints
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import jacobian
 from twin.robot.monitor.checks import Monitor
-from twin.robot.monitor.component import MonitorBelief, Resolution, geometry, press_deflection, resolution, retreat
+from twin.robot.monitor.component import MonitorBelief, Resolution, geometry, press_deflection, resolution
 from twin.robot.monitor.component import low_pass_share as monitor_share
+from twin.robot.monitor.safe_action import retreat
 from twin.robot.plant.dynamics import TrueRobot
 
 DISTINCT = 3.0
@@ -60,7 +61,7 @@ def contradictions(monitor: Monitor, belief: MonitorBelief, sample_period: float
 def _among_times(monitor: Monitor, sample_period: float, speed_limit: float) -> list[str]:
     mistakes = []
     shortest = max(monitor.period, sample_period)
-    for key in ("stale_time", "frozen_time", "saturation_time", "follow_time"):
+    for key in ("stale_time", "frozen_time", "saturation_time", "follow_time", "hidden_time"):
         if getattr(monitor, key) <= shortest:
             mistakes.append(
                 f"[monitor] {key}_ms = {1e3 * getattr(monitor, key):g} is no longer than one sample of "
