@@ -8,7 +8,7 @@ from typing import Any
 
 from twin.cli.streams import show
 from twin.cli.terminal import TerminalDisplay
-from twin.kernel.errors import ComponentFailed
+from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.process.guard import JobEnded, guarded
 from twin.kernel.process.job import (
     JobLimits,
@@ -33,11 +33,19 @@ def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
 
     Raises:
         SystemExit: the exit code is not 0.
+        InputRefused: limits of a process, and none is to be made.
         TwinError: the study raised one, or an FMU ended its process; see `answer_apart` and `recorded`.
     """
     marked: Study = vars(function)["study"]
     own = inspect.signature(function).parameters
     asked = {key: value for key, value in given.items() if key in own}
+    if marked.limited and given["isolate"] == JobIsolation.NONE:
+        for option in ("limit_step", "limit_wall"):
+            if given[option] != SHARED[option][1]:
+                raise InputRefused(
+                    f"--{option.replace('_', '-')} is of the process that --isolate none does without; leave one of "
+                    "them out"
+                )
     for look in marked.before:
         look(asked)
     code = 0

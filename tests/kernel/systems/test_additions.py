@@ -62,13 +62,20 @@ def test_an_fmu_runs_as_its_default_experiment_says_and_in_500_steps_if_it_state
         alone(endless, stop=None)
 
 
-def test_values_are_set_over_those_of_the_file_and_of_ssv_files(ran: Ran, tmp_path: Path):
-    ssv = tmp_path / "v.ssv"
-    ssv.write_text(
+def _ssv(file: Path, parameters: str) -> Path:
+    file.write_text(
         '<ssv:ParameterSet xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues" version="1.0" '
-        'name="v"><ssv:Parameters><ssv:Parameter name="a.omega_ref"><ssv:Real value="2"/></ssv:Parameter>'
+        f'name="v"><ssv:Parameters>{parameters}</ssv:Parameters></ssv:ParameterSet>'
+    )
+    return file
+
+
+def test_values_are_set_over_those_of_the_file_and_of_ssv_files(ran: Ran, tmp_path: Path):
+    ssv = _ssv(
+        tmp_path / "v.ssv",
+        '<ssv:Parameter name="a.omega_ref"><ssv:Real value="2"/></ssv:Parameter>'
         '<ssv:Parameter name="b.theta_m"><ssv:Real value="90" unit="deg"/></ssv:Parameter>'
-        '<ssv:Parameter name="c.x"><ssv:Real value="1"/></ssv:Parameter></ssv:Parameters></ssv:ParameterSet>'
+        '<ssv:Parameter name="c.x"><ssv:Real value="1"/></ssv:Parameter>',
     )
     whole = structure(system([component("a", "a.fmu", bindings=values("omega_ref=1")), B], [WIRE]), 0.01)
     run, facts = ran(whole, additions=Additions(parameters=[ssv]))
@@ -78,11 +85,13 @@ def test_values_are_set_over_those_of_the_file_and_of_ssv_files(ran: Ran, tmp_pa
     assert run["a.omega_m"][-1] == pytest.approx(2 * math.pi) and run["b.theta_m"][0] == -1.0
 
 
-def test_what_is_set_and_fed_by_a_connection_is_named(ran: Ran):
+def test_what_is_set_and_fed_by_a_connection_is_named(ran: Ran, tmp_path: Path):
     settings = ["a.omega_ref=2", "b.omega_ref=3"]
     run, facts = ran(BOTH, additions=Additions(settings))
     assert facts["overruled"] == ["b.omega_ref=3"] and run["b.omega_m"][-1] == 2.0
     assert "overruled  b.omega_ref=3, by connections" in system_result(facts).text
+    ssv = _ssv(tmp_path / "v.ssv", '<ssv:Parameter name="b.omega_ref"><ssv:Real value="3"/></ssv:Parameter>')
+    assert ran(BOTH, additions=Additions(settings[:1], [ssv]))[1]["overruled"] == ["b.omega_ref"]
 
 
 def test_a_connector_of_the_system_takes_values_and_signals_for_what_it_leads_to(ran: Ran):

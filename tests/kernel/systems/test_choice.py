@@ -1,6 +1,7 @@
 """Options that say nothing, or contradict each other, are refused in a sentence before anything is read."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -8,7 +9,14 @@ import pytest
 from tests.kernel.systems.archives import component, connection, structure, system
 from tests.kernel.systems.conftest import Ran
 from twin.kernel.errors import InputRefused
+from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice, kinds, order, steps
+from twin.studies.systems.recorded import system_result
+
+TWO = system(
+    [component("a", "a.fmu"), component("b", "a.fmu")],
+    [connection("a.omega_m", "b.omega_ref")],
+)
 
 BAD: dict[str, tuple[Callable[[], Any], str]] = {
     "no kind": (lambda: kinds(["a=1"]), "--kind a=1: expected co_simulation, model_exchange"),
@@ -46,12 +54,49 @@ def test_names_with_an_equals_sign_and_dots_are_read_from_the_right():
     assert order("b, arm.a") == ["b", "arm.a"] and order("") == []
 
 
-@pytest.mark.parametrize(
-    ("asked", "option"),
-    [({"kinds": {"c": "model_exchange"}}, "--kind"), ({"steps": {"c": 0.1}}, "--step"), ({"order": ["c"]}, "--order")],
-)
-def test_options_of_no_component_are_refused(ran: Ran, asked: dict[str, Any], option: str):
-    parts = [component("a", "a.fmu"), component("b", "a.fmu")]
-    ssd = structure(system(parts, [connection("a.omega_m", "b.omega_ref")]), 0.01)
-    with pytest.raises(InputRefused, match=f"{option} c: no such component; known are a, b"):
-        ran(ssd, **asked)
+NAMED = "no such component; known are a, b"
+USELESS: dict[str, tuple[dict[str, Any], str]] = {
+    "a kind of nothing": ({"kinds": {"c": "model_exchange"}}, f"--kind c: {NAMED}"),
+    "a step of nothing": ({"steps": {"c": 0.1}}, f"--step c: {NAMED}"),
+    "nothing goes first": ({"order": ["c"]}, f"--order c: {NAMED}"),
+    "a solver without equations": (
+        {"solver": "rk4"}, "--solver rk4 is of FMUs for model exchange, and all are used for co-simulation (a, b)",
+    ),
+    "the usual solver without equations": ({"solver": "cvode"}, "--solver cvode is of FMUs for model exchange"),
+    "a kind that no FMU offers": (
+        {"kinds": {"": "model_exchange"}},
+        "--kind model_exchange: no FMU can be used so; there is: a as co_simulation, b as co_simulation",
+    ),
+    "an order of those that step at once": (
+        {"order": ["b"], "scheme": "jacobi"}, "in Jacobi order all step at once; leave it out, or choose --scheme",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("useless", USELESS)
+def test_what_is_asked_of_nothing_in_the_system_is_refused(ran: Ran, useless: str):
+    asked, told = USELESS[useless]
+    with pytest.raises(InputRefused) as refused:
+        ran(structure(TWO, 0.01), **asked)
+    assert told in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_what_is_asked_for_and_changes_nothing_is_said(ran: Ran, tmp_path: Path):
+    _, facts = ran(structure(TWO, 0.01), loops="solve", lenient=True, state_every=0.01)
+    assert facts["without_effect"] == [
+        "--loops solve: no algebraic loop was found",
+        "--lenient: there was nothing to let through",
+        "--state-every-s 0.01: the run is over after 0.01 s, and saves its end anyway",
+    ]
+    assert "no effect  --lenient: there was nothing to let through" in system_result(facts).text
+    file = tmp_path / "log.csv"
+    file.write_text("time,a.omega_ref\n100,1\n101,2\n")
+    alone = structure(system([component("a", "a.fmu")]), 0.01)
+    run, facts = ran(alone, scheme="gauss_seidel", order=["a"], additions=Additions(inputs=[str(file)]))
+    assert facts["without_effect"] == [
+        "--scheme: there is one FMU, a", "--order: there is one FMU, a",
+        "--input a.omega_ref: its samples are from 100 to 101 s, the run from 0 to 0.01 s; the first one holds",
+    ]  # fmt: skip
+    assert run["a.omega_m"][-1] == 1.0
+    _, facts = ran(structure(TWO, 0.01), state_every=0.005, scheme="jacobi")
+    assert facts["without_effect"] == []

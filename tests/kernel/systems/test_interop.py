@@ -122,8 +122,11 @@ def test_what_is_written_as_ssp_runs_with_the_same_bits(kind: str, tmp_path: Pat
     }[kind]()
     first = "omega_ref" if kind == "fmu" else "a.omega_ref"
     asked = Additions([f"{first}=0.1"])
-    other = {"scheme": "jacobi", "order": ["b"]} if kind == "ssp" else {}
-    choice = MasterChoice(0.0005, None, 0.012, **other)  # type: ignore[arg-type]
+    other: dict[str, dict[str, Any]] = {
+        "osp": {"scheme": "gauss_seidel", "order": ["b"]},
+        "ssp": {"scheme": "jacobi"},
+    }
+    choice = MasterChoice(0.0005, None, 0.012, **other.get(kind, {}))
     recording, facts = run(file, tmp_path / "run", choice, additions=asked)
     written = tmp_path / "written.ssp"
     told = written_system(file, choice, written, additions=asked)
@@ -151,11 +154,21 @@ def test_what_is_written_is_of_the_standard(tmp_path: Path, ideal: Path):
         assert sorted(packed.namelist()) == ["SystemStructure.ssd", "resources/ideal_velocity.fmu"]
 
 
-def test_ssp_has_no_word_for_a_signal_or_a_pattern(tmp_path: Path, ideal: Path):
-    with pytest.raises(InputRefused, match="--input omega_ref: an SSP archive has no word for it"):
-        written_system(ideal, out=tmp_path / "x.ssp", additions=Additions(inputs=["omega_ref=t"]))
-    with pytest.raises(InputRefused, match="--record: an SSP archive has no word for it"):
-        written_system(ideal, out=tmp_path / "x.ssp", additions=Additions(recorded=["*"]))
+@pytest.mark.parametrize(
+    ("asked", "option"),
+    [
+        (Additions(inputs=["omega_ref=t"]), "--input omega_ref"),
+        (Additions(recorded=["*"]), "--record"),
+        (MasterChoice(solver="rk4"), "--solver"),
+        (MasterChoice(loops="solve"), "--loops solve"),
+        (MasterChoice(tolerance=1e-4), "--tolerance"),
+        (MasterChoice(remote={"ideal_velocity": "tls://h:1"}), "--remote"),
+    ],
+)
+def test_what_ssp_has_no_word_for_is_refused(asked: Additions | MasterChoice, option: str, tmp_path: Path, ideal: Path):
+    choice, added = (asked, Additions()) if isinstance(asked, MasterChoice) else (MasterChoice(), asked)
+    with pytest.raises(InputRefused, match=f"{option}: an SSP archive has no word for it"):
+        written_system(ideal, choice, tmp_path / "x.ssp", additions=added)
     assert not (tmp_path / "x.ssp").exists()
 
 

@@ -186,6 +186,16 @@ def with_settings(flat: FlatSystem, names: SystemNames, settings: Sequence[str])
     return replace(flat, assigned=assigned)
 
 
+def overruled(flat: FlatSystem, names: SystemNames, additions: Additions) -> Iterator[str]:
+    """What `--set` and `--ssv` give to inputs that connections feed."""
+    fed = {lead.end for lead in flat.leads}
+    yield from (one for one in additions.settings if names.place(one.partition("=")[0].strip(), "--set") in fed)
+    by_name = {".".join(end) for end in fed}
+    # they were put behind those of the file
+    sets = names.package.structure.system.bindings[-len(additions.parameters) :] if additions.parameters else ()
+    yield from (one.name for by in sets for one in by.parameters.parameters if one.name in by_name)
+
+
 def _value(name: str, text: str, variable: Variable, where: str) -> ParameterValue:
     """The value that `text` says, of the type of `variable`."""
     if variable.is_text:
@@ -253,7 +263,7 @@ def inputs_beside(names: SystemNames, inputs: Sequence[str], settings: Sequence[
     if not fed:
         return Beside()
     set_ = {names.place(text.partition("=")[0].strip(), "--set") for text in settings}
-    ports, signals, feeds, about = [], [], [], {}
+    ports, signals, feeds, about, spans = [], [], [], {}, {}
     for one, port in zip(fed, distinct(word(one.name) for one in fed), strict=True):
         if one.place in set_:
             raise InputRefused(f"--input {one.name} and --set {one.name} contradict each other; remove one")
@@ -269,9 +279,11 @@ def inputs_beside(names: SystemNames, inputs: Sequence[str], settings: Sequence[
         ports.append(Port(port, 1, spelled or "1", f"{one.name}, by {one.about}"))
         signals.append(one.signal)
         about[one.name] = one.about
+        if isinstance(one.signal, SampledSignal):
+            spans[one.name] = (float(one.signal.t[0]), float(one.signal.t[-1]))
     ignored = tuple(dict.fromkeys(name for one in fed for name in one.ignored))
     fed_by = source(INPUTS, ports, signals, start)
-    return Beside((fed_by,), tuple(feeds), signals=(INPUTS,), about=about, ignored=ignored)
+    return Beside((fed_by,), tuple(feeds), signals=(INPUTS,), about=about, ignored=ignored, spans=spans)
 
 
 def _fed(names: SystemNames, text: str) -> Iterator[_Fed]:

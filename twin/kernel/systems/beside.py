@@ -41,6 +41,7 @@ class Beside:
         about: of each signal by its name, what it is made of; it belongs to the identity of a run.
         signals: names of components whose outputs are known before the first step.
         ignored: columns of files that feed nothing.
+        spans: of each signal that has samples, the first and the last time (s).
     """
 
     components: tuple[Component, ...] = ()
@@ -51,6 +52,7 @@ class Beside:
     signals: tuple[str, ...] = ()
     about: dict[str, str] = field(default_factory=dict)
     ignored: tuple[str, ...] = ()
+    spans: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def __add__(self, other: "Beside") -> "Beside":
         """Both together."""
@@ -63,4 +65,5 @@ class Beside:
             self.signals + other.signals,
             self.about | other.about,
             self.ignored + other.ignored,
+            self.spans | other.spans,
         )

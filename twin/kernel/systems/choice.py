@@ -26,7 +26,7 @@ class MasterChoice:
         tick, start, stop: length of a step, beginning and end of the run (s); None: as the system says.
         scheme: "gauss_seidel" in the order of components, or "jacobi"; None: that of the tools that write such files.
         kinds: as which FMUs are used, by component; by "" those of which the system says nothing.
-        solver: of all FMUs for model exchange.
+        solver: of all FMUs for model exchange; None: CVODE.
         steps: of components (s).
         order: components that go first, in this order.
         loops: what is done about algebraic loops.
@@ -40,7 +40,7 @@ class MasterChoice:
     stop: float | None = None
     scheme: "Scheme | None" = None
     kinds: "Mapping[str, Kind]" = field(default_factory=dict)
-    solver: Method = "cvode"
+    solver: Method | None = None
     steps: Mapping[str, float] = field(default_factory=dict)
     order: Sequence[str] = ()
     loops: Loops = "delay"
@@ -65,6 +65,11 @@ class MasterChoice:
                     "leave one of them out"
                 )
 
+    @property
+    def method(self) -> Method:
+        """Of the solver."""
+        return self.solver or "cvode"
+
     def refuse_unknown(self, components: Iterable[str], where: str) -> None:
         """Refuse names that are no components of the system.
 
@@ -77,6 +82,33 @@ class MasterChoice:
             for name in names:
                 if name and name not in known:
                     raise InputRefused(f"{where}: {option} {name}: no such component; {nearest(name, known)}")
+
+    def refuse_idle(self, used: "Mapping[str, Kind]", scheme: "Scheme", where: str) -> None:
+        """Refuse what is asked of FMUs that the system does not have.
+
+        Args:
+            used: as what each component is used.
+            scheme: of the system.
+            where: for sentences.
+
+        Raises:
+            InputRefused: a solver without equations to solve, a kind that no FMU offers, an order without one.
+        """
+        for_all = self.kinds.get("")
+        others = {name: kind for name, kind in used.items() if name not in self.kinds}
+        if for_all and for_all not in others.values():
+            offered = ", ".join(f"{name} as {kind}" for name, kind in others.items()) or "all are named by other --kind"
+            raise InputRefused(f"{where}: --kind {for_all}: no FMU can be used so; there is: {offered}")
+        if self.solver and "model_exchange" not in used.values():
+            raise InputRefused(
+                f"{where}: --solver {self.solver} is of FMUs for model exchange, and all are used for co-simulation "
+                f"({', '.join(used)}); leave it out, or choose --kind model_exchange for one that is both"
+            )
+        if self.order and scheme == "jacobi":
+            raise InputRefused(
+                f"{where}: --order says who steps first, and in Jacobi order all step at once; leave it out, or choose "
+                "--scheme gauss_seidel"
+            )
 
 
 def chosen(asked: Mapping[str, Any]) -> MasterChoice:
@@ -94,7 +126,7 @@ def chosen(asked: Mapping[str, Any]) -> MasterChoice:
         stop=asked["stop_s"],
         scheme=asked["scheme"].value if asked["scheme"] else None,
         kinds=kinds(asked["kind"]),
-        solver=asked["solver"].value,
+        solver=asked["solver"].value if asked["solver"] else None,
         steps=steps(asked["step"]),
         order=order(asked["order"]),
         loops=asked["loops"].value,

@@ -186,7 +186,7 @@ def initialised(
             outputs_at_start=outputs_at_start.get(part.name),
             setup=instance.setup,
             instance=instance,
-            solver=Solver(plan.choice.solver),
+            solver=Solver(plan.choice.method),
         )
         component.period = plan.timing.periods[part.path]
         made.callback(component.close)

@@ -17,6 +17,7 @@ from twin.kernel.systems.additions import (
     Additions,
     SystemNames,
     inputs_beside,
+    overruled,
     tables_beside,
     with_parameters,
     with_settings,
@@ -81,15 +82,11 @@ def _planned(
     package = with_parameters(package, additions.parameters)
     flat, tables = tables_beside(package, flattened(package.structure, f"{package.file}"))
     files, names = taken_out(package, flat, scratch, compiled)
-    overruled: tuple[str, ...] = ()
     if additions.settings or additions.inputs:
         flat = with_settings(flat, names, additions.settings)
-        fed = {lead.end for lead in flat.leads}
-        overruled = tuple(
-            one for one in additions.settings if names.place(one.partition("=")[0].strip(), "--set") in fed
-        )
         tables = tables + inputs_beside(names, additions.inputs, additions.settings)
-    plan = replace(planned(package, flat, files, choice, tables + beside, additions.recorded), overruled=overruled)
+    plan = planned(package, flat, files, choice, tables + beside, additions.recorded)
+    plan = replace(plan, overruled=tuple(overruled(flat, names, additions)))
     # refuses names that a recording cannot hold, before there is one
     topics(plan)
     return plan

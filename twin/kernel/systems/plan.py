@@ -81,7 +81,7 @@ class SystemPlan:
         ignored: names that get values, and nothing is called so.
         forgiven: offences of files that were let through.
         beside: what takes part beside the FMUs.
-        overruled: what `--set` gives to inputs that connections feed.
+        overruled: what `--set` and `--ssv` give to inputs that connections feed.
     """
 
     package: Package
@@ -172,6 +172,8 @@ def planned(
     choice.refuse_unknown(flat.components, f"{package.file}")
     reader = _Planner(package, flat, files, choice, beside, patterns)
     parts = tuple(reader.part(path) for path in ordered(package, flat, choice))
+    used = {part.path: part.description.kind for part in parts}
+    choice.refuse_idle(used, choice.scheme or package.scheme, f"{package.file}")
     if not any(part.recorded for part in parts):
         raise InputRefused(f"{package.file}: no FMU has an output that is a number; there is nothing to record")
     when = when or timing(package, flat, {part.path: part.description for part in parts}, choice)

@@ -50,6 +50,7 @@ def facts(
     events: Sequence[TickEvent],
     writing: float,
     recording: Path,
+    state_every: float | None = None,
 ) -> dict[str, Any]:
     """For programs."""
     costs = done.costs
@@ -93,6 +94,7 @@ def facts(
         "kept": unfed,
         "ignored": list(plan.ignored),
         "overruled": list(plan.overruled),
+        "without_effect": list(_without_effect(plan, made, state_every)),
         "steps": _steps(plan, done),
         "settled": made.settled,
         "ended": str(done.failure or ""),
@@ -107,6 +109,27 @@ def facts(
         ],
         "recording": str(recording),
     }
+
+
+def _without_effect(plan: SystemPlan, made: PreparedSystem, state_every: float | None) -> Iterator[str]:
+    """Sentences on what was asked for and changes nothing in this run."""
+    choice, timing = plan.choice, plan.timing
+    if choice.loops == "solve" and not made.loops:
+        yield "--loops solve: no algebraic loop was found"
+    if choice.lenient and not (plan.forgiven or made.forgiven):
+        yield "--lenient: there was nothing to let through"
+    if len(plan.parts) == 1:
+        asked = {"--scheme": choice.scheme, "--order": choice.order}
+        yield from (f"{option}: there is one FMU, {plan.parts[0].path}" for option, value in asked.items() if value)
+    if state_every is not None and state_every >= timing.duration:
+        yield f"--state-every-s {state_every:g}: the run is over after {timing.duration:g} s, and saves its end anyway"
+    begin, end = timing.first * timing.tick, timing.ticks * timing.tick
+    for name, (first, last) in plan.beside.spans.items():
+        if first > end or last < begin:
+            yield (
+                f"--input {name}: its samples are from {first:g} to {last:g} s, the run from {begin:g} to {end:g} s; "
+                f"the {'first' if first > end else 'last'} one holds"
+            )
 
 
 def _steps(plan: SystemPlan, done: Simulated) -> dict[str, Any]:
@@ -147,6 +170,7 @@ def system_result(came: Mapping[str, Any]) -> Result:
         *([note("not fed", some(unfed, MOST), True)] if unfed else []),
         *([note("ignored", ignored, True)] if came["ignored"] else []),
         *([note("overruled", f"{some(came['overruled'], MOST)}, by connections", True)] if came["overruled"] else []),
+        *(note("no effect", sentence, True) for sentence in came["without_effect"]),
         *(note("unsaid", sentence) for sentence in came["unsaid"]),
         *([] if came["settled"] else [note("start", UNSETTLED)]),
         *(note("forgiven", one, True) for one in came["forgiven"]),
@@ -241,7 +265,7 @@ def recorded_system(
         path = folder.absolute() / RECORDING
         reporter.note(experiment=package.file.stem, folder=str(path.parent), duration=plan.timing.duration)
         done, events, writing = _recorded(plan, made, path, reporter, state_every, state)
-        came = facts(plan, made, done, events, writing, folder / RECORDING)
+        came = facts(plan, made, done, events, writing, folder / RECORDING, state_every)
     write_json(folder / SUMMARY, came)
     return system_result(came)
 
@@ -264,8 +288,15 @@ def written_system(
     """
     from twin.kernel.systems.to_ssp import ssp_of
 
-    if additions.recorded:
-        raise InputRefused("--record: an SSP archive has no word for it; choose when it is run")
+    for option, asked in (
+        ("--record", additions.recorded),
+        ("--solver", choice.solver),
+        ("--loops solve", choice.loops == "solve"),
+        ("--tolerance", choice.tolerance),
+        ("--remote", choice.remote),
+    ):
+        if asked:
+            raise InputRefused(f"{option}: an SSP archive has no word for it; choose when it is run")
     package = read_system(system)
     file = out or Path(f"{package.structure.system.name}.ssp")
     if file.exists():
@@ -355,7 +386,7 @@ def _provenance(plan: SystemPlan, made: PreparedSystem) -> dict[str, dict[str, s
     asked = {
         **({"first": str(timing.first)} if timing.first else {}),
         **({"periods": json.dumps(periods)} if periods else {}),
-        **({"kinds": json.dumps(kinds), "solver": choice.solver} if kinds else {}),
+        **({"kinds": json.dumps(kinds), "solver": choice.method} if kinds else {}),
         **({"loops": choice.loops, "solved": json.dumps([one.path for one in made.loops])} if made.solved else {}),
         **({"tolerance": repr(choice.tolerance), "steps": unvarying(plan) or "varying"} if choice.tolerance else {}),
         **({"forgiven": json.dumps([*plan.forgiven, *made.forgiven])} if choice.lenient else {}),

@@ -103,8 +103,9 @@ def cosim(
         Option("Use FMUs that are both as co_simulation or model_exchange; may be repeated.", "[COMPONENT=]KIND"),
     ] = (),
     solver: Annotated[
-        FmuKindSolver, Option("Of FMUs for model exchange: cvode holds a tolerance, rk4 goes one step per tick.")
-    ] = FmuKindSolver.CVODE,
+        FmuKindSolver | None,
+        Option("Of FMUs for model exchange: cvode (default) holds a tolerance, rk4 goes one step per tick."),
+    ] = None,
     loops: Annotated[
         LoopCoupling,
         Option("Algebraic loops: delay one value by a step, or solve them by Newton's method."),
