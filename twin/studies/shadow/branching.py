@@ -16,7 +16,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.component import Component, NativeComponent
+from twin.kernel.cosim.component import Component, NativeComponent, Pieces
 from twin.kernel.cosim.delay import play
 from twin.kernel.cosim.port import by_port, width
 from twin.kernel.cosim.simulation import Simulation
@@ -48,7 +48,7 @@ class Present(NamedTuple):
         x: of the filter (15,).
         J: d theta_l / d p_B there (3, 3).
         omega_ref: commands that hold (3,), rad/s.
-        law: what the controller holds, by the names of its pieces.
+        law: what the controller holds, its pieces one after the other.
         drives: the state of the drives.
         shafts: what their outputs are.
         around: what the past has shown.
@@ -58,7 +58,7 @@ class Present(NamedTuple):
     x: NDArray[np.float64]
     J: NDArray[np.float64]
     omega_ref: NDArray[np.float64]
-    law: Mapping[str, NDArray]
+    law: NDArray[np.uint8]
     drives: SystemState
     shafts: Mapping[str, NDArray[np.float64]]
     around: Surroundings
@@ -115,6 +115,7 @@ class Branching:
             self._drive_places, self._places = StatePlaces(self._drives, none, none), StatePlaces(rest, none, none)
             self._plant, self._encoder = self._only("plant", Plant), self._only("encoder", NativeComponent)
             self.law = self._only("controller", NativeComponent)
+            self._law_pieces = Pieces(self.law.pieces().values())
             self._as_made = [(one, one.memory.copy()) for one in (self._plant, self._encoder)]
             self._fresh = self._places.take(0)
             self.tick, self.period = system.tick, experiment.controller_ticks
@@ -131,6 +132,7 @@ class Branching:
         self._at = 0
         self._shafts = {one.name: one.initial_outputs.copy() for one in self._drives}
         self._now = np.zeros(6)
+        self._away: SystemState | None = None
 
     def _only(self, row: str, kind: type[Native]) -> Native:
         (component,) = self._assembly.made[row]
@@ -139,7 +141,8 @@ class Branching:
 
     def close(self) -> None:
         """Free the FMUs."""
-        self._fresh.close()
+        for state in filter(None, (self._fresh, self._away)):
+            state.close()
         self._assembly.close()
 
     def follow(self, t: NDArray[np.float64], omega_ref: NDArray[np.float64], tau_load: NDArray[np.float64]) -> int:
@@ -153,6 +156,7 @@ class Branching:
         Returns:
             The tick that they have come to, one of those at which the controller is called.
         """
+        self._come_back()
         end = max(self._at, self.period * round(float(t[-1]) / (self.period * self.tick)))
         values = np.vstack([self._now, np.hstack([omega_ref, tau_load])])
         self._now = values[-1]
@@ -206,16 +210,13 @@ class Branching:
                 memory["parameters"][0][name] = getattr(plant, name)
         self._spring, self._slip = _spring(self.parameters), np.array(plant.slip)
 
-    def present(self, x: NDArray[np.float64], J: NDArray[np.float64], law: Component, around: Surroundings) -> Present:
-        """What a branch begins from, to be run now or later.
-
-        Args:
-            x, J, around: see `Present`.
-            law: the controller, where the robot's is.
-        """
-        pieces = {name: array.copy() for name, array in law.pieces().items()}
+    def present(
+        self, x: NDArray[np.float64], J: NDArray[np.float64], law: NDArray[np.uint8], around: Surroundings
+    ) -> Present:
+        """What a branch begins from, to be run now or later; for the arguments see there."""
+        self._come_back()
         drives = self._drive_places.take(self._at)
-        return Present(self._at, x, J, self.command.copy(), pieces, drives, dict(self._shafts), copy(around))
+        return Present(self._at, x, J, self.command.copy(), law, drives, dict(self._shafts), copy(around))
 
     def beginning(self, now: Present) -> NDArray[np.float64]:
         """Pressing force (N) and height (m) that a branch goes out from (2,)."""
@@ -229,25 +230,28 @@ class Branching:
 
     def run(self, now: Present, other: Otherwise = Otherwise()) -> NDArray[np.float64]:  # noqa: B008, it is a tuple
         """Pressing force (N) and height (m) at each of `LEADS` (leads, 2); NaN from where a component fails."""
-        before = self._drive_places.take(now.tick)
-        try:
-            self._put(now, other)
-            return self._ahead()
-        finally:
-            self._drive_places.put_back(before)
-            before.close()
+        self._go_away()
+        self._put(now, other)
+        return self._ahead()
 
     def run_from(self, saved: SavedState) -> NDArray[np.float64]:
         """As `run`, from a state of the robot itself."""
-        before = self._drive_places.take(saved.tick)
-        try:
-            for component, memory in self._as_made:
-                component.memory[...] = memory
-            self._simulation.adopt(saved)
-            return self._ahead()
-        finally:
-            self._drive_places.put_back(before)
-            before.close()
+        self._go_away()
+        for component, memory in self._as_made:
+            component.memory[...] = memory
+        self._simulation.adopt(saved)
+        return self._ahead()
+
+    def _go_away(self) -> None:
+        """Let the drives be used by branches, and remember where they were."""
+        self._away = self._away or self._drive_places.take(self._at)
+
+    def _come_back(self) -> None:
+        """Let the drives be where the robot's are."""
+        if self._away:
+            self._drive_places.put_back(self._away)
+            self._away.close()
+            self._away = None
 
     def _ahead(self) -> NDArray[np.float64]:
         rows = self._simulation.advance()
@@ -259,8 +263,7 @@ class Branching:
     def _put(self, now: Present, other: Otherwise) -> None:
         self._places.put_back(self._fresh)
         self._drive_places.put_back(now.drives)
-        for name, array in self.law.pieces().items():
-            array[...] = now.law[name]
+        self._law_pieces.put_back(now.law)
         x, outputs = now.x + other.dx, dict(now.shafts)
         s_B, outputs_of_body = self.surface(now.tick)
         outputs |= outputs_of_body
