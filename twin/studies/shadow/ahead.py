@@ -187,7 +187,6 @@ class _Pending:
 
     t: float
     now: Present
-    causes: list[list[Otherwise]]
     runs: Iterator[None]
     first: NDArray[np.float64]
     others: list[list[NDArray[np.float64]]]
@@ -337,19 +336,21 @@ class _LookAhead:
         """Let friction and drives follow what was laid aside, and compare it with what was predicted of it."""
         heard = np.concatenate(self._heard)
         self._heard.clear()
-        times, robots, commands = heard[:, 0], heard[:, 1:4], heard[:, 4:7]
+        times, robots = heard[:, 0], heard[:, 1:4]
         self._around.drag(times, heard[:, 10:13])
         self._score(times, heard[:, 13], heard[:, 14])
-        self._strange.append(np.hstack([commands - robots, robots]))
+        self._strange.append(heard[:, 1:7])
         if self._failed:
             return
-        omega_ref = np.where(np.isnan(robots), commands, robots)
-        # what was commanded last holds
-        omega_ref = np.vstack([self._ahead.branchings[0].command, omega_ref])
-        newest = np.maximum.accumulate(np.where(np.isnan(omega_ref[:, 0]), 0, np.arange(len(omega_ref))))[1:]
+        missing = np.isnan(robots)
+        omega_ref = np.where(missing, heard[:, 4:7], robots) if np.any(missing) else robots
+        if np.any(lacking := np.isnan(omega_ref[:, 0])):
+            # what was commanded last holds
+            newest = np.maximum.accumulate(np.where(lacking, 0, np.arange(1, len(omega_ref) + 1)))
+            omega_ref = np.vstack([self._ahead.branchings[0].command, omega_ref])[newest]
         try:
             for branching in self._ahead.branchings:
-                branching.follow(times, omega_ref[newest], heard[:, 7:10] / self._per_motor)
+                branching.follow(times, omega_ref, heard[:, 7:10] / self._per_motor)
         except ComponentFailed as problem:
             self._failed, self._pending = True, None
             self.happenings.append(Happening(t, f"no more predictions: {problem}"))
@@ -361,10 +362,11 @@ class _LookAhead:
         """
         both = np.concatenate(self._strange)
         self._strange.clear()
-        both = both[~np.isnan(both[:, 0])]
-        if not len(both):
+        away, robots = both[:, 3:] - both[:, :3], both[:, :3]
+        known = ~np.isnan(away[:, 0])
+        if not np.any(known):
             return False
-        lasting, own = np.abs(np.mean(both[:, :3], axis=0)), np.sqrt(np.mean(both[:, 3:] ** 2, axis=0))
+        lasting, own = np.abs(np.mean(away[known], axis=0)), np.sqrt(np.mean(robots[known] ** 2, axis=0))
         foreign = bool(np.any(lasting > np.maximum(STRANGE, STRANGE_SHARE * own)))
         if foreign and not self._foreign:
             text = "no prediction while the robot's commands are not those of the twin's controller"
@@ -381,19 +383,20 @@ class _LookAhead:
         self._around.settle(x, P, J, own.surface()[0])
         causes = ways(P, self._around)
         now = own.present(x, J, law, self._around)
-        others: list[list[NDArray[np.float64]]] = [[] for _ in causes]
         might = [one.present(x, J, law, self._around) for one in changed]
-        pending = _Pending(t, now, causes, iter(()), np.empty(0), others, [])
+        pending = _Pending(t, now, iter(()), np.empty(0), [], [])
 
         def runs() -> Iterator[None]:
             pending.first = own.run(now)
+            other_causes = own.unlike(now, causes)
             yield
             for branching, present in zip(changed, might, strict=True):
                 pending.changed.append(branching.run(present))
                 yield
-            for cause, into in zip(causes, others, strict=True):
+            for cause in other_causes:
+                pending.others.append([])
                 for other in cause:
-                    into.append(own.run(now, other))
+                    pending.others[-1].append(own.run(now, other))
                     yield
 
         pending.runs = runs()
