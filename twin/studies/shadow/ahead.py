@@ -143,11 +143,12 @@ class ForceDifference:
     def add(self, t: NDArray[np.float64], away: NDArray[np.float64]) -> None:
         """Differences (n,), N, at `t` (n,), s; NaN are none."""
         there = np.isfinite(away)
-        t, away = t[there], away[there]
+        if not there.all():
+            t, away = t[there], away[there]
         if not len(away):
             return
-        self.square, self.count = self.square + float(np.sum(away**2)), self.count + len(away)
-        worst = int(np.argmax(np.abs(away)))
+        self.square, self.count = self.square + float((away**2).sum()), self.count + len(away)
+        worst = int(np.abs(away).argmax())
         if abs(away[worst]) > abs(self.largest):
             self.largest, self.at = float(away[worst]), float(t[worst])
 
@@ -416,7 +417,7 @@ class _LookAhead:
         foreseen = self._ahead.foreseen
         foreseen.predictions += 1
         times = pending.t + LEADS
-        self._open.append((times, np.column_stack([first[:, 0], lower[:, 0], upper[:, 0]]), float(now[0])))
+        self._open.append((times, np.stack([first[:, 0], lower[:, 0], upper[:, 0]]), float(now[0])))
         for k, (apart, other) in enumerate(zip(foreseen.apart.values(), pending.changed, strict=True), start=1):
             made[f"what_if/{k}"][sample] = np.concatenate([[pending.t], *other.T])
             apart.add(times, other[:, 0] - first[:, 0])
@@ -435,13 +436,15 @@ class _LookAhead:
         J = self._estimate.J
         tare, tare_unsure = float(self._around.tare(J)[2]), self._around.unsure(J)
         for times, values, held in self._open:
-            due = (times > t[0] - 1e-9) & (times <= t[-1])
-            at = np.searchsorted(t, times[due] - 1e-9)
+            due = slice(*times.searchsorted([t[0] - 1e-9, t[-1]], side="right"))
+            if due.start >= due.stop:
+                continue
+            times, (first, lower, upper) = times[due], values[:, due]
+            at = t.searchsorted(times - 1e-9)
             came, unsure = F_z[at] + tare, Z * np.hypot(deviation[at], tare_unsure)
-            first, lower, upper = values[due].T
-            foreseen.error.add(times[due], first - came)
-            foreseen.holding.add(times[due], held - came)
-            foreseen.within += int(np.sum((lower - unsure <= came) & (came <= upper + unsure)))
+            foreseen.error.add(times, first - came)
+            foreseen.holding.add(times, held - came)
+            foreseen.within += int(np.count_nonzero((lower - unsure <= came) & (came <= upper + unsure)))
         self._open = [one for one in self._open if one[0][-1] > t[-1]]
 
 
