@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.studies.shadow.robots import EXPERIMENTS, FIG4, FLEET
+from twin.kernel.cosim.component import Pieces
 from twin.kernel.cosim.delay import named
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import InputRefused
@@ -201,7 +202,7 @@ def test_a_prediction_from_the_pose_at_rest_is_none(monkeypatch: pytest.MonkeyPa
     def at_rest(self: Branching, *arguments: Any) -> Present:
         now = honest(self, *arguments)
         now.x[VELOCITY : VELOCITY + 3] = 0.0
-        begun = {name: array.copy() for name, array in self.law.pieces().items()}
+        begun = Pieces(self.law.pieces().values()).take()
         return now._replace(law=begun, omega_ref=np.zeros(3))
 
     monkeypatch.setattr(Branching, "present", at_rest)

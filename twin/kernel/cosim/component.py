@@ -157,6 +157,34 @@ def piece_table(arrays: Iterable[np.ndarray], copy_address: int) -> np.ndarray:
     return np.array(rows, dtype=PIECE)
 
 
+class Pieces:
+    """Pieces of memory that are copied together, one after the other, to a row of bytes and back.
+
+    Args:
+        arrays: in which they lie.
+
+    Attributes:
+        table: `PIECE` of each, with its place in the row.
+        size: of the row, bytes.
+    """
+
+    def __init__(self, arrays: Iterable[np.ndarray]):
+        self._arrays = list(arrays)
+        self.table = piece_table(self._arrays, 0)
+        self.size = int(self.table["size"].sum())
+        self._at = self.table.ctypes.data, len(self.table)
+
+    def take(self) -> np.ndarray:
+        """What is there now (size,)."""
+        row = np.empty(self.size, dtype=np.uint8)
+        copy_pieces.native.called_at_once(*self._at, row.ctypes.data, 0)
+        return row
+
+    def put_back(self, row: np.ndarray) -> None:
+        """Let `row`, taken here or of like pieces elsewhere, be what is there."""
+        copy_pieces.native.called_at_once(*self._at, row.ctypes.data, 1)
+
+
 def pieces_rewind(pieces: Mapping[str, np.ndarray]) -> Rewind:
     """Of a component whose whole state are `pieces`."""
     copies = np.empty(sum(array.nbytes for array in pieces.values()), dtype=np.uint8)

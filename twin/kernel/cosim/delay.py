@@ -5,7 +5,15 @@ from numpy.typing import NDArray
 
 from twin.kernel.compiled.function import carray, copy
 from twin.kernel.compiled.native import entry
-from twin.kernel.cosim.component import Component, NativeComponent, call_step, doubles_at, step_function
+from twin.kernel.cosim.component import (
+    Component,
+    NativeComponent,
+    Pieces,
+    call_step,
+    copy_pieces,
+    doubles_at,
+    step_function,
+)
 from twin.kernel.cosim.port import Port, by_port, record, state, width
 
 MEMORY = record(size="i8", ticks="i8", position=state("i8", below="ticks"), ring=state("i8"))
@@ -42,9 +50,16 @@ def delay(name: str, ports: tuple[Port, ...], ticks: int, initial: np.ndarray) -
     return NativeComponent(name, ports, ports, True, step, memory, ring[0].copy(), pointers={"ring": ring})
 
 
-@entry("int", "int", "int", "doubles", "doubles", "int", "int", "integers", "int", "int", "int", "int", "integers")
-def _play(step, self, t, h, u_address, u_bytes, steps, count, y_address, rows_address, row_bytes, failed):
-    """Row k becomes the outputs after `steps[k]` more steps; rows done, all of `count` unless a step `failed`."""
+@entry(
+    "int", "int", "int", "doubles", "doubles", "int", "int", "integers", "int", "int", "int", "int", "integers",
+    "int", "int", "int", "int",
+)  # fmt: skip
+def _play(
+    step, self, t, h, u_address, u_bytes, steps, count, y_address, rows_address, row_bytes, failed,
+    table, pieces, copies_address, copy_bytes,
+):  # fmt: skip
+    """Row k becomes the outputs after `steps[k]` more steps, row k of the copies the `pieces` of memory of the `table`
+    then; rows done, all of `count` unless a step `failed`."""
     j = 0
     for k in range(count):
         for _ in range(steps[k]):
@@ -54,7 +69,11 @@ def _play(step, self, t, h, u_address, u_bytes, steps, count, y_address, rows_ad
                 return k
             j += 1
         copy(rows_address + k * row_bytes, y_address, row_bytes)
+        copy_pieces(table, pieces, copies_address + k * copy_bytes, 0)
     return count
+
+
+NOTHING = Pieces([])
 
 
 def play(
@@ -64,6 +83,8 @@ def play(
     u: NDArray[np.float64],
     steps: NDArray[np.int64] | None = None,
     before: NDArray[np.float64] | None = None,
+    pieces: Pieces = NOTHING,
+    copies: NDArray[np.uint8] | None = None,
 ) -> tuple[NDArray[np.float64], int]:
     """Step `component` from where it stands, once per row of `u`.
 
@@ -73,6 +94,7 @@ def play(
         u: its inputs at each step (m, inputs).
         steps: after how many steps each row of outputs is taken (n,), m in all; None: after each.
         before: outputs (outputs,) that it has so far; None: its initial ones.
+        pieces, copies: of memory, what is there after each row goes to `copies` (rows, pieces.size).
 
     Returns:
         Outputs (rows, outputs), fewer than asked for if a step failed, and the status of that step, else 0. What a
@@ -86,6 +108,7 @@ def play(
         component.step_address, component.self_address, np.ascontiguousarray(t, dtype=float),
         np.ascontiguousarray(h, dtype=float), u.ctypes.data, u.strides[0], np.ascontiguousarray(steps, dtype=np.int64),
         len(rows), y.ctypes.data, rows.ctypes.data, rows.strides[0], status,
+        pieces.table.ctypes.data, len(pieces.table), 0 if copies is None else copies.ctypes.data, pieces.size,
     )  # fmt: skip
     return rows[:done], int(status[0])
 

@@ -264,7 +264,7 @@ class Simulation:
             if one < len(copies):
                 copies[one, self.system.y_start[c] : self.system.y_start[c + 1]] = passed_on(copies[one, sources])
 
-    @property
+    @cached_property
     def _starts(self) -> list[tuple[Component, int]]:
         """Each component, and where its outputs begin."""
         return list(zip(self.system.components, self.system.y_start.tolist(), strict=False))

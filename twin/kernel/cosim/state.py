@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import zstandard
 
-from twin.kernel.cosim.component import Component, Holder, copy_pieces, piece_table, runs_of
+from twin.kernel.cosim.component import Component, Holder, Pieces
 from twin.kernel.cosim.port import width
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import json_of
@@ -184,9 +184,7 @@ class StatePlaces:
         for component in [c for c in components if not c.alive]:
             self._pieces += [(component.name, name, array) for name, array in component.pieces().items()]
             self._holders += [(component.name, name, holder) for name, holder in component.holders().items()]
-        arrays = [array for *_, array in self._pieces]
-        self._table = piece_table(arrays, 0)
-        self._size = sum(size for array in arrays for _, size in runs_of(array))
+        self._memory = Pieces(array for *_, array in self._pieces)
 
     def take(self, tick: int) -> SystemState:
         """The present state, at the beginning of `tick`.
@@ -194,9 +192,7 @@ class StatePlaces:
         Raises:
             ComponentFailed: an FMU refuses.
         """
-        memory = np.empty(self._size, dtype=np.uint8)
-        copy_pieces(self._table.ctypes.data, len(self._table), memory.ctypes.data, 0)
-        return SystemState(self, tick, memory, [holder.take() for *_, holder in self._holders])
+        return SystemState(self, tick, self._memory.take(), [holder.take() for *_, holder in self._holders])
 
     def put_back(self, state: SystemState) -> None:
         """Make `state`, taken here, the present one.
@@ -206,7 +202,7 @@ class StatePlaces:
         """
         for (*_, holder), token in zip(self._holders, state.tokens, strict=True):
             holder.give_back(token)
-        copy_pieces(self._table.ctypes.data, len(self._table), state.memory.ctypes.data, 1)
+        self._memory.put_back(state.memory)
 
     def free(self, tokens: Sequence[Any]) -> None:
         """Let holders forget `tokens`."""

@@ -243,7 +243,10 @@ def step_over(moving, ramp):
     return step
 
 
-@entry("nothing", MEMORY, "doubles", port_record(OUTPUTS))
+MOTION = port_record(OUTPUTS)
+
+
+@entry("nothing", MEMORY, "doubles", MOTION)
 def _begin(m, theta_m, y):
     turned = triple(theta_m)
     settle_friction(m.parameters, m.x, turned, m.anchors)
@@ -252,7 +255,7 @@ def _begin(m, theta_m, y):
 
 def _put(memory: NDArray, x: ArrayLike, theta_m: ArrayLike) -> NDArray[np.float64]:
     memory["x"], memory["anchors"] = x, UNTOUCHED
-    y = np.empty(1, dtype=port_record(OUTPUTS))
+    y = np.empty(1, dtype=MOTION)
     _begin(memory, np.array(theta_m, dtype=float), y)
     return y.view(np.float64)
 
@@ -293,7 +296,6 @@ class Plant(NativeComponent):
         return f"left the workspace: a leg cannot reach the platform near ({x:.1f}, {y:.1f}, {z:.1f}) mm,"
 
 
-MOTION = port_record(OUTPUTS)
 _AT = record(
     parameters=PARAMETERS, x=("f8", (STATES,)), theta_m="3f8", anchors=("f8", (3, ANCHORS)), dx=("f8", (STATES,))
 )

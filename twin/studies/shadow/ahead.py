@@ -143,11 +143,12 @@ class ForceDifference:
     def add(self, t: NDArray[np.float64], away: NDArray[np.float64]) -> None:
         """Differences (n,), N, at `t` (n,), s; NaN are none."""
         there = np.isfinite(away)
-        t, away = t[there], away[there]
+        if not there.all():
+            t, away = t[there], away[there]
         if not len(away):
             return
-        self.square, self.count = self.square + float(np.sum(away**2)), self.count + len(away)
-        worst = int(np.argmax(np.abs(away)))
+        self.square, self.count = self.square + float((away**2).sum()), self.count + len(away)
+        worst = int(np.abs(away).argmax())
         if abs(away[worst]) > abs(self.largest):
             self.largest, self.at = float(away[worst]), float(t[worst])
 
@@ -187,7 +188,6 @@ class _Pending:
 
     t: float
     now: Present
-    causes: list[list[Otherwise]]
     runs: Iterator[None]
     first: NDArray[np.float64]
     others: list[list[NDArray[np.float64]]]
@@ -270,6 +270,7 @@ class _LookAhead:
         self._around = Surroundings(ahead.branchings[0].parameters)
         self._pending: _Pending | None = None
         self._next, self._next_look, self._begun = ahead.start, 0.0, 0.0
+        self._estimate = state.estimate(-1)
         self._heard: list[NDArray[np.float64]] = []
         self._strange: list[NDArray[np.float64]] = []
         self._command = places(law.topics["controller"])[OMEGA_REF.name]
@@ -286,76 +287,71 @@ class _LookAhead:
             branching.accept(plant)
 
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
-        found: list[Rows] = []
-        begin = 0
-        while begin < len(samples.t):
-            due = min(self._next, self._next_look, self._pending.t + READY if self._pending else math.inf)
-            end = min(int(np.searchsorted(samples.t, due)) + 1, len(samples.t))
-            piece = RobotSamples(*(column[begin:end] for column in samples))
-            found.append(self._piece(piece, {topic: values[begin:end] for topic, values in rows.items()}))
-            begin = end
-        if self._pending:
-            next(self._pending.runs, None)
-        return {topic: np.concatenate([one[topic] for one in found]) for topic in self.topics}
-
-    def _piece(self, samples: RobotSamples, rows: Rows) -> Rows:
-        """Rows of samples of which only the last may be one at which anything is made or given."""
         made: Rows = {}
         for part in (self._law, self._state):
             made |= part.feed(samples, rows | made)
             self.happenings += part.happenings
             part.happenings.clear()
-        t, n = float(samples.t[-1]), len(samples.t)
-        for topic in self.topics.keys() - made.keys():
-            made[topic] = np.full((n, width(self.topics[topic])), np.nan)
-        self._keep(samples, rows, made)
+        t, begin = samples.t, 0
+        for topic in [one for one in self.topics if one not in made]:
+            made[topic] = np.full((len(t), width(self.topics[topic])), np.nan)
+        shadow, estimator, law = made["shadow"], rows["estimator"], made["controller"]
+        heard = np.column_stack(
+            [t, samples.omega_ref, law[:, self._command], estimator[:, _TAU_L], estimator[:, _THETA_L],
+             -shadow[:, _F_Z], shadow[:, _DEVIATION]]
+        )  # fmt: skip
+        starts = np.flatnonzero(shadow[:, _STARTED])
+        while begin < len(t):
+            due = min(self._next, self._next_look, self._pending.t + READY if self._pending else math.inf)
+            end = min(int(np.searchsorted(t, due)) + 1, len(t))
+            for start in starts[(begin <= starts) & (starts < end)]:
+                self._begun, self._pending = float(t[start]), None
+            self._heard.append(heard[begin:end])
+            self._look(end - 1, float(t[end - 1]), made)
+            begin = end
+        if self._pending:
+            next(self._pending.runs, None)
+        return made
+
+    def _look(self, sample: int, t: float, made: Rows) -> None:
+        """What is to be made or given at this one of the samples, at `t` (s), of which `made` has the rows."""
         giving = self._pending is not None and t >= self._pending.t + READY
         looking, beginning = t >= self._next_look, t >= self._next
-        if giving or looking or beginning:
-            self._catch_up(t)
+        if not (giving or looking or beginning):
+            return
+        self._estimate = self._state.estimate(sample)
+        self._catch_up(t)
         if giving and self._pending:
-            self._give(t, made)
+            self._give(sample, t, made)
         if looking:
             self._next_look = _after(t, 0.0, LOOK)
-            x, _, J = self._state.estimate
+            x, _, J = self._estimate
             if np.all(np.isfinite(x)) and t >= self._begun + LOOK:
                 self._around.learn(x, J, self._ahead.branchings[0].surface()[0])
         if beginning:
             self._next = _after(t, self._ahead.start, EVERY)
             if not (self._failed or self._is_foreign(t)) and t >= self._begun + SETTLED:
-                self._pending = self._begin(t)
-        return made
-
-    def _keep(self, samples: RobotSamples, rows: Rows, made: Rows) -> None:
-        """Lay aside what is needed of samples at the next look."""
-        shadow, estimator, law = (made["shadow"], rows["estimator"], made["controller"])
-        if np.any(shadow[:, _STARTED]):
-            self._begun = float(samples.t[np.flatnonzero(shadow[:, _STARTED])[-1]])
-            self._pending = None
-        self._heard.append(
-            np.column_stack(
-                [samples.t, samples.omega_ref, law[:, self._command], estimator[:, _TAU_L], estimator[:, _THETA_L],
-                 -shadow[:, _F_Z], shadow[:, _DEVIATION]]
-            )
-        )  # fmt: skip
+                self._pending = self._begin(t, self._law.held(sample))
 
     def _catch_up(self, t: float) -> None:
         """Let friction and drives follow what was laid aside, and compare it with what was predicted of it."""
         heard = np.concatenate(self._heard)
         self._heard.clear()
-        times, robots, commands = heard[:, 0], heard[:, 1:4], heard[:, 4:7]
+        times, robots = heard[:, 0], heard[:, 1:4]
         self._around.drag(times, heard[:, 10:13])
         self._score(times, heard[:, 13], heard[:, 14])
-        self._strange.append(np.hstack([commands - robots, robots]))
+        self._strange.append(heard[:, 1:7])
         if self._failed:
             return
-        omega_ref = np.where(np.isnan(robots), commands, robots)
-        # what was commanded last holds
-        omega_ref = np.vstack([self._ahead.branchings[0].command, omega_ref])
-        newest = np.maximum.accumulate(np.where(np.isnan(omega_ref[:, 0]), 0, np.arange(len(omega_ref))))[1:]
+        missing = np.isnan(robots)
+        omega_ref = np.where(missing, heard[:, 4:7], robots) if np.any(missing) else robots
+        if np.any(lacking := np.isnan(omega_ref[:, 0])):
+            # what was commanded last holds
+            newest = np.maximum.accumulate(np.where(lacking, 0, np.arange(1, len(omega_ref) + 1)))
+            omega_ref = np.vstack([self._ahead.branchings[0].command, omega_ref])[newest]
         try:
             for branching in self._ahead.branchings:
-                branching.follow(times, omega_ref[newest], heard[:, 7:10] / self._per_motor)
+                branching.follow(times, omega_ref, heard[:, 7:10] / self._per_motor)
         except ComponentFailed as problem:
             self._failed, self._pending = True, None
             self.happenings.append(Happening(t, f"no more predictions: {problem}"))
@@ -367,10 +363,11 @@ class _LookAhead:
         """
         both = np.concatenate(self._strange)
         self._strange.clear()
-        both = both[~np.isnan(both[:, 0])]
-        if not len(both):
+        away, robots = both[:, 3:] - both[:, :3], both[:, :3]
+        known = ~np.isnan(away[:, 0])
+        if not np.any(known):
             return False
-        lasting, own = np.abs(np.mean(both[:, :3], axis=0)), np.sqrt(np.mean(both[:, 3:] ** 2, axis=0))
+        lasting, own = np.abs(np.mean(away[known], axis=0)), np.sqrt(np.mean(robots[known] ** 2, axis=0))
         foreign = bool(np.any(lasting > np.maximum(STRANGE, STRANGE_SHARE * own)))
         if foreign and not self._foreign:
             text = "no prediction while the robot's commands are not those of the twin's controller"
@@ -378,36 +375,36 @@ class _LookAhead:
         self._foreign = foreign
         return foreign
 
-    def _begin(self, t: float) -> _Pending | None:
-        """A prediction from now on, of which nothing is run yet."""
-        x, P, J = self._state.estimate
+    def _begin(self, t: float, law: NDArray[np.uint8]) -> _Pending | None:
+        """A prediction from now on, of which nothing is run yet; law: what the controller holds."""
+        x, P, J = self._estimate
         if not np.all(np.isfinite(x)):
             return None
         own, *changed = self._ahead.branchings
         self._around.settle(x, P, J, own.surface()[0])
-        law = self._law.controller
         causes = ways(P, self._around)
         now = own.present(x, J, law, self._around)
-        others: list[list[NDArray[np.float64]]] = [[] for _ in causes]
         might = [one.present(x, J, law, self._around) for one in changed]
-        pending = _Pending(t, now, causes, iter(()), np.empty(0), others, [])
+        pending = _Pending(t, now, iter(()), np.empty(0), [], [])
 
         def runs() -> Iterator[None]:
             pending.first = own.run(now)
+            other_causes = own.unlike(now, causes)
             yield
             for branching, present in zip(changed, might, strict=True):
                 pending.changed.append(branching.run(present))
                 yield
-            for cause, into in zip(causes, others, strict=True):
+            for cause in other_causes:
+                pending.others.append([])
                 for other in cause:
-                    into.append(own.run(now, other))
+                    pending.others[-1].append(own.run(now, other))
                     yield
 
         pending.runs = runs()
         return pending
 
-    def _give(self, t: float, made: Rows) -> None:
-        """The prediction that is being made, as a row of the last sample."""
+    def _give(self, sample: int, t: float, made: Rows) -> None:
+        """The prediction that is being made, as the row of this one of the samples, at `t` (s)."""
         pending, self._pending = self._pending, None
         assert pending is not None
         for _ in pending.runs:
@@ -416,13 +413,13 @@ class _LookAhead:
         first, now = pending.first, own.beginning(pending.now)
         lower, upper = band(first, pending.others, now, pending.now.around.unsure(pending.now.J))
         bounds = [values[:, k] for k in range(2) for values in (lower, upper)]
-        made["ahead"][-1] = np.concatenate([[pending.t], *first.T, *bounds])
+        made["ahead"][sample] = np.concatenate([[pending.t], *first.T, *bounds])
         foreseen = self._ahead.foreseen
         foreseen.predictions += 1
         times = pending.t + LEADS
-        self._open.append((times, np.column_stack([first[:, 0], lower[:, 0], upper[:, 0]]), float(now[0])))
+        self._open.append((times, np.stack([first[:, 0], lower[:, 0], upper[:, 0]]), float(now[0])))
         for k, (apart, other) in enumerate(zip(foreseen.apart.values(), pending.changed, strict=True), start=1):
-            made[f"what_if/{k}"][-1] = np.concatenate([[pending.t], *other.T])
+            made[f"what_if/{k}"][sample] = np.concatenate([[pending.t], *other.T])
             apart.add(times, other[:, 0] - first[:, 0])
         beyond = np.flatnonzero(first[:, 0] > self._ahead.limit)
         if len(beyond) and not self._warned:
@@ -436,16 +433,18 @@ class _LookAhead:
         if not self._open:
             return
         foreseen = self._ahead.foreseen
-        J = self._state.estimate.J
+        J = self._estimate.J
         tare, tare_unsure = float(self._around.tare(J)[2]), self._around.unsure(J)
         for times, values, held in self._open:
-            due = (times > t[0] - 1e-9) & (times <= t[-1])
-            at = np.searchsorted(t, times[due] - 1e-9)
+            due = slice(*times.searchsorted([t[0] - 1e-9, t[-1]], side="right"))
+            if due.start >= due.stop:
+                continue
+            times, (first, lower, upper) = times[due], values[:, due]
+            at = t.searchsorted(times - 1e-9)
             came, unsure = F_z[at] + tare, Z * np.hypot(deviation[at], tare_unsure)
-            first, lower, upper = values[due].T
-            foreseen.error.add(times[due], first - came)
-            foreseen.holding.add(times[due], held - came)
-            foreseen.within += int(np.sum((lower - unsure <= came) & (came <= upper + unsure)))
+            foreseen.error.add(times, first - came)
+            foreseen.holding.add(times, held - came)
+            foreseen.within += int(np.count_nonzero((lower - unsure <= came) & (came <= upper + unsure)))
         self._open = [one for one in self._open if one[0][-1] > t[-1]]
 
 

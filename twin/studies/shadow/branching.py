@@ -8,7 +8,8 @@ weight and contact are in balance as the filter has them. Left out are the monit
 of the encoders, and what an energy tank has stored.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from typing import NamedTuple, TypeVar
@@ -16,9 +17,11 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.component import Component, NativeComponent
+from twin.kernel.compiled.function import carray
+from twin.kernel.compiled.native import entry
+from twin.kernel.cosim.component import Component, NativeComponent, Pieces
 from twin.kernel.cosim.delay import play
-from twin.kernel.cosim.port import by_port, width
+from twin.kernel.cosim.port import places, width
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SavedState, StatePlaces, SystemState, stateless
 from twin.kernel.errors import ComponentFailed, InputRefused
@@ -27,10 +30,10 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.build import belief
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.component import Plant
-from twin.robot.plant.contact import HELD
-from twin.robot.plant.dynamics import PlantParameters
+from twin.robot.plant.contact import HELD, surface_depth
+from twin.robot.plant.dynamics import PARAMETERS, PlantParameters
 from twin.studies.shadow.layout import FORCE, MOTOR, POSITION, VELOCITY
-from twin.studies.shadow.surroundings import Surroundings
+from twin.studies.shadow.surroundings import CLEAR, Surroundings
 
 HORIZON, SPACING = 1.0, 0.05
 """s ahead, and between two of the times that are looked at."""
@@ -48,7 +51,7 @@ class Present(NamedTuple):
         x: of the filter (15,).
         J: d theta_l / d p_B there (3, 3).
         omega_ref: commands that hold (3,), rad/s.
-        law: what the controller holds, by the names of its pieces.
+        law: what the controller holds, its pieces one after the other.
         drives: the state of the drives.
         shafts: what their outputs are.
         around: what the past has shown.
@@ -58,7 +61,7 @@ class Present(NamedTuple):
     x: NDArray[np.float64]
     J: NDArray[np.float64]
     omega_ref: NDArray[np.float64]
-    law: Mapping[str, NDArray]
+    law: NDArray[np.uint8]
     drives: SystemState
     shafts: Mapping[str, NDArray[np.float64]]
     around: Surroundings
@@ -76,6 +79,26 @@ class Otherwise(NamedTuple):
     dx: NDArray[np.float64] = np.zeros(15)
     height: float = 0.0
     share: float = 1.0
+
+
+@entry("double", PARAMETERS, "doubles", "int")
+def _deepest(parameters, p, count):
+    """The largest depth (m) of the head at `count` positions `p` (3) of the platform, seen from the surface."""
+    positions, most = carray(p, 3 * count), -math.inf
+    for k in range(count):
+        most = max(most, surface_depth(parameters, positions[3 * k], positions[3 * k + 1], positions[3 * k + 2]))
+    return most
+
+
+def _inputs(drive: Component, number: int) -> list[int]:
+    """Which of three commands, three loads and 1 are the inputs of a drive: those of its joint, or of all three; it has
+    power."""
+    found = []
+    for port in drive.inputs:
+        first = {"omega_ref": 0, "tau_load": 3}.get(port.name.removesuffix(AT_END), 6)
+        own = number if port.size == 1 else 0
+        found += [6] * port.size if first == 6 else range(first + own, first + own + port.size)
+    return found
 
 
 def _spring(p: NDArray) -> NDArray[np.float64]:
@@ -115,22 +138,31 @@ class Branching:
             self._drive_places, self._places = StatePlaces(self._drives, none, none), StatePlaces(rest, none, none)
             self._plant, self._encoder = self._only("plant", Plant), self._only("encoder", NativeComponent)
             self.law = self._only("controller", NativeComponent)
+            self._law_pieces = Pieces(self.law.pieces().values())
             self._as_made = [(one, one.memory.copy()) for one in (self._plant, self._encoder)]
             self._fresh = self._places.take(0)
             self.tick, self.period = system.tick, experiment.controller_ticks
             self._steps = round(SPACING / self.tick)
             self._simulation = Simulation(system, ENDLESS, len(LEADS) * self._steps + 1)
-            self._columns = [system.columns("plant.F_ee_B").start + 2, system.columns("plant.p_B").start + 2]
+            self._columns = [system.columns(f"plant.{name}").start + 2 for name in ("F_ee_B", "p_B")]
         except BaseException:
             self._assembly.close()
             raise
-        self._belief = belief(experiment)
+        zeros, memory = belief(experiment), self._encoder.memory
+        self._zeros = [(memory[side]["zero"], np.array(getattr(zeros, f"{side}_zero"))) for side in ("motor", "joint")]
+        self._exact = [memory[side][name] for side in ("motor", "joint") for name in ("noise", "eccentricity")]
+        self._angle_at = [(one.name, places(one.outputs)["theta_m"]) for one in self._drives]
+        self._plant_at = places(self._plant.outputs)
+        self._p_at = system.columns("plant.p_B")
+        (self._s_at,) = [system.columns(f"{one.name}.s_B") for one in made["body"]] or [None]
         p = self._plant.memory["parameters"][0]
         self._spring, self._slip = _spring(p), p["slip"].copy()
         self._presliding = float(p["joint_presliding"])
         self._at = 0
+        self._inputs = [_inputs(drive, number) for number, drive in enumerate(self._drives)]
         self._shafts = {one.name: one.initial_outputs.copy() for one in self._drives}
-        self._now = np.zeros(6)
+        self._now = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+        self._away: SystemState | None = None
 
     def _only(self, row: str, kind: type[Native]) -> Native:
         (component,) = self._assembly.made[row]
@@ -139,7 +171,8 @@ class Branching:
 
     def close(self) -> None:
         """Free the FMUs."""
-        self._fresh.close()
+        for state in filter(None, (self._fresh, self._away)):
+            state.close()
         self._assembly.close()
 
     def follow(self, t: NDArray[np.float64], omega_ref: NDArray[np.float64], tau_load: NDArray[np.float64]) -> int:
@@ -153,36 +186,24 @@ class Branching:
         Returns:
             The tick that they have come to, one of those at which the controller is called.
         """
+        self._come_back()
         end = max(self._at, self.period * round(float(t[-1]) / (self.period * self.tick)))
-        values = np.vstack([self._now, np.hstack([omega_ref, tau_load])])
+        values = np.ones((len(t) + 1, 7))
+        values[0], values[1:, :3], values[1:, 3:6] = self._now, omega_ref, tau_load
         self._now = values[-1]
         ticks = np.arange(self._at, end)
         if len(ticks):
             # a sample that is a little late is that of its tick
             starts = np.asarray(ticks * self.tick, dtype=np.float64)
             held = values[np.searchsorted(t, (ticks + 0.25) * self.tick, side="right")]
-            for number, drive in enumerate(self._drives):
-                rows, status = play(
-                    drive, starts, np.full(len(ticks), self.tick), self._inputs(drive, number, held),
-                    np.array([len(ticks)]), self._shafts[drive.name],
-                )  # fmt: skip
+            lengths, count = np.full(len(ticks), self.tick), np.array([len(ticks)])
+            for drive, inputs in zip(self._drives, self._inputs, strict=True):
+                rows, status = play(drive, starts, lengths, held[:, inputs], count, self._shafts[drive.name])
                 if status:
                     raise ComponentFailed(f"{drive.label} ({drive.name}) {drive.explain(status)} at t = {t[-1]:.3f} s")
                 self._shafts[drive.name] = rows[-1]
         self._at = end
         return end
-
-    def _inputs(self, drive: Component, number: int, held: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Of a drive at each tick: those of its joint, or of all three; it has power."""
-        columns = []
-        for port in drive.inputs:
-            first = {"omega_ref": 0, "tau_load": 3}.get(port.name.removesuffix(AT_END))
-            if first is None:
-                columns.append(np.ones((len(held), port.size)))
-            else:
-                first += number if port.size == 1 else 0
-                columns.append(held[:, first : first + port.size])
-        return np.hstack(columns)
 
     @property
     def command(self) -> NDArray[np.float64]:
@@ -206,16 +227,13 @@ class Branching:
                 memory["parameters"][0][name] = getattr(plant, name)
         self._spring, self._slip = _spring(self.parameters), np.array(plant.slip)
 
-    def present(self, x: NDArray[np.float64], J: NDArray[np.float64], law: Component, around: Surroundings) -> Present:
-        """What a branch begins from, to be run now or later.
-
-        Args:
-            x, J, around: see `Present`.
-            law: the controller, where the robot's is.
-        """
-        pieces = {name: array.copy() for name, array in law.pieces().items()}
+    def present(
+        self, x: NDArray[np.float64], J: NDArray[np.float64], law: NDArray[np.uint8], around: Surroundings
+    ) -> Present:
+        """What a branch begins from, to be run now or later; for the arguments see there."""
+        self._come_back()
         drives = self._drive_places.take(self._at)
-        return Present(self._at, x, J, self.command.copy(), pieces, drives, dict(self._shafts), copy(around))
+        return Present(self._at, x, J, self.command.copy(), law, drives, dict(self._shafts), copy(around))
 
     def beginning(self, now: Present) -> NDArray[np.float64]:
         """Pressing force (N) and height (m) that a branch goes out from (2,)."""
@@ -229,28 +247,49 @@ class Branching:
 
     def run(self, now: Present, other: Otherwise = Otherwise()) -> NDArray[np.float64]:  # noqa: B008, it is a tuple
         """Pressing force (N) and height (m) at each of `LEADS` (leads, 2); NaN from where a component fails."""
-        before = self._drive_places.take(now.tick)
-        try:
-            self._put(now, other)
-            return self._ahead()
-        finally:
-            self._drive_places.put_back(before)
-            before.close()
+        self._go_away()
+        self._put(now, other)
+        return self._ahead()
 
     def run_from(self, saved: SavedState) -> NDArray[np.float64]:
         """As `run`, from a state of the robot itself."""
-        before = self._drive_places.take(saved.tick)
-        try:
-            for component, memory in self._as_made:
-                component.memory[...] = memory
-            self._simulation.adopt(saved)
-            return self._ahead()
-        finally:
-            self._drive_places.put_back(before)
-            before.close()
+        self._go_away()
+        for component, memory in self._as_made:
+            component.memory[...] = memory
+        self._simulation.adopt(saved)
+        return self._ahead()
+
+    def _go_away(self) -> None:
+        """Let the drives be used by branches, and remember where they were."""
+        self._away = self._away or self._drive_places.take(self._at)
+
+    def _come_back(self) -> None:
+        """Let the drives be where the robot's are."""
+        if self._away:
+            self._drive_places.put_back(self._away)
+            self._away.close()
+            self._away = None
+
+    def unlike(self, now: Present, causes: Sequence[list[Otherwise]]) -> list[list[Otherwise]]:
+        """Those of `causes` whose branches are not bit for bit the one with nothing other, which was run last.
+
+        Where the robot presses, its surface is no higher otherwise; and of one that it stays clear of nothing counts.
+        """
+        F_z, _ = self.beginning(now)
+        clear = not F_z and self._is_clear()
+        return [
+            cause for cause in causes
+            if any(np.any(one.dx) or (not clear and (one.share != 1.0 or not F_z)) for one in cause)
+        ]  # fmt: skip
+
+    def _is_clear(self) -> bool:
+        """Whether the last branch stayed over its surface, by more than that is higher in any other."""
+        p = self._rows[:, self._p_at] - (self._rows[:, self._s_at] if self._s_at else 0.0)
+        deepest: float = _deepest(self._plant.memory["parameters"], p, len(p))
+        return deepest < -CLEAR
 
     def _ahead(self) -> NDArray[np.float64]:
-        rows = self._simulation.advance()
+        self._rows = rows = self._simulation.advance()
         found = np.full((len(LEADS), 2), np.nan)
         there = rows[self._steps :: self._steps, self._columns]
         found[: len(there)] = there * (-1.0, 1.0)
@@ -259,41 +298,39 @@ class Branching:
     def _put(self, now: Present, other: Otherwise) -> None:
         self._places.put_back(self._fresh)
         self._drive_places.put_back(now.drives)
-        for name, array in self.law.pieces().items():
-            array[...] = now.law[name]
-        x, outputs = now.x + other.dx, dict(now.shafts)
+        self._law_pieces.put_back(now.law)
+        x, J, around, outputs = now.x + other.dx, now.J, now.around, dict(now.shafts)
         s_B, outputs_of_body = self.surface(now.tick)
         outputs |= outputs_of_body
-        p, v = x[POSITION : POSITION + 3], x[VELOCITY : VELOCITY + 3]
-        theta_m, shaft = x[MOTOR : MOTOR + 3], self._angles(now.shafts)
-        parameters = self._plant.memory["parameters"]
-        z_s, K, z_b = now.around.contact(x, now.J, s_B, other.height, other.share)
+        theta_m = x[MOTOR : MOTOR + 3]
+        shaft = np.concatenate([now.shafts[name][place] for name, place in self._angle_at])
+        parameters, anchors = self._plant.memory["parameters"], self._plant.memory["anchors"]
+        z_s, K, z_b = around.contact(x, J, s_B, other.height, other.share)
         parameters["z_s"], parameters["K"], parameters["slip"] = z_s, K, self._slip
-        state = np.concatenate([p, v, z_b])
+        state = np.concatenate([x[: VELOCITY + 3], z_b])
         seen = state.copy()
         seen[:6] -= s_B
-        F = by_port(self._plant.outputs, self._plant.put(seen, theta_m))["F_ee_B"]
-        friction = float(now.around.zeros[3])
-        too_much = np.linalg.solve(now.J.T, x[FORCE : FORCE + 3] - F) - friction * now.around.carried
+        F = self._plant.put(seen, theta_m)[self._plant_at["F_ee_B"]]
+        friction = float(around.zeros[3])
+        too_much = np.linalg.solve(J.T, x[FORCE : FORCE + 3] - F) - friction * around.carried
         parameters["slip"] = self._slip + shaft - theta_m + too_much / self._spring
         parameters["joint_friction"] = friction
         outputs["plant"] = self._plant.put(state, shaft)
-        theta_l = by_port(self._plant.outputs, outputs["plant"])["theta_l"]
-        self._plant.memory["anchors"][0, :, HELD] = theta_l - self._presliding * now.around.carried
-        encoder = self._encoder.memory
-        for side, zero in (
-            ("motor", theta_m - shaft + np.array(self._belief.motor_zero)), ("joint", np.array(self._belief.joint_zero))
-        ):  # fmt: skip
-            encoder[side]["zero"], encoder[side]["noise"], encoder[side]["eccentricity"] = zero, 0.0, 0.0
+        theta_l = outputs["plant"][self._plant_at["theta_l"]]
+        anchors[0, :, HELD] = theta_l - self._presliding * around.carried
+        for (zero, believed), away in zip(self._zeros, (theta_m - shaft, 0.0), strict=True):
+            zero[:] = away + believed
+        for array in self._exact:
+            array[...] = 0.0
         values = {"theta_m": shaft, "theta_l": theta_l, "omega_ref": now.omega_ref}
         for row in ("latency", "delay", "bus"):
             for one in self._assembly.made[row]:
                 outputs[one.name] = np.concatenate([values[port.name] for port in one.outputs])
                 one.pieces()["ring"].reshape(-1, width(one.outputs))[:] = outputs[one.name]
-        for row, port in (("controller", "omega_ref"), ("tank", "omega_ref")):
+        for row in ("controller", "tank"):
             for one in self._assembly.made[row]:
                 outputs[one.name] = one.initial_outputs.copy()
-                by_port(one.outputs, outputs[one.name])[port][:] = now.omega_ref
+                outputs[one.name][places(one.outputs)["omega_ref"]] = now.omega_ref
         self._simulation.place(now.tick, outputs)
 
     def surface(self, tick: int | None = None) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
@@ -307,6 +344,3 @@ class Branching:
             rows, _ = play(body, np.array([t]), np.array([self.tick]), np.empty((1, 0)))
             return rows[0], {body.name: rows[0]}
         return np.zeros(6), {}
-
-    def _angles(self, shafts: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-        return np.concatenate([by_port(one.outputs, shafts[one.name])["theta_m"] for one in self._drives])

@@ -15,8 +15,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.component import Component
-from twin.kernel.cosim.delay import named, play
+from twin.kernel.cosim.component import Component, Pieces
+from twin.kernel.cosim.delay import NOTHING, named, play
 from twin.kernel.cosim.port import Port, places, width
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.recording.sources.stamps import Sample
@@ -94,17 +94,26 @@ class SampledSteps:
     Args:
         component: stepped once per row.
         first: length (s) of the first step.
+        pieces: of its memory, of which `copies` are made.
+
+    Attributes:
+        copies: of the pieces, before the last rows and after each of them (n + 1, pieces.size).
     """
 
-    def __init__(self, component: Component, first: float = 0.0):
-        self.component, self._first = component, first
-        self._outputs = component.initial_outputs
+    def __init__(self, component: Component, first: float = 0.0, pieces: Pieces = NOTHING):
+        self.component, self._first, self._pieces = component, first, pieces
+        self._outputs, self.copies = component.initial_outputs, pieces.take()[None]
         self._last: float | None = None
 
     def rows(self, t: NDArray[np.float64], inputs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Outputs (n, width) at the times `t` (n,), s, fewer if a step failed."""
         h = np.diff(t, prepend=t[0] - self._first if self._last is None else self._last)
-        rows, _ = play(self.component, t, h, inputs, before=self._outputs)
+        copies = np.empty((len(t) + 1, self._pieces.size), dtype=np.uint8)
+        copies[0] = self.copies[-1]
+        rows, _ = play(self.component, t, h, inputs, before=self._outputs, pieces=self._pieces, copies=copies[1:])
+        # a step that failed has left what is there now
+        copies[len(rows) + 1 :] = self._pieces.take()
+        self.copies = copies
         if len(rows):
             self._outputs, self._last = rows[-1], float(t[len(rows) - 1])
         return rows
@@ -170,8 +179,8 @@ class OwnLaw:
     def __init__(self, experiment: Experiment):
         self._period = experiment.controller_ticks * experiment.cosim.tick
         self.controller = controller(experiment)
-        self._stepped = SampledSteps(self.controller, self._period)
-        self._next = -math.inf
+        self._stepped = SampledSteps(self.controller, self._period, Pieces(self.controller.pieces().values()))
+        self._next, self._calls = -math.inf, np.empty(0, dtype=np.intp)
         self._inputs = self.controller.inputs
         self.topics: dict[str, tuple[Port, ...]] = {
             "controller": self.controller.outputs,
@@ -185,12 +194,18 @@ class OwnLaw:
         inputs = np.hstack(
             [np.ones((n, 1)) if port == SHARE else estimate[port.name].reshape(n, -1) for port in self._inputs]
         )
-        called = self._called(samples.t)
+        called = self._calls = self._called(samples.t)
         found = np.full((n, width(self.controller.outputs)), np.nan)
         if len(called):
             found[called] = self._stepped.rows(samples.t[called], inputs[called])
         omega_ref = named(self.controller.outputs, found)[OMEGA_REF.name]
         return {"controller": found, "residual/command": omega_ref - samples.omega_ref}
+
+    def held(self, sample: int) -> NDArray[np.uint8]:
+        """All that the controller held after this one of the last samples, its pieces one after the other."""
+        calls = int(np.searchsorted(self._calls, sample, side="right"))
+        kept: NDArray[np.uint8] = self._stepped.copies[calls if len(self._calls) else -1]
+        return kept
 
     def _called(self, t: NDArray[np.float64]) -> NDArray[np.intp]:
         """Which of the samples at `t` (n,), s, are those of a call; one that is a little early still is."""
@@ -274,17 +289,16 @@ class RobotState:
 
     Args:
         experiment: of the robot.
-
-    Attributes:
-        estimate: after the last sample that has a row.
     """
 
     def __init__(self, experiment: Experiment):
         self._shadow = shadow_of(experiment)
-        self._stepped = SampledSteps(self._shadow, math.inf)
+        memory = self._shadow.memory[0]
+        self._told = Pieces([memory["x"], memory["P"][:, :STATES], memory["J"]])
+        self._stepped = SampledSteps(self._shadow, math.inf, self._told)
         self._omega_ref = np.full(3, np.nan)
-        self._one, self._made = FilterFeed(self._shadow), deque[tuple[NDArray[np.float64], StateEstimate]]()
-        self.estimate = self._estimate()
+        self._one, self._made = FilterFeed(self._shadow), deque[tuple[NDArray[np.float64], NDArray[np.uint8]]]()
+        self._estimates = self._stepped.copies
         self.topics: dict[str, tuple[Port, ...]] = {"shadow": OUTPUTS}
         self.happenings: list[Happening] = []
         # the thread that estimates must not find parameters half new
@@ -308,23 +322,24 @@ class RobotState:
         except ComponentFailed:
             # of counts without a pose `Estimates` has more to say
             y = np.full(width(OUTPUTS), np.nan)
-        self._made.append((y, self._estimate()))
+        self._made.append((y, self._told.take()))
 
-    def _estimate(self) -> StateEstimate:
-        m = self._shadow.memory[0]
-        return StateEstimate(m["x"].copy(), m["P"][:, :STATES].copy(), m["J"].copy())
+    def estimate(self, sample: int) -> StateEstimate:
+        """After this one of the last samples."""
+        x, P, J = np.split(self._estimates[sample].view(np.float64).copy(), (STATES, STATES + STATES * STATES))
+        return StateEstimate(x, P.reshape(STATES, STATES), J.reshape(3, 3))
 
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
         if self._made:
             made = [self._made.popleft() for _ in samples.t]
-            self.estimate = made[-1][1]
+            self._estimates = np.array([told for _, told in made])
             return {"shadow": np.array([y for y, _ in made])}
         u = filter_inputs(samples, self._omega_ref)
         self._omega_ref = u[-1, places(INPUTS)["omega_ref"]]
         found = np.full((len(u), width(OUTPUTS)), np.nan)
         rows_made = self._stepped.rows(samples.t, u)
         found[: len(rows_made)] = rows_made
-        self.estimate = self._estimate()
+        self._estimates = self._stepped.copies[1:]
         return {"shadow": found}
 
 

@@ -92,6 +92,7 @@ class Surroundings:
         height: of the surface over the believed one (m); NaN: it was never touched.
         share: of the believed stiffness; NaN: not known.
         carried: share of what dry friction can carry that it does (3,), positive against a joint that turns down.
+        zeros: torques (3,), N m, that zeros of encoders look like; and of dry friction, one for all joints, last.
 
     Below, x is the filter's state (15,), J = d theta_l / d p_B there (3, 3), and s_B where a surface that moves is, and
     its velocity (6,), SI.
@@ -110,18 +111,17 @@ class Surroundings:
         self._prior: NDArray[np.float64] = np.diag(np.asarray(1.0 / variances, dtype=np.float64))
         self._A, self._b = np.zeros((4, 4)), np.zeros(4)
         self._before: NDArray[np.float64] = self._prior @ [0.0, 0.0, 0.0, float(p["joint_friction"]) or FRICTION / 2.0]
+        self._fit()
 
-    @property
-    def zeros(self) -> NDArray[np.float64]:
-        """Torques (3,), N m, that zeros of encoders look like; and of dry friction, one for all joints, last."""
+    def _fit(self) -> None:
+        """What the looks so far make of zeros and friction."""
         found = np.asarray(np.linalg.solve(self._prior + self._A, self._before + self._b), dtype=np.float64)
         found[3] = min(max(found[3], 0.0), MOST_FRICTION)
-        return found
+        self.zeros = found
 
     def tare(self, J: NDArray[np.float64]) -> NDArray[np.float64]:
         """Force (3,), N, that zeros and dry friction look like."""
-        zeros = self.zeros
-        force: NDArray[np.float64] = J.T @ (zeros[:3] + zeros[3] * self.carried)
+        force: NDArray[np.float64] = J.T @ (self.zeros[:3] + self.zeros[3] * self.carried)
         return force
 
     def unsure(self, J: NDArray[np.float64]) -> float:
@@ -131,12 +131,13 @@ class Surroundings:
 
     def drag(self, t: NDArray[np.float64], theta_l: NDArray[np.float64]) -> None:
         """Take note of how the joints turn, by their angles (n, 3), rad, at `t` (n,), s."""
-        h = np.diff(t, prepend=t[0] if math.isnan(self._last) else self._last)
+        h = t - np.concatenate([[t[0] if math.isnan(self._last) else self._last], t[:-1]])
         # copies of this share what they do not change
         joints, anchors, angles = self._joints.copy(), self._anchors.copy(), np.ascontiguousarray(theta_l)
         _drag(angles, h, len(angles), joints, anchors, self._presliding)
         self._joints, self._anchors, self._last = joints, anchors, float(t[-1])
-        self.carried = np.nan_to_num((joints - anchors) / self._presliding)
+        carried = (joints - anchors) / self._presliding
+        self.carried = np.where(np.isnan(carried), 0.0, carried)
 
     def learn(self, x: NDArray[np.float64], J: NDArray[np.float64], s_B: NDArray[np.float64]) -> None:
         """Take from an estimate what it says of the surroundings."""
@@ -147,11 +148,12 @@ class Surroundings:
             rows = np.column_stack([np.eye(3), self.carried]) / UNSURE
             torques = np.linalg.solve(J.T, x[FORCE : FORCE + 3]) / UNSURE
             self._A, self._b = FORGET * self._A + rows.T @ rows, FORGET * self._b + rows.T @ torques
+            self._fit()
         elif touches(seen) and seen["pressing"] < TELLING:
-            height = float(seen["wanted"] - seen["depth"]) / float(seen["up"]) + np.nan_to_num(self.height)
+            height = float(seen["wanted"] - seen["depth"]) / float(seen["up"]) + _known(self.height, 0.0)
             self.height = min(max(height, -CLEAR), CLEAR)
         elif touches(seen) and math.isfinite(self.height) and seen["law"] > 0.0:
-            share = (1.0 if math.isnan(self.share) else self.share) * float(seen["pressing"] / seen["law"])
+            share = _known(self.share, 1.0) * float(seen["pressing"] / seen["law"])
             self.share = min(max(share, SOFTEST), HARDEST)
 
     def settle(
@@ -205,14 +207,17 @@ class Surroundings:
         Returns:
             A record of `_TOUCH`.
         """
-        touch = self._touch
-        touch["p"], touch["v"] = x[POSITION : POSITION + 3] - s_B[:3], x[VELOCITY : VELOCITY + 3] - s_B[3:]
-        touch["F"] = x[FORCE : FORCE + 3] - self.tare(J)
-        touch["parameters"]["z_s"] = self._z_s + np.nan_to_num(self.height)
-        touch["parameters"]["K"] = self._K * (1.0 if math.isnan(self.share) else self.share)
-        _look(touch)
-        seen: NDArray = touch[0]
+        seen: NDArray = self._touch[0]
+        seen["p"], seen["v"] = x[POSITION : POSITION + 3] - s_B[:3], x[VELOCITY : VELOCITY + 3] - s_B[3:]
+        seen["F"] = x[FORCE : FORCE + 3] - self.tare(J)
+        p = seen["parameters"]
+        p["z_s"], p["K"] = self._z_s + _known(self.height, 0.0), self._K * _known(self.share, 1.0)
+        _look(self._touch)
         return seen
+
+
+def _known(value: float, otherwise: float) -> float:
+    return otherwise if math.isnan(value) else value
 
 
 def touches(seen: NDArray) -> bool:

@@ -11,14 +11,15 @@ of NTP: D. L. Mills, Computer Network Time Synchronization, 2006, sec. 3.3). The
 """
 
 import math
-from bisect import insort
+from bisect import bisect_left, bisect_right, insort
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from twin.kernel.cosim.histogram import Histogram
 from twin.kernel.recording.logs.log import LONGEST, REGULAR
@@ -38,6 +39,7 @@ FLOORS = 5
 """Seconds whose smallest delay tells what a delay is without waiting."""
 FEWEST_FOR_DRIFT = 10
 """Seconds after which a drift is given."""
+NONE: frozenset[int] = frozenset()
 
 
 class Sample(NamedTuple):
@@ -148,8 +150,9 @@ class _Partial:
 
 @dataclass
 class _ReadingStream:
-    """Readings of one kind: of one topic, with the same columns."""
+    """Readings of one kind: of one topic, with the same columns, of which `there` are needed."""
 
+    there: frozenset[int]
     newest: int = 0
     stamps: deque[int] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
     since: int = 0
@@ -162,14 +165,15 @@ class _ReadingStream:
         # seldom: a robot's rate does not change
         if self.since > LEARNT and (math.isinf(self.period) or self.since > REMEMBERED):
             self.since = 0
-            self.period = _period(np.diff(np.sort(np.array(self.stamps))))
+            self.period = _period(b - a for a, b in pairwise(sorted(self.stamps)))
 
 
-def _period(intervals: ArrayLike) -> float:
+def _period(intervals: Iterable[int]) -> float:
     """Median of the intervals (ns); infinite if they are not regular."""
-    lengths = np.array(intervals, dtype=np.float64)
-    median = float(np.median(lengths))
-    return median if np.mean(np.abs(lengths - median) <= 0.5 * median) >= REGULAR else math.inf
+    lengths = sorted(intervals)
+    median = 0.5 * (lengths[(len(lengths) - 1) // 2] + lengths[len(lengths) // 2])
+    near = bisect_right(lengths, 1.5 * median) - bisect_left(lengths, 0.5 * median)
+    return median if near / len(lengths) >= REGULAR else math.inf
 
 
 class Aligner:
@@ -219,9 +223,10 @@ class Aligner:
         """Take a reading; the samples that are complete with it, in order."""
         if not reading.columns:
             return []
-        if self._needed.isdisjoint(reading.columns):
-            key = topic, reading.columns
-            self._stream(key).add(reading.stamp)
+        key = topic, reading.columns
+        stream = self._stream(key)
+        if not stream.there:
+            stream.add(reading.stamp)
             side = self._sides.get(key)
             if side is None:
                 side = self._sides[key] = deque(maxlen=MOST_BESIDE)
@@ -234,7 +239,7 @@ class Aligner:
                 return []
             return self._restarted(arrived)
         self._suspects.clear()
-        self._place(topic, arrived, reading)
+        self._place(stream, arrived, reading)
         return self.ready(arrived)
 
     def ready(self, now: int, end: bool = False) -> list[Sample]:
@@ -255,7 +260,7 @@ class Aligner:
             if not complete:
                 # at the beginning one has to learn first what belongs together
                 self.counts.incomplete += self._base is not None
-            elif not all(math.isfinite(head.row[column]) for column in self._needed):
+            elif not all(map(math.isfinite, map(head.row.__getitem__, self._needed))):
                 self.counts.invalid += 1
             else:
                 found.append(self._sample(head))
@@ -264,14 +269,13 @@ class Aligner:
     def _stream(self, key: tuple[str, tuple[int, ...]]) -> _ReadingStream:
         stream = self._streams.get(key)
         if stream is None:
-            stream = self._streams[key] = _ReadingStream()
+            stream = self._streams[key] = _ReadingStream(self._needed.intersection(key[1]))
         return stream
 
-    def _place(self, topic: str, arrived: int, reading: Reading) -> None:
+    def _place(self, stream: _ReadingStream, arrived: int, reading: Reading) -> None:
         self.clocks.add(reading.stamp, arrived)
-        stream = self._stream((topic, reading.columns))
-        there = self._needed.intersection(reading.columns)
-        partial = self._partial(reading.stamp, there, stream.period)
+        there = stream.there
+        partial = self._partial(reading.stamp, there, stream.period) if self._pending else None
         if reading.stamp <= self._last:
             self.counts.duplicates += reading.stamp in self._recent
             self.counts.late += reading.stamp not in self._recent
@@ -282,11 +286,11 @@ class Aligner:
         self.counts.out_of_order += reading.stamp < stream.newest
         stream.add(reading.stamp)
         if partial is None:
-            partial = _Partial(reading.stamp, [math.nan] * self._width, frozenset(), arrived)
+            partial = _Partial(reading.stamp, [math.nan] * self._width, NONE, arrived)
             insort(self._pending, partial)
         for column, value in zip(reading.columns, reading.values, strict=True):
             partial.row[column] = value
-        if min(self._needed) in there:
+        if partial.stamp != reading.stamp and min(self._needed) in there:
             # whichever came first, the moment is that of the first column
             partial.stamp = reading.stamp
             self._pending.sort()
@@ -357,11 +361,12 @@ class Aligner:
         """Whether a stamp is further back than messages overtake each other, or runs ahead of arrivals."""
         if self._last < 0:
             return False
+        if stamp >= self._last:
+            return (stamp - self._last) - (arrived - self._last_arrived) > AHEAD * SECOND
         back = max(BACK * SECOND, PERIODS * self.period if self.period < math.inf else 0.0)
         # a message that is late by so much is no message of this clock
         late = arrived - stamp > (self.clocks.offset + SAME_CLOCK) * SECOND
-        ahead = (stamp - self._last) - (arrived - self._last_arrived)
-        return (stamp < self._last - back and late) or ahead > AHEAD * SECOND
+        return stamp < self._last - back and late
 
     def _restarted(self, arrived: int) -> list[Sample]:
         """Hand on what is left of the old clock, then begin with the messages of the new one."""
@@ -376,7 +381,7 @@ class Aligner:
         self.clocks.restart()
         self.counts.restarts += 1
         for topic, when, reading in suspects:
-            self._place(topic, when, reading)
+            self._place(self._stream((topic, reading.columns)), when, reading)
         return found + self.ready(arrived)
 
 
