@@ -58,9 +58,10 @@ wheel: $(VENV)/.test-$(EXTRAS)  ## dist/: a wheel for x86-64 Linux with machine 
 mutants: $(VENV)/.test-test,mutants  ## change the source in 400 places, one at a time: do the tests notice? (hours)
 	$(VENV)/bin/python -m tests.mutants --jobs $(JOBS) $(MUTANTS)
 
-bench: $(VENV)/.test-live,dask,explore,bench  ## speed, as ratios measured side by side; RELEASE=0.2.0 adds a line to the history
+# RELEASE=0.2.0 adds a line to the history
+bench: $(VENV)/.test-test,bench  ## speed, as ratios measured side by side; ONLY='masters chain': those parts
 	@command -v chromium >/dev/null || { [ "$$(id -u)" = 0 ] && DEBIAN_FRONTEND=noninteractive apt-get install -qq -y chromium; } >/dev/null 2>&1 || true
-	$(VENV)/bin/python -m benchmarks $(RELEASE)
+	$(VENV)/bin/python -m benchmarks $(RELEASE) $(if $(ONLY),--only $(ONLY))
 
 validation: $(VENV)/.test-validation  ## the twin beside what others made: writes the table of docs/validation.md
 	$(VENV)/bin/python -m validation

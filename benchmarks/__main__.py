@@ -1,13 +1,12 @@
-"""Run every benchmark, print one table, write results/bench.json. Exit code 1 if a target was missed.
+"""Run every benchmark, print one table, write results/bench.json. Exit code 1: a target was missed or a part failed."""
 
-With the name of a release a line is added to benchmarks/history.jsonl besides.
-"""
-
+import argparse
 import json
 import os
 import platform
 import sys
-from collections.abc import Callable, Mapping, Sequence
+import traceback
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -43,32 +42,32 @@ ROOT = Path(__file__).parents[1]
 EXPERIMENT = ROOT / "experiments" / "fig4_force_position.toml"
 RESULT = ROOT / "results" / "bench.json"
 HISTORY = ROOT / "benchmarks" / "history.jsonl"
-PARTS: tuple[Callable[[], list[Measurement]], ...] = (
-    machine.measurements,
-    lambda: macro_step.measurements(ROOT / "fmus" / "ideal_velocity"),
-    lambda: macro_step.measurements(ROOT / "fmus" / "velocity_servo"),
-    fmi_versions.measurements,
-    exchange.measurements,
-    masters.measurements,
-    chain.measurements,
-    lambda: figure_4.measurements(EXPERIMENT),
-    lambda: other_parts.measurements(EXPERIMENT),
-    lambda: build.measurements(EXPERIMENT),
-    lambda: systems.measurements(EXPERIMENT),
-    lambda: tasks.measurements(ROOT / "experiments"),
-    lambda: adaptive.measurements(ROOT / "experiments"),
-    lambda: start_up.measurements(EXPERIMENT),
-    lambda: state.measurements(EXPERIMENT),
-    lambda: past.measurements(ROOT / "experiments"),
-    lambda: shadow.measurements(EXPERIMENT),
-    lambda: shadow_live.measurements(EXPERIMENT),
-    lambda: isolation.measurements(EXPERIMENT),
-    lambda: live.measurements(EXPERIMENT),
-    lambda: report.measurements(EXPERIMENT),
-    lambda: explore.measurements(ROOT),
-    lambda: sweep.measurements(EXPERIMENT),
-    lambda: dask.measurements(EXPERIMENT),
-)
+PARTS: Mapping[str, Callable[[], Iterable[Measurement]]] = {
+    "machine": machine.measurements,
+    "ideal_velocity": lambda: macro_step.measurements(ROOT / "fmus" / "ideal_velocity"),
+    "velocity_servo": lambda: macro_step.measurements(ROOT / "fmus" / "velocity_servo"),
+    "fmi_versions": fmi_versions.measurements,
+    "exchange": exchange.measurements,
+    "masters": masters.measurements,
+    "chain": chain.measurements,
+    "figure_4": lambda: figure_4.measurements(EXPERIMENT),
+    "other_parts": lambda: other_parts.measurements(EXPERIMENT),
+    "build": lambda: build.measurements(EXPERIMENT),
+    "systems": lambda: systems.measurements(EXPERIMENT),
+    "tasks": lambda: tasks.measurements(ROOT / "experiments"),
+    "adaptive": lambda: adaptive.measurements(ROOT / "experiments"),
+    "start_up": lambda: start_up.measurements(EXPERIMENT),
+    "state": lambda: state.measurements(EXPERIMENT),
+    "past": lambda: past.measurements(ROOT / "experiments"),
+    "shadow": lambda: shadow.measurements(EXPERIMENT),
+    "shadow_live": lambda: shadow_live.measurements(EXPERIMENT),
+    "isolation": lambda: isolation.measurements(EXPERIMENT),
+    "live": lambda: live.measurements(EXPERIMENT),
+    "report": lambda: report.measurements(EXPERIMENT),
+    "explore": lambda: explore.measurements(ROOT),
+    "sweep": lambda: sweep.measurements(EXPERIMENT),
+    "dask": lambda: dask.measurements(EXPERIMENT),
+}
 
 
 def line(measurement: Measurement) -> str:
@@ -82,15 +81,16 @@ def line(measurement: Measurement) -> str:
     return f"{measurement.name:<48}{value:>7} {measurement.unit:<3} {target:<7} {measurement.verdict}".rstrip()
 
 
-def closing(everything: Sequence[Measurement]) -> tuple[str, int]:
-    """What is said below the table, and the exit code: 1 if a target was missed.
+def closing(everything: Sequence[Measurement], failed: Sequence[str] = ()) -> tuple[str, int]:
+    """What is said below the table, and the exit code: 1 if a target was missed or a part failed.
 
     A target that could not be measured is neither kept nor missed; it is named, with the reason.
     """
     missed = [m.name for m in everything if m.verdict == "MISSED"]
     lines = [f"missed: {', '.join(missed)}" if missed else "no target missed"]
     lines += [f"not measured: {m.name} ({m.remark or 'no reason given'})" for m in everything if m.value is None]
-    return "\n".join(lines), 1 if missed else 0
+    lines += [f"failed: {name}" for name in failed]
+    return "\n".join(lines), 1 if missed or failed else 0
 
 
 def historic(release: str, facts: Mapping[str, Any]) -> str:
@@ -99,16 +99,24 @@ def historic(release: str, facts: Mapping[str, Any]) -> str:
     return json.dumps({"release": release, **{k: facts[k] for k in ("machine", "cores", "python")}, "values": kept})
 
 
-def main(release: str | None = None) -> int:
-    """Measure, print as results come, and write them down, for `release` also into the history; the exit code."""
+def main(release: str | None = None, only: Sequence[str] = ()) -> int:
+    """Measure, print as results come, and write them down, for `release` also into the history; the exit code.
+
+    What goes wrong in a part is printed; the other parts go on.
+    """
     print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
-    print(f"{'':<48}{'value':>7}     {'target':<7} verdict")
+    print(f"{'':<48}{'value':>7}     {'target':<7} verdict", flush=True)
     everything: list[Measurement] = []
-    for part in PARTS:
-        found = part()
-        everything += found
-        print("\n".join(line(measurement) for measurement in found), flush=True)
-    summary, code = closing(everything)
+    failed: list[str] = []
+    for name in only or PARTS:
+        try:
+            for measurement in PARTS[name]():
+                everything.append(measurement)
+                print(line(measurement), flush=True)
+        except Exception as failure:
+            traceback.print_exc()
+            failed.append(f"{name} ({type(failure).__name__}: {str(failure).partition(chr(10))[0]})")
+    summary, code = closing(everything, failed)
     print(summary)
     RESULT.parent.mkdir(exist_ok=True)
     facts = {
@@ -125,4 +133,10 @@ def main(release: str | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:2]))
+    asked = argparse.ArgumentParser(prog="benchmarks", description=__doc__)
+    asked.add_argument("release", nargs="?", help="adds a line to benchmarks/history.jsonl")
+    asked.add_argument("--only", nargs="+", choices=PARTS, metavar="PART", default=(), help=", ".join(PARTS))
+    given = asked.parse_args()
+    if given.release and given.only:
+        asked.error("a release has all parts; leave out --only")
+    sys.exit(main(given.release, given.only))

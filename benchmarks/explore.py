@@ -37,138 +37,141 @@ IDLE = 5.0
 """s, in which nothing moves."""
 FEW, MANY = 200, 2000
 """Changes after which memory is looked at."""
-
-FOLLOW = """async ([key, share]) => {
-    const last = () => performance.getEntriesByName("twin-follow").at(-1)?.detail ?? 0;
-    const before = last();
-    const slider = document.querySelector(`.setting[data-key='${key}'] input[type=range]`);
-    slider.value = Math.round(1000 * share);
-    slider.dispatchEvent(new Event("input", { bubbles: true }));
-    while (last() === before) await new Promise((done) => setTimeout(done, 1));
-    return performance.getEntriesByName("twin-follow").at(-1).duration;
-}"""
-CHOOSE = """async (name) => {
-    const last = () => performance.getEntriesByName("twin-follow").at(-1)?.detail ?? 0;
-    const before = last();
+BOXES = (("loops", "loops follow", 500.0), ("score", "scorecard of Fig. 4", 400.0))
+"""Boxes below the plots: id, what is measured, most ms."""
+PATIENCE = 120.0
+"""s, after which what the page waits for will not come."""
+PRELUDE = f"""
+    window.drawn = [];
+    const listening = new PerformanceObserver((list) => drawn.push(...list.getEntriesByName("twin-follow")));
+    listening.observe({{ type: "measure" }});
+    window.until = async (there) => {{
+        const end = performance.now() + {1000 * PATIENCE};
+        while (!there()) {{
+            if (performance.now() > end) throw new Error(`not within {PATIENCE:g} s: ${{there}}`);
+            await new Promise((done) => setTimeout(done, 1));
+        }}
+    }};
+    window.slide = (key, value) => {{
+        const slider = document.querySelector(`.setting[data-key='${{key}}'] input[type=range]`);
+        slider.value = value;
+        slider.dispatchEvent(new Event("input", {{ bubbles: true }}));
+    }};
+    window.followed = async (act) => {{
+        const before = drawn.length;
+        act();
+        await until(() => drawn.length > before);
+        return drawn.at(-1).duration;
+    }};
+"""
+FOLLOW = "([key, share]) => followed(() => slide(key, Math.round(1000 * share)))"
+CHOOSE = """(name) => followed(() => {
     const select = document.getElementById("drive");
     select.value = name;
     select.dispatchEvent(new Event("change", { bubbles: true }));
-    while (last() === before) await new Promise((done) => setTimeout(done, 1));
-    return performance.getEntriesByName("twin-follow").at(-1).duration;
-}"""
+})"""
 DRAGGED = """async ([key, seconds]) => {
-    performance.clearMeasures("twin-follow");
-    const slider = document.querySelector(`.setting[data-key='${key}'] input[type=range]`);
-    const began = performance.now();
+    const [before, began] = [drawn.length, performance.now()];
     while (performance.now() - began < 1000 * seconds) {
-        slider.value = 200 + Math.round(600 * (performance.now() - began) / (1000 * seconds));
-        slider.dispatchEvent(new Event("input", { bubbles: true }));
+        slide(key, 200 + Math.round(600 * (performance.now() - began) / (1000 * seconds)));
         await new Promise(requestAnimationFrame);
     }
-    return performance.getEntriesByName("twin-follow").length / seconds;
+    return (drawn.length - before) / seconds;
 }"""
+OPEN = "(id) => { for (const box of document.querySelectorAll('details')) box.open = box.id === id; }"
 FOLLOWED = """async ([id, key, first]) => {
     const box = document.getElementById(id);
-    box.open = true;
-    while (!box.querySelector("tbody tr") || box.ariaBusy === "true") await new Promise((done) => setTimeout(done, 20));
-    const slider = document.querySelector(`.setting[data-key='${key}'] input[type=range]`);
+    await until(() => box.querySelector("tbody tr") && box.ariaBusy !== "true");
     for (let i = 0; i < 8; i++) {
-        slider.value = first + i;
-        slider.dispatchEvent(new Event("input", { bubbles: true }));
+        slide(key, first + i);
         await new Promise((done) => setTimeout(done, 40));
     }
     const moved = performance.now();
-    while (box.ariaBusy === "true") await new Promise((done) => setTimeout(done, 1));
+    await until(() => box.ariaBusy !== "true");
     return performance.now() - moved;
 }"""
 CHANGED = """async ([key, first, count]) => {
-    const slider = document.querySelector(`.setting[data-key='${key}'] input[type=range]`);
-    const last = () => performance.getEntriesByName("twin-follow").at(-1)?.detail ?? 0;
-    for (let i = first; i < first + count; i++) {
-        const before = last();
-        slider.value = 300 + (i * 7) % 400;
-        slider.dispatchEvent(new Event("input", { bubbles: true }));
-        while (last() === before) await new Promise((done) => setTimeout(done, 1));
-    }
+    for (let i = first; i < first + count; i++) await followed(() => slide(key, 300 + (i * 7) % 400));
 }"""
 
 
-def measurements(root: Path) -> list[Measurement]:
-    """The lines of the table; `root` holds experiments/."""
+def measurements(root: Path) -> Iterator[Measurement]:
+    """The lines of the table as they come; `root` holds experiments/."""
     names = "explore: picture follows, Fig. 4, median", "explore: the same, 95th percentile"
     program = shutil.which(BROWSER)
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
-        return [Measurement(name, None, "", remark="playwright is not installed") for name in names]
+        yield from (Measurement(name, None, "", remark="playwright is not installed") for name in names)
+        return
     if program is None:
-        return [Measurement(name, None, "", remark=f"no {BROWSER} here") for name in names]
+        yield from (Measurement(name, None, "", remark=f"no {BROWSER} here") for name in names)
+        return
+    fig4, massage = (root / "experiments" / f"{name}.toml" for name in ("fig4_force_position", "massage"))
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        of_fig4 = _explored(browser, root / "experiments/fig4_force_position.toml", True)
-        fig4, ready, rate, idle, growth, loops, score = of_fig4
-        massage, *_ = _explored(browser, root / "experiments/massage.toml", False)
-        browser.close()
-    return [
-        Measurement(names[0], median(fig4), "ms", at_most=80.0),
-        Measurement(names[1], quantiles(fig4, n=20)[-1], "ms", at_most=150.0),
-        Measurement("explore: picture follows, massage, median", median(massage), "ms", at_most=300.0),
-        Measurement("explore: loops follow, after the last movement, median", loops, "ms", at_most=500.0),
-        Measurement("explore: scorecard of Fig. 4, after the last movement, median", score, "ms", at_most=400.0),
-        Measurement("explore: pictures per second of a drag", rate, "1/s", at_least=10.0),
-        Measurement("explore: page ready after the command", ready, "s", at_most=2.0),
-        Measurement("explore: processor while nothing moves", 100.0 * idle, "%", at_most=1.0),
-        Measurement(f"explore: memory after {MANY} changes / {FEW}", growth, "x", at_most=1.1),
-    ]
-
-
-def _explored(
-    browser: Any, experiment: Path, whole: bool
-) -> tuple[list[float], float, float, float, float, float, float]:
-    """(times in ms, s until the page is ready, pictures per second, share of a processor while idle, growth, medians of
-    loops and scorecard in ms)."""
-    with tempfile.TemporaryDirectory() as scratch:
-        if whole:
+        with _opened(browser, fig4):
             # what is compiled is there from now on
-            with _started(experiment, Path(scratch)) as (process, address):
-                tab = browser.new_page()
-                tab.goto(address)
-                tab.wait_for_selector(".box")
-                tab.close()
-        tab = browser.new_page(viewport={"width": 1400, "height": 900})
-        began = time.perf_counter()
-        with _started(experiment, Path(scratch)) as (process, address):
-            tab.goto(address)
-            tab.wait_for_selector(".plot canvas")
-            ready = time.perf_counter() - began
-            tab.wait_for_selector(".box")
-            found = []
-            for number in range(ROUNDS + 1):
-                share = 0.35 + 0.25 * number / ROUNDS
-                times = [tab.evaluate(FOLLOW, [key, share]) for key in NUMBERS if _there(tab, key)]
-                times.append(tab.evaluate(CHOOSE, DRIVES[number % len(DRIVES)]))
-                # of the first round each needs what is loaded once
-                found += times if number else []
-            if not whole:
-                tab.close()
-                return found, ready, 0.0, 0.0, 0.0, 0.0, 0.0
+            pass
+        with _opened(browser, fig4) as (tab, pid, ready):
+            yield Measurement("explore: page ready after the command", ready, "s", at_most=2.0)
+            times = _times(tab)
+            yield Measurement(names[0], median(times), "ms", at_most=80.0)
+            yield Measurement(names[1], quantiles(times, n=20)[-1], "ms", at_most=150.0)
             rate = tab.evaluate(DRAGGED, [NUMBERS[0], DRAG])
+            yield Measurement("explore: pictures per second of a drag", rate, "1/s", at_least=10.0)
             tab.wait_for_timeout(500)
-            pids = _family(process.pid)
-            before = sum(map(processor_time, pids))
-            time.sleep(IDLE)
-            idle = (sum(map(processor_time, pids)) - before) / IDLE
-            tab.evaluate(CHANGED, [NUMBERS[1], 0, FEW])
-            early = sum(map(resident_memory, _family(process.pid)))
-            tab.evaluate(CHANGED, [NUMBERS[1], FEW, MANY - FEW])
-            late = sum(map(resident_memory, _family(process.pid)))
-            panels = []
-            for box in ("loops", "score"):
-                tab.evaluate("() => { for (const box of document.querySelectorAll('details')) box.open = false; }")
-                times = [tab.evaluate(FOLLOWED, [box, NUMBERS[0], 400 + 10 * n]) for n in range(FEWER)]
-                panels.append(median(times[1:]))
-            tab.close()
-    return found, ready, rate, idle, late / early, panels[0], panels[1]
+            yield Measurement("explore: processor while nothing moves", 100.0 * _idle(pid), "%", at_most=1.0)
+            sizes = []
+            for first, until in ((0, FEW), (FEW, MANY)):
+                tab.evaluate(CHANGED, [NUMBERS[1], first, until - first])
+                sizes.append(sum(map(resident_memory, _family(pid))))
+            title = f"explore: memory after {MANY} changes / {FEW}"
+            yield Measurement(title, sizes[1] / sizes[0], "x", at_most=1.1)
+            for box, what, bound in BOXES:
+                tab.evaluate(OPEN, box)
+                took = [tab.evaluate(FOLLOWED, [box, NUMBERS[0], 400 + 10 * n]) for n in range(FEWER)]
+                title = f"explore: {what}, after the last movement, median"
+                yield Measurement(title, median(took[1:]), "ms", at_most=bound)
+        with _opened(browser, massage) as (tab, _, _):
+            yield Measurement("explore: picture follows, massage, median", median(_times(tab)), "ms", at_most=300.0)
+        browser.close()
+
+
+@contextmanager
+def _opened(browser: Any, experiment: Path) -> Iterator[tuple[Any, int, float]]:
+    """(the page, the program, s from its command until the page is ready)."""
+    tab = browser.new_page(viewport={"width": 1400, "height": 900})
+    tab.set_default_timeout(1000 * PATIENCE)
+    tab.add_init_script(PRELUDE)
+    began = time.perf_counter()
+    with tempfile.TemporaryDirectory() as scratch, _started(experiment, Path(scratch)) as (process, address):
+        tab.goto(address)
+        tab.wait_for_selector(".plot canvas")
+        ready = time.perf_counter() - began
+        tab.wait_for_selector(".box")
+        yield tab, process.pid, ready
+        tab.close()
+
+
+def _times(tab: Any) -> list[float]:
+    """From an event to the picture (ms), each key and drive in each round."""
+    found: list[float] = []
+    for number in range(ROUNDS + 1):
+        share = 0.35 + 0.25 * number / ROUNDS
+        times = [tab.evaluate(FOLLOW, [key, share]) for key in NUMBERS if _there(tab, key)]
+        times.append(tab.evaluate(CHOOSE, DRIVES[number % len(DRIVES)]))
+        # of the first round each needs what is loaded once
+        found += times if number else []
+    return found
+
+
+def _idle(pid: int) -> float:
+    """Share of a processor of the program and its processes while nothing moves."""
+    pids = _family(pid)
+    before = sum(map(processor_time, pids))
+    time.sleep(IDLE)
+    return (sum(map(processor_time, pids)) - before) / IDLE
 
 
 def _there(tab: Any, key: str) -> bool:
