@@ -39,7 +39,7 @@ def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
     marked: Study = vars(function)["study"]
     own = inspect.signature(function).parameters
     asked = {key: value for key, value in given.items() if key in own}
-    if marked.limited and given["isolate"] == JobIsolation.NONE:
+    if marked.limited and given["isolate"] == "none":
         for option in ("limit_step", "limit_wall"):
             if given[option] != SHARED[option][1]:
                 raise InputRefused(
