@@ -121,7 +121,7 @@ class LiveSession:
             # what stands behind the question mark may be a token
             got = address.strip().partition("?")[0]
             raise InputRefused(
-                f"--follow {got}: expected the address that twin shadow --live has printed, ws://{HOST}:8765/?token=..."
+                f"--follow {got!r}: expected the address that twin shadow --live has printed, ws://{HOST}:8765/?token=..."
             )
         self._port, self._token = int(found[1]), found[2] or ""
         self.name, self.version = f"ws://{HOST}:{self._port}", 0
