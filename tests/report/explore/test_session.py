@@ -202,7 +202,7 @@ def other(link: ServerConnection) -> None:
 def mute(link: ServerConnection) -> None:
     values = [{"name": name, "value": "k_s"} for name in (LINE, PROPOSAL)]
     link.send('{"op": "serverInfo", "name": "twin"}')
-    link.send(json.dumps({"op": "parameterValues", "parameters": values}))
+    link.send(json.dumps({"op": "parameterValues", "parameters": values, "id": "all"}))
     while True:
         link.recv()
 
@@ -217,16 +217,21 @@ def test_a_twin_that_does_not_answer_is_waited_for_no_longer_than_a_moment(monke
             assert explorer.accept("k_s") == f"{name} does not answer."
 
 
-@pytest.mark.parametrize("attend", [silent, garbled, other])
+STRANGER = "is no live server of twin; expected twin shadow --live"
+
+
+@pytest.mark.parametrize(
+    ("attend", "sentence"), [(silent, "does not answer: twin shadow hangs"), (garbled, STRANGER), (other, STRANGER)]
+)
 def test_a_server_of_others_is_named_and_holds_nothing_up(
-    attend: Callable[[ServerConnection], None], monkeypatch: pytest.MonkeyPatch
+    attend: Callable[[ServerConnection], None], sentence: str, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(module, "PATIENCE", 0.3)
     with serve(attend, "127.0.0.1", 0) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         with listening(f"ws://127.0.0.1:{server.socket.getsockname()[1]}") as explorer:
             facts = explorer.until(lambda facts: not facts["problem"].startswith("Connecting"))
-            assert "is no live server of twin; expected twin shadow --live" in facts["problem"]
+            assert sentence in facts["problem"]
 
 
 def test_a_page_server_in_its_place_is_named():

@@ -49,7 +49,17 @@ MOST_EVENTS = 3
 """That are shown."""
 REMEDY = "Start twin explore again with the whole address that twin shadow has printed."
 
-STRANGE = (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError, DecodeError, struct.error)
+STRANGE = (
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    IndexError,
+    RecursionError,
+    OverflowError,
+    DecodeError,
+    struct.error,
+)
 """What a message that is not twin's ends in."""
 
 
@@ -111,7 +121,7 @@ class LiveSession:
             # what stands behind the question mark may be a token
             got = address.strip().partition("?")[0]
             raise InputRefused(
-                f"--follow {got}: expected the address that twin shadow --live has printed, ws://{HOST}:8765/?token=..."
+                f"--follow {got!r}: expected the address that twin shadow --live has printed, ws://{HOST}:8765/?token=..."
             )
         self._port, self._token = int(found[1]), found[2] or ""
         self.name, self.version = f"ws://{HOST}:{self._port}", 0
@@ -137,9 +147,9 @@ class LiveSession:
         return {
             "problem": self._problem,
             "watches": self._watches,
-            "line": self._values.get(LINE, ""),
+            "line": str(self._values.get(LINE, "")),
             "none": silent or "No proposal.",
-            "proposal": self._values.get(PROPOSAL, ""),
+            "proposal": str(self._values.get(PROPOSAL, "")),
             "asked": self._values.get(ACCEPT) is True,
             "accepted": [one["text"] for one in self.accepted],
             "events": list(self._events),
@@ -179,10 +189,13 @@ class LiveSession:
             return f"{self.name} refuses: {(refusal.response.body or b'').decode(errors='replace').strip()[:200]}"
         except STRANGE:
             return self._strange()
-        except (OSError, WebSocketException) as trouble:
+        except TimeoutError:
+            return f"{self.name} does not answer: twin shadow hangs, or another program is there. Trying again."
+        except WebSocketException:
             if not found:
-                if isinstance(trouble, WebSocketException | TimeoutError):
-                    return self._strange()
+                return self._strange()
+        except OSError:
+            if not found:
                 return f"Nothing answers at {self.name}: start twin shadow with --live. Trying again."
         return f"The connection to {self.name} is lost: twin shadow has ended, or hangs. Trying again."
 
@@ -199,14 +212,15 @@ class LiveSession:
             # first, so that no change is missed
             await connection.send(json.dumps({"op": "subscribeParameterUpdates", "parameterNames": []}))
             await connection.send(json.dumps({"op": "getParameters", "parameterNames": [], "id": "all"}))
-            while LINE not in self._values:
+            answer: dict[str, Any] = {}
+            while answer.get("id") != "all":
                 answer = await _text(connection)
                 self._hear(answer)
-                if answer.get("id") == "all" and LINE not in self._values:
-                    raise NoSession(
-                        f"{self.name} serves a run (twin run --live), which follows no robot and proposes nothing; "
-                        "expected twin shadow --live. Trying again."
-                    )
+        if PROPOSAL not in self._values:
+            raise NoSession(
+                f"{self.name} serves a run (twin run --live), which follows no robot and proposes nothing; expected "
+                "twin shadow --live. Trying again."
+            )
         if self._refusal:
             self._watches = f"Watching only: the token of --follow is not that of this session. {REMEDY}"
         wanted = [topic for topic in (*CURVES, EVENTS) if topic in self._types]
@@ -214,6 +228,7 @@ class LiveSession:
         subscriptions = [{"id": number, "channelId": number} for number in self._topics]
         await connection.send(json.dumps({"op": "subscribe", "subscriptions": subscriptions}))
         self._connection, self._problem = connection, ""
+        self.version += 1
 
     def _take(self, frame: str | bytes) -> None:
         if isinstance(frame, str):

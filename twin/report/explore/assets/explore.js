@@ -40,7 +40,10 @@ const link = new Link(hear, (there, strange) => {
   status.classList.toggle("lost", !there);
   status.textContent = there ? "" : strange ? STRANGE : LOST;
   for (const id of ["picture", "beside-robot"]) element(id).classList.toggle("old", !there);
-  if (!there) loops.lost();
+  if (!there) {
+    loops.lost();
+    robot.waiting = false;
+  }
 });
 const picture = new Picture(() => askAll(), () => {
   measure();

@@ -4,6 +4,11 @@ import { curve, EDGE, framed, line } from "./diagram.js";
 
 const HEIGHT = 110;
 const LEAST = 1;
+const READ = 10000;
+
+const put = (node, text) => {
+  if (node.textContent !== text) node.textContent = text;
+};
 
 export class Robot {
   /** `ask` sends, `say` shows a sentence, `state` gives the present one, `go` takes another one. */
@@ -14,9 +19,9 @@ export class Robot {
     this.accept = box.querySelector("button.accept");
     this.use = box.querySelector("button.use");
     this.canvas = box.querySelector("canvas");
+    this.refused = "";
     this.accept.addEventListener("click", () => {
-      this.accept.disabled = true;
-      this.ask({ op: "accept", proposal: this.now.proposal });
+      this.accept.disabled = this.waiting = Boolean(this.ask({ op: "accept", proposal: this.now.proposal }));
     });
     this.use.addEventListener("click", () => this.ask({ op: "adopt", state: this.state() }));
     new ResizeObserver(() => this.draw()).observe(box);
@@ -24,15 +29,16 @@ export class Robot {
 
   take(answer) {
     if (answer.op === "accept") {
+      this.waiting = false;
       this.refused = answer.refused ?? "";
       this.put();
+      setTimeout(() => (this.refused = ""), READ);
     } else if (answer.op === "adopt") {
       if (answer.state) {
         this.go(answer.state);
         this.say("The robot's accepted values are set; Undo takes them back.");
       } else if (!answer.outdated) this.say(answer.refused ?? answer.failed, true);
     } else {
-      if (answer.proposal !== this.now?.proposal) this.refused = "";
       this.now = answer;
       this.put();
       this.draw();
@@ -45,13 +51,13 @@ export class Robot {
     const { parts } = this;
     this.box.hidden = false;
     this.box.classList.toggle("old", Boolean(problem));
-    parts.line.textContent = how;
-    parts.problem.textContent = [problem, problem ? "" : watches, this.refused].filter(Boolean).join(" ");
-    parts.proposal.textContent = asked ? `Asked: ${proposal}` : proposal ? `Twin proposes: ${proposal}` : none;
+    put(parts.line, how);
+    put(parts.problem, [...new Set([problem || watches, this.refused])].filter(Boolean).join(" "));
+    put(parts.proposal, asked ? `Asked: ${proposal}` : proposal ? `Twin proposes: ${proposal}` : none);
     parts.proposal.hidden = Boolean(problem && !proposal);
     this.accept.hidden = !proposal;
-    this.accept.disabled = Boolean(problem || watches || asked);
-    parts.accepted.textContent = accepted.length ? `Accepted by twin: ${accepted.join("; ")}` : "";
+    this.accept.disabled = Boolean(problem || watches || asked || this.waiting);
+    put(parts.accepted, accepted.length ? `Accepted by twin: ${accepted.join("; ")}` : "");
     this.use.hidden = accepted.length === 0;
     const old = [...parts.events.children].map((item) => item.textContent);
     if (old.join("\n") !== events.join("\n")) parts.events.replaceChildren(...events.map((text) => made("li", {}, text)));
