@@ -48,13 +48,39 @@ def test_json_has_one_row_per_case_with_both_runs(root: Path, tmp_path: Path):
     assert (tmp_path / "results/faults/pressing" / PICTURE).is_file()
 
 
+BACK = ("--set-of", "single", "--body", "back", "--onset", "5.5")
+
+
 def test_a_fault_that_goes_beyond_the_bound_and_was_not_said_to_is_exit_code_1(root: Path, tmp_path: Path):
-    # 5 mm in 20 ms make 17.6 N, more than 10 N plus a fifth
-    tight = ("--set", "monitor.force_limit_N=10", "--kind", "surface_jump", "--onset", "5.5")
-    done = twin("faults", root / PRESSING, *tight, cwd=tmp_path)
+    # the old reaction takes the power later than an ideal monitor
+    slow = ("--set", "monitor.force_limit_N=9", "--set", "monitor.disobeyed=wait", "--kind", "drive_runaway")
+    done = twin("faults", root / PRESSING, *BACK, *slow, cwd=tmp_path)
     assert done.returncode == 1, done.stderr
     assert done.stdout.startswith("pressing  FAILED")
     assert "! above the bound, and not expected there:" in done.stdout
+
+
+def test_what_no_monitor_betters_is_said_with_what_an_ideal_one_reaches(root: Path, tmp_path: Path):
+    done = twin("faults", root / PRESSING, *BACK, "--kind", "surface_jump", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (_, back, _) = json.loads(done.stdout)["rows"]
+    # a back that jumps by 5 mm: the force is at its limit after 7 ms
+    assert back["with_monitor"]["peak_N"] == pytest.approx(20.2, rel=0.02) == back["ideal_peak_N"]
+    assert back["magnitude_mm"] == 5.0 and not back["failed"] and not back["expected_beyond"]
+
+
+def test_poses_are_tried_and_the_worst_comes_first(root: Path, tmp_path: Path):
+    moved = ("--set-of", "common", "--kind", "power_off", "--onset", "5.5", "--reach-mm", "15")
+    done = twin("faults", root / PRESSING, *moved, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert max(map(len, done.stdout.splitlines())) <= 80 and "at mm" in done.stdout
+    rows = json.loads((tmp_path / "results/faults/pressing" / MATRIX).read_text())["together"]
+    assert {tuple(row["offset_m"]) for row in rows} == {(0, 0), (0.015, 0), (0, 0.015), (-0.015, 0), (0, -0.015)}
+    worst = max(rows, key=lambda row: row["with_monitor"]["peak_N"])
+    x, y = (1e3 * each for each in worst["offset_m"])
+    assert f"{x:.3g}, {y:.3g}" in done.stdout
+    none = twin("faults", root / PRESSING, "--reach-mm", "40", cwd=tmp_path)
+    assert none.returncode == 2 and "from the axis" in none.stderr
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,6 @@ def test_the_matrix_of_pressing_is_as_it_was_said_before():
 def test_the_bound_is_broken_where_it_was_said_to_be_and_that_is_not_hidden():
     broken = {(row.kind, row.magnitude) for row in pressing() if not row.safe}
     assert broken == {
-        ("encoder_drift", 2.0),
         ("stiffness_change", 3.0),
         ("stiffness_change", 10.0),
         ("surface_jump", 10.0),
@@ -131,10 +130,21 @@ def test_with_one_check_of_the_monitor_switched_off_a_kind_that_it_sees_fails(ki
     assert any(row.missed for row in matrix("pressing", kind, overrides=check.split()))
 
 
-@pytest.mark.parametrize("kind", ["encoder_drift", "stiffness_change", "surface_jump", "belt_slip"])
-def test_without_having_been_said_the_broken_bound_of_a_kind_fails(kind, monkeypatch):
+@pytest.mark.parametrize("kind", ["stiffness_change", "surface_jump", "belt_slip"])
+def test_a_broken_bound_that_was_not_said_fails_unless_an_ideal_monitor_breaks_it_too(kind, monkeypatch):
     monkeypatch.setitem(CATALOGUE, kind, replace(CATALOGUE[kind], beyond=None))
-    assert any(row.fails for row in pressing() if row.kind == kind)
+    broken = [row for row in pressing() if row.kind == kind and not row.safe]
+    # the peak is over before the motors could have done anything
+    assert broken and all(row.unavoidable and not row.fails for row in broken)
+    assert all(replace(row, ideal=0.8 * row.watched.peak).fails for row in broken)
+
+
+def test_an_ideal_monitor_betters_encoders_that_drift_unseen(monkeypatch):
+    """Cut at 15 N that force stays; without the look for a hidden one it grows to half as much again."""
+    monkeypatch.setitem(CATALOGUE, "encoder_drift", replace(CATALOGUE["encoder_drift"], beyond=None))
+    unseen = matrix("pressing", "encoder_drift", overrides=["monitor.hidden_force_limit_N=1000"])
+    (late,) = (row for row in unseen if not row.safe)
+    assert late.fails and late.ideal is not None and late.ideal < 15.5 < late.watched.peak
 
 
 def test_without_the_monitor_the_matrix_is_visibly_worse():

@@ -65,6 +65,8 @@ def test_a_line_is_kept_by_the_worst_of_its_runs_with_the_monitor(lines):
     assert line.status == "kept" and line.worst is not None and line.worst.watched is not None
     assert line.value == max(run.watched.peak for run in line.runs if run.watched)
     assert line.worst.unwatched is not None and line.worst.unwatched.peak > line.worst.watched.peak
+    ideal = line.worst.ideal
+    assert ideal is not None and ideal.power_off == line.worst.watched.seen and ideal.peak <= line.value
     assert line.searched == 4 and sum(run.found == "search" for run in line.runs) == 4
     assert line.variants["clutch"] is not None and line.variants["clutch"][1] < line.worst.watched.left
 

@@ -7,7 +7,7 @@ trips: what no other reaction of the same robot, seeing no more, is asked to bet
 import hashlib
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from itertools import product
 from typing import Any, Literal, NamedTuple
@@ -107,11 +107,15 @@ class FeltRuns(Trials):
         one = self._judged(watched, faults, None)
         return one, one if self.serves_unwatched(watched) else self.felt(faults, watched=False)
 
-    def ideal_peak(self, faults: Sequence[Fault], seen: float) -> float:
-        """Largest force (N) if all drives lose their power `seen` (s) after the onset."""
+    def ideal(self, faults: Sequence[Fault], seen: float) -> Felt:
+        """What a person feels if all drives lose their power `seen` (s) after the onset."""
         onset = min(fault.onset for fault in faults)
         off = Fault("power_off", "power", onset + round(seen / self._experiment.cosim.tick))
-        return self.felt((*faults, off), since=onset).peak
+        return replace(self.felt((*faults, off), since=onset), power_off=seen)
+
+    def ideal_peak(self, faults: Sequence[Fault], seen: float) -> float:
+        """Largest force (N) of that."""
+        return self.ideal(faults, seen).peak
 
     def _judged(self, one: TrialRun, faults: Sequence[Fault], since: int | None) -> Felt:
         run, done = one.trace, one.done

@@ -61,6 +61,7 @@ class EvidenceRun:
         seed: of the experiment.
         watched: with the monitor; None: it failed.
         unwatched: without; None: not made.
+        ideal: with a monitor that cuts all power when this one trips; None: it does not, or not made.
         found: how it came to be made.
         failure: why it failed.
     """
@@ -72,6 +73,7 @@ class EvidenceRun:
     seed: int
     watched: Felt | None
     unwatched: Felt | None = None
+    ideal: Felt | None = None
     found: Origin = "grid"
     failure: str = ""
 
@@ -100,6 +102,7 @@ class EvidenceRun:
             "failure": self.failure,
             "with_monitor": self.watched and self.watched.facts(),
             "without_monitor": self.unwatched and self.unwatched.facts(),
+            "with_ideal_monitor": self.ideal and self.ideal.facts(),
         }
 
 
@@ -279,9 +282,12 @@ def tables_of(cause: Cause, sizes: Sequence[float | None], onset: float, seed: i
     return [one | ({"seed": seed} if seed else {}) for one in made]
 
 
-def without_monitor(robot: HazardRobot, run: EvidenceRun) -> EvidenceRun:
-    """`run` with that of the same robot without its monitor."""
-    return replace(run, unwatched=robot.runs.felt(faults_of(robot.experiment, run.tables), watched=False))
+def beside(robot: HazardRobot, run: EvidenceRun) -> EvidenceRun:
+    """`run` with that of the same robot without its monitor, and with an ideal one."""
+    faults = faults_of(robot.experiment, run.tables)
+    seen = None if run.watched is None else run.watched.seen
+    ideal = None if seen is None else robot.runs.ideal(faults, seen)
+    return replace(run, unwatched=run.unwatched or robot.runs.felt(faults, watched=False), ideal=ideal)
 
 
 def hardware(

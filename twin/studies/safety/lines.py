@@ -21,9 +21,9 @@ from twin.studies.safety.evidence import (
     HazardRobot,
     Origin,
     Robots,
+    beside,
     run_of,
     tables_of,
-    without_monitor,
 )
 from twin.studies.safety.hazards import Cause, Hazard, magnitudes_of
 
@@ -78,7 +78,7 @@ def line_of(
     assert last is not None
     there = made[line.runs.index(last)][1]
     assert there is not None
-    every = tuple(without_monitor(there, run) if run is last and run.unwatched is None else run for run in line.runs)
+    every = tuple(beside(there, run) if run is last else run for run in line.runs)
     return replace(line, runs=every), there
 
 

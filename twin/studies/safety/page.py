@@ -93,7 +93,7 @@ def _status(line: HazardLine) -> str:
 
 
 def _overview(lines: Sequence[HazardLine]) -> str:
-    head = ("", "hazard", "limit", "worst", "without monitor", "seen", "status")
+    head = ("", "hazard", "limit", "worst", "ideal monitor", "without monitor", "seen", "status")
     return _table(head, [list(_summary(line)) for line in lines])
 
 
@@ -103,6 +103,7 @@ def _summary(line: HazardLine) -> Iterator[str]:
     yield escape(line.hazard.table.hazard)
     yield escape(line.hazard.limit_text)
     yield value_text(line, worst.watched if worst else None)
+    yield value_text(line, worst.ideal if worst else None)
     yield value_text(line, worst.unwatched if worst else None)
     yield seen_text(line)
     yield _status(line)
@@ -164,11 +165,10 @@ def _worst(table: SafetyTable, line: HazardLine, worst: EvidenceRun, run: Felt) 
         "energy given to the body (J)": lambda one: one.energy,
         "pressure over the head (kPa)": lambda one: _pressure(line, one),
     }
-    rows = [
-        (name, _number(value(run)), "-" if without is None else _number(value(without)))
-        for name, value in named.items()
-    ]
-    yield _table(("from the onset on", "with monitor", "without"), rows)
+    # an ideal monitor sees when this one does, and cuts all power at once
+    runs = (run, worst.ideal, without)
+    rows = [(name, *("-" if one is None else _number(value(one)) for one in runs)) for name, value in named.items()]
+    yield _table(("from the onset on", "with monitor", "ideal monitor: all power cut when seen", "without"), rows)
     if without is not None and without.failure:
         yield f"<p>Without the monitor the run ends early: {escape(without.failure)}</p>"
     pressure = _pressure(line, run)

@@ -8,7 +8,7 @@ from twin.kernel.errors import TwinError
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.faults.together import faults_of, felt
-from twin.studies.figure import PAPER_BLUE, VERMILION, picture
+from twin.studies.figure import GREY, PAPER_BLUE, VERMILION, picture
 from twin.studies.safety.evidence import HazardLine, HazardRobot
 from twin.studies.safety.hazards import Sensitivity
 
@@ -113,9 +113,9 @@ def draw_sensitivity(points: Sequence[ThresholdPoint], path: Path) -> None:
             values = [point.value for point in mine]
             share = [100.0 * point.false_trips / point.fleet for point in mine]
             axes.plot(values, share, "o-", color=PAPER_BLUE)
-            axes.set(
-                xlabel=f"{key}, the experiment's own times {mine[0].factor:g} to {mine[-1].factor:g}", ylim=(-5, 105)
-            )
+            axes.axvline(mine[0].value / mine[0].factor, color=GREY, ls=":")
+            span = f"{mine[0].factor:g} to {mine[-1].factor:g}"
+            axes.set(xlabel=f"{key}, the experiment's own (dotted) times {span}", ylim=(-5, 105))
             axes.set_ylabel("healthy robots that trip (%)", color=PAPER_BLUE)
             other = axes.twinx()
             other.plot(values, [point.peak for point in mine], "s--", color=VERMILION)

@@ -9,20 +9,23 @@ from twin.studies.safety.page import seen_text, value_text
 
 COLUMNS = (
     Column("", 4, left=True),
-    Column("hazard", 34, ".34s", left=True),
-    Column("worst", 10),
-    Column("without", 10),
-    Column("seen", 9),
+    Column("hazard", 27, ".27s", left=True),
+    Column("worst", 9),
+    Column("ideal", 9),
+    Column("without", 9),
+    Column("seen", 7),
     Column("", left=True),
 )
 
 
 def lines_table(lines: Sequence[HazardLine]) -> Table:
-    """One row for each: its worst run with the monitor and without, how many were seen, and whether it is kept."""
+    """One row for each: its worst run with the monitor, an ideal one and none, how many were seen, its status."""
     rows = []
     for line in lines:
         worst = line.worst
-        values = [value_text(line, run) for run in ((worst.watched, worst.unwatched) if worst else (None, None))]
+        values = [
+            value_text(line, run) for run in ((worst.watched, worst.ideal, worst.unwatched) if worst else (None,) * 3)
+        ]
         rows.append(
             (line.hazard.table.id, line.hazard.table.hazard, *values, seen_text(line).replace(" of ", "/"), line.status)
         )
