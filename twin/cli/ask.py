@@ -22,6 +22,8 @@ from twin.studies.command import SHARED, Answer, Interrupted, Isolation, JobIsol
 Hear = Callable[[dict[str, Any]], None]
 """Takes a note of a job."""
 RECORDED = "twin.studies.command:recorded"
+LIMITS = ("limit_step", "limit_wall")
+"""Options of `JobLimits`, in its order."""
 
 
 def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
@@ -40,7 +42,7 @@ def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
     own = inspect.signature(function).parameters
     asked = {key: value for key, value in given.items() if key in own}
     if marked.limited and given["isolate"] == "none":
-        for option in ("limit_step", "limit_wall"):
+        for option in LIMITS:
             if given[option] != SHARED[option][1]:
                 raise InputRefused(
                     f"--{option.replace('_', '-')} is of the process that --isolate none does without; leave one of "
@@ -79,7 +81,8 @@ def _answers(
 ) -> Iterable[Answer]:
     """One after the other, as the study has them; what it is doing is shown meanwhile."""
     shared = {key: default if key in own else given.get(key, default) for key, (_, default) in SHARED.items()}
-    name, limits = f"{function.__module__}:{function.__name__}", JobLimits(shared["limit_step"], shared["limit_wall"])
+    name = f"{function.__module__}:{function.__name__}"
+    limits = JobLimits(*(given.get(key, SHARED[key][1]) for key in LIMITS))
     apart = marked.isolated is True or given.get(str(marked.isolated))
     isolate: JobIsolation = shared["isolate"] if apart else "none"
     if "reporter" in own:

@@ -16,17 +16,21 @@ import pytest
 
 from tests.kernel.systems.archives import archive, component, connection, structure, system
 from tests.kernel.systems.linear import Linear
+from tests.kernel.systems.test_loops import WIRES, masses
+from tests.kernel.systems.test_tolerance import CASES as TOLERANCES
+from tests.kernel.systems.test_tolerance import Case, made, ssd
 from twin.kernel.cosim.delay import play
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.component import FmuComponent, opened
 from twin.kernel.fmi.description import described
+from twin.kernel.fmi.solvers import Solver
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setup
 from twin.kernel.process.hosted import DONE, ENDED, HostedFmu
 from twin.kernel.process.job import error_of
 from twin.kernel.process.reporter import DirectReporter
-from twin.kernel.recording.reader import read
+from twin.kernel.recording.reader import Recording, read
 from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice, remote
 from twin.kernel.systems.naming import port_of
@@ -100,9 +104,6 @@ def test_beside_a_worker_it_gives_the_same_bits_and_a_worker_that_dies_is_named_
     np.testing.assert_array_equal(signals(tmp_path / "there"), signals(tmp_path / "here"))
     assert facts["components"]["motor"]["remote"] == address and "remote" not in facts["components"]["pi"]
 
-    # one of the other kind, and one that asks to end
-    with pytest.raises(InputRefused, match="is used for model exchange, whose solver is here"):
-        ran(file, tmp_path / "x", remote={"motor": address}, kinds={"motor": "model_exchange"})
     ended = ran(servo(tmp_path, Linear(ends_at=0.05, **_matrices(MOTOR))), tmp_path / "e", remote={"motor": address})
     assert ended["simulated_s"] == pytest.approx(0.05) and "motor" in ended["ended"]
 
@@ -121,6 +122,46 @@ def test_beside_a_worker_it_gives_the_same_bits_and_a_worker_that_dies_is_named_
     assert f"tick {len(read(partial)['motor.v']) - 1}." in said and "Recorded until then" in said
     with pytest.raises(InputRefused, match=r"--remote .*no workers; start some with: dask worker"):
         ran(file, tmp_path / "late", remote={"motor": address})
+
+
+@pytest.mark.slow
+def test_loops_tolerances_equations_and_states_there_have_the_bits_of_here(
+    cluster: tuple[str, "subprocess.Popen[str]"], tmp_path: Path
+):
+    address, _ = cluster
+
+    def packed(case: Case) -> Path:
+        return archive(tmp_path / "x.ssp", ssd(case, 0.1), made(case, tmp_path))
+
+    def recorded(file: Path, out: str, start_from: str | None = None, **asked: Any) -> Recording:
+        hear, choice = DirectReporter(lambda note: None), MasterChoice(**asked)
+        recorded_system(hear, file, choice, tmp_path / out, state_every=0.03, start_from=start_from)
+        return read(tmp_path / out / "run.mcap")
+
+    # one that takes lines, and equations that CVODE solves there; both are set back
+    for name, far, asked in (
+        ("stiff", "a", {"tolerance": 1e-3, "tick": 2e-4}),
+        ("two tanks", "b", {"tolerance": 1e-4, "tick": 1e-3, "kinds": {"": "model_exchange"}}),
+    ):
+        file = packed(TOLERANCES[name])
+        here, there = (recorded(file, f"{name} {one}", remote=one, **asked) for one in ({}, {far: address}))
+        assert "master.step" in there.fields()
+        for signal_name in here.fields():
+            np.testing.assert_array_equal(there[signal_name], here[signal_name])
+    # a loop of one that reacts and one that goes back, both there; its state goes from here to there, and back
+    loop: dict[str, Any] = {"tick": 1e-3, "loops": "solve", "kinds": {"mass": "model_exchange"}, "solver": "rk4"}
+    file = packed((masses(2.0, 6.0), WIRES))
+    whole, last = recorded(file, "here", **loop), 0
+    for out, start_from, far_ones in (
+        ("there", "here@0.03", {"mass": address, "load": address}),
+        ("back", "there@0.06", dict[str, str]()),
+    ):
+        run = recorded(file, out, str(tmp_path / start_from), **loop, remote=far_ones)
+        first = round(run.time("mass")[0] / 1e-3)
+        assert first > last
+        for signal_name in ("mass.y", "mass.v", "load.y"):
+            np.testing.assert_array_equal(run[signal_name], whole[signal_name][first:])
+        last = first
 
 
 def _matrices(one: Linear) -> dict[str, Any]:
@@ -150,10 +191,6 @@ def test_options_that_contradict_each_other_or_mean_nothing_are_refused(tmp_path
     for text in ("motor", "=tls://h:1", "motor="):
         with pytest.raises(InputRefused, match="expected COMPONENT=tls"):
             remote([text])
-    with pytest.raises(InputRefused, match=r"--loops solve .* does not go with --remote"):
-        MasterChoice(remote={"a": "tls://h:1"}, loops="solve")
-    with pytest.raises(InputRefused, match="does not go with --remote"):
-        MasterChoice(remote={"a": "tls://h:1"}, tolerance=1e-4)
     with pytest.raises(InputRefused, match="--remote mot: no such component; did you mean 'motor'"):
         ran(servo(tmp_path), tmp_path / "run", remote={"mot": "tcp://127.0.0.1:8786"})
 
@@ -171,19 +208,20 @@ def test_the_process_of_a_worker_gives_the_bits_of_this_one_and_its_end_is_told(
     u = description.variables["u"]
     assert host.call("write", settings=[(u, 3.0)]) == (DONE, None)
     assert np.frombuffer(bytes.fromhex(host.call("read", variables=[u])[1])) == [3.0]
-    outcome, started_with = host.call("begin", inputs=inputs, outputs=outputs, settings=[])
+    outcome, started_with = host.call("begin", name="m", inputs=inputs, outputs=outputs, settings=[], solver=Solver())
     here = opened("m", description, unpacked(file, description.sha256), (), (), setup)
     here.begin()
     own = FmuComponent("m", description, here.folder, inputs, outputs, setup=setup, instance=here)
-    assert started_with == own.initial_outputs.tobytes().hex()
+    assert started_with["y"] == own.initial_outputs.tobytes().hex()
     given = np.random.default_rng(1).normal(size=(50, 2))
     rows, _ = play(own, 1e-3 * np.arange(50.0), np.full(50, 1e-3), given)
     for k in range(50):
-        outcome, came = host.call("step", t=1e-3 * k, h=1e-3, u=given[k].tobytes().hex())
+        u_there = given[k].tobytes().hex()
+        outcome, came = host.call("step", t=1e-3 * k, h=1e-3, u=u_there, before=[], reacts=False)
         assert (outcome, came["status"], came["y"]) == (DONE, 0, rows[k].tobytes().hex())
     own.close()
     # what it raises is raised here, and its process has ended
-    outcome, report = host.call("step", t=0.0, h=1e-3, u="no number")
+    outcome, report = host.call("step", t=0.0, h=1e-3, u="no number", before=[], reacts=False)
     assert outcome == "failed" and isinstance(error_of(report), ComponentFailed)
     assert host.call("read", variables=[u]) == (ENDED, "has ended")
 

@@ -231,9 +231,9 @@ class StatePlaces:
             pieces += of_own[one.name]
             for name, holder, content in held[one.name]:
                 if holds_all(holder):
-                    there = SavedState.from_bytes(content, one.name)
-                    pieces += there.pieces
-                    inside += there.inside
+                    there, before = SavedState.from_bytes(content, one.name), _before(name)
+                    pieces += [piece._replace(component=one.name, name=before + piece.name) for piece in there.pieces]
+                    inside += [its._replace(component=one.name, name=before + its.name) for its in there.inside]
                 else:
                     inside.append(SavedInside(one.name, name, content))
         return SavedState(state.tick, pieces, inside, about)
@@ -306,15 +306,31 @@ class StatePlaces:
 
     def _divided(self, saved: SavedState) -> tuple[list[SavedPiece], dict[tuple[str, str], bytes]]:
         """The pieces that lie here, and by component and name what holders are given, some of it whole states."""
-        whole = {component: name for component, name, holder in self._holders if holds_all(holder)}
-        pieces = [piece for piece in saved.pieces if piece.component not in whole or piece.name in SIDES]
-        contents = {one[:2]: one.content for one in saved.inside if one.component not in whole}
-        for component, name in whole.items():
-            its = [piece for piece in saved.pieces if piece.component == component and piece.name not in SIDES]
-            inside = [one for one in saved.inside if one.component == component]
-            if its or inside:
-                contents[component, name] = SavedState(saved.tick, its, inside, {}).to_bytes()
-        return pieces, contents
+        pieces, left = list(saved.pieces), list(saved.inside)
+        contents: dict[tuple[str, str], bytes] = {}
+        for component, name, holder in self._holders:
+            if holds_all(holder):
+                before = _before(name)
+                its = [
+                    p for p in pieces if p.component == component and p.name not in SIDES and p.name.startswith(before)
+                ]
+                inside = [one for one in left if one.component == component and one.name.startswith(before)]
+                pieces, left = [p for p in pieces if p not in its], [one for one in left if one not in inside]
+                own, cut = before[:-1] or component, len(before)
+                its = [piece._replace(component=own, name=piece.name[cut:]) for piece in its]
+                inside = [one._replace(component=own, name=one.name[cut:]) for one in inside]
+                if its or inside:
+                    contents[component, name] = SavedState(saved.tick, its, inside, {}).to_bytes()
+        return pieces, contents | {one[:2]: one.content for one in left}
+
+
+def _before(name: str) -> str:
+    """What names of a component's state begin with in that of another one which it is a member of; "": it is none.
+
+    Args:
+        name: of its holder there.
+    """
+    return name[: name.rfind(".") + 1]
 
 
 def refuse_stateless(components: Iterable[Component], portable: bool = True) -> None:

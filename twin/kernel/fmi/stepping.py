@@ -325,6 +325,12 @@ def placed(ports: Sequence[FmuPort], shift: np.ndarray | None = None) -> list[Pl
     return [Placed(p, np.arange(a, b), shifts[a:b]) for p, a, b in zip(ports, ends, ends[1:], strict=False)]
 
 
+def at_both_ends(instance: Instance, inputs: Sequence[FmuPort]) -> list[FmuPort]:
+    """`inputs` of an instance, where those that are lines over a step come last, once more."""
+    ramped = [p for p in inputs if instance.ramps(p.variable)]
+    return [*(p.at("start") if p in ramped else p for p in inputs), *(p.at("end") for p in ramped)]
+
+
 class Stepping:
     """How an instance is stepped.
 
@@ -336,7 +342,7 @@ class Stepping:
     Attributes:
         address: of the step.
         memory: that it works on, (1,).
-        inputs: those of `inputs` that are taken at both ends of a step come last, once more.
+        inputs: see `at_both_ends`.
         outputs: and what is added to each.
         discard_reported: whether it was said that steps are discarded.
     """
@@ -352,8 +358,7 @@ class Stepping:
     ):
         self.instance = instance
         ramped = [i for i, p in enumerate(inputs) if instance.ramps(p.variable)]
-        self.inputs = [p.at("start") if i in ramped else p for i, p in enumerate(inputs)]
-        self.inputs += [inputs[i].at("end") for i in ramped]
+        self.inputs = at_both_ends(instance, inputs)
         self._into, self.outputs = placed(self.inputs), placed(outputs, shift)
         self._keep: list[Any] = []
         self._moving: list[np.ndarray] = []

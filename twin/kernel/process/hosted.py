@@ -8,16 +8,20 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from twin.kernel.compiled.machine import chosen_form
+from twin.kernel.cosim.component import Rewind
 from twin.kernel.cosim.python_class import STEP
+from twin.kernel.cosim.state import SavedState, StatePlaces, SystemState
 from twin.kernel.errors import ComponentFailed, TwinError
 from twin.kernel.fmi.component import FmuComponent, opened
 from twin.kernel.fmi.description import Kind, described
+from twin.kernel.fmi.solvers import Solver
 from twin.kernel.fmi.stepping import FmuPort, Instance
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setting, Setup, Variable
@@ -28,6 +32,8 @@ from twin.kernel.process.reporter import PipeReporter
 from twin.kernel.writing import write_bytes
 
 JOB = "twin.kernel.process.hosted:answer"
+SAVE, RESTORE = "save", "restore"
+"""What may come before a step."""
 ENDED, FAILED, DONE = "ended", "failed", "done"
 """What a call may come to: no process any more, an error, a result."""
 LOADING = 60.0
@@ -87,13 +93,16 @@ class HostedFmu:
 
 
 class _Fmu:
-    """The FMU of this process."""
+    """The FMU of this process, and what states of it are held for the other machine, by their numbers."""
 
     instance: Instance
     component: FmuComponent
+    rewind: Rewind
+    states: ClassVar[dict[int, SystemState]] = {}
 
 
 _fmu = _Fmu()
+_numbers = count()
 
 
 def answer(reporter: PipeReporter, what: str, order: dict[str, Any]) -> Any:
@@ -129,23 +138,62 @@ def _write(settings: list[Setting]) -> None:
     _fmu.instance.write(settings)
 
 
-def _begin(inputs: list[FmuPort], outputs: list[FmuPort], settings: list[Setting]) -> str:
+def _begin(
+    name: str, inputs: list[FmuPort], outputs: list[FmuPort], settings: list[Setting], solver: Solver
+) -> dict[str, Any]:
     instance = _fmu.instance
     instance.begin()
-    _fmu.component = FmuComponent(
-        instance.name, instance.description, instance.folder, inputs, outputs, settings, setup=instance.setup,
-        instance=instance,
+    component = _fmu.component = FmuComponent(
+        name, instance.description, instance.folder, inputs, outputs, settings, setup=instance.setup,
+        instance=instance, solver=solver,
     )  # fmt: skip
-    return np.array(_fmu.component.initial_outputs).tobytes().hex()
+    return {
+        "y": np.array(component.initial_outputs).tobytes().hex(),
+        "called": component.called,
+        "lacks": [component.lacks_state(portable) for portable in (False, True)],
+    }
 
 
-def _step(t: float, h: float, u: str) -> dict[str, Any]:
+def _rewind() -> bool:
+    rewind = _fmu.component.rewind()
+    if rewind is not None:
+        _fmu.rewind = rewind
+    return rewind is not None
+
+
+def _step(t: float, h: float, u: str, before: list[str], reacts: bool) -> dict[str, Any]:
+    """One step, or the outputs for other inputs; `before` it saves its state, or goes back to the one it saved."""
     component = _fmu.component
-    inputs, outputs = np.frombuffer(bytes.fromhex(u)), np.array(component.initial_outputs)
-    status = STEP(component.step_address)(component.self_address, t, h, inputs.ctypes.data, outputs.ctypes.data)
+    inputs, outputs, status = np.frombuffer(bytes.fromhex(u)), np.array(component.initial_outputs), 0
+    for what in before:
+        address = _fmu.rewind.save_address if what == SAVE else _fmu.rewind.restore_address
+        status = status or STEP(address)(_fmu.rewind.self_address, t, h, 0, 0)
+    if status == 0:
+        address = component.reaction() if reacts else component.step_address
+        status = STEP(address)(component.self_address, t, h, inputs.ctypes.data, outputs.ctypes.data)
     texts = [text for _, text in component.take_messages()]
     why = component.explain(status) if status not in (0, 1) else ""
     return {"status": status, "y": outputs.tobytes().hex(), "messages": texts, "why": why}
+
+
+def _places() -> StatePlaces:
+    """Of all that its steps change; what it gets and gives lies in the other machine's memory."""
+    return StatePlaces([_fmu.component], np.zeros(0), np.zeros(0))
+
+
+def _held(state: SystemState) -> int:
+    number = next(_numbers)
+    _fmu.states[number] = state
+    return number
+
+
+def _give_back(number: int) -> None:
+    state = _fmu.states[number]
+    state.places.put_back(state)
+
+
+def _free(number: int) -> None:
+    _fmu.states.pop(number).close()
 
 
 def _close() -> None:
@@ -157,6 +205,12 @@ _CALLS: dict[str, Callable[..., Any]] = {
     "read": _read,
     "write": _write,
     "begin": _begin,
+    "rewind": _rewind,
     "step": _step,
+    "take": lambda: _held(_places().take(0)),
+    "give_back": _give_back,
+    "free": _free,
+    "pack": lambda number: _fmu.states[number].saved().to_bytes().hex(),
+    "unpack": lambda content: _held(_places().taken(SavedState.from_bytes(bytes.fromhex(content), "it"))),
     "close": _close,
 }

@@ -137,6 +137,8 @@ class RunStates(Observer):
     def begin(self, simulation: Simulation) -> None:
         self._simulation, self._first = simulation, simulation.next_tick
         self.lacking = "; ".join(stateless(simulation.system.components))
+        # each halt that writes nothing would be a slice that a recorder's block has no room for
+        self.halts = [self._last_tick] if self.lacking else self.halts
 
     def ready(self, tick: int) -> None:
         if self.lacking:

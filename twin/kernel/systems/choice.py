@@ -49,16 +49,11 @@ class MasterChoice:
     remote: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.remote and self.loops == "solve":
-            raise InputRefused(
-                "--loops solve asks FMUs again within a step, and does not go with --remote; leave one of them out"
-            )
         if self.tolerance is None:
             return
         if not 0.0 < self.tolerance <= LOOSEST:
             raise InputRefused(f"--tolerance {self.tolerance:g}: expected a number above 0, at most {LOOSEST:g}")
-        for option, asked in (("--step", self.steps), ("--loops solve", self.loops == "solve"),
-                              ("--remote", self.remote)):  # fmt: skip
+        for option, asked in (("--step", self.steps), ("--loops solve", self.loops == "solve")):
             if asked:
                 raise InputRefused(
                     f"--tolerance chooses the steps of all components itself, and does not go with {option}; "

@@ -19,10 +19,10 @@ from twin.kernel.cosim.port import Port, width
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent, opened
-from twin.kernel.fmi.description import KIND_NAMES, clocks, feedthrough, refuse_step
+from twin.kernel.fmi.description import clocks, feedthrough, refuse_step
 from twin.kernel.fmi.groups import AT_END
 from twin.kernel.fmi.solvers import USUAL_TOLERANCE, Solver
-from twin.kernel.fmi.stepping import FmuPort, Instance
+from twin.kernel.fmi.stepping import FmuPort, Instance, Placed
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setup, number, stop_time
 from twin.kernel.systems.loops import AlgebraicLoop, loops
@@ -56,11 +56,19 @@ class PreparedSystem:
     forgiven: Sequence[str] = ()
 
 
+class FmuLike(Protocol):
+    """A component that is one FMU, here or elsewhere."""
+
+    @property
+    def ports(self) -> tuple[Sequence[FmuPort], Sequence[Placed]]:
+        """As of `FmuComponent`."""
+
+
 class DistantInstance(Protocol):
     """An FMU instance that is not in this process, in initialisation mode."""
 
-    def component(self, period: int) -> Component:
-        """It in step mode, which steps every `period` ticks."""
+    def component(self, period: int, solver: Solver) -> Component:
+        """It in step mode, an `FmuLike`, which steps every `period` ticks; for model exchange with a solver."""
 
 
 class Host(Protocol):
@@ -112,12 +120,6 @@ def coupled(
             cannot be.
     """
     refuse_steps(plan, "another --tick-ms or --step")
-    for part in plan.parts:
-        if part.path in hosts and part.description.kind != "co_simulation":
-            raise InputRefused(
-                f"--remote {part.path}: {part.description.path.name} is used for {KIND_NAMES[part.description.kind]}, "
-                "whose solver is here; an FMU on another machine is for co-simulation"
-            )
     found = loops(plan)
     solved = [_Solved(plan, loop) for loop in found] if plan.choice.loops == "solve" else []
     with ExitStack() as made:
@@ -173,7 +175,8 @@ def initialised(
     for part in plan.parts:
         instance = instances[part.name]
         if part.path in hosts:
-            components[part.name] = cast(DistantInstance, instance).component(plan.timing.periods[part.path])
+            distant = cast(DistantInstance, instance)
+            components[part.name] = distant.component(plan.timing.periods[part.path], Solver(plan.choice.method))
             continue
         instance.begin()
         component = FmuComponent(
@@ -233,9 +236,7 @@ def _varying(
             fed = set(depends.get(port.variable.name, ())) & {one.variable.name for one in part.inputs}
             direct += [bool(fed)] * port.port.size
             nominal += [size if _moves(port) else 0.0] * port.port.size
-        component = components[part.name]
-        assert isinstance(component, FmuComponent)
-        ports = component.ports[0]
+        ports = cast(FmuLike, components[part.name]).ports[0]
         moving += [_moves(port) for port in ports for _ in range(port.port.size)]
         ends = {port.port.name for port in ports if port.port.instant == "end"}
         wires += [(s, f"{t}{AT_END}") for s, t in plan.wires if f"{t}{AT_END}" in {f"{part.name}.{e}" for e in ends}]

@@ -11,6 +11,7 @@ from typing import Any
 from twin.kernel.cosim.observers import Messages, ProgressObserver, Simulated, TickEvent
 from twin.kernel.errors import ComponentFailed, EndRequested, InputRefused
 from twin.kernel.fmi.variable import Variable, to_json
+from twin.kernel.process.job import JobLimits
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.process.states import (
     RunStates,
@@ -238,6 +239,7 @@ def recorded_system(
     state_every: float | None = None,
     start_from: str | None = None,
     additions: Additions = Additions(),  # noqa: B008, it is frozen
+    limit_step: float = JobLimits.step,
 ) -> Result:
     """Run a system of FMUs and record it.
 
@@ -251,6 +253,7 @@ def recorded_system(
         state_every: time from one saved state to the next (s); None: only the last one is saved.
         start_from: a run of this system, and perhaps the time (s) of its state behind an @, to go on from.
         additions: values, inputs over time, and what is recorded.
+        limit_step: longest time of one call into an FMU on another machine (s).
 
     Raises:
         InputRefused: the system cannot be run, or there is no such state; nothing has been written.
@@ -259,7 +262,10 @@ def recorded_system(
     """
     reporter.loading()
     package, state = read_system(system), _state(start_from)
-    with elsewhere(choice.remote) as hosts, opened(package, choice, compiled, additions, hosts=hosts) as (plan, made):
+    with (
+        elsewhere(choice.remote, limit_step) as hosts,
+        opened(package, choice, compiled, additions, hosts=hosts) as (plan, made),
+    ):
         folder = _folder(package.file, out)
         # absolute: an FMU may change the working directory
         path = folder.absolute() / RECORDING
@@ -317,14 +323,18 @@ def written_system(
 
 
 @contextmanager
-def elsewhere(remote: Mapping[str, str]) -> Iterator[Mapping[str, Host]]:
-    """Where components live that are not here, by path, of addresses; Dask is loaded only if there are some."""
+def elsewhere(remote: Mapping[str, str], limit: float) -> Iterator[Mapping[str, Host]]:
+    """Where components live that are not here, by path, of addresses; Dask is loaded only if there are some.
+
+    Args:
+        remote, limit: as of `machines`.
+    """
     if not remote:
         yield {}
         return
     from twin.studies.systems.remote import machines
 
-    with machines(remote) as hosts:
+    with machines(remote, limit) as hosts:
         yield hosts
 
 
@@ -368,7 +378,11 @@ def _recorded(
         lasting = {"recorder": recorder}
         states = RunStates(asked_ticks((), state_every, tick, last), last, tick, about, lasting)
         observers = [Messages(made.system), recorder, ProgressObserver(reporter.progress, last + 1)]
-        done = simulate_saving(made, last, observers, BLOCK_TICKS, states, saved, lasting)
+        try:
+            done = simulate_saving(made, last, observers, BLOCK_TICKS, states, saved, lasting)
+        except ComponentFailed as failure:
+            # its state was asked for between two steps
+            raise ComponentFailed(recorder.abandon(failure)) from None
         if isinstance(done.failure, EndRequested):
             recorder.end(done.failure)
         elif done.failure:

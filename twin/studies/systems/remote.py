@@ -8,22 +8,24 @@ import ctypes
 import ipaddress
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from functools import partial
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 import numpy as np
 
 from twin.kernel.compiled.machine import chosen_form
-from twin.kernel.cosim.component import Component
+from twin.kernel.cosim.component import Component, Holder, Rewind
 from twin.kernel.cosim.port import width
 from twin.kernel.cosim.python_class import FAILED as STATUS
 from twin.kernel.cosim.python_class import STEP, doubles
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.groups import TERMINATE
-from twin.kernel.fmi.stepping import Instance
+from twin.kernel.fmi.solvers import Solver
+from twin.kernel.fmi.stepping import Instance, at_both_ends, placed
 from twin.kernel.fmi.variable import Setting, Setup, Variable
-from twin.kernel.process.hosted import DONE, ENDED, LOADING, HostedFmu
-from twin.kernel.process.job import JobLimits, error_of
+from twin.kernel.process.hosted import DONE, ENDED, LOADING, RESTORE, SAVE, HostedFmu
+from twin.kernel.process.job import error_of
 from twin.kernel.process.reporter import Elsewhere
 from twin.kernel.systems.coupling import Host
 from twin.kernel.systems.plan import SystemPart
@@ -32,8 +34,8 @@ from twin.studies.sweep.dask.cluster import ClusterLost, connected
 if TYPE_CHECKING:
     from distributed import Client
 
-PATIENCE = 15.0
-"""How long (s) an answer may take: the longest call into an FMU, `JobLimits.step`, and the way there and back."""
+WAY = 5.0
+"""How long (s) there and back may take, beside the longest call into an FMU."""
 
 
 class ConnectionGone(ComponentFailed):
@@ -41,11 +43,12 @@ class ConnectionGone(ComponentFailed):
 
 
 @contextmanager
-def machines(remote: Mapping[str, str]) -> Iterator[dict[str, Host]]:
+def machines(remote: Mapping[str, str], limit: float) -> Iterator[dict[str, Host]]:
     """Where components live, by path; connected when the first of an address is made.
 
     Args:
         remote: address of a Dask scheduler by the path of a component.
+        limit: longest time of one call into an FMU (s).
 
     Raises:
         InputRefused: an address that others could listen to, or none.
@@ -60,7 +63,7 @@ def machines(remote: Mapping[str, str]) -> Iterator[dict[str, Host]]:
                 clients[address] = connections.enter_context(_client(address))
             return clients[address]
 
-        yield {path: RemoteHost(address, client) for path, address in remote.items()}
+        yield {path: RemoteHost(address, client, limit) for path, address in remote.items()}
 
 
 @contextmanager
@@ -98,10 +101,11 @@ class RemoteHost:
     Args:
         address: of the scheduler.
         client: of an address.
+        limit: longest time of one call (s).
     """
 
-    def __init__(self, address: str, client: "Callable[[str], Client]"):
-        self.address, self._client = address, client
+    def __init__(self, address: str, client: "Callable[[str], Client]", limit: float):
+        self.address, self._client, self._limit = address, client, limit
         self._content = b""
 
     def take(self, content: bytes) -> None:
@@ -113,13 +117,14 @@ class RemoteHost:
             workers = sorted(client.scheduler_info(n_workers=-1)["workers"])
             place = workers[0]
             _refuse_open(f"--remote {part.path}={self.address}: its worker {place}", place)
-            limit = JobLimits.step
-            actor = client.submit(HostedFmu, limit, actor=True, pure=False, workers=[place], allow_other_workers=False)
+            actor = client.submit(
+                HostedFmu, self._limit, actor=True, pure=False, workers=[place], allow_other_workers=False
+            )
             # an actor belongs to the client that is current where it arrives
             with client.as_current():
-                instance = RemoteInstance(part, setup, place, actor.result(PATIENCE + LOADING))
+                instance = RemoteInstance(part, setup, place, actor.result(WAY + LOADING), self._limit)
         except (OSError, TimeoutError, IndexError) as problem:
-            raise InputRefused(f"--remote {part.path}={self.address}: {_reason(problem, PATIENCE + LOADING)}") from None
+            raise InputRefused(f"--remote {part.path}={self.address}: {_reason(problem, WAY + LOADING)}") from None
         instance.make(self._content)
         return instance
 
@@ -132,10 +137,11 @@ class RemoteInstance(Instance):
         setup: of the run.
         place: address of the worker.
         actor: that has the instance.
+        limit: longest time of one call (s).
     """
 
-    def __init__(self, part: SystemPart, setup: Setup, place: str, actor: Any):
-        self.part, self.place, self._actor = part, place, actor
+    def __init__(self, part: SystemPart, setup: Setup, place: str, actor: Any, limit: float):
+        self.part, self.place, self._actor, self._limit = part, place, actor, limit
         self.description, self.name, self.setup, self.settings = part.description, part.path, setup, part.settings
         self.messages, self.missing, self.processor = [], [], ""
         self.gone = False
@@ -169,14 +175,15 @@ class RemoteInstance(Instance):
         """
         return self.result(lambda: self._actor.call(what, **order))
 
-    def result(self, begin: Callable[[], Any], more: float = 0.0) -> Any:
-        """What a call of the actor comes to, which may take `more` (s) than PATIENCE; see `ask`."""
+    def result(self, begin: Callable[[], Any], loading: float = 0.0) -> Any:
+        """What a call of the actor comes to, which may take the limit, or `loading` (s) if that is more; see `ask`."""
+        patience = WAY + max(self._limit, loading)
         try:
-            outcome, came = begin().result(PATIENCE + more)
+            outcome, came = begin().result(patience)
         # of Dask there may be any, where a worker has gone
         except Exception as problem:
             self.gone = True
-            raise ConnectionGone(f"lost the connection to {self.place}: {_reason(problem, PATIENCE + more)}") from None
+            raise ConnectionGone(f"lost the connection to {self.place}: {_reason(problem, patience)}") from None
         if outcome == DONE:
             return came
         self.gone = True
@@ -197,21 +204,33 @@ class RemoteInstance(Instance):
         if not self.gone:
             self.gone = True
             with suppress(Exception):
-                self._actor.call("close").result(PATIENCE)
+                self._actor.call("close").result(WAY)
 
-    def component(self, period: int) -> Component:
-        return RemoteComponent(self, period)
+    def ramps(self, variable: Variable) -> bool:
+        return self.description.kind == "co_simulation" and super().ramps(variable)
+
+    def component(self, period: int, solver: Solver) -> Component:
+        return RemoteComponent(self, period, solver)
 
 
 class RemoteComponent(Elsewhere):
-    """Stands for an FMU on another machine.
+    """Stands for an FMU on another machine, where its states stay; as a `Holder` its tokens are their numbers.
+
+    Saving a state before a step, and going back to it, travel with that step: one way there and back for each.
 
     Args:
         instance: that is initialised.
         period: in ticks.
+        solver: of its equations, there, if it is for model exchange.
+
+    Attributes:
+        whole: as a `Holder` it packs the state of the whole component, which is that of one in this process.
+        ports: as of `FmuComponent`.
     """
 
-    def __init__(self, instance: RemoteInstance, period: int):
+    whole = True
+
+    def __init__(self, instance: RemoteInstance, period: int, solver: Solver):
         part = instance.part
         self._instance, self._why, own = instance, "", chosen_form().name
         self._events: list[tuple[int, str]] = []
@@ -220,29 +239,34 @@ class RemoteComponent(Elsewhere):
                 (0, f"its machine has the processor form {instance.processor}, this one {own}: other bits")
             )
         self._clock = np.zeros(1, dtype=np.int64)
+        self._callbacks: dict[str, Any] = {}
         ports = {"inputs": list(part.inputs), "outputs": list(part.outputs), "settings": list(part.settings)}
-        initial = np.frombuffer(bytes.fromhex(instance.ask("begin", **ports)))
-        self.function = f"{part.description.prefix}DoStep at {instance.place}"
-        inputs, outputs = (tuple(port.port for port in side) for side in (part.inputs, part.outputs))
+        begun = instance.ask("begin", name=part.name, solver=solver, **ports)
+        self.function = f"{begun['called']} at {instance.place}"
+        self._lacks: list[str] = begun["lacks"]
+        self.ports = at_both_ends(instance, part.inputs), placed(part.outputs)
+        inputs, outputs = tuple(p.port for p in self.ports[0]), tuple(p.port for p in part.outputs)
         self._sizes = width(inputs), width(outputs)
-        function = STEP(self._step)
+        self._before: list[str] = []
         super().__init__(
             name=part.name,
             inputs=inputs,
             outputs=outputs,
             sampled=False,
-            step_address=ctypes.cast(function, ctypes.c_void_p).value or 0,
+            step_address=self._callback("step", self._step),
             self_address=0,
-            initial_outputs=initial,
+            initial_outputs=np.frombuffer(bytes.fromhex(begun["y"])),
             period=period,
             label=part.description.path.name,
-            keep=function,
+            keep=self._callbacks,
         )
 
-    def _step(self, _self: int, t: float, h: float, u: int, y: int) -> int:
+    def _step(self, _self: int, t: float, h: float, u: int, y: int, reacts: bool = False) -> int:
         count, results = self._sizes
+        before, self._before = self._before, []
+        given = np.array(doubles(u, count)).tobytes().hex()
         try:
-            came = self._instance.ask("step", t=t, h=h, u=np.array(doubles(u, count)).tobytes().hex())
+            came = self._instance.ask("step", t=t, h=h, u=given, before=before, reacts=reacts)
         # what leaves a callback would be printed and lost
         except BaseException as problem:
             self._why = str(problem)
@@ -258,8 +282,54 @@ class RemoteComponent(Elsewhere):
     def asks_to_end(self, status: int) -> bool:
         return status == TERMINATE
 
+    def reaction(self) -> int:
+        if self._instance.description.kind != "model_exchange":
+            return 0
+        return self._callback("react", partial(self._step, reacts=True))
+
+    def rewind(self) -> Rewind | None:
+        if not self._instance.ask("rewind"):
+            return None
+        save, restore = (self._callback(what, partial(self._note, what)) for what in (SAVE, RESTORE))
+        return Rewind(save, restore, 0, self)
+
+    def _callback(self, name: str, call: Callable[..., int]) -> int:
+        """Address of a function of a step's signature; it lives as long as this."""
+        self._callbacks[name] = STEP(call)
+        return ctypes.cast(self._callbacks[name], ctypes.c_void_p).value or 0
+
+    def _note(self, what: str, *_: Any) -> int:
+        self._before.append(what)
+        return 0
+
+    def holders(self) -> dict[str, Holder]:
+        return {"there": self}
+
     def lacks_state(self, portable: bool = True) -> str:
-        return "lives on another machine"
+        return self._lacks[portable]
+
+    def take(self) -> int:
+        return int(self._asked("take"))
+
+    def give_back(self, token: int) -> None:
+        self._asked("give_back", number=token)
+
+    def free(self, token: int) -> None:
+        # without a connection its process has gone, or will
+        if not self._instance.gone:
+            self._asked("free", number=token)
+
+    def pack(self, token: int) -> bytes:
+        return bytes.fromhex(self._asked("pack", number=token))
+
+    def unpack(self, content: bytes) -> int:
+        return int(self._asked("unpack", content=content.hex()))
+
+    def _asked(self, what: str, **order: Any) -> Any:
+        try:
+            return self._instance.ask(what, **order)
+        except ComponentFailed as failure:
+            raise ComponentFailed(f"{self.label} ({self.name}) {failure}") from None
 
     def keep_time(self, clock: np.ndarray) -> None:
         self._clock = clock

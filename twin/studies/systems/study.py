@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from twin.kernel.errors import InputRefused
-from twin.studies.command import Argument, Asked, Compile, Option, study
+from twin.kernel.process.job import JobLimits
+from twin.studies.command import Argument, Asked, Compile, LimitStep, Option, study
 from twin.studies.result import Result
 
 if TYPE_CHECKING:
@@ -137,6 +138,7 @@ def cosim(
         Path | None, Option("Folder of the run; default: results/cosim/SYSTEM/TIME. With --to: the file.", "DIR")
     ] = None,
     compiled: Compile = False,
+    limit_step: LimitStep = JobLimits.step,
     to: Annotated[SystemForm | None, Option("Run nothing, and write the system as SSP 1.0 to --out FILE.")] = None,
 ) -> Result:
     """Run one FMU, or a system of FMUs (SSP), and record the outputs of each.
@@ -156,4 +158,4 @@ def cosim(
     choice, added = chosen(locals()), Additions(settings, parameters, inputs, records)
     if to is not None:
         return written_system(system, choice, out, compiled, added)
-    return recorded_system(reporter, system, choice, out, compiled, state_every_s, start_from, added)
+    return recorded_system(reporter, system, choice, out, compiled, state_every_s, start_from, added, limit_step)
