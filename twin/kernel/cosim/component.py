@@ -113,7 +113,7 @@ def put_back_pieces(table, count):
         copy(pieces[i].array, pieces[i].copy, pieces[i].size)
 
 
-@entry("nothing", "int", "int", "int", "int")
+@entry("nothing", "int", "int", "int", "int", at_once=True)
 def copy_pieces(table, count, buffer, back):
     """Copy pieces of memory to their places in `buffer`, or `back` from there; `PIECE.copy` is the place."""
     pieces = carray(pieces_at(table), count)
@@ -177,12 +177,12 @@ class Pieces:
     def take(self) -> np.ndarray:
         """What is there now (size,)."""
         row = np.empty(self.size, dtype=np.uint8)
-        copy_pieces.native.called_at_once(*self.at, row.ctypes.data, 0)
+        copy_pieces(*self.at, row.ctypes.data, 0)
         return row
 
     def put_back(self, row: np.ndarray) -> None:
         """Let `row`, taken here or of like pieces elsewhere, be what is there."""
-        copy_pieces.native.called_at_once(*self.at, row.ctypes.data, 1)
+        copy_pieces(*self.at, row.ctypes.data, 1)
 
 
 def pieces_rewind(pieces: Mapping[str, np.ndarray]) -> Rewind:

@@ -81,7 +81,7 @@ class Otherwise(NamedTuple):
     share: float = 1.0
 
 
-@entry("double", PARAMETERS, "doubles", "int")
+@entry("double", PARAMETERS, "doubles", "int", at_once=True)
 def _deepest(parameters, p, count):
     """The largest depth (m) of the head at `count` positions `p` (3) of the platform, seen from the surface."""
     positions, most = carray(p, 3 * count), -math.inf
