@@ -177,20 +177,23 @@ class Entry(Function):
 
     Args:
         returns, takes, function: as of `Native`.
+        at_once: see `entry`.
     """
 
-    def __init__(self, returns: str, takes: Sequence[Kind], function: Callable):
+    def __init__(self, returns: str, takes: Sequence[Kind], function: Callable, at_once: bool = False):
         super().__init__(function, cache=True, error_model="numpy")
-        self.native = Native(returns, takes, function)
+        self.native, self._at_once = Native(returns, takes, function), at_once
 
     def __call__(self, *arguments: Any) -> Any:
         """For a pointer an array may be given, contiguous and of the right kind."""
-        return self.native.called(*[address_of(a) if isinstance(a, np.ndarray) else a for a in arguments])
+        called = self.native.called_at_once if self._at_once else self.native.called
+        return called(*[address_of(a) if isinstance(a, np.ndarray) else a for a in arguments])
 
 
-def entry(returns: str, *takes: Kind) -> Callable[[Callable], Any]:
-    """Decorator: `Entry`, of kinds "int", "double" and pointers. The interpreter's lock is free while it runs."""
-    return lambda function: Entry(returns, takes, function)
+def entry(returns: str, *takes: Kind, at_once: bool = False) -> Callable[[Callable], Any]:
+    """Decorator: `Entry`, of kinds "int", "double" and pointers. The interpreter's lock is free while it runs, unless
+    `at_once`: it is over before another thread would have taken its turn."""
+    return lambda function: Entry(returns, takes, function, at_once)
 
 
 def _of_numba(kind: Kind) -> Any:

@@ -113,7 +113,7 @@ def put_back_pieces(table, count):
         copy(pieces[i].array, pieces[i].copy, pieces[i].size)
 
 
-@entry("nothing", "int", "int", "int", "int")
+@entry("nothing", "int", "int", "int", "int", at_once=True)
 def copy_pieces(table, count, buffer, back):
     """Copy pieces of memory to their places in `buffer`, or `back` from there; `PIECE.copy` is the place."""
     pieces = carray(pieces_at(table), count)
@@ -164,25 +164,25 @@ class Pieces:
         arrays: in which they lie.
 
     Attributes:
-        table: `PIECE` of each, with its place in the row.
+        at: address of a table of `PIECE`, with the place of each in the row, and how many there are.
         size: of the row, bytes.
     """
 
     def __init__(self, arrays: Iterable[np.ndarray]):
         self._arrays = list(arrays)
-        self.table = piece_table(self._arrays, 0)
-        self.size = int(self.table["size"].sum())
-        self._at = self.table.ctypes.data, len(self.table)
+        self._table = piece_table(self._arrays, 0)
+        self.size = int(self._table["size"].sum())
+        self.at = self._table.ctypes.data, len(self._table)
 
     def take(self) -> np.ndarray:
         """What is there now (size,)."""
         row = np.empty(self.size, dtype=np.uint8)
-        copy_pieces.native.called_at_once(*self._at, row.ctypes.data, 0)
+        copy_pieces(*self.at, row.ctypes.data, 0)
         return row
 
     def put_back(self, row: np.ndarray) -> None:
         """Let `row`, taken here or of like pieces elsewhere, be what is there."""
-        copy_pieces.native.called_at_once(*self._at, row.ctypes.data, 1)
+        copy_pieces(*self.at, row.ctypes.data, 1)
 
 
 def pieces_rewind(pieces: Mapping[str, np.ndarray]) -> Rewind:

@@ -106,9 +106,8 @@ def play(
     rows, status = np.empty((len(steps), width(component.outputs))), np.zeros(1, dtype=np.int64)
     done = _play(
         component.step_address, component.self_address, np.ascontiguousarray(t, dtype=float),
-        np.ascontiguousarray(h, dtype=float), u.ctypes.data, u.strides[0], np.ascontiguousarray(steps, dtype=np.int64),
-        len(rows), y.ctypes.data, rows.ctypes.data, rows.strides[0], status,
-        pieces.table.ctypes.data, len(pieces.table), 0 if copies is None else copies.ctypes.data, pieces.size,
+        np.ascontiguousarray(h, dtype=float), u, u.strides[0], np.ascontiguousarray(steps, dtype=np.int64),
+        len(rows), y, rows, rows.strides[0], status, *pieces.at, 0 if copies is None else copies, pieces.size,
     )  # fmt: skip
     return rows[:done], int(status[0])
 

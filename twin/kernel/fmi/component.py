@@ -12,7 +12,6 @@ import numpy as np
 
 from twin.kernel.cosim.component import Component, Holder, Rewind
 from twin.kernel.cosim.port import by_port
-from twin.kernel.cosim.python_class import ObjectStates
 from twin.kernel.errors import InputRefused, TwinError
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.fmi.exchange import ExchangeStepping, ModelExchange, react
@@ -134,7 +133,7 @@ class FmuComponent(Component):
             raise
         self._rewind: Rewind | None = None
         self._inside = FmuStates(self.instance, self._stepping)
-        self._remembered = ObjectStates(description.path.name, RememberedMessages(self.instance, self._stepping))
+        self._remembered = RememberedMessages(description.path.name, self.instance, self._stepping)
         super().__init__(
             name=name,
             inputs=tuple(p.port for p in self._stepping.inputs),

@@ -1,8 +1,11 @@
 """What an FMU instance holds of a state: its inside by FMI's functions, and which of its messages were handed on."""
 
+import json
 from typing import Any
 
 from twin.kernel.cache_folder import cache_base, cache_folder
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import json_of
 from twin.kernel.fmi.stepping import Instance, Stepping
 
 DISTRUSTED = "without_state"
@@ -72,21 +75,33 @@ class FmuStates:
 
 
 class RememberedMessages:
-    """Which messages of an FMU were handed on, as a Python class gives its state.
+    """Which messages of an FMU were handed on, a `Holder`: its tokens are lists of them.
 
     Args:
+        label: what a refusal begins with.
         instance: the FMU, which says each once.
         stepping: how it is stepped, where a discarded step is said once.
     """
 
-    def __init__(self, instance: Instance, stepping: Stepping):
-        self._instance, self._stepping = instance, stepping
+    def __init__(self, label: str, instance: Instance, stepping: Stepping):
+        self._label, self._instance, self._stepping = label, instance, stepping
 
-    def state(self) -> list[Any]:
-        """To be given to `restore`."""
-        return [*self._instance.remembered_messages(), self._stepping.discard_reported]
+    def take(self) -> list[Any]:
+        return [*map(list, self._instance.remembered_messages()), self._stepping.discard_reported]
 
-    def restore(self, state: list[Any]) -> None:
-        """Go on from `state`."""
-        self._instance.restore_messages(state[:2])
-        self._stepping.discard_reported = bool(state[2])
+    def give_back(self, token: list[Any]) -> None:
+        self._instance.restore_messages(token[:2])
+        self._stepping.discard_reported = bool(token[2])
+
+    def free(self, token: list[Any]) -> None:
+        """Nothing is held."""
+
+    def pack(self, token: list[Any]) -> bytes:
+        return json.dumps(token).encode()
+
+    def unpack(self, content: bytes) -> list[Any]:
+        try:
+            messages, unheard, reported = json_of(content, self._label)
+            return [list(map(str, messages)), [(int(tick), str(text)) for tick, text in unheard], bool(reported)]
+        except (TypeError, ValueError):
+            raise InputRefused(f"{self._label}: no messages that twin saved") from None

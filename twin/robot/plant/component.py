@@ -246,7 +246,7 @@ def step_over(moving, ramp):
 MOTION = port_record(OUTPUTS)
 
 
-@entry("nothing", MEMORY, "doubles", MOTION)
+@entry("nothing", MEMORY, "doubles", MOTION, at_once=True)
 def _begin(m, theta_m, y):
     turned = triple(theta_m)
     settle_friction(m.parameters, m.x, turned, m.anchors)

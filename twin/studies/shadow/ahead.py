@@ -274,7 +274,7 @@ class _LookAhead:
         self._heard: list[NDArray[np.float64]] = []
         self._strange: list[NDArray[np.float64]] = []
         self._command = places(law.topics["controller"])[OMEGA_REF.name]
-        self._warned = self._foreign = self._failed = False
+        self._warned = self._foreign = False
         self._open: list[tuple[NDArray[np.float64], NDArray[np.float64], float]] = []
         p = ahead.branchings[0].parameters
         self._per_motor = float(p["N"] * p["eta"])
@@ -320,7 +320,7 @@ class _LookAhead:
         if not (giving or looking or beginning):
             return
         self._estimate = self._state.estimate(sample)
-        self._catch_up(t)
+        self._catch_up()
         if giving and self._pending:
             self._give(sample, t, made)
         if looking:
@@ -330,31 +330,33 @@ class _LookAhead:
                 self._around.learn(x, J, self._ahead.branchings[0].surface()[0])
         if beginning:
             self._next = _after(t, self._ahead.start, EVERY)
-            if not (self._failed or self._is_foreign(t)) and t >= self._begun + SETTLED:
-                self._pending = self._begin(t, self._law.held(sample))
+            try:
+                for branching in self._ahead.branchings:
+                    branching.catch_up()
+                if not self._is_foreign(t) and t >= self._begun + SETTLED:
+                    self._pending = self._begin(t, self._law.held(sample))
+            except ComponentFailed as problem:
+                self._next, self._pending = math.inf, None
+                self.happenings.append(Happening(t, f"no more predictions: {problem}"))
 
-    def _catch_up(self, t: float) -> None:
+    def _catch_up(self) -> None:
         """Let friction and drives follow what was laid aside, and compare it with what was predicted of it."""
         heard = np.concatenate(self._heard)
         self._heard.clear()
         times, robots = heard[:, 0], heard[:, 1:4]
         self._around.drag(times, heard[:, 10:13])
         self._score(times, heard[:, 13], heard[:, 14])
-        self._strange.append(heard[:, 1:7])
-        if self._failed:
+        if self._next == math.inf:
             return
+        self._strange.append(heard[:, 1:7])
         missing = np.isnan(robots)
         omega_ref = np.where(missing, heard[:, 4:7], robots) if np.any(missing) else robots
         if np.any(lacking := np.isnan(omega_ref[:, 0])):
             # what was commanded last holds
             newest = np.maximum.accumulate(np.where(lacking, 0, np.arange(1, len(omega_ref) + 1)))
             omega_ref = np.vstack([self._ahead.branchings[0].command, omega_ref])[newest]
-        try:
-            for branching in self._ahead.branchings:
-                branching.follow(times, omega_ref, heard[:, 7:10] / self._per_motor)
-        except ComponentFailed as problem:
-            self._failed, self._pending = True, None
-            self.happenings.append(Happening(t, f"no more predictions: {problem}"))
+        for branching in self._ahead.branchings:
+            branching.follow(times, omega_ref, heard[:, 7:10] / self._per_motor)
 
     def _is_foreign(self, t: float) -> bool:
         """Whether the robot's commands since the last time were those of somebody else; it is said once.

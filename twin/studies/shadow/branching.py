@@ -81,7 +81,7 @@ class Otherwise(NamedTuple):
     share: float = 1.0
 
 
-@entry("double", PARAMETERS, "doubles", "int")
+@entry("double", PARAMETERS, "doubles", "int", at_once=True)
 def _deepest(parameters, p, count):
     """The largest depth (m) of the head at `count` positions `p` (3) of the platform, seen from the surface."""
     positions, most = carray(p, 3 * count), -math.inf
@@ -163,6 +163,7 @@ class Branching:
         self._shafts = {one.name: one.initial_outputs.copy() for one in self._drives}
         self._now = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
         self._away: SystemState | None = None
+        self._held: list[NDArray[np.float64]] = []
 
     def _only(self, row: str, kind: type[Native]) -> Native:
         (component,) = self._assembly.made[row]
@@ -176,7 +177,7 @@ class Branching:
         self._assembly.close()
 
     def follow(self, t: NDArray[np.float64], omega_ref: NDArray[np.float64], tau_load: NDArray[np.float64]) -> int:
-        """Step the drives as the robot's are, up to the last sample.
+        """Let the drives go as the robot's do, up to the last sample; they are stepped when they are next asked for.
 
         Args:
             t: of samples (n,), s, later than those before.
@@ -184,26 +185,38 @@ class Branching:
             tau_load: of the springs on the shafts (n, 3), N m.
 
         Returns:
-            The tick that they have come to, one of those at which the controller is called.
+            The tick that they come to, one of those at which the controller is called.
         """
-        self._come_back()
-        end = max(self._at, self.period * round(float(t[-1]) / (self.period * self.tick)))
         values = np.ones((len(t) + 1, 7))
         values[0], values[1:, :3], values[1:, 3:6] = self._now, omega_ref, tau_load
         self._now = values[-1]
-        ticks = np.arange(self._at, end)
-        if len(ticks):
-            # a sample that is a little late is that of its tick
-            starts = np.asarray(ticks * self.tick, dtype=np.float64)
-            held = values[np.searchsorted(t, (ticks + 0.25) * self.tick, side="right")]
-            lengths, count = np.full(len(ticks), self.tick), np.array([len(ticks)])
-            for drive, inputs in zip(self._drives, self._inputs, strict=True):
-                rows, status = play(drive, starts, lengths, held[:, inputs], count, self._shafts[drive.name])
-                if status:
-                    raise ComponentFailed(f"{drive.label} ({drive.name}) {drive.explain(status)} at t = {t[-1]:.3f} s")
-                self._shafts[drive.name] = rows[-1]
+        end = max(self._at, self.period * round(float(t[-1]) / (self.period * self.tick)))
+        # a sample that is a little late is that of its tick
+        due = (np.arange(self._at, end) + 0.25) * self.tick
+        self._held.append(values[t.searchsorted(due, side="right")])
         self._at = end
         return end
+
+    def catch_up(self) -> None:
+        """Step the drives to where they are to be.
+
+        Raises:
+            ComponentFailed: one of them fails.
+        """
+        self._come_back()
+        held = np.concatenate([*self._held, np.empty((0, 7))])
+        self._held.clear()
+        if not len(held):
+            return
+        starts = np.asarray(np.arange(self._at - len(held), self._at) * self.tick, dtype=np.float64)
+        lengths, count = np.full(len(held), self.tick), np.array([len(held)])
+        for drive, inputs in zip(self._drives, self._inputs, strict=True):
+            rows, status = play(drive, starts, lengths, held[:, inputs], count, self._shafts[drive.name])
+            if status:
+                raise ComponentFailed(
+                    f"{drive.label} ({drive.name}) {drive.explain(status)} before t = {self._at * self.tick:.3f} s"
+                )
+            self._shafts[drive.name] = rows[-1]
 
     @property
     def command(self) -> NDArray[np.float64]:
@@ -230,8 +243,7 @@ class Branching:
     def present(
         self, x: NDArray[np.float64], J: NDArray[np.float64], law: NDArray[np.uint8], around: Surroundings
     ) -> Present:
-        """What a branch begins from, to be run now or later; for the arguments see there."""
-        self._come_back()
+        """What a branch begins from, to be run now or later, once the drives have caught up; arguments: see there."""
         drives = self._drive_places.take(self._at)
         return Present(self._at, x, J, self.command.copy(), law, drives, dict(self._shafts), copy(around))
 

@@ -47,7 +47,7 @@ _TOUCH = record(
 into it (N), the depth at which the law has that force, and the law's force at this depth."""
 
 
-@entry("nothing", _TOUCH)
+@entry("nothing", _TOUCH, at_once=True)
 def _look(m):
     depth, e_1, e_2, n = surface_frame(m.parameters, m.p[0], m.p[1], m.p[2])
     m.depth, m.up = depth, n[2]
@@ -65,7 +65,7 @@ def _look(m):
     m.wanted = high
 
 
-@entry("nothing", "doubles", "doubles", "int", "doubles", "doubles", "double")
+@entry("nothing", "doubles", "doubles", "int", "doubles", "doubles", "double", at_once=True)
 def _drag(theta_l, h, count, smooth, anchors, presliding):
     """Move the `anchors` (3) of dry friction along `count` rows of three joint angles, one after the other (P14).
 
