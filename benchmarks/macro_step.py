@@ -6,7 +6,7 @@ meaningless, but every input changes in every step, and the C loop has to end wi
 
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -61,7 +61,7 @@ def master_seconds(plan: DrivePlan, slice_ticks: int) -> tuple[float, np.ndarray
         return seconds, rows[-1].copy()
 
 
-def fmpy_seconds(plan: DrivePlan) -> float:
+def fmpy_seconds(plan: DrivePlan, clock: Callable[[], float] = time.perf_counter) -> float:
     """Seconds of `TICKS` macro steps with the methods of FMPy's `FMU2Slave`, from `FMPY_TICKS` of them."""
     (description,) = plan.parts.values()
     inputs, outputs = (
@@ -86,13 +86,13 @@ def fmpy_seconds(plan: DrivePlan) -> float:
     y = [slave.getReal(outputs) for slave in slaves]
     for values, start in zip(y, START, strict=True):
         values[theta_m] = start
-    began = time.perf_counter()
+    began = clock()
     for k in range(FMPY_TICKS):
         for i, slave in enumerate(slaves):
             slave.setReal(inputs, [y[i - 1][theta_m], y[i - 1][omega_m]])
             slave.doStep(k * TICK, TICK)
             y[i] = slave.getReal(outputs)
-    seconds = time.perf_counter() - began
+    seconds = clock() - began
     for slave in slaves:
         slave.terminate()
         slave.freeInstance()

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from fmpy import read_model_description
 
-from benchmarks.macro_step import START, TICKS, master_seconds
+from benchmarks.macro_step import START, TICKS, fmpy_seconds, master_seconds
 from benchmarks.measurement import Measurement, Rounds
 from tests.kernel.fmi.exchange.fmus import NoCompiler, exchange_fmu
 from tests.kernel.systems.archives import archive, component, connection, connector, structure, system, values
@@ -25,6 +25,7 @@ from twin.kernel.ssp.package import read_package
 from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.opening import opened
 from twin.robot.assembly.drives import planned
+from twin.robot.experiment.drive_files import lone_drive
 from twin.robot.experiment.schema import Drive
 from validation.masters import in_omsimulator
 from validation.masters.wired import Wired
@@ -154,7 +155,12 @@ def _beside(file: Path, choice: MasterChoice) -> Iterator[Measurement]:
             missing[name] = "libcosimpy is not installed: make bench installs it"
         except NotHere as lacking:
             missing[name] = f"its package on the index holds no library; {lacking}"
-    others = {"OMSimulator": partial(omsimulator_seconds, WIRED), "libcosim": partial(libcosim_seconds, file)}
+    drive = planned(lone_drive(str(FMU.parent), FMU.parents[1]))
+    others = {
+        "OMSimulator": partial(omsimulator_seconds, WIRED),
+        "libcosim": partial(libcosim_seconds, file),
+        "FMPy's methods": lambda: fmpy_seconds(drive, time.process_time) / TICKS,
+    }
     here = {name: seconds for name, seconds in others.items() if name not in missing}
     rounds = Rounds({**here, "twin": lambda: twin_seconds(file, choice)}, ROUNDS)
     yield Measurement("twin cosim, three ideal_velocity: macro step", 1e9 * rounds.typical("twin"), "ns")

@@ -1,6 +1,7 @@
 """What `make bench` says and ends with, with figures that nobody has measured."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -34,13 +35,32 @@ def test_a_missed_target_ends_it_with_1_and_what_was_not_measured_is_named(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ):
-    monkeypatch.setattr(bench, "PARTS", (lambda: measured[:1], lambda: measured[1:]))
+    monkeypatch.setattr(bench, "PARTS", {"first": lambda: measured[:1], "second": lambda: measured[1:]})
     monkeypatch.setattr(bench, "RESULT", tmp_path / "results" / "bench.json")
     assert bench.main() == code
     lines = capsys.readouterr().out.splitlines()
     assert lines[2 + len(measured) :] == said
     written = json.loads(bench.RESULT.read_text())["measurements"]
     assert [m["verdict"] for m in written] == [m.verdict for m in measured]
+
+
+def broken() -> Iterator[Measurement]:
+    yield KEPT
+    raise RuntimeError("ends differently\nin two lines")
+
+
+def test_a_part_that_fails_is_named_and_the_others_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(bench, "PARTS", {"first": broken, "second": lambda: [TOLD], "third": lambda: [ABSENT]})
+    monkeypatch.setattr(bench, "RESULT", tmp_path / "results" / "bench.json")
+    assert bench.main(only=["first", "second"]) == 1
+    said = capsys.readouterr()
+    assert said.out.splitlines()[2:] == [
+        bench.line(KEPT), bench.line(TOLD), "no target missed", "failed: first (RuntimeError: ends differently)",
+    ]  # fmt: skip
+    assert "in broken" in said.err
+    assert [m["name"] for m in json.loads(bench.RESULT.read_text())["measurements"]] == ["kept", "told"]
 
 
 def test_the_table_has_a_line_of_80_columns_for_each():
@@ -50,7 +70,7 @@ def test_the_table_has_a_line_of_80_columns_for_each():
 
 
 def test_the_history_gets_a_line_for_a_release_and_for_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(bench, "PARTS", (lambda: [KEPT, ABSENT],))
+    monkeypatch.setattr(bench, "PARTS", {"one": lambda: [KEPT, ABSENT]})
     monkeypatch.setattr(bench, "RESULT", tmp_path / "results" / "bench.json")
     monkeypatch.setattr(bench, "HISTORY", tmp_path / "history.jsonl")
     for release in ("0.1.0", None, "0.2.0"):

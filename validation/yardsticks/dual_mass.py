@@ -3,20 +3,26 @@
 import io
 import re
 import tempfile
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from scipy.linalg import expm
 
+from twin.kernel.systems.choice import MasterChoice
+from validation.masters.in_omsimulator import values
+from validation.masters.wired import MODEL_EXCHANGE, Wired
 from validation.pinned import pinned
 from validation.yardstick import Yardstick
 
 TESTS, OSCILLATOR = "testsuite/tests", "DualMassOscillator"
 FILES = pinned("dual_mass")
-SEEN = (("first", "x1"), ("second", "x2"))
+SEEN = ("first.x1", "second.x2")
 WIRES = (("second.F", "first.F"), ("first.x1", "second.x1"), ("first.v1", "second.v1"), ("first.a1", "second.a1"))
+CO_SIMULATION = MasterChoice(scheme="jacobi")
+EXCHANGE = MasterChoice(loops="solve", kinds=MODEL_EXCHANGE, solver="rk4")
 
 
 @dataclass(frozen=True)
@@ -32,22 +38,29 @@ class Masses:
     x_1: float
     x_2: float
 
-    def exact(self, step: float, count: int) -> np.ndarray:
-        """x_1, v_1, x_2, v_2 of the whole system every `step` seconds, (count, 4)."""
+    @property
+    def matrix(self) -> np.ndarray:
+        """A of the whole system, (4, 4): the derivative of x_1, v_1, x_2, v_2 is A times them."""
         k_1, k_2, k_3, c_1, c_2, c_3 = self.k_1, self.k_2, self.k_3, self.c_1, self.c_2, self.c_3
         first, second = [-(k_1 + k_2), -(c_1 + c_2), k_2, c_2], [k_2, c_2, -(k_2 + k_3), -(c_2 + c_3)]
-        over = expm(step * np.array([[0, 1, 0, 0], first, [0, 0, 0, 1], second]))
+        return np.array([[0, 1, 0, 0], first, [0, 0, 0, 1], second])
+
+    def stepped(self, over: np.ndarray, count: int) -> np.ndarray:
+        """x_1 and x_2 after each of so many steps, (count, 2); `over` carries x_1, v_1, x_2, v_2 over one."""
         rows = [np.array([self.x_1, 0.0, self.x_2, 0.0])]
         for _ in range(count - 1):
             rows.append(over @ rows[-1])
-        return np.array(rows)
+        return np.array(rows)[:, [0, 2]]
+
+    def exact(self, step: float, count: int) -> np.ndarray:
+        """The same of the exact solution."""
+        return self.stepped(expm(step * self.matrix), count)
 
     @property
-    def settings(self) -> list[str]:
-        """For the two FMUs."""
+    def settings(self) -> dict[str, float]:
+        """Of the two FMUs."""
         given = {"first.x1_start": self.x_1, "first.k1": self.k_1, "first.c1": self.c_1, "second.x2_start": self.x_2}
-        given |= {"second.k2": self.k_2, "second.c2": self.c_2, "second.k3": self.k_3, "second.c3": self.c_3}
-        return [f"{name}={value!r}" for name, value in given.items()]
+        return given | {"second.k2": self.k_2, "second.c2": self.c_2, "second.k3": self.k_3, "second.c3": self.c_3}
 
 
 SOFT = Masses(10.0, 10.0, 20.0, 0.2, 0.5, 0.3, 0.0, 0.5)
@@ -56,71 +69,73 @@ STIFF = Masses(1e4, 1e6, 1e5, 2.0, 14.1421, 6.3246, 1.0, 2.0)
 """Those of OMSimulator's reference results, natural frequency of the coupling 1,414 rad/s."""
 
 
-def coupled(masses: Masses, stop: float, tick: float, every: int) -> np.ndarray:
-    """x_1, x_2 every so many ticks, in `twin cosim SSP --loops solve --kind model_exchange --solver rk4`."""
-    from twin.kernel.cosim.simulation import Simulation
-    from twin.kernel.ssp.package import loose_package
-    from twin.kernel.ssp.structure import Connection, DefaultExperiment, Endpoint, SspComponent, SspSystem, Structure
-    from twin.kernel.systems.additions import Additions
-    from twin.kernel.systems.choice import MasterChoice
-    from twin.kernel.systems.opening import opened
-
+@contextmanager
+def wired(masses: Masses, stop: float, tick: float) -> Iterator[Wired]:
+    """The two FMUs."""
     parts = {"first": "System1", "second": "System2"}
-    wires = [Connection(Endpoint(*start.split(".")), Endpoint(*end.split("."))) for start, end in WIRES]
-    system = SspSystem(OSCILLATOR, tuple(SspComponent(name, f"{name}.fmu") for name in parts), tuple(wires))
-    choice = MasterChoice(tick=tick, loops="solve", kinds={"": "model_exchange"}, solver="rk4")
     with tempfile.TemporaryDirectory() as folder:
         fmus = {
-            f"{name}.fmu": FILES.packed(f"{TESTS}/resources/{OSCILLATOR}.{part}", Path(folder) / f"{name}.fmu")
+            name: FILES.packed(f"{TESTS}/resources/{OSCILLATOR}.{part}", Path(folder) / f"{name}.fmu")
             for name, part in parts.items()
         }
-        structure = Structure(OSCILLATOR, system, experiment=DefaultExperiment(stop=stop))
-        package = loose_package(Path(OSCILLATOR), structure, fmus, "SSP")
-        with opened(package, choice, additions=Additions(masses.settings, recorded=tuple(map(".".join, SEEN)))) as (
-            plan,
-            made,
-        ):
-            names = {part.name: [port.variable.name for port in part.outputs] for part in plan.parts}
-            columns = [made.columns[part].start + names[part].index(x) for part, x in SEEN]
-            simulation, found = Simulation(made.system, plan.timing.ticks, slice_ticks=every), []
-            while not simulation.finished:
-                found.append(simulation.advance()[:1, columns])
-            if simulation.failure:
-                raise simulation.failure
-    return np.concatenate(found)
+        yield Wired(fmus, WIRES, SEEN, tick, round(stop / tick), masses.settings)
+
+
+def coupled(masses: Masses, stop: float, tick: float, every: int, choice: MasterChoice = EXCHANGE) -> np.ndarray:
+    """x_1, x_2 every so many ticks, in `twin cosim SSP --loops solve --kind model_exchange --solver rk4`."""
+    with wired(masses, stop, tick) as given:
+        return given.in_twin(replace(choice, tick=tick), every)
+
+
+def beside(own: np.ndarray, theirs: np.ndarray) -> Mapping[str, float]:
+    """The largest difference of each mass (m)."""
+    return dict(zip(("x1", "x2"), np.abs(own - theirs).max(axis=0).tolist(), strict=True))
 
 
 def beside_the_whole() -> Mapping[str, float]:
     """How far both masses are from the exact solution in 10 s (m)."""
-    exact = SOFT.exact(0.01, 1001)[:, [0, 2]]
-    return dict(zip(("x1", "x2"), np.abs(coupled(SOFT, 10.0, 1e-4, 100) - exact).max(axis=0).tolist(), strict=True))
+    return beside(coupled(SOFT, 10.0, 1e-4, 100), SOFT.exact(0.01, 1001))
 
 
 def order() -> Mapping[str, float]:
     """By how much the order of the coupling is not 1."""
-    exact = SOFT.exact(0.01, 1001)[:, [0, 2]]
+    exact = SOFT.exact(0.01, 1001)
     errors = [np.abs(coupled(SOFT, 10.0, tick, round(0.01 / tick)) - exact).max() for tick in (1e-3, 1e-4)]
     return {"order": abs(float(np.log10(errors[0] / errors[1])) - 1.0)}
 
 
-def printed() -> dict[str, list[float]]:
-    """x_1 and x_2 at 10 s by OMSimulator: of FMUs for co-simulation, and of both for model exchange as one system."""
+def as_euler_steps() -> Mapping[str, float]:
+    """As co-simulation, how far from Euler steps of both, each with what the other was given for the step (m)."""
+    k_1, k_2, k_3, c_1, c_2, c_3 = SOFT.k_1, SOFT.k_2, SOFT.k_3, SOFT.c_1, SOFT.c_2, SOFT.c_3
+    x_1, v_1, x_2, v_2, h = SOFT.x_1, 0.0, SOFT.x_2, 0.0, 1e-3
+    force, rows = k_2 * (x_2 - x_1) + c_2 * (v_2 - v_1), [(x_1, x_2)]
+    for _ in range(10_000):
+        a_1 = force - k_1 * x_1 - c_1 * v_1
+        a_2 = -k_2 * (x_2 - x_1) - c_2 * (v_2 - v_1) - k_3 * x_2 - c_3 * v_2
+        given_x_1, given_v_1 = x_1, v_1
+        x_1, v_1, x_2, v_2 = x_1 + h * v_1, v_1 + h * a_1, x_2 + h * v_2, v_2 + h * a_2
+        force = k_2 * (x_2 - given_x_1) + c_2 * (v_2 - given_v_1)
+        rows.append((x_1, x_2))
+    return beside(coupled(SOFT, 10.0, h, 1, CO_SIMULATION), np.array(rows))
+
+
+def printed() -> Mapping[str, float]:
+    """How far what OMSimulator's tests print at 10 s is from Euler steps of the whole (m): explicit, and implicit."""
+    whole = 1e-4 * SOFT.matrix
+    over = {1: np.eye(4) + whole, 2: np.linalg.inv(np.eye(4) - whole)}
     found = {}
     for number, name in ((1, "co-simulation"), (2, "model exchange")):
         text = FILES.content(f"{TESTS}/simulation/{OSCILLATOR}{number}.py").decode()
         numbers = re.findall(r"^## info: +default\.system\d\.x\d: (\S+)", text, re.MULTILINE)
-        found[name] = [float(one) for one in numbers[-2:]]
+        own = SOFT.stepped(over[number], 100_001)[-1]
+        found[name] = float(np.abs(np.array([float(one) for one in numbers[-2:]]) - own).max())
     return found
 
 
-def nearer() -> Mapping[str, float]:
-    """The error at 10 s, over that of what OMSimulator prints."""
-    exact, own = SOFT.exact(10.0, 2)[-1, [0, 2]], coupled(SOFT, 10.0, 1e-4, 100)[-1]
-    return {
-        f"{name}, {kind}": abs(float(own[i] - exact[i])) / abs(theirs[i] - float(exact[i]))
-        for kind, theirs in printed().items()
-        for i, name in enumerate(("x1", "x2"))
-    }
+def in_omsimulator() -> Mapping[str, float]:
+    """How far co-simulation in OMSimulator is from explicit Euler steps of the whole (m)."""
+    with wired(SOFT, 10.0, 1e-3) as given:
+        return beside(values(given), SOFT.stepped(np.eye(4) + 1e-3 * SOFT.matrix, given.ticks + 1))
 
 
 def beside_the_file() -> Mapping[str, float]:
@@ -158,12 +173,31 @@ YARDSTICKS = (
         order,
     ),
     Yardstick(
-        "the same: error at 10 s over that of the numbers that OMSimulator's tests expect, same step",
+        "the same FMUs for co-simulation, in steps of 1 ms: places beside Euler steps of two masses, the force that of "
+        "the inputs of the step",
         MADE,
-        "of OMSimulator's error",
-        0.5,
-        "OMSimulator hands values on a step later",
-        nearer,
+        "m",
+        1e-11,
+        "so these FMUs step; FMI defines no output of co-simulation for inputs that are set after a step (2.0.4, "
+        "4.2.4), so that an output that follows from inputs at once is handed on a step later",
+        as_euler_steps,
+    ),
+    Yardstick(
+        "OMSimulator with them: places beside explicit Euler steps of the whole",
+        MADE,
+        "m",
+        1e-11,
+        "it sets inputs and asks for outputs again, along the wires, so that nothing is late",
+        in_omsimulator,
+    ),
+    Yardstick(
+        "the numbers that OMSimulator's tests expect at 10 s, steps of 0.1 ms, beside Euler steps of the whole: "
+        "explicit as co-simulation, implicit as model exchange",
+        MADE,
+        "m",
+        1e-11,
+        "CVODE does not get beyond order 1 in them",
+        printed,
     ),
     Yardstick(
         "two stiff masses, 1 s in steps of 0.2 us: places beside OMSimulator's reference results of the whole system",
