@@ -40,7 +40,7 @@ from twin.studies.command import (
     study,
 )
 from twin.studies.first_look import load_experiments, print_latest
-from twin.studies.sweep.study import By
+from twin.studies.sweep.study import By, rows_facts
 
 LIVE_JOB = "twin.robot.live.runs:served_runs"
 MEMORY = 4000.0
@@ -290,7 +290,6 @@ def sweep_show(
     from twin.studies.sweep.show.parts import Asked, axes_of, parts, sweep_text, worst_label
     from twin.studies.sweep.show.pictures import write_pictures
     from twin.studies.sweep.statistics.ranking import checked_rank, claims_in, usual_metric
-    from twin.studies.sweep.study import rows_facts
 
     claims = claims_in(found.columns)
     metric = checked_rank("--by", by, found.metrics, claims) if by else usual_metric(found.columns)

@@ -225,8 +225,6 @@ def recorded(reporter: "Reporter", name: str, asked: Asked) -> dict[str, Any]:
         name: "module:function"; the function takes what is asked, and `reporter`.
         asked: its arguments.
     """
-    from twin.kernel.process.job import function_called
-
     return vars(answer_of(function_called(name)(**asked, reporter=reporter)))
 
 

@@ -29,14 +29,13 @@ from twin.kernel.cosim.component import (
 )
 from twin.kernel.cosim.port import Port, record, state, width
 from twin.kernel.errors import InputRefused
+from twin.kernel.settings import alike
 
 MEMBER = record(
     step="i8",
     self="i8",
     react="i8",  # 0: it goes back instead
-    save="i8",
-    restore="i8",
-    rewind="i8",
+    **alike("i8", "save restore rewind"),
     sources="i8",  # indices into all values
     u="i8",
     u_size="i8",

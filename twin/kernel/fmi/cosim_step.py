@@ -68,6 +68,7 @@ from twin.kernel.fmi.groups import (
     set_ramp,
     update_3,
 )
+from twin.kernel.settings import alike
 
 SHORTER = record(
     real_status="i8",  # fmiNGetRealStatus
@@ -154,9 +155,7 @@ def _step_2(address, ramp, do_step, instance, t, h, final):
 
 
 MEMORY = record(
-    version="i8",
-    instance="i8",
-    do_step="i8",
+    **alike("i8", "version instance do_step"),
     final="i8",  # 1: no state will be restored
     inputs="i8",  # how many groups
     input_groups="i8",  # of `groups.GROUP`
@@ -198,15 +197,9 @@ def step(m, t, h, u, y):
 
 
 PLAIN_MEMORY = record(
-    instance="i8",
-    set_real="i8",
-    do_step="i8",
-    final="i8",
-    get_real="i8",
+    **alike("i8", "instance set_real do_step final get_real"),
     inputs="i8",  # how many
-    input_references="i8",
-    outputs="i8",
-    output_references="i8",
+    **alike("i8", "input_references outputs output_references"),
     shifted="i8",  # which output
     shift="f8",  # and by how much
     shorter="i8",  # a `SHORTER`
@@ -269,13 +262,7 @@ CLOCK = np.dtype([("reference", "u4"), ("kind", "i4"), ("period", "i8"), ("next"
 CLOCK_BYTES = CLOCK.itemsize
 
 EVENTS = record(
-    instance="i8",
-    enter_event_mode="i8",
-    update="i8",
-    enter_step_mode="i8",
-    set_clock="i8",
-    get_clock="i8",
-    get_interval="i8",
+    **alike("i8", "instance enter_event_mode update enter_step_mode set_clock get_clock get_interval"),
     returned="i8",  # 40 bytes for what functions return
     clocks="i8",  # how many
     clock_table="i8",  # of `CLOCK`
@@ -474,17 +461,9 @@ def settle(address, active, n, t):
 
 
 EVENT_MEMORY = record(
-    instance="i8",
-    do_step="i8",
-    final="i8",
-    inputs="i8",
-    input_groups="i8",
-    outputs="i8",
-    output_groups="i8",
+    **alike("i8", "instance do_step final inputs input_groups outputs output_groups"),
     held="i8",  # clocked outputs, which are read in events
-    held_groups="i8",
-    returned="i8",
-    ramp="i8",
+    **alike("i8", "held_groups returned ramp"),
     events="i8",  # an `EVENTS`; 0: none
     next="i8",  # where the time of the next event is
     clocks="i8",  # how many

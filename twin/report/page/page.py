@@ -10,7 +10,7 @@ from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.process.job import seen_from_here
@@ -42,6 +42,7 @@ from twin.report.page.run import (
 )
 from twin.report.page.system import is_system, system_sections
 from twin.robot.assembly.declared import DECLARED
+from twin.robot.assembly.load import recorded_experiment
 from twin.robot.experiment.recorded import (
     FROM_ROBOT,
     differing,
@@ -52,28 +53,26 @@ from twin.robot.experiment.recorded import (
     toml_text,
 )
 from twin.robot.experiment.source import COMMAND_LINE
-from twin.studies.accuracy.budget import NOT_MODELLED, NUMBERS, Budget, Contribution, details, headline, row
+from twin.studies.accuracy import budget as budgeting
+from twin.studies.accuracy.budget import headline
 from twin.studies.command import Answer, Say, silent
 from twin.studies.paper.claim import ClaimFinding
 from twin.studies.paper.fig4 import standing, tally
 from twin.studies.result import Cell, Column, Table
 
-if TYPE_CHECKING:
-    from twin.studies.accuracy.budget import Budget
-
-HEAD = tuple(f"{column.name}, N" for column in NUMBERS)
+HEAD = tuple(f"{column.name}, N" for column in budgeting.NUMBERS)
 MEANING = "what it means"
 WHY = "why so much, assumed"
 
 
-def accuracy(budget: Budget, label: str) -> Markup:
+def accuracy(budget: budgeting.Budget, label: str) -> Markup:
     """The sentence, what is in the run, and what is not: the twin's own error and beliefs that may be off.
 
     Args:
         budget: of the run's experiment.
         label: of the run.
     """
-    found, why = headline(budget), details(budget)
+    found, why = headline(budget), budgeting.details(budget)
     together = ("all of them", budget.bias, None, budget.together, "sum of biases, root of squares")
     added = ("all of them", None, None, budget.parameters, "root of the sum of squares")
     causes = [*map(_row, budget.of("imperfection")), together, _row(budget.as_is)]
@@ -89,7 +88,7 @@ def accuracy(budget: Budget, label: str) -> Markup:
             _table("effect", WHY, map(_row, budget.of("effect")), f"effects not in {label}"),
             table(
                 ("not modelled", "at most, N", "why"),
-                [(what, f"{most:.3f}", why) for what, most, why in NOT_MODELLED],
+                [(what, f"{most:.3f}", why) for what, most, why in budgeting.NOT_MODELLED],
                 f"what is not modelled in {label}",
             ),
             element("h3", "If the controller believed"),
@@ -100,7 +99,7 @@ def accuracy(budget: Budget, label: str) -> Markup:
 
 
 def _table(cause: str, meaning: str, rows: Iterable[Sequence[Cell]], label: str) -> Markup:
-    cells = Table((Column(), *NUMBERS, Column()), [*rows]).cells
+    cells = Table((Column(), *budgeting.NUMBERS, Column()), [*rows]).cells
     return table((cause, *HEAD, meaning), cells, label)
 
 
@@ -108,8 +107,8 @@ def _begun(text: str) -> str:
     return text[0].upper() + text[1:]
 
 
-def _row(one: Contribution) -> tuple[Cell, ...]:
-    return (*row(one), one.meaning)
+def _row(one: budgeting.Contribution) -> tuple[Cell, ...]:
+    return (*budgeting.row(one), one.meaning)
 
 
 def source(key: str, origins: Mapping[str, str]) -> str:
@@ -249,7 +248,7 @@ class Section(NamedTuple):
 
 
 def sections(
-    runs: Sequence[ReportRun], verdict: PageVerdict, picture: Markup | None, budgets: Sequence["Budget"] = ()
+    runs: Sequence[ReportRun], verdict: PageVerdict, picture: Markup | None, budgets: Sequence[budgeting.Budget] = ()
 ) -> list[Section]:
     """Everything after the replay; `budgets`: of each run, or none."""
     budget = _accuracies(runs, budgets) if budgets else None
@@ -266,9 +265,7 @@ def sections(
     return [Section(key, title, section(key, title, html)) for key, title, html in found if html is not None]
 
 
-def _accuracies(runs: Sequence[ReportRun], budgets: Sequence["Budget"]) -> Markup | None:
-    # few ask for it, and what runs experiments takes a while to load
-
+def _accuracies(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget]) -> Markup | None:
     own = {run.label: one for run, one in zip(runs, budgets, strict=True)}
     return _of_each(runs, lambda run: accuracy(own[run.label], run.label))
 
@@ -443,7 +440,7 @@ def write_report(
     return Answer(f"{headline}\n  page  {page}", {"headline": headline, "page": str(page)})
 
 
-def report_page(runs: Sequence[ReportRun], budgets: Sequence["Budget"] = ()) -> tuple[str, str]:
+def report_page(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget] = ()) -> tuple[str, str]:
     """(HTML, first sentence). The same recordings, summaries and budgets (of each run, or none) give the same text."""
     judged = verdict(runs)
     with picture(runs, judged) as drawn:
@@ -530,13 +527,9 @@ def _data(
     return data, factor
 
 
-def _budget(run: ReportRun, say: Say) -> "Budget":
-    # what runs experiments takes a while to load
-    from twin.robot.assembly.load import recorded_experiment
-    from twin.studies.accuracy.budget import accuracy_budget
-
+def _budget(run: ReportRun, say: Say) -> budgeting.Budget:
     experiment = recorded_experiment(run.recording.metadata, run.recording.path)
-    return accuracy_budget(experiment, lambda what, share=None: say(f"{run.label}: {what}", share))
+    return budgeting.accuracy_budget(experiment, lambda what, share=None: say(f"{run.label}: {what}", share))
 
 
 def _remark(scenes: Sequence[dict[str, Any] | None], factor: int) -> Markup:

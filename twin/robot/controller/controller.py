@@ -20,7 +20,7 @@ import numpy as np
 from twin.kernel.compiled.function import carray, njit
 from twin.kernel.cosim.component import NativeComponent, address_of, doubles_at, step_function
 from twin.kernel.cosim.port import Port, memory_of, port_record, record, record_of, state, states
-from twin.kernel.settings import FieldSource, Values, taken
+from twin.kernel.settings import FieldSource, Values, alike, taken
 from twin.robot.controller.adaptive import ADAPTIVE_OUTPUTS, Adapting, adapt, tell, with_adaptive
 from twin.robot.controller.pid import LOW_PASS, PID, ForceLoop, Gains, Processor, accept, cached_share, loop, proposal
 from twin.robot.mechanism.geometry import Model
@@ -171,9 +171,7 @@ MEMORY = record(
     F_z=state("f8"),
     triggered=state("i8"),
     segment=state("i8", below="way_points"),
-    way_points="i8",
-    times="i8",
-    points="i8",
+    **alike("i8", "way_points times points"),
 )
 
 

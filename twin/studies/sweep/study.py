@@ -163,8 +163,12 @@ def _engine(name: EngineName, scheduler: str | None, processes: int) -> "Engine"
         from twin.studies.sweep.sweep import Pool
 
         return Pool(processes)
-    from twin.studies.sweep.dask.engine import Dask
-
+    try:
+        from twin.studies.sweep.dask.engine import Dask
+    except ModuleNotFoundError:
+        raise InputRefused(
+            "--engine dask: needs dask.distributed; install it with pip install 'dask>=2024.8' 'distributed>=2024.8'"
+        ) from None
     return Dask(scheduler, processes)
 
 

@@ -16,16 +16,17 @@ from concurrent.futures import Future, wait
 from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from multiprocessing import resource_tracker
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
+
+import dask.config
+from distributed import Client, LocalCluster, Security
+from distributed.comm import connect
 
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.places import PACKAGE, sources
 from twin.kernel.process.process import others_safe
 from twin.studies.left_behind import dask_folder
 from twin.studies.sweep.sweep import HEAR, raise_if_pressed
-
-if TYPE_CHECKING:
-    from distributed import Client, LocalCluster
 
 PATIENCE = 5.0
 """Seconds for a scheduler to answer, and for its first worker to be there."""
@@ -85,29 +86,20 @@ def ended_within(limit: float, call: Callable[..., object], *arguments: Any, **n
 
 
 @contextmanager
-def connected(scheduler: str | None, processes: int) -> Iterator["Client"]:
+def connected(scheduler: str | None, processes: int) -> Iterator[Client]:
     """A client of the cluster of `scheduler`, or of a new one with `processes` workers on this machine.
 
     Raises:
-        InputRefused: dask.distributed is not installed, that address does not answer, there are no workers, or one is
-            not like this machine.
+        InputRefused: that address does not answer, there are no workers, or one is not like this machine.
         ClusterLost: the new one does not start.
     """
-    try:
-        import distributed
-    except ImportError:
-        raise InputRefused(
-            "--engine dask: needs dask.distributed; install it with pip install 'dask>=2024.8' 'distributed>=2024.8'"
-        ) from None
     with ExitStack() as ends:
         ends.enter_context(_quiet())
         if scheduler:
             _refuse_no_scheduler(scheduler)
         address = scheduler or ends.enter_context(_local_cluster(processes))
         try:
-            client = within(
-                ANSWER, distributed.Client, address, timeout=PATIENCE, set_as_default=False, name="twin-sweep"
-            )
+            client = within(ANSWER, Client, address, timeout=PATIENCE, set_as_default=False, name="twin-sweep")
         except TimeoutError:
             raise ClusterLost(f"{scheduler or 'the cluster of this machine'}: no answer within {ANSWER:g} s") from None
         ends.callback(ended_within, END, client.close, timeout=PATIENCE)
@@ -121,7 +113,7 @@ def connected(scheduler: str | None, processes: int) -> Iterator["Client"]:
         yield client
 
 
-def refuse_unlike(client: "Client") -> None:
+def refuse_unlike(client: Client) -> None:
     """Ask the scheduler and every worker what they run.
 
     Raises:
@@ -194,8 +186,6 @@ def _refuse_no_scheduler(address: str) -> None:
     Raises:
         InputRefused: no scheduler.
     """
-    from distributed import Security
-    from distributed.comm import connect
 
     async def role() -> str:
         comm = await connect(address, timeout=PATIENCE, **Security().get_connection_args("client"))
@@ -221,14 +211,11 @@ def _refuse_no_scheduler(address: str) -> None:
 
 
 @contextmanager
-def _local_cluster(processes: int) -> Iterator["LocalCluster"]:
+def _local_cluster(processes: int) -> Iterator[LocalCluster]:
     """Workers of one thread each, on the loopback interface; nothing of it is left in the end."""
     abandoned = threading.Event()
 
-    def started() -> "LocalCluster":
-        import dask.config
-        from distributed import LocalCluster
-
+    def started() -> LocalCluster:
         # Ctrl-C at a terminal reaches every process there; how a sweep stops is for us to say, so the workers do not
         # hear it: they inherit what is blocked in the thread that starts them
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})

@@ -7,21 +7,18 @@ from collections import deque
 from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from distributed import Client, Future, KilledWorker, as_completed
 
 from twin.kernel.errors import ComponentFailed, InputRefused, NotWritten, TwinError
 from twin.kernel.writing import made_folder, write_bytes
 from twin.studies.sweep.dask.cluster import ANSWER, END, TRANSFER, ClusterLost, connected, ended_within, within
-from twin.studies.sweep.dask.worker import Bundle
+from twin.studies.sweep.dask.worker import Bundle, EndPlugin, RunResult, SweepPlugin, run_tasks
 from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task
 from twin.studies.sweep.rows import DiskFailed
 from twin.studies.sweep.sweep import Job, Result, raise_if_pressed
-
-if TYPE_CHECKING:
-    from distributed import Client, Future
-
-    from twin.studies.sweep.dask.worker import RunResult
 
 BATCH_SECONDS = 0.5
 """What a batch should take: the scheduler's milliseconds do not matter then, and no more is lost with a worker."""
@@ -72,13 +69,8 @@ class Dask:
 class _Batches:
     """Those of a sweep that are under way."""
 
-    def __init__(self, client: "Client", job: Job, tasks: Sequence[Task]):
-        from distributed import as_completed
-
-        from twin.studies.sweep.dask import worker
-
+    def __init__(self, client: Client, job: Job, tasks: Sequence[Task]):
         assert client.scheduler is not None
-        self._worker = worker
         self._client, self._job, self._sweep = client, job, uuid.uuid4().hex
         self._address = client.scheduler.address
         self._tasks = {task.run: task for task in tasks}
@@ -93,11 +85,7 @@ class _Batches:
         Raises:
             ClusterLost: they do not take it.
         """
-        plugins = (
-            self._worker.EndPlugin(self._sweep, self._client.id),
-            self._worker.SweepPlugin(self._sweep, self._job, bundle),
-        )
-        for plugin in plugins:
+        for plugin in (EndPlugin(self._sweep, self._client.id), SweepPlugin(self._sweep, self._job, bundle)):
             try:
                 within(TRANSFER, self._client.register_plugin, plugin)
             except OSError as problem:
@@ -174,7 +162,7 @@ class _Batches:
         return [waiting.popleft() for _ in range(size)]
 
     def _send(self, batch: list[Task]) -> None:
-        future = self._client.submit(self._worker.run_tasks, self._sweep, batch, pure=False)
+        future = self._client.submit(run_tasks, self._sweep, batch, pure=False)
         self._under_way[future] = batch
         self._ended.add(future)
 
@@ -185,8 +173,6 @@ class _Batches:
             ClusterLost: the scheduler is gone.
             TwinError: no run can go on.
         """
-        from distributed import KilledWorker
-
         match reply:
             case list():
                 return False
@@ -199,7 +185,7 @@ class _Batches:
         problem = reply[1] if isinstance(reply, tuple) else reply
         raise ComponentFailed(f"a worker of {self._address} cannot run a sweep: {type(problem).__name__}: {problem}")
 
-    def _received(self, reply: "Sequence[RunResult]") -> list[Result]:
+    def _received(self, reply: Sequence[RunResult]) -> list[Result]:
         """The results in `reply`, recordings kept."""
         for each in reply:
             _keep_recording(self._job.recordings / f"{each.run:06d}", each.files)
