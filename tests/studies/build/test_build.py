@@ -113,7 +113,6 @@ def test_the_same_experiment_gives_the_same_bytes(built: Callable[..., Path], tm
             ('change=[{t_s=1.0, key="controller.force.reference_N", value=4.0}]',),
             r"has \[\[change\]\] tables",
         ),
-        ("computer", ("monitor.enabled=true", "drive.unpowered.holding_Nm=0.02"), "lines of power of their own"),
     ],
 )
 def test_what_cannot_be_built_is_refused_in_a_sentence(

@@ -126,13 +126,28 @@ def recorded(run: Trace, name: str) -> NDArray[np.float64]:
     return np.asarray(run[name if "." in name else f"{owner}.{name}"], dtype=float)
 
 
-@pytest.mark.parametrize("experiment", [FIG4, pytest.param(MASSAGE, marks=pytest.mark.endurance)])
-def test_every_output_is_that_of_the_recording_bit_for_bit(written: Callable[..., Path], experiment: Path) -> None:
-    run, folder, outputs = run_in_memory(load_experiment(experiment)), written(experiment), sizes(experiment)
+LINES = "drive.unpowered.holding_Nm=0.02", "monitor.enabled=true", "monitor.force_limit_N=4", "monitor.obey_lag_ms=2"
+
+
+@pytest.mark.parametrize(
+    ("experiment", "settings"),
+    [
+        (FIG4, ()),
+        pytest.param(MASSAGE, (), marks=pytest.mark.endurance),
+        # the monitor cuts each drive's own power
+        pytest.param(FIG4, LINES, marks=pytest.mark.slow),
+    ],
+)
+def test_every_output_is_that_of_the_recording_bit_for_bit(
+    written: Callable[..., Path], experiment: Path, settings: tuple[str, ...]
+) -> None:
+    run = run_in_memory(load_experiment(experiment, settings))
+    folder, outputs = written(experiment, settings), sizes(experiment, settings)
     source = folder / "recorder.c"
     source.write_text(recorder(outputs, {}))
     told = fed(program(folder, source, "recorder"), outputs, counted(run))
     assert set(told) > {"omega_ref", "power", "estimator.F_ee_B", "controller.F_z"}
+    assert not settings or {0.0, 1.0} == set(told["monitor.drive_power"].ravel())
     assert np.ptp(told["omega_ref"]) > 0.1
     for name, values in told.items():
         assert np.array_equal(values, recorded(run, name)), name

@@ -368,6 +368,7 @@ _FIXED = {
     "tank": ("controller.period_ms",),
     "delay": ("controller.delay_ticks",),
     "monitor": ("[monitor]",),
+    **{f"shaft_{joint}": ("[drive.unpowered]",) for joint in range(1, JOINTS + 1)},
 }  # fmt: skip
 """What decides on a component and may be fixed in it; what is offered after all is not."""
 

@@ -27,23 +27,21 @@ from twin.kernel.fmi.description import KIND_NAMES, FmuDescription
 from twin.kernel.fmi.variable import FilePath, Setting, Variable
 from twin.kernel.ssp import structure as ssp
 from twin.kernel.units import Dimension, known_unit
-from twin.robot.assembly.assemble import COMMAND, HERE, POWER
+from twin.robot.assembly.assemble import BRAKE, COMMAND, DRIVE_POWER, HERE, POWER
 from twin.robot.assembly.build import (
     Build,
     at_rest,
-    have_lines,
     joint_drives,
     motions,
     need_processes,
     planned_drives,
     turns_all,
+    unpowered_shafts,
 )
 from twin.robot.assembly.declared import BROKEN, PLACES
 from twin.robot.assembly.drives import DrivePlan, rates
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE
-
-REMOVE_LINES = "remove it: until power is cut the numbers are the same without"
 
 
 def refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> None:
@@ -58,11 +56,6 @@ def refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> N
     """
     if name.startswith("drive"):
         raise InputRefused(f"{name}: a drive is an FMU already; expected another part of {experiment.name}")
-    if have_lines(experiment) and not set(wanted) <= {"body", "encoder", "estimator", "controller", "plant", "scale"}:
-        raise InputRefused(
-            f"{experiment.name}: [drive.unpowered] gives drives lines of power of their own, which cannot be built; "
-            f"{REMOVE_LINES}"
-        )
     for role in wanted:
         # the body's values come in from outside then
         if role in experiment.stand_ins and name != "plant":
@@ -209,7 +202,27 @@ def travelling_drives(experiment: Experiment) -> tuple[JointDrive, ...]:
         for make in joint_drives(build).values():
             components.append(make())
             made.callback(components[-1].close)
-        return tuple(_joint_drive(c, plan) for c, plan in zip(components, plans, strict=True))
+        joints = tuple(_joint_drive(c, plan) for c, plan in zip(components, plans, strict=True))
+    shafts = unpowered_shafts(build).values()
+    return tuple(_behind(joint, make()) for joint, make in zip(joints, shafts, strict=True)) if shafts else joints
+
+
+def _behind(joint: JointDrive, shaft: NativeComponent) -> JointDrive:
+    """`joint` with what its shaft does without power, which is what all others see of it."""
+    name = f"drive_{shaft.name.rpartition('_')[2]}_unpowered"
+    starts = (float(shaft.initial("theta_m")[0]), 0.0, 1.0, 0.0)
+    own = {port.name: Socket(name, port.name) for port in shaft.inputs}
+    return JointDrive(
+        (*joint.elements, Element(name, "unpowered", shaft, starts=starts)),
+        (*joint.connections, (joint.theta_m, own["theta_m"])),
+        {
+            **joint.inputs,
+            "tau_load": (*joint.inputs.get("tau_load", ()), own["tau_load"]),
+            "power": (own["power"],),
+            "brake": (own["brake"],),
+        },
+        Socket(name, f"{shaft.name}.theta_m"),
+    )
 
 
 def _refuse_bound(plan: DrivePlan, tick: float) -> None:
@@ -421,7 +434,8 @@ def _component(member: Member, units: Mapping[str, ssp.UnitDefinition]) -> ssp.S
 def _connections(members: Sequence[Member], drives: Sequence[JointDrive]) -> Iterator[ssp.Connection]:
     ours = [member for member in members if not member.name.startswith("drive_")]
     given = {c.name: Socket(member.name, c.name) for member in ours for c, _ in member.connectors if c.kind == "output"}
-    last = {name: _last(given, sources) for name, sources in (("omega_ref", COMMAND), ("enable", POWER))}
+    lines = {"omega_ref": COMMAND, "enable": POWER, "power": DRIVE_POWER, "brake": BRAKE}
+    last = {name: _last(given, sources) for name, sources in lines.items()}
     for member in ours:
         for connector, _ in member.connectors:
             if connector.kind == "input":
@@ -430,7 +444,9 @@ def _connections(members: Sequence[Member], drives: Sequence[JointDrive]) -> Ite
         for source, target in drive.connections:
             yield _joined(source, target)
         fed = {"omega_ref": f"{last['omega_ref']}[{number}]", "tau_load": f"plant.tau_load[{number}]"}
-        fed["enable"] = last["enable"]
+        fed |= {"enable": last["enable"], "brake": last["brake"]}
+        if last["power"]:
+            fed["enable"] = fed["power"] = f"{last['power']}[{number}]"
         for port, sockets in drive.inputs.items():
             for socket in sockets:
                 yield _joined(given[fed[port]], socket)
@@ -442,7 +458,8 @@ def _feeding(name: str, given: Mapping[str, Socket], drives: Sequence[JointDrive
     if port == "theta_m":
         return drives[int(number) - 1].theta_m
     # what the bus takes is what is in front of it
-    sources = {"theta_l": ("plant.theta_l",), "omega_ref": COMMAND[1:], "power": POWER[1:]}[port]
+    lines = {"omega_ref": COMMAND, "power": POWER, "drive_power": DRIVE_POWER, "brake": BRAKE}
+    sources = ("plant.theta_l",) if port == "theta_l" else lines[port][1:]
     return given[_last(given, sources) + (f"[{number}]" if bracket else "")]
 
 

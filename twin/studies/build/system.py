@@ -18,7 +18,6 @@ from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.ssp import structure as ssp
 from twin.kernel.ssp.ssd import parameter_set_xml, structure_xml
 from twin.kernel.writing import json_text, made_folder, refuse_unwritable, write_bytes
-from twin.robot.assembly.build import have_lines
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.run import named_files
@@ -27,7 +26,6 @@ from twin.studies.build.layout import ExportedVariable, Kind, laid_out
 from twin.studies.build.linking import Platform, names_of, platforms_named, refuse_platform, summary
 from twin.studies.build.part import RobotPart, fixed, parameters, part_of
 from twin.studies.build.structure import (
-    REMOVE_LINES,
     ConnectorUnit,
     Element,
     JointDrive,
@@ -220,8 +218,6 @@ def _refuse_bound(experiment: Experiment) -> None:
         raise InputRefused(
             f"{experiment.name}: its {role} is {part.label}; it is third-party; only twin's own parts can be exported"
         )
-    if have_lines(experiment):
-        raise InputRefused(f"{experiment.name}: [drive.unpowered] cannot be expressed in an SSP; {REMOVE_LINES}")
     for found, table in ((experiment.faults, "fault"), (experiment.changes, "change")):
         if found:
             raise InputRefused(
