@@ -10,12 +10,13 @@ from pathlib import Path
 import numpy as np
 from scipy.linalg import expm
 
+from validation.joined import joined
 from validation.pinned import pinned
 from validation.yardstick import Yardstick
 
 TESTS, OSCILLATOR = "testsuite/tests", "DualMassOscillator"
 FILES = pinned("dual_mass")
-SEEN = (("first", "x1"), ("second", "x2"))
+SEEN = ("first.x1", "second.x2")
 WIRES = (("second.F", "first.F"), ("first.x1", "second.x1"), ("first.v1", "second.v1"), ("first.a1", "second.a1"))
 
 
@@ -58,36 +59,15 @@ STIFF = Masses(1e4, 1e6, 1e5, 2.0, 14.1421, 6.3246, 1.0, 2.0)
 
 def coupled(masses: Masses, stop: float, tick: float, every: int) -> np.ndarray:
     """x_1, x_2 every so many ticks, in `twin cosim SSP --loops solve --kind model_exchange --solver rk4`."""
-    from twin.kernel.cosim.simulation import Simulation
-    from twin.kernel.ssp.package import loose_package
-    from twin.kernel.ssp.structure import Connection, DefaultExperiment, Endpoint, SspComponent, SspSystem, Structure
-    from twin.kernel.systems.additions import Additions
     from twin.kernel.systems.choice import MasterChoice
-    from twin.kernel.systems.opening import opened
 
-    parts = {"first": "System1", "second": "System2"}
-    wires = [Connection(Endpoint(*start.split(".")), Endpoint(*end.split("."))) for start, end in WIRES]
-    system = SspSystem(OSCILLATOR, tuple(SspComponent(name, f"{name}.fmu") for name in parts), tuple(wires))
     choice = MasterChoice(tick=tick, loops="solve", kinds={"": "model_exchange"}, solver="rk4")
     with tempfile.TemporaryDirectory() as folder:
         fmus = {
-            f"{name}.fmu": FILES.packed(f"{TESTS}/resources/{OSCILLATOR}.{part}", Path(folder) / f"{name}.fmu")
-            for name, part in parts.items()
+            name: FILES.packed(f"{TESTS}/resources/{OSCILLATOR}.{part}", Path(folder) / f"{name}.fmu")
+            for name, part in (("first", "System1"), ("second", "System2"))
         }
-        structure = Structure(OSCILLATOR, system, experiment=DefaultExperiment(stop=stop))
-        package = loose_package(Path(OSCILLATOR), structure, fmus, "SSP")
-        with opened(package, choice, additions=Additions(masses.settings, recorded=tuple(map(".".join, SEEN)))) as (
-            plan,
-            made,
-        ):
-            names = {part.name: [port.variable.name for port in part.outputs] for part in plan.parts}
-            columns = [made.columns[part].start + names[part].index(x) for part, x in SEEN]
-            simulation, found = Simulation(made.system, plan.timing.ticks, slice_ticks=every), []
-            while not simulation.finished:
-                found.append(simulation.advance()[:1, columns])
-            if simulation.failure:
-                raise simulation.failure
-    return np.concatenate(found)
+        return np.column_stack([*joined(fmus, choice, stop, SEEN, WIRES, masses.settings, every=every).values()])
 
 
 def beside_the_whole() -> Mapping[str, float]:
