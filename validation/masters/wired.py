@@ -7,12 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.ssp.package import loose_package
-from twin.kernel.ssp.structure import Connection, DefaultExperiment, Endpoint, SspComponent, SspSystem, Structure
-from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice
-from twin.kernel.systems.opening import opened
+from validation.joined import joined
 
 MODEL_EXCHANGE = {"": "model_exchange"}
 
@@ -44,24 +40,7 @@ class Wired:
         Raises:
             TwinError: it is refused, or fails.
         """
-        fmus = {f"{name}.fmu": file for name, file in self.parts.items()}
-        wires = [
-            Connection(*(Endpoint(*end.split(".", 1)) for end in wire), suppress_unit_conversion=not self.units)
-            for wire in self.wires
-        ]
-        system = SspSystem("wired", tuple(SspComponent(name, f"{name}.fmu") for name in self.parts), tuple(wires))
-        structure = Structure("wired", system, experiment=DefaultExperiment(stop=self.ticks * self.tick))
-        package = loose_package(Path("wired"), structure, fmus, "SSP")
-        more = Additions([f"{name}={value!r}" for name, value in self.settings.items()], recorded=self.seen)
-        with opened(package, choice, additions=more) as (plan, made):
-            names = {part.name: [port.variable.name for port in part.outputs] for part in plan.parts}
-            columns = []
-            for name in self.seen:
-                part, variable = name.split(".", 1)
-                columns.append(made.columns[part].start + names[part].index(variable))
-            simulation, found = Simulation(made.system, plan.timing.ticks, slice_ticks=every), []
-            while not simulation.finished:
-                found.append(simulation.advance()[:1, columns])
-            if simulation.failure:
-                raise simulation.failure
-        return np.concatenate(found)
+        settings = [f"{name}={value!r}" for name, value in self.settings.items()]
+        stop = self.ticks * self.tick
+        found = joined(self.parts, choice, stop, self.seen, self.wires, settings, every=every, units=self.units)
+        return np.column_stack([found[name] for name in self.seen])

@@ -1,17 +1,20 @@
 """The Modelica Association's Reference FMUs in the twin's master, beside the results that they carry."""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
+from validation.joined import Curves, joined
 from validation.yardstick import NotHere, Yardstick
 
 FOLDER = "REFERENCE_FMUS"
 MODELS = ("BouncingBall", "Dahlquist", "Feedthrough", "Stair", "VanDerPol")
 SMALL = 1e-300
+ME: Final = "model_exchange"
 
 
 def found(model: str) -> list[Path]:
@@ -58,10 +61,6 @@ def beside_its_results(model: str) -> Mapping[str, float]:
     return off
 
 
-ME = "model_exchange"
-Curves = dict[str, np.ndarray]
-
-
 def exchanged(file: Path, t: np.ndarray, names: Sequence[str]) -> Curves:
     """Signals at the times `t` of an FMU for model exchange, the one component of a system: `twin cosim x.ssp`.
 
@@ -70,29 +69,13 @@ def exchanged(file: Path, t: np.ndarray, names: Sequence[str]) -> Curves:
         t: evenly spaced, from 0 (s); what the FMU ends before is left out.
         names: of the signals.
     """
-    from twin.kernel.cosim.simulation import Simulation
-    from twin.kernel.errors import EndRequested
-    from twin.kernel.ssp.package import loose_package
-    from twin.kernel.ssp.structure import DefaultExperiment, SspComponent, SspSystem, Structure
-    from twin.kernel.systems.additions import Additions
     from twin.kernel.systems.choice import MasterChoice
-    from twin.kernel.systems.opening import opened
 
     stop = float(t[-1])
-    system = SspSystem("one", (SspComponent("model", file.name, implementation="ModelExchange"),))
-    structure = Structure("one", system, experiment=DefaultExperiment(stop=stop))
-    package = loose_package(file, structure, {file.name: file}, "SSP")
-    choice, added = MasterChoice(tick=stop / (len(t) - 1)), Additions(recorded=[f"model.{name}" for name in names])
-    with opened(package, choice, additions=added) as (plan, made):
-        (part,) = plan.parts
-        if part.description.kind != ME:
-            raise RuntimeError(f"{file.name}: used for {part.description.kind}")
-        simulation = Simulation(made.system, plan.timing.ticks, slice_ticks=len(t))
-        rows = simulation.advance().copy()
-        if simulation.failure and not isinstance(simulation.failure, EndRequested):
-            raise simulation.failure
-        place = made.columns[part.name].start
-        return {port.variable.name: rows[:, place + i] for i, port in enumerate(part.outputs)}
+    # which is refused where the FMU is none for it
+    choice = MasterChoice(tick=stop / (len(t) - 1), kinds={"model": ME})
+    seen = [f"model.{name}" for name in names]
+    return dict(zip(names, joined({"model": file}, choice, stop, seen).values(), strict=True))
 
 
 def _exact(model: str, t: np.ndarray) -> Curves:
@@ -168,38 +151,35 @@ EULER = {"BouncingBall": 0.316, "Dahlquist": 0.0193, "VanDerPol": 0.1102}
 EVENTS = ("Feedthrough", "Resource", "Stair")
 MADE, UNIT = "Reference FMUs, Modelica Association, built from their sources", "of the signal's range"
 IN_A_SYSTEM = "FMI 2.0 and 3.0, as model exchange in an SSP"
-YARDSTICKS = tuple(
-    Yardstick(
-        f"{model}, FMI 2.0 and 3.0, default experiment: every number that its results have",
-        MADE,
-        UNIT,
-        1e-12,
+COMPARISONS: tuple[tuple[Mapping[str, float], str, str, Callable[[str], Mapping[str, float]]], ...] = (
+    (
+        dict.fromkeys(MODELS, 1e-12),
+        "FMI 2.0 and 3.0, default experiment: every number that its results have",
         "the same code in the same steps: rounding, where another compiler made the results",
-        partial(beside_its_results, model),
-    )
-    for model in MODELS
-)
-YARDSTICKS += tuple(
-    Yardstick(
-        f"{model}, {IN_A_SYSTEM}: every number beside the exact solution",
-        MADE,
-        UNIT,
-        2e-4,
+        beside_its_results,
+    ),
+    (
+        dict.fromkeys(EULER, 2e-4),
+        f"{IN_A_SYSTEM}: every number beside the exact solution",
         "CVODE at its usual relative tolerance of 1e-6; speeds jump at a bounce, whose time is found as exactly",
-        partial(exchanged_beside_exact, model),
-    )
-    for model in EULER
+        exchanged_beside_exact,
+    ),
+    (
+        EULER,
+        f"{IN_A_SYSTEM}: every number that its results have, at most a step away",
+        "the results are of co-simulation by forward Euler, and as far from the exact solution",
+        exchanged_beside_results,
+    ),
+    (
+        dict.fromkeys(EVENTS, 0.0),
+        f"{IN_A_SYSTEM}: every number that its results have, at most a step away",
+        "the same numbers; an event at the time of a row is in the results, and in the next row here",
+        exchanged_beside_results,
+    ),
 )
-YARDSTICKS += tuple(
-    Yardstick(
-        f"{model}, {IN_A_SYSTEM}: every number that its results have, at most a step away",
-        MADE,
-        UNIT,
-        EULER.get(model, 0.0),
-        "the results are of co-simulation by forward Euler, and as far from the exact solution"
-        if model in EULER
-        else "the same numbers; an event at the time of a row is in the results, and in the next row here",
-        partial(exchanged_beside_results, model),
-    )
-    for model in (*EULER, *EVENTS)
+"""Bounds by model, what is compared, why that bound, and what works it out."""
+YARDSTICKS = tuple(
+    Yardstick(f"{model}, {claim}", MADE, UNIT, bound, reason, partial(compare, model))
+    for bounds, claim, reason, compare in COMPARISONS
+    for model, bound in bounds.items()
 )

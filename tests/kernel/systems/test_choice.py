@@ -60,12 +60,15 @@ USELESS: dict[str, tuple[dict[str, Any], str]] = {
     "a step of nothing": ({"steps": {"c": 0.1}}, f"--step c: {NAMED}"),
     "nothing goes first": ({"order": ["c"]}, f"--order c: {NAMED}"),
     "a solver without equations": (
-        {"solver": "rk4"}, "--solver rk4 is of FMUs for model exchange, and all are used for co-simulation (a, b)",
+        {"solver": "rk4"}, "--solver rk4 is of FMUs for model exchange, and all are used for co-simulation; leave it",
     ),
     "the usual solver without equations": ({"solver": "cvode"}, "--solver cvode is of FMUs for model exchange"),
     "a kind that no FMU offers": (
         {"kinds": {"": "model_exchange"}},
-        "--kind model_exchange: no FMU can be used so; there is: a as co_simulation, b as co_simulation",
+        "--kind model_exchange: no FMU is used so; all that have no --kind of their own are co_simulation",
+    ),
+    "a kind for all where each has its own": (
+        {"kinds": {"": "co_simulation", "a": "co_simulation", "b": "co_simulation"}}, "each has one of its own",
     ),
     "an order of those that step at once": (
         {"order": ["b"], "scheme": "jacobi"}, "in Jacobi order all step at once; leave it out, or choose --scheme",

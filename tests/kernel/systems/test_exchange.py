@@ -44,6 +44,11 @@ def test_an_fmu_that_is_both_takes_co_simulation_unless_something_says_otherwise
     assert kinds(ran(stated, fmus, kinds={"": "co_simulation"})[1]) == ["co_simulation", exchange]
 
 
+def test_a_solver_of_none_names_one_that_may_have_it(ran: Ran, fmus: dict[str, Path]):
+    with pytest.raises(InputRefused, match=r"leave it out, or choose --kind \w+=model_exchange$"):
+        ran(ssd(2.0), fmus, solver="rk4")
+
+
 def test_one_that_is_for_model_exchange_alone_is_solved_and_cannot_be_asked_for_co_simulation(
     ran: Ran, fmus: dict[str, Path], tmp_path: Path
 ):

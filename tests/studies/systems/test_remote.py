@@ -9,11 +9,12 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
 
+from tests.command_line import twin
 from tests.kernel.systems.archives import archive, component, connection, structure, system
 from tests.kernel.systems.linear import Linear
 from tests.kernel.systems.test_loops import WIRES, masses
@@ -193,6 +194,16 @@ def test_options_that_contradict_each_other_or_mean_nothing_are_refused(tmp_path
             remote([text])
     with pytest.raises(InputRefused, match="--remote mot: no such component; did you mean 'motor'"):
         ran(servo(tmp_path), tmp_path / "run", remote={"mot": "tcp://127.0.0.1:8786"})
+
+
+def test_the_limit_of_a_call_is_that_of_other_machines_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def machines(remote: Mapping[str, str], limit: float) -> NoReturn:
+        raise InputRefused(f"{remote} within {limit:g} s")
+
+    monkeypatch.setattr("twin.studies.systems.remote.machines", machines)
+    remotely = ("--remote", "motor=tcp://127.0.0.1:1", "--limit-step", "7")
+    done = twin("cosim", servo(tmp_path), *SERVED, *remotely, cwd=tmp_path)
+    assert done.returncode == 2 and "{'motor': 'tcp://127.0.0.1:1'} within 7 s" in done.stderr
 
 
 @pytest.mark.slow

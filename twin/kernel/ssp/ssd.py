@@ -56,7 +56,7 @@ def parameter_set_of(root: ET.Element, where: str, source: str = "") -> ssp.Para
             wrong = "without a name" if not name else "given twice" if name in values else "without one value"
             raise InputRefused(f"{where}: a parameter {wrong}{f', {name}' if name else ''}")
         type_ = ssp.local(kinds[0])
-        taken = _values(kinds[0], type_, f"{where}: {name}")
+        taken = values_of(kinds[0], type_, f"{where}: {name}")
         values[name] = ssp.ParameterValue(name, type_, taken, kinds[0].get("unit", ""), element.get("description", ""))
     units = ssp.units_of(root, where)
     return ssp.ParameterSet(
@@ -89,7 +89,12 @@ def mapping_of(root: ET.Element, where: str, source: str = "") -> ssp.ParameterM
     return ssp.ParameterMapping(tuple(entries), source, ssp.metadata_of(root))
 
 
-def _values(element: ET.Element, type_: str, where: str) -> tuple[float, ...] | tuple[str, ...]:
+def values_of(element: ET.Element, type_: str, where: str) -> tuple[float, ...] | tuple[str, ...]:
+    """What an element of a type says, such as <Real value="1.5"/>.
+
+    Raises:
+        InputRefused: no finite number, or neither true nor false.
+    """
     text = element.get("value")
     if type_ in TEXTS:
         # an array of texts has an element for each

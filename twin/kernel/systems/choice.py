@@ -9,7 +9,7 @@ from twin.kernel.errors import InputRefused, nearest
 
 if TYPE_CHECKING:
     from twin.kernel.cosim.interpolation import Scheme
-    from twin.kernel.fmi.description import Kind
+    from twin.kernel.fmi.description import FmuDescription, Kind
 
 Loops = Literal["delay", "solve"]
 Method = Literal["cvode", "rk4"]
@@ -78,11 +78,11 @@ class MasterChoice:
                 if name and name not in known:
                     raise InputRefused(f"{where}: {option} {name}: no such component; {nearest(name, known)}")
 
-    def refuse_idle(self, used: "Mapping[str, Kind]", scheme: "Scheme", where: str) -> None:
+    def refuse_idle(self, used: "Mapping[str, FmuDescription]", scheme: "Scheme", where: str) -> None:
         """Refuse what is asked of FMUs that the system does not have.
 
         Args:
-            used: as what each component is used.
+            used: the FMU of each component, as what it is used.
             scheme: of the system.
             where: for sentences.
 
@@ -90,14 +90,15 @@ class MasterChoice:
             InputRefused: a solver without equations to solve, a kind that no FMU offers, an order without one.
         """
         for_all = self.kinds.get("")
-        others = {name: kind for name, kind in used.items() if name not in self.kinds}
-        if for_all and for_all not in others.values():
-            offered = ", ".join(f"{name} as {kind}" for name, kind in others.items()) or "all are named by other --kind"
-            raise InputRefused(f"{where}: --kind {for_all}: no FMU can be used so; there is: {offered}")
-        if self.solver and "model_exchange" not in used.values():
+        others = {one.kind for name, one in used.items() if name not in self.kinds}
+        if for_all and for_all not in others:
+            left = f"all that have no --kind of their own are {others.pop()}" if others else "each has one of its own"
+            raise InputRefused(f"{where}: --kind {for_all}: no FMU is used so; {left}")
+        if self.solver and all(one.kind != "model_exchange" for one in used.values()):
+            both = next((name for name, one in used.items() if "model_exchange" in one.kinds), "")
             raise InputRefused(
-                f"{where}: --solver {self.solver} is of FMUs for model exchange, and all are used for co-simulation "
-                f"({', '.join(used)}); leave it out, or choose --kind model_exchange for one that is both"
+                f"{where}: --solver {self.solver} is of FMUs for model exchange, and all are used for co-simulation; "
+                f"leave it out{f', or choose --kind {both}=model_exchange' if both else ''}"
             )
         if self.order and scheme == "jacobi":
             raise InputRefused(

@@ -12,20 +12,18 @@ from urllib.parse import unquote, urlparse
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import json_of, read_bytes
-from twin.kernel.ssp.package import MOST_STRUCTURE, Package, loose_package
+from twin.kernel.ssp.package import MOST_STRUCTURE, Package
 from twin.kernel.ssp.structure import (
-    Annotation,
     Connection,
     DefaultExperiment,
     Endpoint,
-    ParameterBinding,
-    ParameterSet,
     ParameterValue,
     SspComponent,
     SspSystem,
     Structure,
 )
-from twin.kernel.systems.naming import distinct
+from twin.kernel.systems.foreign import foreign_package
+from twin.kernel.systems.timing import step_notes
 
 FORM = "Maestro multi-model"
 READ = ("fmus", "connections", "parameters", "algorithm", "startTime", "endTime")
@@ -43,8 +41,6 @@ def multi_model(file: Path) -> Package:
     if not isinstance(content, dict) or not isinstance(content.get("fmus"), dict) or not content["fmus"]:
         raise InputRefused(f'{where}: no "fmus"; expected a multi-model of Maestro')
     files = {key: _file(file, key, source) for key, source in content["fmus"].items()}
-    entries = dict(zip(dict.fromkeys(files.values()), distinct(f"resources/{path.name}" for path in
-                       dict.fromkeys(files.values())), strict=True))  # fmt: skip
     led = [
         (start, end)
         for start, ends in _table(content, "connections", where).items()
@@ -52,29 +48,23 @@ def multi_model(file: Path) -> Package:
     ]
     parameters = _table(content, "parameters", where)
     reader = _Instances(files, where, [*(end for pair in led for end in pair), *parameters])
-    wires = [Connection(reader.end(start), reader.end(end), suppress_unit_conversion=True) for start, end in led]
+    wires = tuple(Connection(reader.end(start), reader.end(end)) for start, end in led)
     values: dict[str, list[ParameterValue]] = {}
     for name, value in parameters.items():
         end = reader.end(name)
         values.setdefault(end.element, []).append(_value(end.connector, value, f"{where}: {name}"))
-    parts = tuple(
-        SspComponent(
-            name,
-            entries[files[key]],
-            bindings=(ParameterBinding(ParameterSet(f"{name} values", tuple(values[name]))),) if name in values else (),
-        )
-        for name, key in reader.parts()
-    )
+    fmus = {name: files[key] for name, key in reader.parts()}
     step, unsaid = _algorithm(content, where)
     others = [key for key in content if key not in READ]
     unsaid += [f"not read: {', '.join(others)}"] if others else []
     lonely = [key for key in files if key not in reader.used]
     unsaid += [f"FMUs without an instance: {', '.join(lonely)}"] if lonely else []
-    notes = (Annotation("org.into-cps", f'<Algorithm stepSize="{step!r}"/>'),) if step is not None else ()
-    times = DefaultExperiment(_time(content, "startTime", where), _time(content, "endTime", where), notes)
-    structure = Structure(file.stem, SspSystem(file.stem, parts, tuple(wires)), "", experiment=times)
-    loose = {entry: path for path, entry in entries.items()}
-    return loose_package(file, structure, loose, FORM, "jacobi", tuple(unsaid))
+    given = {name: content.get(name) for name in ("startTime", "endTime")}
+    start, stop = (None if one is None else _number(one, f"{where}: {name}") for name, one in given.items())
+    times = DefaultExperiment(start, stop, step_notes("org.into-cps", step))
+    system = SspSystem(file.stem, tuple(SspComponent(name, "") for name in fmus), wires)
+    structure = Structure(file.stem, system, "", experiment=times)
+    return foreign_package(file, FORM, structure, fmus, values, unsaid)
 
 
 class _Instances:
@@ -152,16 +142,10 @@ def _algorithm(content: Mapping[str, Any], where: str) -> tuple[float | None, li
         return None, []
     if algorithm.get("type") != "fixed-step":
         return None, [f"algorithm {algorithm.get('type')}; steps of one length instead"]
-    size = algorithm.get("size")
-    if isinstance(size, bool) or not isinstance(size, int | float) or not 0.0 < size < math.inf:
-        raise InputRefused(f"{where}: algorithm size = {size!r}; expected a number > 0")
-    return float(size), []
+    return _number(algorithm.get("size"), f"{where}: algorithm size", 0.0), []
 
 
-def _time(content: Mapping[str, Any], name: str, where: str) -> float | None:
-    value = content.get(name)
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise InputRefused(f"{where}: {name} = {value!r}; expected a number")
+def _number(value: Any, what: str, above: float = -math.inf) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not above < value < math.inf:
+        raise InputRefused(f"{what} = {value!r}; expected a number{' > 0' if above == 0.0 else ''}")
     return float(value)

@@ -10,14 +10,12 @@ from urllib.parse import unquote, urlparse
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_bytes, xml_of
 from twin.kernel.fmi.description import described
-from twin.kernel.ssp.package import MOST_STRUCTURE, Package, loose_package
+from twin.kernel.ssp.package import MOST_STRUCTURE, Package
+from twin.kernel.ssp.ssd import values_of
 from twin.kernel.ssp.structure import (
-    Annotation,
     Connection,
     DefaultExperiment,
     Endpoint,
-    ParameterBinding,
-    ParameterSet,
     ParameterValue,
     SspComponent,
     SspSystem,
@@ -31,7 +29,8 @@ from twin.kernel.ssp.structure import (
     number,
     unique,
 )
-from twin.kernel.systems.naming import distinct
+from twin.kernel.systems.foreign import foreign_package
+from twin.kernel.systems.timing import step_notes
 
 FORM = "OSP system structure"
 NAME = "OspSystemStructure.xml"
@@ -58,24 +57,19 @@ def osp_system(file: Path) -> Package:
     simulators = listed(root, "Simulators", "Simulator")
     unique((named(one, "name", where) for one in simulators), "simulators", where)
     files = {one.get("name", ""): _source(file, named(one, "source", where)) for one in simulators}
-    entries = dict(zip(dict.fromkeys(files.values()), distinct(_entry(path) for path in dict.fromkeys(files.values())),
-                       strict=True))  # fmt: skip
-    parts = tuple(_component(one, entries[files[one.get("name", "")]], where) for one in simulators)
+    parts = tuple(
+        SspComponent(name, "", annotations=step_notes(STEP, number(one, "stepSize", where, 0.0)))
+        for name, one in zip(files, simulators, strict=True)
+    )
     system = SspSystem(file.parent.name or "system", parts, tuple(_Wiring(root, files, where).connections()))
     start, stop, step = (_number(root, name, where) for name in ("StartTime", "EndTime", "BaseStepSize"))
-    notes = (Annotation(STEP, f'<Algorithm baseStepSize="{step!r}"/>'),) if step is not None else ()
-    structure = Structure(system.name, system, "0.1", experiment=DefaultExperiment(start, stop, notes))
+    structure = Structure(system.name, system, "0.1", experiment=DefaultExperiment(start, stop, step_notes(STEP, step)))
     algorithm = next((one.text or "" for one in inside(root, "Algorithm")), "fixedStep").strip()
     unsaid = [f"algorithm {algorithm}; steps of one length instead"] if algorithm != "fixedStep" else []
     bonds = [one for one in listed(root, "Connections", "VariableConnection") if one.get("powerBond")]
     unsaid += ["power bonds, whose connections are taken one by one"] if bonds else []
-    return loose_package(
-        file, structure, {entry: path for path, entry in entries.items()}, FORM, "jacobi", tuple(unsaid)
-    )
-
-
-def _entry(path: Path) -> str:
-    return f"resources/{path.name}"
+    values = {name: _values(name, one, where) for name, one in zip(files, simulators, strict=True)}
+    return foreign_package(file, FORM, structure, files, values, unsaid)
 
 
 def _source(file: Path, source: str) -> Path:
@@ -89,28 +83,18 @@ def _source(file: Path, source: str) -> Path:
     return path
 
 
-def _component(element: ET.Element, entry: str, where: str) -> SspComponent:
-    name = named(element, "name", where)
+def _values(name: str, element: ET.Element, where: str) -> list[ParameterValue]:
     values = []
     for one in listed(element, "InitialValues", "InitialValue"):
         variable = named(one, "variable", f"{where}: {name}")
         if len(one) != 1:
             raise InputRefused(f"{where}: {name}.{variable}: expected one value")
-        kind, text = local(one[0]), one[0].get("value", "")
-        place = f"{where}: {name}.{variable}"
+        kind, place = local(one[0]), f"{where}: {name}.{variable}"
         if kind not in ("Real", "Integer", "Boolean", "String"):
             raise InputRefused(f"{place}: a value of type {kind}; expected Real, Integer, Boolean or String")
-        value: float | str = text
-        if kind == "Boolean":
-            value = float(text.strip() in ("true", "1"))
-        elif kind != "String":
-            value = finite(text, place)
-        values.append(ParameterValue(variable, kind, (value,)))  # type: ignore[arg-type]
+        values.append(ParameterValue(variable, kind, values_of(one[0], kind, place)))
     unique((value.name for value in values), f"values of '{name}'", where)
-    bound = (ParameterBinding(ParameterSet(f"{name} values", tuple(values))),) if values else ()
-    step = number(element, "stepSize", where, 0.0)
-    notes = (Annotation(STEP, f'<Simulator stepSize="{step!r}"/>'),) if step > 0.0 else ()
-    return SspComponent(name, entry, bindings=bound, annotations=notes)
+    return values
 
 
 def _number(root: ET.Element, name: str, where: str) -> float | None:
@@ -160,7 +144,7 @@ class _Wiring:
         for function, end in out:
             if function not in into:
                 raise InputRefused(f"{self._where}: nothing gets into the function '{function}'")
-            found.append(Connection(into[function], end, self._lines[function], True))
+            found.append(Connection(into[function], end, self._lines[function]))
         return found
 
     def _end(self, element: ET.Element) -> Endpoint:
@@ -170,7 +154,7 @@ class _Wiring:
         """From the one that is no input to the other."""
         if self._is_input(first) and not self._is_input(second):
             first, second = second, first
-        return Connection(first, second, suppress_unit_conversion=True)
+        return Connection(first, second)
 
     def _is_input(self, end: Endpoint) -> bool:
         if end.element not in self._files:

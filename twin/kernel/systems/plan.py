@@ -172,11 +172,11 @@ def planned(
     choice.refuse_unknown(flat.components, f"{package.file}")
     reader = _Planner(package, flat, files, choice, beside, patterns)
     parts = tuple(reader.part(path) for path in ordered(package, flat, choice))
-    used = {part.path: part.description.kind for part in parts}
+    used = {part.path: part.description for part in parts}
     choice.refuse_idle(used, choice.scheme or package.scheme, f"{package.file}")
     if not any(part.recorded for part in parts):
         raise InputRefused(f"{package.file}: no FMU has an output that is a number; there is nothing to record")
-    when = when or timing(package, flat, {part.path: part.description for part in parts}, choice)
+    when = when or timing(package, flat, used, choice)
     ignored = (*flat.ignored, *reader.ignored, *beside.ignored)
     wires, forgiven = tuple(reader.wires()), tuple(dict.fromkeys(reader.forgiven))
     return SystemPlan(package, parts, wires, when, choice, ignored, forgiven, beside)

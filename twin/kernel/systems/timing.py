@@ -25,6 +25,11 @@ CLOSE = 1e-6
 """Of a step, by which a multiple of it may be missed."""
 
 
+def step_notes(type_: str, step: float | None) -> tuple[Annotation, ...]:
+    """The annotation of a type that says the length of a step (s); none of no step."""
+    return (Annotation(type_, f'<step stepSize="{step!r}" />'),) if step else ()
+
+
 class Timing(NamedTuple):
     """When a run begins and ends, and in which steps.
 

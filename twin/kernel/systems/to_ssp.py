@@ -27,7 +27,7 @@ from twin.kernel.ssp.structure import (
     Structure,
 )
 from twin.kernel.systems.plan import SystemPlan
-from twin.kernel.systems.timing import ORDER
+from twin.kernel.systems.timing import ORDER, step_notes
 
 STEP = "twin.step"
 KINDS: Mapping[str, Implementation] = {"co_simulation": "CoSimulation", "model_exchange": "ModelExchange"}
@@ -88,7 +88,7 @@ def _annotations(plan: SystemPlan, scheme: Scheme, tick: float) -> list[Annotati
     for part in plan.parts:
         ET.SubElement(order, "component", name=part.path)
     return [
-        Annotation(STEP, f'<step stepSize="{tick!r}" />'),
+        *step_notes(STEP, tick),
         Annotation(SCHEME, f'<scheme name="{scheme}" />'),
         Annotation(ORDER, ET.tostring(order, encoding="unicode")),
     ]
@@ -143,7 +143,7 @@ def _filled(
         old = tuple(replace(c, type=_plain(c.type)) for c in one.connectors)
         notes = _others(one.annotations)
         if below in steps:
-            notes = (*notes, Annotation(STEP, f'<step stepSize="{steps[below]!r}" />'))
+            notes = (*notes, *step_notes(STEP, steps[below]))
         elements.append(
             replace(
                 one, connectors=(*old, *more), implementation=kinds.get(below, one.implementation), annotations=notes

@@ -1,0 +1,43 @@
+"""Systems of other masters' files as packages: those masters step all FMUs at once and convert no units (Jacobi)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from twin.kernel.ssp.package import Package, loose_package
+from twin.kernel.ssp.structure import ParameterBinding, ParameterSet, ParameterValue, SspComponent, SspSystem, Structure
+from twin.kernel.systems.naming import distinct
+
+
+def foreign_package(
+    file: Path,
+    form: str,
+    structure: Structure,
+    fmus: Mapping[str, Path],
+    values: Mapping[str, Sequence[ParameterValue]],
+    unsaid: Sequence[str],
+) -> Package:
+    """The system of a file.
+
+    Args:
+        file, form, unsaid: as of `Package`.
+        structure: of the system, whose components have neither sources nor values.
+        fmus: files of the FMUs, by component.
+        values: of parameters, by component.
+    """
+    paths = [*dict.fromkeys(fmus.values())]
+    entries = dict(zip(paths, distinct(f"resources/{path.name}" for path in paths), strict=True))
+    parts = [
+        replace(one, source=entries[fmus[one.name]], bindings=_bound(f"{one.name} values", values.get(one.name, ())))
+        for one in structure.system.elements
+        if isinstance(one, SspComponent)
+    ]
+    # no unit is converted
+    wires = tuple(replace(one, suppress_unit_conversion=True) for one in structure.system.connections)
+    system = SspSystem(structure.name, tuple(parts), wires)
+    loose = {entry: path for path, entry in entries.items()}
+    return loose_package(file, replace(structure, system=system), loose, form, "jacobi", tuple(unsaid))
+
+
+def _bound(name: str, values: Sequence[ParameterValue]) -> tuple[ParameterBinding, ...]:
+    return (ParameterBinding(ParameterSet(name, tuple(values))),) if values else ()
