@@ -12,6 +12,7 @@ A branch takes about a millisecond. One is run with each slice of samples, and t
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -206,6 +207,7 @@ class Ahead:
     Attributes:
         foreseen: so far.
         limit, start: see there.
+        own, changed: systems, of the twin, all alike, and of what might be.
 
     Raises:
         InputRefused: a part of the robot cannot be put where the robot's is.
@@ -221,13 +223,12 @@ class Ahead:
         self.foreseen = Foreseen(apart={name: ForceDifference() for name in changed})
         self.limit, self.start = limit, start
         with ExitStack() as made:
-            self._own = Branching(experiment)
-            made.callback(self._own.close)
-            self._changed: list[Branching] = []
+            self._experiment, self.own, self.changed = experiment, [Branching(experiment)], list[Branching]()
+            made.callback(self.own[0].close)
             for name, other in changed.items():
-                self._changed.append(Branching(other, f"--what-if {name}"))
-                made.callback(self._changed[-1].close)
-                self._changed[-1].refuse_other_law(self._own.law, f"--what-if {name}: ")
+                self.changed.append(Branching(other, f"--what-if {name}"))
+                made.callback(self.changed[-1].close)
+                self.changed[-1].refuse_other_law(self.own[0].law, f"--what-if {name}: ")
             self._closing = made.pop_all()
 
     def __enter__(self) -> "Ahead":
@@ -240,10 +241,24 @@ class Ahead:
         """The part of a twin that has these two in it, and stops at the moments from which branches go out."""
         return _LookAhead(self, law, state)
 
+    def hurry(self) -> None:
+        """From now on two branches run at the same time: for a log, beside which nothing is late."""
+        self.own.append(Branching(self._experiment))
+        self._closing.callback(self.own[-1].close)
+        self._helper = self._closing.enter_context(ThreadPoolExecutor(1))
+
+    def together(self, nows: Sequence[Present], others: Sequence[Otherwise]) -> list[NDArray[np.float64]]:
+        """Branches of `others` from where the robot is, one on each of the systems at most."""
+        helped = []
+        for system, now, other in zip(self.own[1:], nows[1:], others[1:], strict=False):
+            system.put(now, other)
+            helped.append(self._helper.submit(system.ahead))
+        return [self.own[0].run(nows[0], others[0]), *(one.result() for one in helped)]
+
     @property
     def branchings(self) -> list[Branching]:
-        """The twin's own, and what might be."""
-        return [self._own, *self._changed]
+        """All systems that there are."""
+        return [*self.own, *self.changed]
 
 
 _TAU_L, _THETA_L = (places(ESTIMATOR_OUTPUTS)[name] for name in ("tau_l", "theta_l"))
@@ -382,25 +397,26 @@ class _LookAhead:
         x, P, J = self._estimate
         if not np.all(np.isfinite(x)):
             return None
-        own, *changed = self._ahead.branchings
-        self._around.settle(x, P, J, own.surface()[0])
+        own, changed = self._ahead.own, self._ahead.changed
+        self._around.settle(x, P, J, own[0].surface()[0])
         causes = ways(P, self._around)
-        now = own.present(x, J, law, self._around)
-        might = [one.present(x, J, law, self._around) for one in changed]
-        pending = _Pending(t, now, iter(()), np.empty(0), [], [])
+        nows, might = ([one.present(x, J, law, self._around) for one in systems] for systems in (own, changed))
+        pending = _Pending(t, nows[0], iter(()), np.empty(0), [], [])
 
         def runs() -> Iterator[None]:
-            pending.first = own.run(now)
-            other_causes = own.unlike(now, causes)
+            pending.first = own[0].run(nows[0])
+            left = own[0].unlike(nows[0], causes)
             yield
             for branching, present in zip(changed, might, strict=True):
                 pending.changed.append(branching.run(present))
                 yield
-            for cause in other_causes:
-                pending.others.append([])
-                for other in cause:
-                    pending.others[-1].append(own.run(now, other))
-                    yield
+            pending.others = [[] for _ in left]
+            wanted = [(into, other) for cause, into in zip(left, pending.others, strict=True) for other in cause]
+            for begin in range(0, len(wanted), len(own)):
+                intos, others = zip(*wanted[begin : begin + len(own)], strict=True)
+                for into, found in zip(intos, self._ahead.together(nows, others), strict=True):
+                    into.append(found)
+                yield
 
         pending.runs = runs()
         return pending
@@ -411,8 +427,7 @@ class _LookAhead:
         assert pending is not None
         for _ in pending.runs:
             pass
-        own = self._ahead.branchings[0]
-        first, now = pending.first, own.beginning(pending.now)
+        first, now = pending.first, self._ahead.own[0].beginning(pending.now)
         lower, upper = band(first, pending.others, now, pending.now.around.unsure(pending.now.J))
         bounds = [values[:, k] for k in range(2) for values in (lower, upper)]
         made["ahead"][sample] = np.concatenate([[pending.t], *first.T, *bounds])

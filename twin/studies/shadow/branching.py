@@ -10,7 +10,6 @@ of the encoders, and what an energy tank has stored.
 
 import math
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
@@ -245,7 +244,7 @@ class Branching:
     ) -> Present:
         """What a branch begins from, to be run now or later, once the drives have caught up; arguments: see there."""
         drives = self._drive_places.take(self._at)
-        return Present(self._at, x, J, self.command.copy(), law, drives, dict(self._shafts), copy(around))
+        return Present(self._at, x, J, self.command.copy(), law, drives, dict(self._shafts), around.apart())
 
     def beginning(self, now: Present) -> NDArray[np.float64]:
         """Pressing force (N) and height (m) that a branch goes out from (2,)."""
@@ -259,9 +258,8 @@ class Branching:
 
     def run(self, now: Present, other: Otherwise = Otherwise()) -> NDArray[np.float64]:  # noqa: B008, it is a tuple
         """Pressing force (N) and height (m) at each of `LEADS` (leads, 2); NaN from where a component fails."""
-        self._go_away()
-        self._put(now, other)
-        return self._ahead()
+        self.put(now, other)
+        return self.ahead()
 
     def run_from(self, saved: SavedState) -> NDArray[np.float64]:
         """As `run`, from a state of the robot itself."""
@@ -269,7 +267,7 @@ class Branching:
         for component, memory in self._as_made:
             component.memory[...] = memory
         self._simulation.adopt(saved)
-        return self._ahead()
+        return self.ahead()
 
     def _go_away(self) -> None:
         """Let the drives be used by branches, and remember where they were."""
@@ -300,14 +298,17 @@ class Branching:
         deepest: float = _deepest(self._plant.memory["parameters"], p, len(p))
         return deepest < -CLEAR
 
-    def _ahead(self) -> NDArray[np.float64]:
+    def ahead(self) -> NDArray[np.float64]:
+        """What `run` says, once the robot was put there."""
         self._rows = rows = self._simulation.advance()
         found = np.full((len(LEADS), 2), np.nan)
         there = rows[self._steps :: self._steps, self._columns]
         found[: len(there)] = there * (-1.0, 1.0)
         return found
 
-    def _put(self, now: Present, other: Otherwise) -> None:
+    def put(self, now: Present, other: Otherwise) -> None:
+        """Be where a branch begins."""
+        self._go_away()
         self._places.put_back(self._fresh)
         self._drive_places.put_back(now.drives)
         self._law_pieces.put_back(now.law)
