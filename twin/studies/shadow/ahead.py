@@ -11,6 +11,7 @@ A branch takes about a millisecond. One is run with each slice of samples, and t
 """
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -28,7 +29,7 @@ from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.branch import refuse_fixed
-from twin.studies.shadow.branching import HORIZON, LEADS, Branching, Otherwise, Present
+from twin.studies.shadow.branching import HORIZON, LEADS, Branching, Otherwise, Present, Wanted
 from twin.studies.shadow.following import Happening, OnPlant, OwnLaw, RobotState, Rows
 from twin.studies.shadow.layout import FORCE, OUTPUTS, POSITION, VELOCITY
 from twin.studies.shadow.mapping import RobotSamples
@@ -108,14 +109,14 @@ def band(
 
     Args:
         first: the branch (leads, 2).
-        others: those of `ways`.
+        others: those of `ways`; of a cause none that would be the branch itself.
         now: force and height from which it goes out (2,).
         unsure: deviation of the force (N) of a robot in contact by what is not known of zeros and friction.
     """
     rest = np.where(first[:, :1] > 0.0, np.hypot(REST, [Z * unsure, 0.0]), [0.0, REST[1]])
     up = rest**2 + (REST_SHARE * (first - now)) ** 2
     low = up.copy()
-    for cause in others:
+    for cause in filter(None, others):
         # where a branch has ended, nothing is known of it
         away = [np.nan_to_num(one - first) for one in cause]
         if len(cause) == 1:
@@ -190,7 +191,7 @@ class _Pending:
     t: float
     now: Present
     runs: Iterator[None]
-    first: NDArray[np.float64]
+    first: list[NDArray[np.float64]]
     others: list[list[NDArray[np.float64]]]
     changed: list[NDArray[np.float64]]
 
@@ -401,21 +402,24 @@ class _LookAhead:
         self._around.settle(x, P, J, own[0].surface()[0])
         causes = ways(P, self._around)
         nows, might = ([one.present(x, J, law, self._around) for one in systems] for systems in (own, changed))
-        pending = _Pending(t, nows[0], iter(()), np.empty(0), [], [])
+        pending = _Pending(t, nows[0], iter(()), [], [[] for _ in causes], [])
+        asked = zip(causes, pending.others, strict=True)
+        wanted: list[Wanted] = [(pending.first, Otherwise())]
+        wanted += [(into, one) for cause, into in asked for one in cause]
 
         def runs() -> Iterator[None]:
-            pending.first = own[0].run(nows[0])
-            left = own[0].unlike(nows[0], causes)
-            yield
-            for branching, present in zip(changed, might, strict=True):
-                pending.changed.append(branching.run(present))
-                yield
-            pending.others = [[] for _ in left]
-            wanted = [(into, other) for cause, into in zip(left, pending.others, strict=True) for other in cause]
-            for begin in range(0, len(wanted), len(own)):
-                intos, others = zip(*wanted[begin : begin + len(own)], strict=True)
+            left, some = wanted, len(own)
+            while left:
+                is_first = left is wanted
+                intos, others = zip(*left[:some], strict=True)
                 for into, found in zip(intos, self._ahead.together(nows, others), strict=True):
                     into.append(found)
+                left = left[some:]
+                if is_first:
+                    left = own[0].unlike(nows[0], left)
+                yield
+            for branching, present in zip(changed, might, strict=True):
+                pending.changed.append(branching.run(present))
                 yield
 
         pending.runs = runs()
@@ -427,7 +431,7 @@ class _LookAhead:
         assert pending is not None
         for _ in pending.runs:
             pass
-        first, now = pending.first, self._ahead.own[0].beginning(pending.now)
+        (first,), now = pending.first, self._ahead.own[0].beginning(pending.now)
         lower, upper = band(first, pending.others, now, pending.now.around.unsure(pending.now.J))
         bounds = [values[:, k] for k in range(2) for values in (lower, upper)]
         made["ahead"][sample] = np.concatenate([[pending.t], *first.T, *bounds])
@@ -449,12 +453,12 @@ class _LookAhead:
         """Compare what was predicted with the estimates `F_z` (n,), N, at `t` (n,), s, of that `deviation`."""
         if not self._open:
             return
-        foreseen = self._ahead.foreseen
+        foreseen, begin, end = self._ahead.foreseen, float(t[0]) - 1e-9, float(t[-1])
         J = self._estimate.J
         tare, tare_unsure = float(self._around.tare(J)[2]), self._around.unsure(J)
         for times, values, held in self._open:
-            due = slice(*times.searchsorted([t[0] - 1e-9, t[-1]], side="right"))
-            if due.start >= due.stop:
+            due = slice(bisect_right(times, begin), bisect_right(times, end))
+            if due.start == due.stop:
                 continue
             times, (first, lower, upper) = times[due], values[:, due]
             at = t.searchsorted(times - 1e-9)
@@ -462,7 +466,7 @@ class _LookAhead:
             foreseen.error.add(times, first - came)
             foreseen.holding.add(times, held - came)
             foreseen.within += int(np.count_nonzero((lower - unsure <= came) & (came <= upper + unsure)))
-        self._open = [one for one in self._open if one[0][-1] > t[-1]]
+        self._open = [one for one in self._open if one[0][-1] > end]
 
 
 LEFT_OUT = {

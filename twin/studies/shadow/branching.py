@@ -100,6 +100,10 @@ def _inputs(drive: Component, number: int) -> list[int]:
     return found
 
 
+Wanted = tuple[list[NDArray[np.float64]], Otherwise]
+"""Where a branch goes to, and what is other in it."""
+
+
 def _spring(p: NDArray) -> NDArray[np.float64]:
     """Torque on each joint by angle of its motor (3,), N m/rad."""
     return np.asarray(p["k_s"] * p["k_s_share"] * p["N"] * p["eta"], dtype=np.float64)
@@ -280,23 +284,20 @@ class Branching:
             self._away.close()
             self._away = None
 
-    def unlike(self, now: Present, causes: Sequence[list[Otherwise]]) -> list[list[Otherwise]]:
-        """Those of `causes` whose branches are not bit for bit the one with nothing other, which was run last.
+    def unlike(self, now: Present, wanted: Sequence[Wanted]) -> list[Wanted]:
+        """Those whose branches are not bit for bit the one with nothing other, which was run last.
 
         Where the robot presses, its surface is no higher otherwise; and of one that it stays clear of nothing counts.
         """
-        F_z, _ = self.beginning(now)
-        clear = not F_z and self._is_clear()
+        presses, clear = self.beginning(now)[0] > 0.0, False
+        if not presses:
+            p = self._rows[:, self._p_at] - (self._rows[:, self._s_at] if self._s_at else 0.0)
+            # heights of others differ by less
+            clear = _deepest(self._plant.memory["parameters"], p, len(p)) < -CLEAR
         return [
-            cause for cause in causes
-            if any(np.any(one.dx) or (not clear and (one.share != 1.0 or not F_z)) for one in cause)
+            (into, one) for into, one in wanted
+            if np.any(one.dx) or (not clear and (one.share != 1.0 or not presses))
         ]  # fmt: skip
-
-    def _is_clear(self) -> bool:
-        """Whether the last branch stayed over its surface, by more than that is higher in any other."""
-        p = self._rows[:, self._p_at] - (self._rows[:, self._s_at] if self._s_at else 0.0)
-        deepest: float = _deepest(self._plant.memory["parameters"], p, len(p))
-        return deepest < -CLEAR
 
     def ahead(self) -> NDArray[np.float64]:
         """What `run` says, once the robot was put there."""

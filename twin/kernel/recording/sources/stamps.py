@@ -138,7 +138,7 @@ class Clocks:
         return (n * xy - x * y) / determinant / SECOND
 
 
-@dataclass(order=True)
+@dataclass(order=True, slots=True)
 class _Partial:
     """A sample on its way."""
 
@@ -287,7 +287,10 @@ class Aligner:
         stream.add(reading.stamp)
         if partial is None:
             partial = _Partial(reading.stamp, [math.nan] * self._width, NONE, arrived)
-            insort(self._pending, partial)
+            if self._pending:
+                insort(self._pending, partial)
+            else:
+                self._pending.append(partial)
         for column, value in zip(reading.columns, reading.values, strict=True):
             partial.row[column] = value
         if partial.stamp != reading.stamp and min(self._needed) in there:
