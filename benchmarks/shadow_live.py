@@ -131,6 +131,8 @@ class Beside:
         limits = Tolerances(dict.fromkeys(CHANNELS, 1.0), dict.fromkeys(CHANNELS, 1.0))
         self.close()
         self._ahead = Ahead(self.experiment) if self._predicts else None
+        if self._ahead and not live:
+            self._ahead.hurry()
         ahead = self._ahead.beside if self._ahead else None
         twin = twin_of(self.experiment, self.model, source.name, AlarmWatch(limits, 0.01), ahead=ahead)
         columns = column_map([*MAPS, *COMMANDS, LATE]) if live else {}

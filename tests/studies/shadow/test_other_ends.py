@@ -209,5 +209,8 @@ def test_what_is_overtaken_dds_drops_unsaid_and_the_twin_goes_on_in_order(
     facts = across(start, built, raw_angles, tmp_path)
     # of best effort DDS hands on what is newer than all before, and says that it has lost none
     assert facts["counts"]["samples"] < 0.5 * 1750 and facts["dropped"] == 0
-    # the period of what is left comes and goes, and with it the count of what is missing
     assert facts["counts"]["samples"] > 300 and facts["counts"]["late"] == 0
+    # the stamps tell what is missing
+    assert facts["period_s"] == pytest.approx(2e-3, rel=0.01)
+    told = facts["counts"]["samples"] + facts["counts"]["missing"]
+    assert told == pytest.approx(500 * facts["seconds"], rel=0.02)

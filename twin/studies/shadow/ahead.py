@@ -11,7 +11,9 @@ A branch takes about a millisecond. One is run with each slice of samples, and t
 """
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,7 +29,7 @@ from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.branch import refuse_fixed
-from twin.studies.shadow.branching import HORIZON, LEADS, Branching, Otherwise, Present
+from twin.studies.shadow.branching import HORIZON, LEADS, Branching, Otherwise, Present, Wanted
 from twin.studies.shadow.following import Happening, OnPlant, OwnLaw, RobotState, Rows
 from twin.studies.shadow.layout import FORCE, OUTPUTS, POSITION, VELOCITY
 from twin.studies.shadow.mapping import RobotSamples
@@ -107,14 +109,14 @@ def band(
 
     Args:
         first: the branch (leads, 2).
-        others: those of `ways`.
+        others: those of `ways`; of a cause none that would be the branch itself.
         now: force and height from which it goes out (2,).
         unsure: deviation of the force (N) of a robot in contact by what is not known of zeros and friction.
     """
     rest = np.where(first[:, :1] > 0.0, np.hypot(REST, [Z * unsure, 0.0]), [0.0, REST[1]])
     up = rest**2 + (REST_SHARE * (first - now)) ** 2
     low = up.copy()
-    for cause in others:
+    for cause in filter(None, others):
         # where a branch has ended, nothing is known of it
         away = [np.nan_to_num(one - first) for one in cause]
         if len(cause) == 1:
@@ -189,7 +191,7 @@ class _Pending:
     t: float
     now: Present
     runs: Iterator[None]
-    first: NDArray[np.float64]
+    first: list[NDArray[np.float64]]
     others: list[list[NDArray[np.float64]]]
     changed: list[NDArray[np.float64]]
 
@@ -206,6 +208,7 @@ class Ahead:
     Attributes:
         foreseen: so far.
         limit, start: see there.
+        own, changed: systems, of the twin, all alike, and of what might be.
 
     Raises:
         InputRefused: a part of the robot cannot be put where the robot's is.
@@ -221,13 +224,12 @@ class Ahead:
         self.foreseen = Foreseen(apart={name: ForceDifference() for name in changed})
         self.limit, self.start = limit, start
         with ExitStack() as made:
-            self._own = Branching(experiment)
-            made.callback(self._own.close)
-            self._changed: list[Branching] = []
+            self._experiment, self.own, self.changed = experiment, [Branching(experiment)], list[Branching]()
+            made.callback(self.own[0].close)
             for name, other in changed.items():
-                self._changed.append(Branching(other, f"--what-if {name}"))
-                made.callback(self._changed[-1].close)
-                self._changed[-1].refuse_other_law(self._own.law, f"--what-if {name}: ")
+                self.changed.append(Branching(other, f"--what-if {name}"))
+                made.callback(self.changed[-1].close)
+                self.changed[-1].refuse_other_law(self.own[0].law, f"--what-if {name}: ")
             self._closing = made.pop_all()
 
     def __enter__(self) -> "Ahead":
@@ -240,10 +242,24 @@ class Ahead:
         """The part of a twin that has these two in it, and stops at the moments from which branches go out."""
         return _LookAhead(self, law, state)
 
+    def hurry(self) -> None:
+        """From now on two branches run at the same time: for a log, beside which nothing is late."""
+        self.own.append(Branching(self._experiment))
+        self._closing.callback(self.own[-1].close)
+        self._helper = self._closing.enter_context(ThreadPoolExecutor(1))
+
+    def together(self, nows: Sequence[Present], others: Sequence[Otherwise]) -> list[NDArray[np.float64]]:
+        """Branches of `others` from where the robot is, one on each of the systems at most."""
+        helped = []
+        for system, now, other in zip(self.own[1:], nows[1:], others[1:], strict=False):
+            system.put(now, other)
+            helped.append(self._helper.submit(system.ahead))
+        return [self.own[0].run(nows[0], others[0]), *(one.result() for one in helped)]
+
     @property
     def branchings(self) -> list[Branching]:
-        """The twin's own, and what might be."""
-        return [self._own, *self._changed]
+        """All systems that there are."""
+        return [*self.own, *self.changed]
 
 
 _TAU_L, _THETA_L = (places(ESTIMATOR_OUTPUTS)[name] for name in ("tau_l", "theta_l"))
@@ -382,25 +398,29 @@ class _LookAhead:
         x, P, J = self._estimate
         if not np.all(np.isfinite(x)):
             return None
-        own, *changed = self._ahead.branchings
-        self._around.settle(x, P, J, own.surface()[0])
+        own, changed = self._ahead.own, self._ahead.changed
+        self._around.settle(x, P, J, own[0].surface()[0])
         causes = ways(P, self._around)
-        now = own.present(x, J, law, self._around)
-        might = [one.present(x, J, law, self._around) for one in changed]
-        pending = _Pending(t, now, iter(()), np.empty(0), [], [])
+        nows, might = ([one.present(x, J, law, self._around) for one in systems] for systems in (own, changed))
+        pending = _Pending(t, nows[0], iter(()), [], [[] for _ in causes], [])
+        asked = zip(causes, pending.others, strict=True)
+        wanted: list[Wanted] = [(pending.first, Otherwise())]
+        wanted += [(into, one) for cause, into in asked for one in cause]
 
         def runs() -> Iterator[None]:
-            pending.first = own.run(now)
-            other_causes = own.unlike(now, causes)
-            yield
+            left, some = wanted, len(own)
+            while left:
+                is_first = left is wanted
+                intos, others = zip(*left[:some], strict=True)
+                for into, found in zip(intos, self._ahead.together(nows, others), strict=True):
+                    into.append(found)
+                left = left[some:]
+                if is_first:
+                    left = own[0].unlike(nows[0], left)
+                yield
             for branching, present in zip(changed, might, strict=True):
                 pending.changed.append(branching.run(present))
                 yield
-            for cause in other_causes:
-                pending.others.append([])
-                for other in cause:
-                    pending.others[-1].append(own.run(now, other))
-                    yield
 
         pending.runs = runs()
         return pending
@@ -411,8 +431,7 @@ class _LookAhead:
         assert pending is not None
         for _ in pending.runs:
             pass
-        own = self._ahead.branchings[0]
-        first, now = pending.first, own.beginning(pending.now)
+        (first,), now = pending.first, self._ahead.own[0].beginning(pending.now)
         lower, upper = band(first, pending.others, now, pending.now.around.unsure(pending.now.J))
         bounds = [values[:, k] for k in range(2) for values in (lower, upper)]
         made["ahead"][sample] = np.concatenate([[pending.t], *first.T, *bounds])
@@ -434,12 +453,12 @@ class _LookAhead:
         """Compare what was predicted with the estimates `F_z` (n,), N, at `t` (n,), s, of that `deviation`."""
         if not self._open:
             return
-        foreseen = self._ahead.foreseen
+        foreseen, begin, end = self._ahead.foreseen, float(t[0]) - 1e-9, float(t[-1])
         J = self._estimate.J
         tare, tare_unsure = float(self._around.tare(J)[2]), self._around.unsure(J)
         for times, values, held in self._open:
-            due = slice(*times.searchsorted([t[0] - 1e-9, t[-1]], side="right"))
-            if due.start >= due.stop:
+            due = slice(bisect_right(times, begin), bisect_right(times, end))
+            if due.start == due.stop:
                 continue
             times, (first, lower, upper) = times[due], values[:, due]
             at = t.searchsorted(times - 1e-9)
@@ -447,7 +466,7 @@ class _LookAhead:
             foreseen.error.add(times, first - came)
             foreseen.holding.add(times, held - came)
             foreseen.within += int(np.count_nonzero((lower - unsure <= came) & (came <= upper + unsure)))
-        self._open = [one for one in self._open if one[0][-1] > t[-1]]
+        self._open = [one for one in self._open if one[0][-1] > end]
 
 
 LEFT_OUT = {

@@ -10,7 +10,6 @@ of the encoders, and what an energy tank has stored.
 
 import math
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
@@ -99,6 +98,10 @@ def _inputs(drive: Component, number: int) -> list[int]:
         own = number if port.size == 1 else 0
         found += [6] * port.size if first == 6 else range(first + own, first + own + port.size)
     return found
+
+
+Wanted = tuple[list[NDArray[np.float64]], Otherwise]
+"""Where a branch goes to, and what is other in it."""
 
 
 def _spring(p: NDArray) -> NDArray[np.float64]:
@@ -245,7 +248,7 @@ class Branching:
     ) -> Present:
         """What a branch begins from, to be run now or later, once the drives have caught up; arguments: see there."""
         drives = self._drive_places.take(self._at)
-        return Present(self._at, x, J, self.command.copy(), law, drives, dict(self._shafts), copy(around))
+        return Present(self._at, x, J, self.command.copy(), law, drives, dict(self._shafts), around.apart())
 
     def beginning(self, now: Present) -> NDArray[np.float64]:
         """Pressing force (N) and height (m) that a branch goes out from (2,)."""
@@ -259,9 +262,8 @@ class Branching:
 
     def run(self, now: Present, other: Otherwise = Otherwise()) -> NDArray[np.float64]:  # noqa: B008, it is a tuple
         """Pressing force (N) and height (m) at each of `LEADS` (leads, 2); NaN from where a component fails."""
-        self._go_away()
-        self._put(now, other)
-        return self._ahead()
+        self.put(now, other)
+        return self.ahead()
 
     def run_from(self, saved: SavedState) -> NDArray[np.float64]:
         """As `run`, from a state of the robot itself."""
@@ -269,7 +271,7 @@ class Branching:
         for component, memory in self._as_made:
             component.memory[...] = memory
         self._simulation.adopt(saved)
-        return self._ahead()
+        return self.ahead()
 
     def _go_away(self) -> None:
         """Let the drives be used by branches, and remember where they were."""
@@ -282,32 +284,32 @@ class Branching:
             self._away.close()
             self._away = None
 
-    def unlike(self, now: Present, causes: Sequence[list[Otherwise]]) -> list[list[Otherwise]]:
-        """Those of `causes` whose branches are not bit for bit the one with nothing other, which was run last.
+    def unlike(self, now: Present, wanted: Sequence[Wanted]) -> list[Wanted]:
+        """Those whose branches are not bit for bit the one with nothing other, which was run last.
 
         Where the robot presses, its surface is no higher otherwise; and of one that it stays clear of nothing counts.
         """
-        F_z, _ = self.beginning(now)
-        clear = not F_z and self._is_clear()
+        presses, clear = self.beginning(now)[0] > 0.0, False
+        if not presses:
+            p = self._rows[:, self._p_at] - (self._rows[:, self._s_at] if self._s_at else 0.0)
+            # heights of others differ by less
+            clear = _deepest(self._plant.memory["parameters"], p, len(p)) < -CLEAR
         return [
-            cause for cause in causes
-            if any(np.any(one.dx) or (not clear and (one.share != 1.0 or not F_z)) for one in cause)
+            (into, one) for into, one in wanted
+            if np.any(one.dx) or (not clear and (one.share != 1.0 or not presses))
         ]  # fmt: skip
 
-    def _is_clear(self) -> bool:
-        """Whether the last branch stayed over its surface, by more than that is higher in any other."""
-        p = self._rows[:, self._p_at] - (self._rows[:, self._s_at] if self._s_at else 0.0)
-        deepest: float = _deepest(self._plant.memory["parameters"], p, len(p))
-        return deepest < -CLEAR
-
-    def _ahead(self) -> NDArray[np.float64]:
+    def ahead(self) -> NDArray[np.float64]:
+        """What `run` says, once the robot was put there."""
         self._rows = rows = self._simulation.advance()
         found = np.full((len(LEADS), 2), np.nan)
         there = rows[self._steps :: self._steps, self._columns]
         found[: len(there)] = there * (-1.0, 1.0)
         return found
 
-    def _put(self, now: Present, other: Otherwise) -> None:
+    def put(self, now: Present, other: Otherwise) -> None:
+        """Be where a branch begins."""
+        self._go_away()
         self._places.put_back(self._fresh)
         self._drive_places.put_back(now.drives)
         self._law_pieces.put_back(now.law)

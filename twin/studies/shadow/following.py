@@ -311,10 +311,13 @@ class RobotState:
 
     def at_once(self, sample: Sample) -> None:
         """The estimate of a sample that has just come; `feed`, in another thread perhaps, makes a row of it later."""
-        row, inputs = np.array(sample.row), self._one.inputs
+        said, inputs = sample.row, self._one.inputs
         for name, place in zip(("count_m", "count_l", "F_z", "tau_motor"), (COUNT_M, COUNT_L, F_Z, TAU), strict=True):
-            inputs[name][:] = row[place]
-        np.copyto(inputs["omega_ref"], row[OMEGA_REF_AT], where=~np.isnan(row[OMEGA_REF_AT]))
+            inputs[name][:] = said[place]
+        for k, command in enumerate(said[OMEGA_REF_AT]):
+            # one that has not come holds
+            if command == command:
+                inputs["omega_ref"][k] = command
         try:
             with self._stepping:
                 self._one(sample.t / NANOSECONDS)

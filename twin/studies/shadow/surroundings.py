@@ -7,6 +7,7 @@ it is as stiff as the force says.
 """
 
 import math
+from copy import copy
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,6 +113,12 @@ class Surroundings:
         self._A, self._b = np.zeros((4, 4)), np.zeros(4)
         self._before: NDArray[np.float64] = self._prior @ [0.0, 0.0, 0.0, float(p["joint_friction"]) or FRICTION / 2.0]
         self._fit()
+
+    def apart(self) -> "Surroundings":
+        """As they are now, for good."""
+        found = copy(self)
+        found._touch = self._touch.copy()
+        return found
 
     def _fit(self) -> None:
         """What the looks so far make of zeros and friction."""

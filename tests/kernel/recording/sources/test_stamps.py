@@ -71,6 +71,32 @@ def test_losses_before_the_period_is_known_are_counted_too():
     assert (aligner.counts.missing, aligner.counts.gaps) == (3, 2)
 
 
+@pytest.mark.parametrize(("delay", "jitter"), [(5.0, 0.03), (20.0, 0.01), (50.0, 0.0)])
+def test_what_a_network_overtakes_and_a_transport_drops_unsaid_is_told_by_the_stamps(delay: float, jitter: float):
+    drawn, newest, handed_on = random.Random(1), -1, []
+    for arrived, k in sorted((k * PERIOD + drawn.random() * delay * MS, k) for k in range(3500)):
+        if k > newest:
+            stamp = 10**18 + k * PERIOD + round(drawn.gauss(0.0, jitter * PERIOD))
+            handed_on.append((10**18 + round(arrived), Reading(stamp, NEEDED, (1.0, 2.0))))
+            newest = k
+    # of single intervals there are few
+    assert len(handed_on) < 3500 * {5.0: 0.9, 20.0: 0.5, 50.0: 0.3}[delay]
+    aligner, samples = aligned(handed_on)
+    assert aligner.period == pytest.approx(PERIOD, rel=0.01)
+    assert len(samples) + aligner.counts.missing == pytest.approx(3500, rel=5e-3)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_stamps_at_random_have_no_period_and_nothing_is_missing_between_two_publishers(seed: int):
+    drawn, stamp, at_random = random.Random(seed), 10**18, []
+    for _ in range(300):
+        stamp += round(drawn.expovariate(1.0 / PERIOD))
+        at_random.append((stamp, Reading(stamp, NEEDED, (1.0, 2.0))))
+    assert aligned(at_random)[0].counts.missing == 0
+    two = [(one.stamp + lag, one._replace(stamp=one.stamp + lag)) for _, one in on_time(150) for lag in (0, PERIOD // 4)]
+    assert aligned(two)[0].counts.missing == 0
+
+
 def test_a_sample_after_a_gap_waits_for_the_budget_and_no_longer():
     aligner, _ = Aligner(3, NEEDED, BUDGET), None
     start = on_time(101)
