@@ -46,7 +46,8 @@ def joined(
     from twin.kernel.systems.opening import opened
 
     ends = [
-        Connection(*(Endpoint(*end.split(".", 1)) for end in wire), suppress_unit_conversion=not units) for wire in wires
+        Connection(Endpoint(*start.split(".", 1)), Endpoint(*end.split(".", 1)), suppress_unit_conversion=not units)
+        for start, end in wires
     ]
     parts = tuple(SspComponent(name, f"{name}.fmu") for name in fmus)
     system = SspSystem("joined", parts, tuple(ends))

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.kernel.fmi.description import Kind
 from twin.kernel.systems.choice import MasterChoice
 from validation.joined import joined
 
-MODEL_EXCHANGE = {"": "model_exchange"}
+MODEL_EXCHANGE: Mapping[str, Kind] = {"": "model_exchange"}
 
 
 @dataclass(frozen=True)
