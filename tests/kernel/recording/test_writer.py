@@ -23,7 +23,7 @@ from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap_protobuf.decoder import DecoderFactory
 
 from twin.kernel.errors import RecordingDamaged, RecordingFailed
-from twin.kernel.recording.growing_file import Output
+from twin.kernel.recording.folder import Output
 from twin.kernel.recording.messages import Field, Topic
 from twin.kernel.recording.reader import attachments, read
 from twin.kernel.recording.summary import Summary, chunk

@@ -11,7 +11,7 @@ from tests.laws.runs import EXPERIMENTS, FORCE, shipped
 from twin.kernel.cosim.port import width
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
-from twin.kernel.fmi.state import FmuStates
+from twin.kernel.fmi.component import FmuStates
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.task_controller import hold_at

@@ -7,7 +7,7 @@ import pytest
 from twin.robot.experiment.drive_files import experiment_file
 from twin.robot.run.past import SharedPast
 from twin.studies.sweep import worker
-from twin.studies.sweep.shared import AFTER, LastPast
+from twin.studies.sweep.worker import AFTER, LastPast
 
 PRESSING = experiment_file("pressing")
 DRIFT = 'fault=[{kind = "encoder_drift", target = "motor_encoder_1", onset_s = 6.5, magnitude_deg_per_s = 2.0}]'

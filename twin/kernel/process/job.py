@@ -159,8 +159,7 @@ def interrupt_main() -> None:
 def recorded_until_then(folder: Path | None) -> str:
     """A sentence about the recording in `folder` (None: there is no folder yet)."""
     # the supervisor loads no numerics unless something goes wrong
-    from twin.kernel.recording.folder import RECORDING
-    from twin.kernel.recording.growing_file import PARTIAL
+    from twin.kernel.recording.folder import PARTIAL, RECORDING
     from twin.kernel.recording.reader import last_time
 
     if folder is not None and (folder / RECORDING).exists():
@@ -172,8 +171,7 @@ def recorded_until_then(folder: Path | None) -> str:
 
 def left_behind(folder: Path) -> str:
     """What Ctrl-C has left in the `folder` of a run; it goes if that is nothing."""
-    from twin.kernel.recording.folder import RECORDING
-    from twin.kernel.recording.growing_file import PARTIAL
+    from twin.kernel.recording.folder import PARTIAL, RECORDING
 
     whole, partial = folder / RECORDING, folder / f"{RECORDING}{PARTIAL}"
     if partial.exists():

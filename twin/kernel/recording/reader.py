@@ -29,8 +29,7 @@ from twin.kernel.errors import (
     visible,
 )
 from twin.kernel.files import LIMIT, json_of
-from twin.kernel.recording.folder import recording_in
-from twin.kernel.recording.growing_file import PARTIAL
+from twin.kernel.recording.folder import PARTIAL, recording_in
 from twin.kernel.recording.messages import RECORD_PREFIX, Field, MessageLayout
 from twin.kernel.recording.scan import NANOSECONDS, Contents, Damage, Event, Scan
 from twin.kernel.recording.summary import encoded

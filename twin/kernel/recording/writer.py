@@ -27,7 +27,7 @@ from twin import __version__
 from twin.kernel.compiled.function import carray, copy
 from twin.kernel.compiled.native import entry
 from twin.kernel.errors import RecordingFailed
-from twin.kernel.recording.growing_file import Output
+from twin.kernel.recording.folder import Output
 from twin.kernel.recording.messages import (
     HEAD_SIZE,
     Field,

@@ -22,19 +22,10 @@ from twin.robot.experiment.recorded import recorded_fmus, recorded_name
 from twin.studies.figure import Axes, picture
 from twin.studies.metrics.requirement import FIG5, MEASURES, OF_A_CONSTANT_FORCE, standing
 from twin.studies.metrics.response import Curve, first_time, overshoot, rms, settling_time
+from twin.studies.paper import fig4_measures
 from twin.studies.paper.claim import ClaimFinding, judged
 from twin.studies.paper.fig4 import QUALITY, failed, fig4_score, tally
 from twin.studies.paper.fig4 import standing as claims_standing
-from twin.studies.paper.fig4_measures import (
-    FP_BASED,
-    FP_REFERENCE,
-    PRE_DEFINE,
-    TRUTH,
-    Fig4Run,
-    Fig4Runs,
-    checked_run,
-    fig4_runs,
-)
 from twin.studies.paper.fig5 import Fig5Score, fig5_score
 from twin.studies.paper.fig5_measures import settings, trip_time
 
@@ -381,7 +372,7 @@ class PageVerdict:
     good: bool | None
     remarks: tuple[str, ...]
     groups: tuple[RunGroup, ...]
-    fig4: Fig4Runs | None
+    fig4: fig4_measures.Fig4Runs | None
     fig5: Fig5Score | None
 
 
@@ -397,7 +388,7 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
         groups.append(RunGroup(ON_TRUTH, score.quality))
     elif len(runs) == 1 and (run := _force_position_run(runs[0])) is not None:
         # what we ask of the true force concerns this run alone
-        groups.append(RunGroup(ON_TRUTH, tuple(judged(claim, Fig4Runs(run, run)) for claim in QUALITY)))
+        groups.append(RunGroup(ON_TRUTH, tuple(judged(claim, fig4_measures.Fig4Runs(run, run)) for claim in QUALITY)))
     if fig5 is not None:
         labels = {run.recording.path: run.label for run in runs}
         for task in fig5.tasks:
@@ -459,7 +450,7 @@ def not_scored(runs: Sequence[ReportRun]) -> list[str]:
     ]
 
 
-def _fig4_runs(runs: Sequence[ReportRun]) -> tuple[Fig4Runs | None, list[str]]:
+def _fig4_runs(runs: Sequence[ReportRun]) -> tuple[fig4_measures.Fig4Runs | None, list[str]]:
     """The runs of Fig. 4, and what is to be said if one of the two is missing, or if they do not reach its end."""
     asked = [run for run in runs if _is_fig4(run, "force_position") or _is_fig4(run, "position")]
     ideal, imperfect = ([run for run in asked if run.name.startswith(IMPERFECT) == is_so] for is_so in (False, True))
@@ -470,7 +461,7 @@ def _fig4_runs(runs: Sequence[ReportRun]) -> tuple[Fig4Runs | None, list[str]]:
     if not pair:
         return None, ["Fig. 4 is scored on two runs, one with force control and one without: report those two together"]
     try:
-        return fig4_runs(*pair, *pair_in_x), []
+        return fig4_measures.fig4_runs(*pair, *pair_in_x), []
     except InputRefused as problem:
         return None, [str(problem)]
 
@@ -481,12 +472,12 @@ def _pair(runs: Sequence[ReportRun]) -> list[Recording]:
     return [one for mode in modes for one in mode] if [len(mode) for mode in modes] == [1, 1] else []
 
 
-def _force_position_run(run: ReportRun) -> Fig4Run | None:
+def _force_position_run(run: ReportRun) -> fig4_measures.Fig4Run | None:
     """Of Fig. 4; None if it is another, or none that can be judged."""
     if not _is_fig4(run, "force_position"):
         return None
     try:
-        return checked_run(run.recording)
+        return fig4_measures.checked_run(run.recording)
     except InputRefused:
         return None
 
@@ -514,23 +505,25 @@ def _faults(run: ReportRun) -> list[str]:
     return [f"injected on purpose: {json.dumps(fault)}" for fault in run.values.get("fault", ())]
 
 
-def draw_one_run(run: Fig4Run, path: Path) -> None:
+def draw_one_run(run: fig4_measures.Fig4Run, path: Path) -> None:
     """Write the picture to `path` (PNG): the robot's own estimates coloured, the truth dotted."""
     with picture(path, 12, 7.5, by_hand=True) as figure:
         (height, force), (x, y) = figure.subplots(2, 2, sharex=True)
         # a layout that is worked out draws everything twice
         figure.subplots_adjust(left=0.075, right=0.99, top=0.96, bottom=0.07, hspace=0.12, wspace=0.2)
-        height.plot(run.t, 1e3 * run.z_cmd, color=FP_REFERENCE, lw=1.2, label="after the force loop")
-        height.plot(run.t, 1e3 * run.z_ref, color=PRE_DEFINE, lw=1.6, label="pre-defined")
-        height.plot(run.t, 1e3 * run.z, color=FP_BASED, lw=1.6, label="estimated")
+        height.plot(run.t, 1e3 * run.z_cmd, color=fig4_measures.FP_REFERENCE, lw=1.2, label="after the force loop")
+        height.plot(run.t, 1e3 * run.z_ref, color=fig4_measures.PRE_DEFINE, lw=1.6, label="pre-defined")
+        height.plot(run.t, 1e3 * run.z, color=fig4_measures.FP_BASED, lw=1.6, label="estimated")
         _dotted(height, run.t_plant, 1e3 * run.true_z)
         height.set_ylabel("z position (mm)")
-        force.plot(run.t, run.recording["controller.F_z_ref"], color=PRE_DEFINE, lw=1.6, label="reference")
-        force.plot(run.t, run.F_z, color=FP_BASED, lw=1.6, label="estimated")
+        force.plot(
+            run.t, run.recording["controller.F_z_ref"], color=fig4_measures.PRE_DEFINE, lw=1.6, label="reference"
+        )
+        force.plot(run.t, run.F_z, color=fig4_measures.FP_BASED, lw=1.6, label="estimated")
         _dotted(force, run.t_plant, run.true_F_z)
         force.set_ylabel("F_z, pressing (N)")
         for axes, axis, letter in ((x, 0, "x"), (y, 1, "y")):
-            axes.plot(run.t, run.F_ee_B[:, axis], color=FP_BASED, lw=0.9, label="estimated")
+            axes.plot(run.t, run.F_ee_B[:, axis], color=fig4_measures.FP_BASED, lw=0.9, label="estimated")
             _dotted(axes, run.t_plant, run.true_F_ee_B[:, axis])
             axes.set(ylabel=f"F_{letter} (N)", xlabel="time (s)")
         for axes, letter in zip((height, force, x, y), "ABCD", strict=True):
@@ -539,4 +532,4 @@ def draw_one_run(run: Fig4Run, path: Path) -> None:
 
 
 def _dotted(axes: Axes, t: Curve, values: Curve) -> None:
-    axes.plot(t, values, color=TRUTH, lw=0.9, ls=":", label="true")
+    axes.plot(t, values, color=fig4_measures.TRUTH, lw=0.9, ls=":", label="true")

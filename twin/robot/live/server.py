@@ -351,7 +351,7 @@ class Broadcast:
 
 
 class LiveServer:
-    """A `twin.robot.run.viewer.Viewer`; a context manager at whose exit what was published has been sent.
+    """A `twin.robot.run.watch.Viewer`; a context manager at whose exit what was published has been sent.
 
     Each run is a broadcast of its own at the same port, with the same token. Viewers come back by themselves, and
     before the first run the port is held by a socket that does not listen.

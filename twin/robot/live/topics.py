@@ -37,7 +37,7 @@ class Topics:
     """Names, schemas and units are those of the recording.
 
     Args:
-        streams, scene, tick: see `twin.robot.run.viewer.Viewer.begin`.
+        streams, scene, tick: see `twin.robot.run.watch.Viewer.begin`.
 
     Attributes:
         channels: the streams in their order, those of the scene, such as `/scene`, `/tf` and `/force`, and `/events`.

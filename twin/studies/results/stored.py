@@ -16,8 +16,7 @@ from typing import Any
 
 from twin.kernel.errors import InputRefused, TwinError, disk_refusals, nearest
 from twin.kernel.files import read_json
-from twin.kernel.recording.folder import LATEST, NAMED, RECORDING, STAMP
-from twin.kernel.recording.growing_file import PARTIAL
+from twin.kernel.recording.folder import LATEST, NAMED, PARTIAL, RECORDING, STAMP
 from twin.kernel.recording.reader import last_time, origin
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.drives import fmus

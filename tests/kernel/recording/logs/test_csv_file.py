@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs import csv_file
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.csv_file import CsvTable, read_table
@@ -136,7 +137,7 @@ def test_every_mistake_is_told_at_once(tmp_path: Path):
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path):
-    with pytest.raises(LogRefused, match=r"nowhere.csv: no such file"):
+    with pytest.raises(InputRefused, match=r"nowhere.csv: no such file"):
         read_log(tmp_path / "nowhere.csv")
 
 

@@ -22,8 +22,7 @@ from twin import __version__
 from twin.kernel.errors import InputRefused, disk_refusals, nearest
 from twin.kernel.recording import messages
 from twin.kernel.recording.export.table import table, time_base, write_csv, write_matlab, write_parquet
-from twin.kernel.recording.folder import recording_in
-from twin.kernel.recording.growing_file import Output
+from twin.kernel.recording.folder import Output, recording_in
 from twin.kernel.recording.logs.bag import is_bag
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries

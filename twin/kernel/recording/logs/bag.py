@@ -17,7 +17,6 @@ from typing import Any
 import zstandard
 from mcap.records import Channel, Schema
 
-from twin.kernel.errors import InputRefused
 from twin.kernel.files import open_regular, read_text
 from twin.kernel.recording.folder import LATEST, RECORDING
 from twin.kernel.recording.logs import decoding
@@ -67,7 +66,7 @@ def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
         columns: see `log_of`.
 
     Raises:
-        LogRefused: no such file, damaged, or as `log_of`.
+        InputRefused: no such file, damaged, or as `log_of`.
     """
     topics, notes = bag_topics(path, columns)
     return log_of(path, topics, columns, notes)
@@ -80,7 +79,7 @@ def bag_topics(path: Path, columns: Mapping[str, MappedColumn]) -> tuple[dict[st
         columns: of which topics the messages are kept.
 
     Raises:
-        LogRefused: no such file, or damaged.
+        InputRefused: no such file, or damaged.
     """
     folder = os.path.isdir(path)
     files = _files(path) if folder else [path]
@@ -107,10 +106,7 @@ def _absent(folder: Path, files: list[Path]) -> list[str]:
     """What the bag's own list of files has and the folder has not, as a note."""
     if not os.path.lexists(folder / METADATA):
         return [f"no {METADATA}: the recorder was stopped before it wrote one"]
-    try:
-        listed = _FILES.search(read_text(folder / METADATA))
-    except InputRefused as problem:
-        raise LogRefused(str(problem)) from None
+    listed = _FILES.search(read_text(folder / METADATA))
     names = re.findall(r"-\s*[\"']?([^\"'\n]+?)[\"']?\s*\n", listed[1]) if listed else []
     there = {file.name for file in files} | {file.name.removesuffix(".zstd") for file in files}
     return [f"{name} is missing, which {METADATA} lists" for name in names if Path(name).name not in there]
@@ -139,8 +135,6 @@ def _plain_file(file: Path) -> Iterator[Path]:
                 yield plain
     except zstandard.ZstdError as problem:
         raise LogRefused(f"{file}: does not decompress: {problem}; expected a bag compressed by zstd") from None
-    except InputRefused as problem:
-        raise LogRefused(str(problem)) from None
 
 
 def _rows_of(plain: Path, columns: Mapping[str, MappedColumn], file: Path) -> tuple[list[LoggedTopic], str]:
@@ -279,10 +273,7 @@ def _define(topic: LoggedTopic, folder: Path) -> None:
         return
     texts = {}
     for file in sorted(folder.glob("*/msg/*.msg"))[:MOST_DEFINITIONS]:
-        try:
-            texts[f"{file.parent.parent.name}/msg/{file.stem}"] = read_text(file)
-        except InputRefused as problem:
-            raise LogRefused(str(problem)) from None
+        texts[f"{file.parent.parent.name}/msg/{file.stem}"] = read_text(file)
     if schema.name in texts:
         own = texts.pop(schema.name)
         others = "".join(f"{'=' * 80}\nMSG: {name}\n{text.rstrip()}\n" for name, text in texts.items())

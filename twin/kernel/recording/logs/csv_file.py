@@ -23,7 +23,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.errors import InputRefused, nearest, visible
+from twin.kernel.errors import nearest, visible
 from twin.kernel.files import foreign_kind, open_regular
 from twin.kernel.recording.logs.column_map import TIME, TIME_NAMES, MappedColumn, split_unit, unit
 from twin.kernel.recording.logs.log import LARGEST, Log, LogRefused, LogSeries
@@ -134,15 +134,11 @@ def read_table(path: Path) -> CsvTable:
     """The CSV file at `path`.
 
     Raises:
-        LogRefused: no regular file, too large, no text, no rows, rows of different lengths, in one sentence.
+        InputRefused: no regular file, or too large.
+        LogRefused: no text, no rows, rows of different lengths, in one sentence.
     """
-    try:
-        with open_regular(path, LARGEST_FILE) as file:
-            return table_of(path, file)
-    except LogRefused:
-        raise
-    except InputRefused as problem:
-        raise LogRefused(str(problem)) from None
+    with open_regular(path, LARGEST_FILE) as file:
+        return table_of(path, file)
 
 
 def table_of(path: Path, file: BinaryIO) -> CsvTable:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.kernel.errors import InputRefused
 from twin.kernel.files import open_regular
 from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.logs.bag import SQLITE, is_bag, read_bag
@@ -58,7 +57,7 @@ def kind_of(path: Path) -> LogKind:
     """Which kind of log `path` is, by what it begins with.
 
     Raises:
-        LogRefused: missing, no regular file, or an MCAP file by its name alone.
+        InputRefused: missing, no regular file, or an MCAP file by its name alone.
     """
     if is_recording(path):
         return LogKind.RECORDING
@@ -66,11 +65,8 @@ def kind_of(path: Path) -> LogKind:
         return LogKind.BAG
     if path.exists() and not path.is_file():
         raise LogRefused(f"{path}: not a regular file but a pipe, socket or device; expected a file")
-    try:
-        with open_regular(path, sys.maxsize) as file:
-            magic = file.read(len(SQLITE))
-    except InputRefused as problem:
-        raise LogRefused(str(problem)) from None
+    with open_regular(path, sys.maxsize) as file:
+        magic = file.read(len(SQLITE))
     if is_bag(path) or magic == SQLITE:
         return LogKind.BAG
     if magic.startswith(MAGIC):

@@ -10,17 +10,8 @@ from twin.kernel.errors import InputRefused, nearest, plain
 from twin.studies.result import Block, Column, Note, Table, counted, laid_out
 from twin.studies.sweep.rows import Column as Values
 from twin.studies.sweep.rows import Columns, Positions, SweepRows
-from twin.studies.sweep.statistics import ranking
+from twin.studies.sweep.statistics import ranking, sensitivity
 from twin.studies.sweep.statistics.ranking import BINS, value, worst_over
-from twin.studies.sweep.statistics.sensitivity import (
-    FEW,
-    LEAST_FOR_INTERVALS,
-    Correlation,
-    Interval,
-    rank_correlation,
-    sobol_indices,
-    why_no_indices,
-)
 
 
 @dataclass(frozen=True)
@@ -152,12 +143,12 @@ def sensitivity_parts(sweep: SweepRows, metric: str) -> list[ReportPart]:
         of = f", {drive}" if len(drives) > 1 else ""
         found += [_correlations(sweep, columns, metric, of), _indices(sweep, columns, metric, of)]
     parts = [part for part in found if part is not None]
-    if parts and (why := why_no_indices(sweep.design)):
+    if parts and (why := sensitivity.why_no_indices(sweep.design)):
         parts[-1] = replace(parts[-1], remarks=[*parts[-1].remarks, why])
     return parts
 
 
-def starred(correlations: dict[str, Correlation]) -> set[str]:
+def starred(correlations: dict[str, sensitivity.Correlation]) -> set[str]:
     """Parameters whose correlation is none by chance, all of them together at `SURE`.
 
     Source: Holm (1979), A simple sequentially rejective multiple test procedure.
@@ -176,7 +167,7 @@ def _correlations(sweep: SweepRows, columns: Columns, metric: str, of: str) -> R
     found = {
         label: correlation
         for label in ranking.numeric_labels(sweep.labels, columns)
-        if (correlation := rank_correlation(columns, label, metric))
+        if (correlation := sensitivity.rank_correlation(columns, label, metric))
     }
     if not found:
         return None
@@ -192,7 +183,7 @@ def _correlations(sweep: SweepRows, columns: Columns, metric: str, of: str) -> R
     ]
     remarks = [f"* not by chance: 5 % for {counted(len(found), 'parameter')} together (Holm)"]
     fewest = min(one.runs for one in found.values())
-    if fewest < FEW:
+    if fewest < sensitivity.FEW:
         remarks.append(f"only {fewest} runs: intervals are wide, and parameters without a star may matter too")
     title = f"rank correlation with {metric}{of} (Spearman: + rises with the parameter)"
     return ReportPart("correlation", title, ["parameter", "rho ", "95 %", "p"], lines, remarks)
@@ -201,7 +192,7 @@ def _correlations(sweep: SweepRows, columns: Columns, metric: str, of: str) -> R
 def _indices(sweep: SweepRows, columns: Columns, metric: str, of: str) -> ReportPart | None:
     if sweep.design != "saltelli":
         return None
-    found = sobol_indices(columns, sweep.labels, sweep.runs // max(1, len(sweep.drives)), metric)
+    found = sensitivity.sobol_indices(columns, sweep.labels, sweep.runs // max(1, len(sweep.drives)), metric)
     title = f"Sobol indices of {metric}{of}, {found.blocks} of {found.planned} blocks"
     remarks = [found.remark] if found.remark else []
     if not found.of:
@@ -215,15 +206,17 @@ def _indices(sweep: SweepRows, columns: Columns, metric: str, of: str) -> Report
     ranges = [some for one in found.of for some in (one.first_interval, one.total_interval) if some]
     if ranges:
         remarks.append(f"95 %: {COVERED}")
-    elif found.blocks < LEAST_FOR_INTERVALS:
-        remarks.append(f"no intervals: with fewer than {LEAST_FOR_INTERVALS} blocks they cover much less than stated")
+    elif found.blocks < sensitivity.LEAST_FOR_INTERVALS:
+        remarks.append(
+            f"no intervals: with fewer than {sensitivity.LEAST_FOR_INTERVALS} blocks they cover much less than stated"
+        )
     if max((high - low for low, high in ranges), default=0.0) > WIDE:
         remarks.append("some intervals are wide: four times the blocks make them half as wide")
     remarks.append("first: share of the variance that it explains alone; total: together with others")
     return ReportPart("indices", title, ["parameter", "first", "95 %", "total", "95 %"], lines, remarks)
 
 
-def _range(found: Interval) -> str:
+def _range(found: sensitivity.Interval) -> str:
     return interval(found) if found else "-"
 
 
