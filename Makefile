@@ -22,16 +22,16 @@ run: $(VENV)/.run  ## set up, run the paper's Fig. 4 experiment, score it agains
 
 # tests start hundreds of processes: none of them should compile what another one has compiled. Lint has time while
 # tests wait
-test: export PYTHONDONTWRITEBYTECODE :=
+test test-all: export PYTHONDONTWRITEBYTECODE :=
+test: TIERS := not slow and not endurance
 test: $(VENV)/.test-$(EXTRAS)  ## set up, run the first tier of the tests and, beside it, lint, types, import contracts
+test-all: TIERS := not endurance
+test-all: $(VENV)/.test-$(EXTRAS)  ## what CI runs: the same with the slow tests
+test test-all:
 	@trap 'kill $$lint 2>/dev/null' INT TERM; \
 	nice -n 19 $(MAKE) --no-print-directory lint >$(VENV)/lint.txt 2>&1 & lint=$$!; \
-	$(PYTEST) --no-loadscope-reorder -m "not slow and not endurance"; tests=$$?; \
+	$(PYTEST) --no-loadscope-reorder -m "$(TIERS)"; tests=$$?; \
 	wait $$lint; linted=$$?; cat $(VENV)/lint.txt; [ $$tests = 0 ] && [ $$linted = 0 ]
-
-test-all: export PYTHONDONTWRITEBYTECODE :=
-test-all: test  ## what CI runs: `make test`, then the slow tests
-	$(PYTEST) --no-loadscope-reorder -m "slow and not endurance"
 
 lint: $(VENV)/.test-$(EXTRAS)  ## what `make test` runs beside the tests
 	$(VENV)/bin/ruff check .
@@ -96,7 +96,8 @@ fmus: $(VENV)/.test-test,fmus  ## rebuild the drive FMUs from their sources; DRI
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "$(PYTHON) is older than Python 3.11; try: make PYTHON=python3.12"; exit 2; }
-	$(PYTHON) -m venv $(VENV)
+	@# with today's pip, which takes half as long as those that come with Python
+	$(PYTHON) -m venv --upgrade-deps $(VENV)
 
 $(VENV)/.run: $(VENV)/bin/python pyproject.toml constraints.txt
 	@$(VENV)/bin/python set_up.py

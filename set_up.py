@@ -65,6 +65,9 @@ def main() -> int:
     print(f"Setting up, once: downloading packages{size} and installing them in {sys.prefix}", flush=True)
     wanted = f".[{extras}]" if extras else "."
     command = [sys.executable, "-m", "pip", "install", "--disable-pip-version-check", "--progress-bar", "off"]
+    if not sys.dont_write_bytecode:
+        # of 8000 modules a third is ever imported, and compiled then
+        command += ["--no-compile"]
     command += ["-c", "constraints.txt", "-e", wanted]
     pip = subprocess.Popen(command, stdout=PIPE, stderr=STDOUT, encoding="utf-8", errors="replace")
     progress, began = Progress(), time.monotonic()

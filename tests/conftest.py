@@ -41,16 +41,25 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 LONG = (
-    "kernel/process", "docs", "cli", "studies/sweep", "studies/check", "studies/identify", "studies/faults",
-    "installed", "browser",
+    "studies/shadow/test_fleet.py", "docs/test_code_blocks.py", "browser/test_explore.py",
+    "laws/test_state_combinations.py", "studies/identify/test_identification.py", "studies/faults/test_trials.py",
+    "docs/test_tutorial.py", "studies/check/test_baselines.py", "laws/test_state.py", "cli/test_examples.py",
+    "kernel/process", "studies/shadow", "studies/sweep", "studies/identify", "studies/build", "docs", "cli",
+    "installed", "browser", "coupling", "fmu", "cli/test_without_numba.py",
 )  # fmt: skip
-"""Rooms whose files take longest: they go first, so that no process has one left to do when the others are done."""
+"""Files and rooms that take longest: they go first, so that no process has one left to do when the others are done. The
+last of them goes when others have had compiled what it would have compiled."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Rooms in the order of `LONG`, then all others."""
-    order = {ROOT / "tests" / room: place for place, room in enumerate(LONG)}
-    items.sort(key=lambda item: min(order.get(folder, len(LONG)) for folder in item.path.parents))
+    """What is in `LONG` in its order, then all others."""
+    order = {ROOT / "tests" / name: place for place, name in enumerate(LONG)}
+
+    def place(item: pytest.Item) -> int:
+        # a file before its room
+        return next((order[path] for path in (item.path, *item.path.parents) if path in order), len(LONG))
+
+    items.sort(key=place)
 
 
 def pytest_collection_finish() -> None:

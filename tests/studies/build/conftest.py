@@ -19,6 +19,13 @@ MODULES: dict[tuple[str, str], str] = {}
 """LLVM's assembly of all steps that were built, by their symbols and platforms."""
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What builds starts a compiler."""
+    for item in items:
+        if Path(__file__).parent in item.path.parents and "built" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.slow)
+
+
 def silent(what: str) -> None:
     """Hears what is being done."""
 

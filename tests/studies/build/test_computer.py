@@ -153,6 +153,7 @@ def test_every_output_is_that_of_the_recording_bit_for_bit(
         assert np.array_equal(values, recorded(run, name)), name
 
 
+@pytest.mark.slow
 def test_all_parameters_at_once_do_what_the_experiment_with_them_does(written: Callable[..., Path]) -> None:
     settings = ("controller.delay_ticks=1", "controller.energy_tank={size_J=0.15,release_s=0.5}")
     open_ones = parameters(part_of(load_experiment(MASSAGE, settings), PART))
@@ -170,6 +171,7 @@ def test_all_parameters_at_once_do_what_the_experiment_with_them_does(written: C
         assert np.array_equal(values, np.asarray(run.held(watched.get(name, name)), dtype=float)), name
 
 
+@pytest.mark.slow
 def test_a_robot_that_does_not_retract_after_a_trip_loses_its_power(written: Callable[..., Path]) -> None:
     folder, outputs = written(MASSAGE), sizes(MASSAGE)
     source = folder / "recorder.c"

@@ -100,6 +100,7 @@ def differences(
     return found
 
 
+@pytest.mark.slow
 def test_fig4_comes_back_bit_for_bit(archived: Built, tmp_path: Path) -> None:
     found = differences(archived(*SHORT), tmp_path / "run", SHORT)
     assert len(found) == 36 and set(found.values()) == {0.0}
