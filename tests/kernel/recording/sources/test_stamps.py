@@ -93,7 +93,9 @@ def test_stamps_at_random_have_no_period_and_nothing_is_missing_between_two_publ
         stamp += round(drawn.expovariate(1.0 / PERIOD))
         at_random.append((stamp, Reading(stamp, NEEDED, (1.0, 2.0))))
     assert aligned(at_random)[0].counts.missing == 0
-    two = [(one.stamp + lag, one._replace(stamp=one.stamp + lag)) for _, one in on_time(150) for lag in (0, PERIOD // 4)]
+    two = [
+        (one.stamp + lag, one._replace(stamp=one.stamp + lag)) for _, one in on_time(150) for lag in (0, PERIOD // 4)
+    ]
     assert aligned(two)[0].counts.missing == 0
 
 
