@@ -254,7 +254,7 @@ def in_wall_time(beside: Beside, blocks: int, block: float, long: float) -> list
     ]
 
 
-def replayed(beside: Beside, what: str, least: float | None, times: int = 5) -> Measurement:
+def replayed(beside: Beside, what: str, least: float, times: int = 5) -> Measurement:
     """Decoded samples of the experiment at 500 Hz, as fast as they go, recorded."""
     samples = samples_of(run_in_memory(beside.experiment, beside.experiment.controller_ticks))
     rows = np.full((len(samples.t), WIDTH), np.nan)
@@ -276,7 +276,7 @@ def replayed(beside: Beside, what: str, least: float | None, times: int = 5) -> 
 def measurements(path: Path, blocks: int = 3, block: float = 4.0, long: float = 15.0) -> list[Measurement]:
     """Of the experiment at `path`."""
     beside, plain = Beside(load_experiment(path)), Beside(load_experiment(path), predicts=False)
-    found = [replayed(plain, "recorded", 50.0), replayed(beside, "predicting, too", None)]
+    found = [replayed(plain, "recorded", 50.0), replayed(beside, "predicting, too", 50.0)]
     if find_spec("cyclonedds") is None:
         return [*found, Measurement("shadow at 1 kHz", None, "", remark="cyclonedds not installed")]
     run = run_in_memory(beside.experiment, beside.experiment.controller_ticks)

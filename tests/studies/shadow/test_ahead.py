@@ -220,16 +220,20 @@ def of_fig4() -> tuple[Experiment, RobotSamples]:
     return robot, RobotSamples(*(column[:3300] for column in samples))
 
 
-def looked_ahead(length: int, samples: RobotSamples, **more: Any) -> tuple[Rows, list[Happening], Ahead]:
+def looked_ahead(
+    length: int, samples: RobotSamples, hurries: bool = False, **more: Any
+) -> tuple[Rows, list[Happening], Ahead]:
     robot, _ = of_fig4()
     with Ahead(robot, **more) as ahead:
+        if hurries:
+            ahead.hurry()
         rows, happened = fed(twin_of(robot, model_of(robot), "robot", ahead=ahead.beside), samples, length)
     return rows, happened, ahead
 
 
 def test_a_prediction_is_the_same_however_samples_are_cut_and_so_is_its_warning_which_comes_once():
     _, samples = of_fig4()
-    more = {"changed": {WHAT_IF: load_experiment(FIG4, [*SCALE, WHAT_IF])}, "limit": 4.0}
+    more: dict[str, Any] = {"changed": {WHAT_IF: load_experiment(FIG4, [*SCALE, WHAT_IF])}, "limit": 4.0}
     whole, happened, ahead = looked_ahead(len(samples.t), samples, **more)
     cut, happened_then, _ = looked_ahead(37, samples, **more)
     assert [one.text for one in happened] == [one.text for one in happened_then] == ["will press beyond 4 N in 0.5 s"]
@@ -245,6 +249,35 @@ def test_a_prediction_is_the_same_however_samples_are_cut_and_so_is_its_warning_
     assert ahead.foreseen.apart[WHAT_IF].largest > 0.1 and ahead.foreseen.apart[WHAT_IF].at > 5.6
     assert ahead.foreseen.predictions == 12 and ahead.foreseen.share > 0.95
     assert ahead.foreseen.error.rms < 0.1 * ahead.foreseen.holding.rms
+
+
+def test_branches_that_run_at_the_same_time_are_those_that_run_one_after_the_other():
+    _, samples = of_fig4()
+    alone, happened, ahead = looked_ahead(500, samples, limit=4.0)
+    both, happened_then, ahead_then = looked_ahead(500, samples, limit=4.0, hurries=True)
+    assert both["ahead"].tobytes() == alone["ahead"].tobytes()
+    assert (happened, ahead.foreseen) == (happened_then, ahead_then.foreseen)
+
+
+@pytest.mark.parametrize("name", ["fig4_force_position", pytest.param("track_breathing", marks=pytest.mark.slow)])
+def test_a_branch_that_is_not_run_would_be_the_first_one_bit_for_bit(name: str, monkeypatch: pytest.MonkeyPatch):
+    believed, samples, _ = of_a_fleet(name, FRESH, 0)
+    honest, left_out, run = Branching.unlike, [0, 0], [0]
+
+    def checked(self: Branching, now: Present, wanted: Any) -> Any:
+        kept = honest(self, now, wanted)
+        first = self.run(now)
+        for _, other in (one for one in wanted if not any(one is of_kept for of_kept in kept)):
+            assert self.run(now, other).tobytes() == first.tobytes()
+            left_out[int(first[0, 0] > 0.0)] += 1
+        run[0] += len(kept)
+        return kept
+
+    monkeypatch.setattr(Branching, "unlike", checked)
+    with Ahead(believed) as ahead:
+        fed(twin_of(believed, model_of(believed), name, ahead=ahead.beside), as_said(samples), 500)
+    # in free air, and in contact
+    assert min(left_out) > 3 and run[0] > sum(left_out)
 
 
 def test_while_another_controller_leads_the_robot_there_is_no_prediction_and_that_is_said_once():

@@ -161,8 +161,8 @@ class Native:
 
 
 def address_of(array: np.ndarray) -> int:
-    """Of the first number of an array. To ask numpy, `array.ctypes.data`, takes four times as long, but of records, whose
-    fields a buffer has to describe."""
+    """Of the first number of an array. To ask numpy, `array.ctypes.data`, takes four times as long, but not of records:
+    a buffer has to describe their fields."""
     if array.dtype.kind == "V":
         return array.ctypes.data
     try:

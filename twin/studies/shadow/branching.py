@@ -92,7 +92,7 @@ def _deepest(parameters, p, count):
 def _inputs(drive: Component, number: int) -> list[int]:
     """Which of three commands, three loads and 1 are the inputs of a drive: those of its joint, or of all three; it has
     power."""
-    found = []
+    found: list[int] = []
     for port in drive.inputs:
         first = {"omega_ref": 0, "tau_load": 3}.get(port.name.removesuffix(AT_END), 6)
         own = number if port.size == 1 else 0
@@ -157,7 +157,7 @@ class Branching:
         self._angle_at = [(one.name, places(one.outputs)["theta_m"]) for one in self._drives]
         self._plant_at = places(self._plant.outputs)
         self._p_at = system.columns("plant.p_B")
-        (self._s_at,) = [system.columns(f"{one.name}.s_B") for one in made["body"]] or [None]
+        self._s_at = [system.columns(f"{one.name}.s_B") for one in made["body"]]
         p = self._plant.memory["parameters"][0]
         self._spring, self._slip = _spring(p), p["slip"].copy()
         self._presliding = float(p["joint_presliding"])
@@ -291,13 +291,10 @@ class Branching:
         """
         presses, clear = self.beginning(now)[0] > 0.0, False
         if not presses:
-            p = self._rows[:, self._p_at] - (self._rows[:, self._s_at] if self._s_at else 0.0)
+            p = self._rows[:, self._p_at] - sum(self._rows[:, place] for place in self._s_at)
             # heights of others differ by less
             clear = _deepest(self._plant.memory["parameters"], p, len(p)) < -CLEAR
-        return [
-            (into, one) for into, one in wanted
-            if np.any(one.dx) or (not clear and (one.share != 1.0 or not presses))
-        ]  # fmt: skip
+        return [one for one in wanted if np.any(one[1].dx) or (not clear and (one[1].share != 1.0 or not presses))]
 
     def ahead(self) -> NDArray[np.float64]:
         """What `run` says, once the robot was put there."""

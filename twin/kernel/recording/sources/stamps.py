@@ -173,8 +173,8 @@ class _ReadingStream:
 def _period(intervals: Iterable[int]) -> float:
     """The interval (ns) from one sample to the next, if none is missing; infinite if they are not regular.
 
-    It is the median; where most intervals are several times as long, since so much is lost, what all are whole multiples
-    of. Stamps that jitter are no multiples of their shortest interval; two publishers make no double ones.
+    It is the median; where most intervals are several times as long, since so much is lost, what all are whole
+    multiples of. Stamps that jitter are no multiples of their shortest interval; two publishers make no double ones.
     """
     lengths = sorted(intervals)
     median = 0.5 * (lengths[(len(lengths) - 1) // 2] + lengths[len(lengths) // 2])
