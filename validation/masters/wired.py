@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.fmi.description import Kind
 from twin.kernel.ssp.package import loose_package
 from twin.kernel.ssp.structure import Connection, DefaultExperiment, Endpoint, SspComponent, SspSystem, Structure
 from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.opening import opened
 
-MODEL_EXCHANGE = {"": "model_exchange"}
+MODEL_EXCHANGE: Mapping[str, Kind] = {"": "model_exchange"}
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,10 @@ class Wired:
         """
         fmus = {f"{name}.fmu": file for name, file in self.parts.items()}
         wires = [
-            Connection(*(Endpoint(*end.split(".", 1)) for end in wire), suppress_unit_conversion=not self.units)
-            for wire in self.wires
+            Connection(
+                Endpoint(*start.split(".", 1)), Endpoint(*end.split(".", 1)), suppress_unit_conversion=not self.units
+            )
+            for start, end in self.wires
         ]
         system = SspSystem("wired", tuple(SspComponent(name, f"{name}.fmu") for name in self.parts), tuple(wires))
         structure = Structure("wired", system, experiment=DefaultExperiment(stop=self.ticks * self.tick))
