@@ -50,7 +50,7 @@ PRELUDE = f"""
         const [picture, ...words] = ["picture", "problem", "status"].map((id) => document.getElementById(id));
         while (!there()) {{
             // refused, failed, or the server is gone: there will be no new picture
-            if (picture.classList.contains("old")) throw new Error(words.map((box) => box.textContent).join(" ").trim());
+            if (picture.classList.contains("old")) throw new Error(words.map((box) => box.textContent).join(" "));
             if (performance.now() > end) throw new Error(`not within {PATIENCE:g} s: ${{there}}`);
             await new Promise((done) => setTimeout(done, 1));
         }}
