@@ -108,8 +108,9 @@ def test_fig4_comes_back_bit_for_bit(archived: Built, tmp_path: Path) -> None:
 
 UNPOWERED = (
     "drive.unpowered.holding_Nm=0.005", "drive.unpowered.brake_Nm=0.5", "drive.unpowered.brake_line=own",
-    # trips at 4 N, and no drive obeys so fast
-    "monitor.enabled=true", "monitor.force_limit_N=4", "monitor.obey_lag_ms=2", "monitor.obey_delay_ms=0", *SHORT,
+    # trips at 4 N, no drive obeys so fast; brakes close while the shafts turn
+    "monitor.enabled=true", "monitor.force_limit_N=4", "monitor.obey_lag_ms=2", "monitor.obey_delay_ms=0",
+    "monitor.release_time_ms=20", *SHORT,
 )  # fmt: skip
 
 

@@ -32,7 +32,8 @@ th{background:#f3f3f3}td.n{text-align:right;font-variant-numeric:tabular-nums}
 .kept{color:#1b5e20;font-weight:700}.exceeded,.failed{color:#c62828;font-weight:700}.stated{color:#a15c00;font-weight:700}
 .runs table{font-size:.66rem}.runs td,.runs th{padding:.1rem .25rem}.runs td code{font-size:.6rem;white-space:nowrap}
 code{font-size:.8rem;overflow-wrap:anywhere}img{max-width:100%}details{margin:.5rem 0}
-@media print{body{max-width:none;margin:0}h2{break-after:avoid}tr,img{break-inside:avoid}details>*{display:block}}
+@media print{body{max-width:none;margin:0}h2{break-after:avoid}tr,img{break-inside:avoid}details>*{display:block}
+img{max-height:24cm}.runs table,.runs td code{font-size:.5rem}.runs td,.runs th{padding:.05rem .12rem}}
 """
 PUBLISHED = 2
 """So many published thresholds of pain a table has at least."""
@@ -80,7 +81,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _cell(text: str) -> str:
     plain = text.replace("-", "").replace(".", "").replace("%", "").strip()
-    return f'<td class="n">{text}</td>' if plain.isdigit() else f"<td>{text}</td>"
+    return f'<td class="n">{text}</td>' if plain.isdigit() or text == "-" else f"<td>{text}</td>"
 
 
 def _picture(title: str, path: Path) -> str:
@@ -168,7 +169,7 @@ def _worst(table: SafetyTable, line: HazardLine, worst: EvidenceRun, run: Felt) 
     # an ideal monitor sees when this one does, and cuts all power at once
     runs = (run, worst.ideal, without)
     rows = [(name, *("-" if one is None else _number(value(one)) for one in runs)) for name, value in named.items()]
-    yield _table(("from the onset on", "with monitor", "ideal monitor: all power cut when seen", "without"), rows)
+    yield _table(("from the onset on", "with monitor", "ideal: all power cut when seen", "without"), rows)
     if without is not None and without.failure:
         yield f"<p>Without the monitor the run ends early: {escape(without.failure)}</p>"
     pressure = _pressure(line, run)
