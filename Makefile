@@ -21,7 +21,7 @@ run: $(VENV)/.run  ## set up, run the paper's Fig. 4 experiment, score it agains
 	$(TWIN) compare --paper fig4
 
 # tests start hundreds of processes: none of them should compile what another one has compiled. Lint has time while
-# tests wait
+# tests wait, and ends before they do
 test test-all: export PYTHONDONTWRITEBYTECODE :=
 test: TIERS := not slow and not endurance
 test: $(VENV)/.test-$(EXTRAS)  ## set up, run the first tier of the tests and, beside it, lint, types, import contracts
@@ -29,7 +29,7 @@ test-all: TIERS := not endurance
 test-all: $(VENV)/.test-$(EXTRAS)  ## what CI runs: the same with the slow tests
 test test-all:
 	@trap 'kill $$lint 2>/dev/null' INT TERM; \
-	nice -n 19 $(MAKE) --no-print-directory lint >$(VENV)/lint.txt 2>&1 & lint=$$!; \
+	nice -n 10 $(MAKE) --no-print-directory lint >$(VENV)/lint.txt 2>&1 & lint=$$!; \
 	$(PYTEST) --no-loadscope-reorder -m "$(TIERS)"; tests=$$?; \
 	wait $$lint; linted=$$?; cat $(VENV)/lint.txt; [ $$tests = 0 ] && [ $$linted = 0 ]
 
