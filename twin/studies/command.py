@@ -12,6 +12,7 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypeVar
 
@@ -109,6 +110,15 @@ JOB_ISOLATION: JobIsolation = "run" if os.name == "posix" else "none"
 """Where processes can be guarded they are, unless one says no."""
 Isolation = Literal["run", "drive", "none"]
 """The same of a run, whose drives may have processes of their own."""
+
+
+class PictureFormat(StrEnum):
+    """What pictures are written as for a paper; not a `Literal`, of which Typer takes no lists."""
+
+    SVG = "svg"
+    PDF = "pdf"
+
+
 Isolate = Annotated[
     JobIsolation,
     Option("Process for FMUs: a separate one, or none (for debuggers).", flags="--isolate"),
@@ -116,7 +126,7 @@ Isolate = Annotated[
 LimitStep = Annotated[float, Option("Longest time of one call into a drive.", "S", least=0.0)]
 LimitWall = Annotated[float, Option("Longest time of the whole command.", "S", least=0.0)]
 Formats = Annotated[
-    Sequence[Literal["svg", "pdf"]],
+    Sequence[PictureFormat],
     Option("Also write pictures for a paper; may be repeated.", "svg|pdf", "--format"),
 ]
 Columns = Annotated[int, Option("With --format: width in columns of the paper.", "1|2", "--columns", least=1, most=2)]
