@@ -113,7 +113,7 @@ Isolation = Literal["run", "drive", "none"]
 
 
 class PictureFormat(StrEnum):
-    """What pictures are written as for a paper; typer takes no list of literals."""
+    """What pictures are written as for a paper; not a `Literal`, of which Typer takes no lists."""
 
     SVG = "svg"
     PDF = "pdf"
