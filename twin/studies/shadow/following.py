@@ -204,8 +204,8 @@ class OwnLaw:
     def held(self, sample: int) -> NDArray[np.uint8]:
         """All that the controller held after this one of the last samples, its pieces one after the other."""
         calls = int(np.searchsorted(self._calls, sample, side="right"))
-        kept: NDArray[np.uint8] = self._stepped.copies[calls if len(self._calls) else -1]
-        return kept
+        held: NDArray[np.uint8] = self._stepped.copies[calls if len(self._calls) else -1]
+        return held
 
     def _called(self, t: NDArray[np.float64]) -> NDArray[np.intp]:
         """Which of the samples at `t` (n,), s, are those of a call; one that is a little early still is."""
@@ -294,8 +294,8 @@ class RobotState:
     def __init__(self, experiment: Experiment):
         self._shadow = shadow_of(experiment)
         memory = self._shadow.memory[0]
-        self._told = Pieces([memory["x"], memory["P"][:, :STATES], memory["J"]])
-        self._stepped = SampledSteps(self._shadow, math.inf, self._told)
+        self._estimated = Pieces([memory["x"], memory["P"][:, :STATES], memory["J"]])
+        self._stepped = SampledSteps(self._shadow, math.inf, self._estimated)
         self._omega_ref = np.full(3, np.nan)
         self._one, self._made = FilterFeed(self._shadow), deque[tuple[NDArray[np.float64], NDArray[np.uint8]]]()
         self._estimates = self._stepped.copies
@@ -311,10 +311,10 @@ class RobotState:
 
     def at_once(self, sample: Sample) -> None:
         """The estimate of a sample that has just come; `feed`, in another thread perhaps, makes a row of it later."""
-        said, inputs = sample.row, self._one.inputs
+        row, inputs = sample.row, self._one.inputs
         for name, place in zip(("count_m", "count_l", "F_z", "tau_motor"), (COUNT_M, COUNT_L, F_Z, TAU), strict=True):
-            inputs[name][:] = said[place]
-        for k, command in enumerate(said[OMEGA_REF_AT]):
+            inputs[name][:] = row[place]
+        for k, command in enumerate(row[OMEGA_REF_AT]):
             # one that has not come holds
             if command == command:
                 inputs["omega_ref"][k] = command
@@ -325,7 +325,7 @@ class RobotState:
         except ComponentFailed:
             # of counts without a pose `Estimates` has more to say
             y = np.full(width(OUTPUTS), np.nan)
-        self._made.append((y, self._told.take()))
+        self._made.append((y, self._estimated.take()))
 
     def estimate(self, sample: int) -> StateEstimate:
         """After this one of the last samples."""
@@ -335,7 +335,7 @@ class RobotState:
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
         if self._made:
             made = [self._made.popleft() for _ in samples.t]
-            self._estimates = np.array([told for _, told in made])
+            self._estimates = np.array([estimated for _, estimated in made])
             return {"shadow": np.array([y for y, _ in made])}
         u = filter_inputs(samples, self._omega_ref)
         self._omega_ref = u[-1, places(INPUTS)["omega_ref"]]
