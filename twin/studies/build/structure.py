@@ -207,13 +207,13 @@ def travelling_drives(experiment: Experiment) -> tuple[JointDrive, ...]:
     return tuple(_behind(joint, make()) for joint, make in zip(joints, shafts, strict=True)) if shafts else joints
 
 
-def _behind(joint: JointDrive, shaft: NativeComponent) -> JointDrive:
+def _behind(joint: JointDrive, shaft: Component) -> JointDrive:
     """`joint` with what its shaft does without power, which is what all others see of it."""
     name = f"drive_{shaft.name.rpartition('_')[2]}_unpowered"
     starts = (float(shaft.initial("theta_m")[0]), 0.0, 1.0, 0.0)
     own = {port.name: Socket(name, port.name) for port in shaft.inputs}
     return JointDrive(
-        (*joint.elements, Element(name, "unpowered", shaft, starts=starts)),
+        (*joint.elements, _own_element(name, shaft, starts)),
         (*joint.connections, (joint.theta_m, own["theta_m"])),
         {
             **joint.inputs,
