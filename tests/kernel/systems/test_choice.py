@@ -89,7 +89,7 @@ def test_what_is_asked_for_and_changes_nothing_is_said(ran: Ran, tmp_path: Path)
     assert facts["without_effect"] == [
         "--loops solve: no algebraic loop was found",
         "--lenient: there was nothing to let through",
-        "--state-every-s 0.01: the run is over after 0.01 s, and saves its end anyway",
+        "--state-every-s 0.01: the run is over after 0.01 s",
     ]
     assert "no effect  --lenient: there was nothing to let through" in system_result(facts).text
     file = tmp_path / "log.csv"

@@ -137,7 +137,7 @@ class RunStates(Observer):
     def begin(self, simulation: Simulation) -> None:
         self._simulation, self._first = simulation, simulation.next_tick
         self.lacking = "; ".join(stateless(simulation.system.components))
-        # each halt that writes nothing would be a slice that a recorder's block has no room for
+        # after a halt at which nothing is written a recorder's block would have no room for the next slice
         self.halts = [self._last_tick] if self.lacking else self.halts
 
     def ready(self, tick: int) -> None:

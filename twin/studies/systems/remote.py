@@ -19,7 +19,7 @@ from twin.kernel.cosim.component import Component, Holder, Rewind
 from twin.kernel.cosim.port import width
 from twin.kernel.cosim.python_class import FAILED as STATUS
 from twin.kernel.cosim.python_class import STEP, doubles
-from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.fmi.groups import TERMINATE
 from twin.kernel.fmi.solvers import Solver
 from twin.kernel.fmi.stepping import Instance, at_both_ends, placed
@@ -295,7 +295,8 @@ class RemoteComponent(Elsewhere):
 
     def _callback(self, name: str, call: Callable[..., int]) -> int:
         """Address of a function of a step's signature; it lives as long as this."""
-        self._callbacks[name] = STEP(call)
+        # one that was given away stays
+        self._callbacks.setdefault(name, STEP(call))
         return ctypes.cast(self._callbacks[name], ctypes.c_void_p).value or 0
 
     def _note(self, what: str, *_: Any) -> int:
@@ -315,9 +316,10 @@ class RemoteComponent(Elsewhere):
         self._asked("give_back", number=token)
 
     def free(self, token: int) -> None:
-        # without a connection its process has gone, or will
+        # without a connection its process has gone, or will, and with it the state
         if not self._instance.gone:
-            self._asked("free", number=token)
+            with suppress(TwinError):
+                self._asked("free", number=token)
 
     def pack(self, token: int) -> bytes:
         return bytes.fromhex(self._asked("pack", number=token))
