@@ -41,7 +41,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 LONG = (
-    "studies/shadow/test_fleet.py", "docs/test_code_blocks.py", "browser/test_explore.py",
+    "studies/shadow/test_fleet.py", "docs/test_code_blocks.py", "browser/explore",
     "laws/test_state_combinations.py", "studies/identify/test_identification.py", "studies/faults/test_trials.py",
     "docs/test_tutorial.py", "studies/check/test_baselines.py", "laws/test_state.py", "cli/test_examples.py",
     "kernel/process", "studies/shadow", "studies/sweep", "studies/identify", "studies/build", "docs", "cli",

@@ -40,6 +40,7 @@ def built(workshop: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.endurance  # the C compiler's library for Windows alone takes a minute and a half to make
 def test_the_drive_of_the_page_is_built_and_fits(workshop: Path):
     done = built(workshop)
     assert (done.returncode, done.stdout) == (0, f"fmus/{NAME}/{NAME}.fmu\n"), done.stderr
