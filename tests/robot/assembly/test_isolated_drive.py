@@ -38,7 +38,7 @@ def test_a_run_with_isolated_drives_gives_the_same_bytes(command: Command, drive
     assert command.leftovers() == []
 
 
-@pytest.mark.endurance
+@pytest.mark.slow
 def test_a_run_in_which_power_is_taken_away_gives_the_same_bytes_however_isolated(root: Path, tmp_path: Path):
     runaway = 'fault=[{kind="drive_runaway", onset_s=0.3, magnitude_rad_per_s=2.0}]'
     settings = ["duration_s=1", "monitor.enabled=true", runaway]

@@ -15,7 +15,7 @@ from tests.studies.build.slaves import Slave
 from twin.robot.assembly.build import plant_parameters
 from twin.robot.assembly.load import load_experiment
 from twin.robot.plant.component import Plant, resting
-from twin.studies.build import fmu
+from twin.studies.build import linking
 from twin.studies.build.fmu import build_fmu
 from twin.studies.build.linking import HERE, c_files
 
@@ -271,7 +271,7 @@ def test_every_form_of_a_step_gives_the_same_bits(
             assert files["part.c"].count(b"form = processor_form();") == 1
             return files | {"part.c": files["part.c"].replace(b"form = processor_form();", b"form = %d;" % n)}
 
-        monkeypatch.setattr(fmu, "c_files", held)
+        monkeypatch.setattr(linking, "c_files", held)
         file = tmp_path / f"plant{form.suffix}.fmu"
         build_fmu(FIG4, "plant", "2.0", [], file, [], silent)
         slave = Slave(file).ready()

@@ -24,9 +24,11 @@ class Elsewhere(Component):
 
     Attributes:
         function: what `called_function` says of that one.
+        code: names of twin's own compiled functions in it.
     """
 
     function: str
+    code: tuple[str, ...] = ()
 
 
 def called_function(component: Component) -> str:

@@ -29,6 +29,7 @@ from twin.kernel.cosim.subsystem import Subsystem
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi import cosim_step
+from twin.kernel.process.reporter import Elsewhere
 from twin.kernel.recording.folder import STAMP
 from twin.kernel.recording.reader import CONTINUES, attachments
 from twin.kernel.recording.recorder import Recorder
@@ -56,15 +57,18 @@ def identity(system: System, packages: Mapping[str, str], files: Mapping[str, st
     """
     digest = hashlib.sha256(json.dumps(made_of, sort_keys=True).encode()).hexdigest()
     # the name of a compiled function has a digest of all the source that it reaches
-    names = sorted({*_code(system.components), *(native.name for native in OF_EVERY_RUN)})
+    names = sorted({*code_of(system.components), *(native.name for native in OF_EVERY_RUN)})
     code = hashlib.sha256(" ".join(names).encode()).hexdigest()
     return {"experiment": digest, "files": dict(files), "code": code} | identity_here(packages)
 
 
-def _code(components: Iterable[Component]) -> Iterator[str]:
+def code_of(components: Iterable[Component]) -> Iterator[str]:
+    """Names of compiled functions that step `components`, wherever these live."""
     for component in components:
         if isinstance(component, Subsystem):
-            yield from _code(component.system.components)
+            yield from code_of(component.system.components)
+        elif isinstance(component, Elsewhere):
+            yield from component.code
         elif isinstance(component, NativeComponent):
             yield component.step.name
 

@@ -28,6 +28,7 @@ from twin.kernel.process.job import JobLimits
 from twin.kernel.process.page import CALLER, DIED, IDLE, NAP, NO_STEP, ORDERED, STOPPED, STUCK, Page, ask, kernel, serve
 from twin.kernel.process.process import GuardedProcess, cpu_clock
 from twin.kernel.process.reporter import Elsewhere, PipeReporter, Reporter, called_function, own_reporter
+from twin.kernel.process.states import code_of
 from twin.robot.assembly.drives import DrivePlan, Start, drive, planned
 from twin.robot.experiment.schema import Drive
 
@@ -150,7 +151,7 @@ class IsolatedDrive(Elsewhere):
     def __init__(
         self, name: str, plan: DrivePlan, watch: Watchdog, described: str, over: Callable[[GuardedProcess], None]
     ):
-        inputs, outputs, initial, self.function, self._lacking = pickle.loads(base64.b64decode(described))
+        inputs, outputs, initial, self.function, self.code, self._lacking = pickle.loads(base64.b64decode(described))
         self._watch, self._over, self._plan = watch, over, plan
         self._failed = self._closed = False
         self._process = process = watch.process
@@ -328,6 +329,6 @@ def _served(page: Page, component: Component) -> int:
 
 def _described(component: Component) -> str:
     """What a component that stands for this one needs to know, packed."""
-    initial, lacking = np.array(component.initial_outputs), component.lacks_state()
-    facts = (component.inputs, component.outputs, initial, called_function(component), lacking)
+    initial, code, lacking = np.array(component.initial_outputs), tuple(code_of([component])), component.lacks_state()
+    facts = (component.inputs, component.outputs, initial, called_function(component), code, lacking)
     return base64.b64encode(pickle.dumps(facts)).decode()
