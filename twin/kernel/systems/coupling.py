@@ -31,8 +31,6 @@ from twin.kernel.systems.plan import SystemPart, SystemPlan
 OWN_SHARE = 1e-3
 """Of the tolerance of a system in steps of varying length: what its FMUs are given for themselves."""
 _T = TypeVar("_T")
-Led = tuple[Instance, FmuPort, Instance, FmuPort]
-"""An output of an instance, and the input that it feeds."""
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,6 @@ MOST_CORNERS = 64
 SCALE = ("scale.resolution_g=5", "scale.period_ms=10")
 """A measured force, of an experiment that has none."""
 SIGNALS = ("encoder.count_m", "encoder.count_l", "controller.omega_ref", "scale.F_z")
-TORQUES = tuple(f"drive/{i}.tau_motor" for i in (1, 2, 3))
 
 
 @dataclass(frozen=True)
