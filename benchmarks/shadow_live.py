@@ -131,8 +131,6 @@ class Beside:
         limits = Tolerances(dict.fromkeys(CHANNELS, 1.0), dict.fromkeys(CHANNELS, 1.0))
         self.close()
         self._ahead = Ahead(self.experiment) if self._predicts else None
-        if self._ahead and not live:
-            self._ahead.hurry()
         ahead = self._ahead.beside if self._ahead else None
         twin = twin_of(self.experiment, self.model, source.name, AlarmWatch(limits, 0.01), ahead=ahead)
         columns = column_map([*MAPS, *COMMANDS, LATE]) if live else {}
@@ -276,7 +274,7 @@ def replayed(beside: Beside, what: str, least: float, times: int = 5) -> Measure
 def measurements(path: Path, blocks: int = 3, block: float = 4.0, long: float = 15.0) -> list[Measurement]:
     """Of the experiment at `path`."""
     beside, plain = Beside(load_experiment(path)), Beside(load_experiment(path), predicts=False)
-    found = [replayed(plain, "recorded", 50.0), replayed(beside, "predicting, too", 50.0)]
+    found = [replayed(plain, "recorded", 50.0), replayed(beside, "predicting, too", None)]
     if find_spec("cyclonedds") is None:
         return [*found, Measurement("shadow at 1 kHz", None, "", remark="cyclonedds not installed")]
     run = run_in_memory(beside.experiment, beside.experiment.controller_ticks)

@@ -220,13 +220,9 @@ def of_fig4() -> tuple[Experiment, RobotSamples]:
     return robot, RobotSamples(*(column[:3300] for column in samples))
 
 
-def looked_ahead(
-    length: int, samples: RobotSamples, hurries: bool = False, **more: Any
-) -> tuple[Rows, list[Happening], Ahead]:
+def looked_ahead(length: int, samples: RobotSamples, **more: Any) -> tuple[Rows, list[Happening], Ahead]:
     robot, _ = of_fig4()
     with Ahead(robot, **more) as ahead:
-        if hurries:
-            ahead.hurry()
         rows, happened = fed(twin_of(robot, model_of(robot), "robot", ahead=ahead.beside), samples, length)
     return rows, happened, ahead
 
@@ -249,14 +245,6 @@ def test_a_prediction_is_the_same_however_samples_are_cut_and_so_is_its_warning_
     assert ahead.foreseen.apart[WHAT_IF].largest > 0.1 and ahead.foreseen.apart[WHAT_IF].at > 5.6
     assert ahead.foreseen.predictions == 12 and ahead.foreseen.share > 0.95
     assert ahead.foreseen.error.rms < 0.1 * ahead.foreseen.holding.rms
-
-
-def test_branches_that_run_at_the_same_time_are_those_that_run_one_after_the_other():
-    _, samples = of_fig4()
-    alone, happened, ahead = looked_ahead(500, samples, limit=4.0)
-    both, happened_then, ahead_then = looked_ahead(500, samples, limit=4.0, hurries=True)
-    assert both["ahead"].tobytes() == alone["ahead"].tobytes()
-    assert (happened, ahead.foreseen) == (happened_then, ahead_then.foreseen)
 
 
 @pytest.mark.parametrize("name", ["fig4_force_position", pytest.param("track_breathing", marks=pytest.mark.slow)])

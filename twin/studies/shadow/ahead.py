@@ -13,7 +13,6 @@ A branch takes about a millisecond. One is run with each slice of samples, and t
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,7 +28,7 @@ from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.branch import refuse_fixed
-from twin.studies.shadow.branching import HORIZON, LEADS, Branching, Otherwise, Present, Wanted
+from twin.studies.shadow.branching import HORIZON, LEADS, Branching, Otherwise, Present
 from twin.studies.shadow.following import Happening, OnPlant, OwnLaw, RobotState, Rows
 from twin.studies.shadow.layout import FORCE, OUTPUTS, POSITION, VELOCITY
 from twin.studies.shadow.mapping import RobotSamples
@@ -224,12 +223,12 @@ class Ahead:
         self.foreseen = Foreseen(apart={name: ForceDifference() for name in changed})
         self.limit, self.start = limit, start
         with ExitStack() as made:
-            self._experiment, self.own, self.changed = experiment, [Branching(experiment)], list[Branching]()
-            made.callback(self.own[0].close)
+            self.own, self.changed = Branching(experiment), list[Branching]()
+            made.callback(self.own.close)
             for name, other in changed.items():
                 self.changed.append(Branching(other, f"--what-if {name}"))
                 made.callback(self.changed[-1].close)
-                self.changed[-1].refuse_other_law(self.own[0].law, f"--what-if {name}: ")
+                self.changed[-1].refuse_other_law(self.own.law, f"--what-if {name}: ")
             self._closing = made.pop_all()
 
     def __enter__(self) -> "Ahead":
@@ -242,24 +241,10 @@ class Ahead:
         """The part of a twin that has these two in it, and stops at the moments from which branches go out."""
         return _LookAhead(self, law, state)
 
-    def hurry(self) -> None:
-        """From now on two branches run at the same time: for a log, beside which nothing is late."""
-        self.own.append(Branching(self._experiment))
-        self._closing.callback(self.own[-1].close)
-        self._helper = self._closing.enter_context(ThreadPoolExecutor(1))
-
-    def together(self, nows: Sequence[Present], others: Sequence[Otherwise]) -> list[NDArray[np.float64]]:
-        """Branches of `others` from where the robot is, one on each of the systems at most."""
-        helped = []
-        for system, now, other in zip(self.own[1:], nows[1:], others[1:], strict=False):
-            system.put(now, other)
-            helped.append(self._helper.submit(system.ahead))
-        return [self.own[0].run(nows[0], others[0]), *(one.result() for one in helped)]
-
     @property
     def branchings(self) -> list[Branching]:
         """All systems that there are."""
-        return [*self.own, *self.changed]
+        return [self.own, *self.changed]
 
 
 _TAU_L, _THETA_L = (places(ESTIMATOR_OUTPUTS)[name] for name in ("tau_l", "theta_l"))
@@ -399,24 +384,19 @@ class _LookAhead:
         if not np.all(np.isfinite(x)):
             return None
         own, changed = self._ahead.own, self._ahead.changed
-        self._around.settle(x, P, J, own[0].surface()[0])
+        self._around.settle(x, P, J, own.surface()[0])
         causes = ways(P, self._around)
-        nows, might = ([one.present(x, J, law, self._around) for one in systems] for systems in (own, changed))
-        pending = _Pending(t, nows[0], iter(()), [], [[] for _ in causes], [])
+        now, *might = (one.present(x, J, law, self._around) for one in (own, *changed))
+        pending = _Pending(t, now, iter(()), [], [[] for _ in causes], [])
         asked = zip(causes, pending.others, strict=True)
-        wanted: list[Wanted] = [(pending.first, Otherwise())]
-        wanted += [(into, one) for cause, into in asked for one in cause]
+        wanted = [(into, one) for cause, into in asked for one in cause]
 
         def runs() -> Iterator[None]:
-            left, some = wanted, len(own)
-            while left:
-                is_first = left is wanted
-                intos, others = zip(*left[:some], strict=True)
-                for into, found in zip(intos, self._ahead.together(nows, others), strict=True):
-                    into.append(found)
-                left = left[some:]
-                if is_first:
-                    left = own[0].unlike(nows[0], left)
+            pending.first.append(own.run(now))
+            unlike = own.unlike(now, wanted)
+            yield
+            for into, other in unlike:
+                into.append(own.run(now, other))
                 yield
             for branching, present in zip(changed, might, strict=True):
                 pending.changed.append(branching.run(present))
@@ -431,7 +411,7 @@ class _LookAhead:
         assert pending is not None
         for _ in pending.runs:
             pass
-        (first,), now = pending.first, self._ahead.own[0].beginning(pending.now)
+        (first,), now = pending.first, self._ahead.own.beginning(pending.now)
         lower, upper = band(first, pending.others, now, pending.now.around.unsure(pending.now.J))
         bounds = [values[:, k] for k in range(2) for values in (lower, upper)]
         made["ahead"][sample] = np.concatenate([[pending.t], *first.T, *bounds])

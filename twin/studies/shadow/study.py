@@ -150,8 +150,6 @@ def shadow(
             stack.enter_context(ahead)
         robot, columns, of_now = opened(source, column_map(maps), wanted, model.belief, speed)
         stack.callback(robot.close)
-        if ahead and not (of_now or speed):
-            ahead.hurry()
         watched = None
         if fleet:
             limits = _limits(fleet, experiment, settings, say)
