@@ -190,7 +190,7 @@ class _Pending:
     t: float
     now: Present
     runs: Iterator[None]
-    first: list[NDArray[np.float64]]
+    first: NDArray[np.float64]
     others: list[list[NDArray[np.float64]]]
     changed: list[NDArray[np.float64]]
 
@@ -207,7 +207,7 @@ class Ahead:
     Attributes:
         foreseen: so far.
         limit, start: see there.
-        own, changed: systems, of the twin, all alike, and of what might be.
+        own, changed: system of the twin, and those of what might be.
 
     Raises:
         InputRefused: a part of the robot cannot be put where the robot's is.
@@ -387,12 +387,12 @@ class _LookAhead:
         self._around.settle(x, P, J, own.surface()[0])
         causes = ways(P, self._around)
         now, *might = (one.present(x, J, law, self._around) for one in (own, *changed))
-        pending = _Pending(t, now, iter(()), [], [[] for _ in causes], [])
+        pending = _Pending(t, now, iter(()), np.empty(0), [[] for _ in causes], [])
         asked = zip(causes, pending.others, strict=True)
         wanted = [(into, one) for cause, into in asked for one in cause]
 
         def runs() -> Iterator[None]:
-            pending.first.append(own.run(now))
+            pending.first = own.run(now)
             unlike = own.unlike(now, wanted)
             yield
             for into, other in unlike:
@@ -411,7 +411,7 @@ class _LookAhead:
         assert pending is not None
         for _ in pending.runs:
             pass
-        (first,), now = pending.first, self._ahead.own.beginning(pending.now)
+        first, now = pending.first, self._ahead.own.beginning(pending.now)
         lower, upper = band(first, pending.others, now, pending.now.around.unsure(pending.now.J))
         bounds = [values[:, k] for k in range(2) for values in (lower, upper)]
         made["ahead"][sample] = np.concatenate([[pending.t], *first.T, *bounds])

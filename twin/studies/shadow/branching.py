@@ -262,8 +262,8 @@ class Branching:
 
     def run(self, now: Present, other: Otherwise = Otherwise()) -> NDArray[np.float64]:  # noqa: B008, it is a tuple
         """Pressing force (N) and height (m) at each of `LEADS` (leads, 2); NaN from where a component fails."""
-        self.put(now, other)
-        return self.ahead()
+        self._put(now, other)
+        return self._ahead()
 
     def run_from(self, saved: SavedState) -> NDArray[np.float64]:
         """As `run`, from a state of the robot itself."""
@@ -271,7 +271,7 @@ class Branching:
         for component, memory in self._as_made:
             component.memory[...] = memory
         self._simulation.adopt(saved)
-        return self.ahead()
+        return self._ahead()
 
     def _go_away(self) -> None:
         """Let the drives be used by branches, and remember where they were."""
@@ -296,7 +296,7 @@ class Branching:
             clear = _deepest(self._plant.memory["parameters"], p, len(p)) < -CLEAR
         return [one for one in wanted if np.any(one[1].dx) or (not clear and (one[1].share != 1.0 or not presses))]
 
-    def ahead(self) -> NDArray[np.float64]:
+    def _ahead(self) -> NDArray[np.float64]:
         """What `run` says, once the robot was put there."""
         self._rows = rows = self._simulation.advance()
         found = np.full((len(LEADS), 2), np.nan)
@@ -304,7 +304,7 @@ class Branching:
         found[: len(there)] = there * (-1.0, 1.0)
         return found
 
-    def put(self, now: Present, other: Otherwise) -> None:
+    def _put(self, now: Present, other: Otherwise) -> None:
         """Be where a branch begins."""
         self._go_away()
         self._places.put_back(self._fresh)
