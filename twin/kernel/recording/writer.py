@@ -329,6 +329,7 @@ class Writer:
         self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
         self._pending = Pending()
         self._slice_topics: set[str] = set()
+        self._newest: dict[int, int] = {}
         # most topics have the same; with their addresses
         self._slice_times: dict[range, tuple[np.ndarray, int]] = {}
         self._output = Output(Path(path))
@@ -393,7 +394,7 @@ class Writer:
         opened.next_tick = int(ticks[-1]) + 1
 
     def write_messages(self, topic: str, ticks: Sequence[int], messages: Sequence[bytes]) -> None:
-        """Record `messages` of an `OthersTopic` as they came; `ticks`, ascending, of each of them.
+        """Record `messages` of an `OthersTopic` as they came; `ticks` of each of them; see `write_event`.
 
         Raises:
             RecordingFailed: disk full or recording closed.
@@ -403,7 +404,7 @@ class Writer:
         # messages of a type that changes little are of one length, and make one block
         for size, group in groupby(zip(ticks, messages, strict=True), lambda one: len(one[1])):
             of_tick, contents = zip(*group, strict=True)
-            times = self._times(np.array(of_tick))
+            times = self._ascending(channel, of_tick)
             records = np.empty((len(times), HEAD_SIZE + size), dtype=np.uint8)
             records[:] = record_template(channel, bytes(size))
             head = records.view(head_dtype(records.shape[1]))[:, 0]
@@ -414,7 +415,7 @@ class Writer:
             self._pending.put(channel, times, records)
 
     def write_event(self, tick: int, level: str, text: str, name: str) -> None:
-        """Record what happened at `tick` as a `foxglove.Log` on `/events`.
+        """Record what happened at `tick` as a `foxglove.Log` on `/events`, no earlier than the event before.
 
         Args:
             level, text, name: as of `Event`.
@@ -422,10 +423,10 @@ class Writer:
         Raises:
             ValueError: an unknown level.
         """
-        times = self._times(np.array([tick]))
+        channel = self._events
+        times = self._ascending(channel, [tick])
         time = int(times[0])
         data = log_message(time, level, text, name)
-        channel = self._events
         record = encoded(Message(channel, time, data, time, self._summary.message_counts[channel]))
         self._summary.message_counts[channel] += 1
         self._pending.put(channel, times, np.frombuffer(record, dtype=np.uint8)[None, :])
@@ -510,6 +511,12 @@ class Writer:
     def _times(self, ticks: np.ndarray) -> np.ndarray:
         """Log times of `ticks`, ns, (n,) int64: each from its own tick, so that nothing accumulates."""
         return np.rint(ticks * (self.tick * NANOSECONDS)).astype(np.int64)
+
+    def _ascending(self, channel: int, ticks: Sequence[int]) -> np.ndarray:
+        """As `_times`, none before one of its channel: in order of time, and of their numbers, messages lie alike."""
+        times = np.maximum.accumulate([self._newest.get(channel, 0), *self._times(np.array(ticks)).tolist()])[1:]
+        self._newest[channel] = int(times[-1])
+        return times
 
     def end_slice(self) -> None:
         """Put what was written into the file if it fills a chunk, rather than when the next slice begins.

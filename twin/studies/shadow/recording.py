@@ -58,7 +58,6 @@ class ShadowRecording:
             "shadow": {"source": source, "stamp_0_ns": str(first[0]), "arrived_0_ns": str(first[1])},
         }
         self._writer = Writer(path, declared, TICK, metadata, others=others)
-        self._newest_event, self._newest = 0, dict[str, int]()
 
     def write(self, arrivals: Iterable[Arrival], times: NDArray[np.int64], rows: Rows) -> None:
         """What has come, and `rows` of the twin for samples at `times` (n,), ns."""
@@ -69,19 +68,15 @@ class ShadowRecording:
                 when.append(max(0, one.arrived - self._arrived_0))
                 data.append(one.data)
         for topic, (when, data) in messages.items():
-            # a log may have them in another order than that of its times
-            ascending = np.maximum.accumulate([self._newest.get(topic, 0), *when])[1:]
-            self._newest[topic] = int(ascending[-1])
-            self._writer.write_messages(topic, ascending.tolist(), data)
+            self._writer.write_messages(topic, when, data)
         for topic, own in rows.items():
             there = ~np.all(np.isnan(own), axis=1)
             self._writer.write_at(topic, times[there], own[there])
         self._writer.end_slice()
 
     def event(self, happening: Happening, level: str = "WARNING") -> None:
-        """Something that happened; it is as late as the event before if that was found out first."""
-        self._newest_event = max(self._newest_event, round(happening.t / TICK))
-        self._writer.write_event(self._newest_event, level, happening.text, "shadow")
+        """Something that happened."""
+        self._writer.write_event(max(0, round(happening.t / TICK)), level, happening.text, "shadow")
 
     def flush(self) -> None:
         """What was written survives the end of this process."""
