@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -15,8 +15,9 @@ from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused
 from twin.robot.controller.program import PhaseKind, Tap, Task
 from twin.robot.plant.deviation import DeviationSums
+from twin.robot.run.hold import UNDER_FORCE, HoldRequest, HoldSums, Layout, signal_columns
+from twin.robot.run.measures import RunOutcome, measured
 
-UNDER_FORCE = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
 SIGNALS = ("plant.F_ee_B", "controller.task", "controller.phase")
 
 
@@ -123,33 +124,10 @@ BLOCK = 1000
 """Rows that are summed up at once."""
 LOOKED_AT = slice(2, None)
 """Of the columns, where x and y of the force are for the end of the run only."""
-
-
-@dataclass(frozen=True)
-class RunOutcome:
-    """Numbers of the plant, not of what the controller believes.
-
-    Attributes:
-        peak, peak_time: largest pressing force (N) and when (s).
-        end: mean pressing force of the last second (N).
-        end_x, end_y: mean force along x and y, by the robot on what it touches, of the last second (N).
-        force_error: rms of the pressing force off its reference while the force loop is on, from the first touch on
-            (N): a robot that moves through air is held to no force. None: the loop never was on, or nothing touched.
-        lateral_error, z_error: rms of the position off the pre-defined reference, in x and y together, and in z (m);
-            None: the controller, a third-party one, tells of no reference.
-        early_trigger: how long the force loop was on before the first touch (s), until the end if there was none; 0: it
-            came on in contact; None: never.
-    """
-
-    peak: float
-    peak_time: float
-    end: float
-    end_x: float
-    end_y: float
-    force_error: float | None
-    lateral_error: float | None
-    z_error: float | None
-    early_trigger: float | None
+DEVIATION_SIGNALS = {
+    "plant.F_ee_B": 3, "plant.p_B": 3, "controller.p_ref_B": 3, "controller.triggered": 1, "controller.F_z_ref": 1,
+}  # fmt: skip
+"""Signals that the errors since the first touch are made of, and their sizes."""
 
 
 class Tally(Observer):
@@ -157,23 +135,18 @@ class Tally(Observer):
 
     Args:
         system: with the components plant and controller of `twin.robot.assembly`.
+        request: of the experiment.
     """
 
     lasting = (
         "_rows_waiting", "_rows_at_end", "_count", "_controlled", "_squares", "_force_squares", "_peak", "_peak_tick",
-        "_touch_tick", "_trigger_tick",
+        "_touch_tick", "_trigger_tick", "_sums",
     )  # fmt: skip
 
-    def __init__(self, system: System):
+    def __init__(self, system: Layout, request: HoldRequest):
         self._tick = system.tick
-        reference = "controller.p_ref_B" if system.has("controller.p_ref_B") else "reference.p_ref_B"
-        signals = {"plant.F_ee_B": 3, "plant.p_B": 3, reference: 3, "controller.triggered": 1, "controller.F_z_ref": 1}
-        # below 0 where a system has no such signal
-        found = [
-            system.columns(name).start + np.arange(size) if system.has(name) else np.full(size, -1)
-            for name, size in signals.items()
-        ]
-        self._columns = np.concatenate(found)
+        self._hold = HoldSums(system, request)
+        self._columns = np.concatenate([signal_columns(system, *signal) for signal in DEVIATION_SIGNALS.items()])
         # of rows that wait for the others of their block
         self._waiting_columns = np.where(self._columns < 0, -1, np.arange(len(self._columns)))
         self._waiting, self._filled = np.empty((BLOCK, len(self._columns))), 0
@@ -187,6 +160,14 @@ class Tally(Observer):
 
     def begin(self, simulation: Simulation) -> None:
         self._simulation = simulation
+
+    @property
+    def _sums(self) -> NDArray[np.float64]:
+        return self._hold.state
+
+    @_sums.setter
+    def _sums(self, values: NDArray[np.float64]) -> None:
+        self._hold.state = values
 
     @property
     def _rows_waiting(self) -> NDArray[np.float64]:
@@ -212,6 +193,7 @@ class Tally(Observer):
         self._last = rows
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        self._hold.take(first, rows)
         # sums of floating-point numbers depend on their order: these are always of the same rows
         while len(rows):
             if not self._filled and len(rows) >= BLOCK:
@@ -250,7 +232,7 @@ class Tally(Observer):
             total._add(self._waiting[: self._filled], self._waiting_columns)
         x, y, z = total._squares / total._count
         controlled = total._controlled
-        return RunOutcome(
+        found = RunOutcome(
             peak=total._peak,
             peak_time=total._peak_tick * total._tick,
             end=float(np.mean(-total._last[:, 2])),
@@ -261,6 +243,7 @@ class Tally(Observer):
             z_error=None if math.isnan(z) else math.sqrt(z),
             early_trigger=total._early_trigger(),
         )
+        return replace(found, measures=measured(self._hold, found))
 
     def _early_trigger(self) -> float | None:
         if self._trigger_tick < 0:

@@ -27,6 +27,7 @@ from twin.robot.experiment.mistakes import unknown
 from twin.robot.experiment.schema import changed_value
 from twin.robot.monitor.checks import trip_sentence
 from twin.robot.monitor.component import other_trip, own_monitor
+from twin.robot.run.hold import HoldRequest
 from twin.robot.run.outcome import HeldForce, Tally
 from twin.robot.scene import Scene
 
@@ -299,7 +300,10 @@ def run_observers(experiment: Experiment, assembly: Assembly) -> RunObservers:
     """New observers of a run of `experiment`, which `assembly` was made of."""
     system = assembly.system
     return RunObservers(
-        Tuning(experiment, assembly), Watch(assembly, experiment), Tally(system), HeldForce(system, experiment.tasks)
+        Tuning(experiment, assembly),
+        Watch(assembly, experiment),
+        Tally(system, HoldRequest.of(experiment)),
+        HeldForce(system, experiment.tasks),
     )
 
 

@@ -6,13 +6,15 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from twin.kernel.errors import InputRefused, nearest
+from twin.kernel.writing import finite
+from twin.robot.run.measures import TABLE
 
 if TYPE_CHECKING:
     from twin.robot.experiment.measure import Measure
     from twin.robot.run.outcome import RunOutcome
 
-METRICS = ("force_error_N", "peak_N", "peak_time_s", "end_N", "lateral_error_mm", "z_error_mm", "early_trigger_s")
-"""Of the plant, see `twin.robot.run.outcome.RunOutcome`."""
+METRICS = tuple(measure.column for measure in TABLE)
+"""Columns of the measures of `twin.robot.run.measures`."""
 BY_KIND: dict[str, tuple[str, ...]] = {
     "step": (
         "delay_time", "rise_time", "settling_time_2", "settling_time_5", "overshoot", "peak", "steady_state_error",
@@ -71,13 +73,9 @@ def failure(reason: str) -> dict[str, Any]:
 
 
 def metrics_of(outcome: "RunOutcome") -> dict[str, float | None]:
-    """`outcome` by the names of `METRICS`."""
-    values = (
-        outcome.force_error, outcome.peak, outcome.peak_time, outcome.end,
-        *(None if error is None else 1e3 * error for error in (outcome.lateral_error, outcome.z_error)),
-        outcome.early_trigger,
-    )  # fmt: skip
-    return {name: finite(value) for name, value in zip(METRICS, values, strict=True)}
+    """`outcome` by the names of `METRICS`, in their units."""
+    found = ((measure, outcome.measures[measure.key].value) for measure in TABLE)
+    return {measure.column: None if value is None else measure.unit.per_SI * value for measure, value in found}
 
 
 def metric_names(measures: Sequence["Measure"]) -> tuple[str, ...]:
@@ -94,11 +92,6 @@ def checked_metric(place: str, metric: str, known: Sequence[str]) -> str:
     if metric not in known:
         raise InputRefused(f"{place} {metric}: no such metric; {nearest(metric, known)}")
     return metric
-
-
-def finite(value: float | None) -> float | None:
-    """`value`, or None where JSON has no number for it."""
-    return value if value is not None and math.isfinite(value) else None
 
 
 def within(metrics: dict[str, float | None], limits: dict[str, float]) -> bool | None:

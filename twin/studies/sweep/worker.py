@@ -30,6 +30,7 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.monitor.component import trip_reason
+from twin.robot.run.hold import HoldRequest
 from twin.robot.run.outcome import Tally
 from twin.robot.run.past import SharedPast, before_fault
 from twin.robot.run.run import execute
@@ -57,7 +58,7 @@ class LastPast:
         self._share, self._runs = share, 0
         self._before: Experiment | None = None
         self._past: SharedPast | None = None
-        self._known = SummedUp()
+        self._known: SummedUp | None = None
 
     def run(self, experiment: Experiment) -> tuple[Simulated, Tally] | None:
         """`experiment`, and what it comes to; None: it is to be made from the start.
@@ -76,9 +77,9 @@ class LastPast:
         if self._runs <= AFTER or not later or not self._share:
             return None
         if self._past is None:
-            self._known = SummedUp()
+            self._known = SummedUp(HoldRequest.of(base))
             self._past = SharedPast(base, [self._known])
-        tally = SummedUp(self._known)
+        tally = SummedUp(HoldRequest.of(experiment), self._known)
         return self._past.go_on(experiment, min(later), [tally]), tally.tally
 
     def close(self) -> None:
@@ -92,6 +93,7 @@ class SummedUp(Observer):
     """A tally of a run that may begin where another one was.
 
     Args:
+        request: of its experiment.
         past: of that one; None: nothing goes on from it.
 
     Attributes:
@@ -100,12 +102,12 @@ class SummedUp(Observer):
 
     tally: Tally
 
-    def __init__(self, past: "SummedUp | None" = None):
-        self._past = past
+    def __init__(self, request: HoldRequest, past: "SummedUp | None" = None):
+        self._request, self._past = request, past
         self._states: dict[int, object] = {}
 
     def begin(self, simulation: Simulation) -> None:
-        self.tally = Tally(simulation.system)
+        self.tally = Tally(simulation.system, self._request)
         self.tally.begin(simulation)
         if self._past is not None and simulation.next_tick > 0:
             self.tally.restore(self._past._states[simulation.next_tick])
@@ -261,7 +263,10 @@ def _simulated(experiment: Experiment, whole: bool) -> tuple[Simulated, dict[str
         return done.completed(), metrics_of(found.outcome), None
     with assemble(experiment) as assembly:
         refuse_unknown(experiment, assembly.system)
-        tally, run = Tally(assembly.system), Trace() if experiment.measures or whole else None
+        tally, run = (
+            Tally(assembly.system, HoldRequest.of(experiment)),
+            Trace() if experiment.measures or whole else None,
+        )
         done = simulate(assembly, experiment.duration_ticks, [tally, run] if run else [tally]).completed()
     metrics = metrics_of(tally.outcome)
     if run:

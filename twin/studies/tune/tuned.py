@@ -29,6 +29,7 @@ from twin.robot.controller.task_controller import hold_at
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.schema import WayPoints
 from twin.robot.monitor.component import trip_reason
+from twin.robot.run.hold import HoldRequest
 from twin.robot.run.outcome import RunOutcome, Tally
 from twin.robot.run.past import forked
 from twin.studies.analyse.linear.loops import Matrix
@@ -334,7 +335,7 @@ def whole_run(experiment: Experiment, drive: str, gains: LawGains) -> Whole:
     """Simulate `experiment` from beginning to end with `gains`; nothing is recorded."""
     tried = with_gains(experiment, gains)
     with assemble(tried) as assembly:
-        tally = Tally(assembly.system)
+        tally = Tally(assembly.system, HoldRequest.of(experiment))
         done = simulate(assembly, tried.duration_ticks, [tally])
     return Whole(drive, None if done.failure else tally.outcome, trip_reason(done.simulation))
 

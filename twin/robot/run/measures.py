@@ -1,0 +1,301 @@
+"""The measures of a run: one table of every number about a run, with unit, meaning, interval, floor and computation.
+
+`Tally` computes them row by row while a run is stepped; `outcome_of` feeds a `Tally` with a run that is read, so that
+both give the same bits.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from twin.kernel.writing import finite
+from twin.robot.run.hold import HoldSums
+
+
+class Unit(NamedTuple):
+    """A unit of numbers that people read.
+
+    Attributes:
+        text: the unit.
+        ending: the unit in keys and columns.
+        per_SI: how many of it are one `SI`.
+        SI: the unit of the value in Python and JSON.
+    """
+
+    text: str
+    ending: str
+    per_SI: float = 1.0
+    SI: str = ""
+
+
+N, S, HZ, NM, A, J = (Unit(text, text.replace(" ", "")) for text in ("N", "s", "Hz", "N m", "A", "J"))
+MM, PERCENT, N_PER_M = Unit("mm", "mm", 1e3, "m"), Unit("%", "percent", 100.0, "1"), Unit("N/m", "N_per_m")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The value of a measure, SI, and a remark; None with the reason if it does not exist."""
+
+    value: float | None
+    reason: str = ""
+
+
+Value = float | Measured | None
+Values = Mapping[str, Measured]
+"""Measured values by the keys of `MEASURES`."""
+
+
+@dataclass(frozen=True)
+class RunOutcome:
+    """Numbers of the plant, not of what the controller believes.
+
+    Attributes:
+        peak, peak_time: largest pressing force (N) and when (s).
+        end: mean pressing force of the last second (N).
+        end_x, end_y: mean force along x and y, by the robot on what it touches, of the last second (N).
+        force_error: rms of the pressing force off its reference while the force loop is on, from the first touch on
+            (N): a robot that moves through air is held to no force. None: the loop never was on, or nothing touched.
+        lateral_error, z_error: rms of the position off the pre-defined reference, in x and y together, and in z (m);
+            None: the controller, a third-party one, tells of no reference.
+        early_trigger: how long the force loop was on before the first touch (s), until the end if there was none; 0: it
+            came on in contact; None: never.
+        measures: every measure by its key in `MEASURES`, SI.
+    """
+
+    peak: float
+    peak_time: float
+    end: float
+    end_x: float
+    end_y: float
+    force_error: float | None
+    lateral_error: float | None
+    z_error: float | None
+    early_trigger: float | None
+    measures: Values = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A number about a run.
+
+    Attributes:
+        key: name in Python and JSON, where values are SI.
+        text: name for people.
+        unit: unit that people read.
+        meaning: one sentence.
+        interval: time over which it is taken.
+        value: computation from the sums over held rows and the numbers of the whole run; NaN or None if it does not
+            exist.
+        digits: digits after the point that people read.
+        floor: smallest difference that counts, SI.
+        share: smallest difference that counts, as a share of the larger value.
+        missing: reason if there is no value.
+    """
+
+    key: str
+    text: str
+    unit: Unit
+    meaning: str
+    interval: str
+    value: Callable[[HoldSums, RunOutcome], Value]
+    digits: int = 3
+    floor: float = 0.0
+    share: float = 0.0
+    missing: str = "the controller reports no reference"
+
+    @property
+    def column(self) -> str:
+        """Name of a column, with the unit: `hold_error_N`."""
+        return f"{self.key}_{self.unit.ending}"
+
+    def shown(self, value: float) -> str:
+        """`0.094 N`."""
+        # no minus before what rounds to nothing
+        return f"{round(value * self.unit.per_SI, self.digits) + 0.0:.{self.digits}f} {self.unit.text}"
+
+    def differs(self, one: float, other: float) -> bool:
+        """Whether two values differ by more than the floor."""
+        return abs(one - other) > max(self.floor, self.share * max(abs(one), abs(other)))
+
+
+FORCE_FLOOR = 0.05
+"""A step of the paper's scale (N)."""
+LENGTH_FLOOR = 2.5e-5
+"""A count of a joint encoder at the platform (m)."""
+TIME_FLOOR = 0.05
+"""Smallest difference of settling times that counts (s)."""
+EFFORT_SHARE = 0.05
+"""Smallest difference of current, torque, work and energy that counts, as a share."""
+LEAST_CHATTER = 0.05
+"""Amplitude (N) below which swings of the force are no chatter."""
+LARGE_OVERSHOOT = 0.05
+"""Share of the reference beyond which an overshoot stands in the first line."""
+HELD = "while a force is held"
+RUN = "the run, until the safety monitor trips"
+WHOLE = "the whole run"
+NO_OUTPUT = "no output of these drives"
+
+
+def _overshoot(hold: HoldSums, run: RunOutcome) -> Value:
+    if hold.request.forces:
+        return max((one.overshoot for one in hold.tasks if one.overshoot is not None), default=None)
+    return hold["above"] / hold["R_0"] if hold["R_0"] > 0.0 else Measured(None, "the reference is 0 N at first touch")
+
+
+def _settling(hold: HoldSums, run: RunOutcome) -> Value:
+    return Measured(None, "not defined for tasks") if hold.request.forces else hold.settling
+
+
+def _torque(hold: HoldSums, run: RunOutcome) -> Value:
+    if hold["torque"] >= 0.0 or hold["load"] < 0.0:
+        return _reported(hold["torque"])
+    return Measured(hold["load"], "load of the springs; these drives report no motor torque")
+
+
+def _reported(largest: float) -> float | None:
+    return largest if largest >= 0.0 else None
+
+
+def _chatter(which: int) -> Callable[[HoldSums, RunOutcome], float | Measured]:
+    def value(hold: HoldSums, run: RunOutcome) -> float | Measured:
+        found = hold.chatter
+        return found[which] if found[0] >= LEAST_CHATTER else Measured(None, f"below {LEAST_CHATTER:g} N")
+
+    return value
+
+
+def _mean(name: str) -> Callable[[HoldSums, RunOutcome], float]:
+    return lambda hold, run: hold[name] / hold["count"]
+
+
+def _rms(name: str) -> Callable[[HoldSums, RunOutcome], float]:
+    return lambda hold, run: math.sqrt(hold[name] / hold["count"])
+
+
+TABLE = (
+    Measure("hold_error", "hold error", N, "rms of the true pressing force minus its reference", HELD, _rms("squares"),
+            floor=FORCE_FLOOR),
+    Measure("hold_overshoot", "overshoot", PERCENT,
+            "largest true pressing force beyond its reference, as a share of it; of tasks the worst one",
+            "2 s from the first touch with the force loop on; in tasks until 1 s after they begin to hold", _overshoot,
+            1, 0.01),
+    Measure("hold_settling_time", "settling time", S,
+            "time until the true pressing force stays within 5 % of its reference; not for tasks",
+            "from the first touch with the force loop on until the first hold ends", _settling, 2, TIME_FLOOR,
+            missing="not within 5 %"),
+    Measure("chatter", "chatter", N, "amplitude of the force's swings above 2 Hz in the worst hold", HELD, _chatter(0),
+            2,
+            FORCE_FLOOR),
+    Measure("chatter_frequency", "chatter frequency", HZ, "frequency of these swings", HELD, _chatter(1), 1,
+            share=0.05),
+    Measure("held_lateral_error", "lateral error while held", MM,
+            "rms distance of the true position from the reference in x and y", HELD, _rms("lateral"), 2, LENGTH_FLOOR),
+    Measure("held_z_error", "z error while held", MM, "rms of the true z minus the commanded one", HELD, _rms("z"), 3,
+            LENGTH_FLOOR),
+    Measure("torque", "largest torque", NM, "largest motor torque of any drive", RUN, _torque, share=EFFORT_SHARE),
+    Measure("current", "largest current", A, "largest current of any drive", RUN,
+            lambda hold, run: _reported(hold["current"]), share=EFFORT_SHARE, missing=NO_OUTPUT),
+    Measure("shaft_work", "shaft work", J, "work of the three shafts on the springs where power is positive", RUN,
+            lambda hold, run: hold["work"], 4, share=EFFORT_SHARE, missing=NO_OUTPUT),
+    Measure("energy", "energy", J, "electrical energy that the drives draw", RUN, lambda hold, run: hold["energy"], 2,
+            share=EFFORT_SHARE, missing=NO_OUTPUT),
+    Measure("hold_mean_error", "mean force error while held", N, "mean of the true pressing force minus its reference",
+            HELD, _mean("error"), floor=FORCE_FLOOR),
+    Measure("hold_begin", "held from", S, "first held tick", HELD, lambda hold, run: hold["first"] * hold["dt"]),
+    Measure("hold_end", "held until", S, "last held tick", HELD, lambda hold, run: hold["last"] * hold["dt"]),
+    Measure("felt_stiffness", "stiffness felt", N_PER_M,
+            "stiffness that the springs give the platform along z where it is held: z of J^T k_s N^2 eta J", HELD,
+            lambda hold, run: hold.felt_stiffness, 0, share=EFFORT_SHARE, missing="the robot is not known"),
+    Measure("force_error", "error since the first touch", N, "rms of the true pressing force minus its reference",
+            "from the first touch on, force loop on", lambda hold, run: run.force_error, 2, FORCE_FLOOR,
+            missing="no touch with the force loop on"),
+    Measure("peak", "largest force", N, "largest true pressing force", WHOLE, lambda hold, run: run.peak, 2,
+            FORCE_FLOOR),
+    Measure("peak_time", "time of the largest force", S, "time of the largest true pressing force", WHOLE,
+            lambda hold, run: run.peak_time, 2),
+    Measure("end", "force at the end", N, "mean true pressing force", "the last second", lambda hold, run: run.end, 2,
+            FORCE_FLOOR),
+    Measure("lateral_error", "lateral error", MM,
+            "rms distance of the true position from the pre-defined reference in x and y", WHOLE,
+            lambda hold, run: run.lateral_error, 2, LENGTH_FLOOR),
+    Measure("z_error", "z error", MM, "rms of the true z minus the pre-defined one, the indentation included", WHOLE,
+            lambda hold, run: run.z_error, 2, LENGTH_FLOOR),
+    Measure("early_trigger", "force loop on before the first touch", S, "time of the force loop in the air", WHOLE,
+            lambda hold, run: run.early_trigger, missing="the force loop is never on"),
+)  # fmt: skip
+"""Every measure, the first ones first."""
+MEASURES = {measure.key: measure for measure in TABLE}
+HEADLINE = ("hold_error", "hold_overshoot", "hold_settling_time", "chatter")
+"""Measures that stand before all others."""
+NEXT = ("held_lateral_error", "held_z_error", "torque", "current", "shaft_work")
+"""Measures that follow them."""
+_OF_A_HOLD = (*HEADLINE, "chatter_frequency", "held_lateral_error", "held_z_error", "hold_mean_error", "hold_begin",
+              "hold_end", "felt_stiffness")  # fmt: skip
+
+
+def measured(hold: HoldSums, run: RunOutcome) -> dict[str, Measured]:
+    """Compute every measure of the table."""
+    no_hold = "" if hold["count"] else _no_hold(hold, run)
+    remark = ", ".join(
+        text
+        for text, applies in (
+            ("reference of the file", not hold.has("controller.F_z_ref")),
+            (f"recorded rows, every {1e3 * hold['dt']:g} ms", hold.request.thinned),
+            ("until the safety monitor tripped", hold["tripped"] > 0.0),
+        )
+        if applies
+    )
+    found = {}
+    for measure in TABLE:
+        of_a_hold = measure.key in _OF_A_HOLD
+        if of_a_hold and no_hold:
+            found[measure.key] = Measured(None, no_hold)
+            continue
+        value = measure.value(hold, run)
+        if isinstance(value, Measured):
+            found[measure.key] = value
+        elif finite(value) is None:
+            found[measure.key] = Measured(None, measure.missing)
+        else:
+            found[measure.key] = Measured(value, remark if of_a_hold else "")
+    return found
+
+
+def _no_hold(hold: HoldSums, run: RunOutcome) -> str:
+    """Why no force was held."""
+    forces = hold.request.forces
+    if not hold.request.force_loop:
+        return "no force loop"
+    if not hold["touched"]:
+        return "it never touched"
+    if hold["tripped"]:
+        return "the safety monitor tripped before a force was held"
+    if forces:
+        known = hold.has("controller.task") and hold.has("controller.phase")
+        return "no task held a force" if known else "the controller reports no task and phase"
+    if hold["s0"] < 0.0:
+        return "the force loop is never on in contact"
+    return "the reference is 0 N" if hold["R_last"] <= 0.0 else "the run ends before a force was held for 2 s"
+
+
+def unmeasured(reason: str) -> dict[str, Measured]:
+    """Every measure of a run that has none, for one reason."""
+    return {measure.key: Measured(None, reason) for measure in TABLE}
+
+
+def shown(key: str, values: Values) -> str:
+    """`0.094 N`, or `none (no force loop)`; a remark follows in brackets."""
+    found = values.get(key, Measured(None, "not measured"))
+    if found.value is None:
+        return f"none ({found.reason})"
+    return MEASURES[key].shown(found.value) + (f" ({found.reason})" if found.reason else "")
+
+
+def with_units(values: Values) -> dict[str, Any]:
+    """Measured values for JSON: value in SI, unit, reason."""
+    return {
+        key: {"value": one.value, "unit": unit.SI or unit.text, "reason": one.reason}
+        for key, one in values.items()
+        for unit in [MEASURES[key].unit]
+    }

@@ -1,0 +1,81 @@
+"""A run that is read, as rows: in memory, recorded, or a log; and its measures."""
+
+import re
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.recording.messages import Field
+from twin.kernel.recording.scan import NANOSECONDS
+from twin.robot.run.hold import SIGNALS, SUBSTITUTES, HoldRequest
+from twin.robot.run.outcome import BLOCK, DEVIATION_SIGNALS, RunOutcome, Tally
+
+
+class RunView(Protocol):
+    """A run that is read: what `Trace` and `Recording` have in common."""
+
+    def __getitem__(self, key: str) -> NDArray:
+        """Values of `topic.field`: (n,) or (n, size)."""
+
+    def time(self, topic: str) -> NDArray:
+        """Times of the messages of a topic (s), (n,)."""
+
+    def fields(self) -> Mapping[str, Field]:
+        """`topic.field` -> the field."""
+
+
+def sample_and_hold(run: RunView, key: str, t: NDArray[np.float64]) -> NDArray:
+    """Values of `topic.field` as they held at times `t` (s), (n,) or (n, size); before its first sample, that one."""
+    # half a nanosecond: rounding of the recorded times
+    place = run.time(key.rpartition(".")[0]).searchsorted(t + 5e-10, side="right") - 1
+    return run[key][place.clip(min=0)]
+
+
+class _Rows:
+    """The signals of a run that its measures are made of, as rows at the times of the plant."""
+
+    def __init__(self, run: RunView):
+        t = run.time("plant")
+        self.tick = round((t[-1] - t[0]) / max(1, len(t) - 1) * NANOSECONDS) / NANOSECONDS
+        others = [name for names in SUBSTITUTES.values() for name in names]
+        drives = [
+            f"{drive}.{name.rpartition('.')[2]}"
+            for name in SIGNALS
+            if name.startswith("drive.")
+            for drive in ("drive", "drive/1", "drive/2", "drive/3")
+        ]
+        self._columns: dict[str, slice] = {}
+        blocks: list[NDArray[np.float64]] = []
+        width = 0
+        for key in dict.fromkeys([*SIGNALS, *DEVIATION_SIGNALS, *others, *drives]):
+            if key not in run.fields():
+                continue
+            values = np.asarray(sample_and_hold(run, key, t), dtype=float).reshape(len(t), -1)
+            blocks.append(values)
+            self._columns[re.sub("^drive/", "drive_", key)] = slice(width, width + values.shape[1])
+            width += values.shape[1]
+        self.rows = np.hstack(blocks)
+
+    def has(self, end: str) -> bool:
+        return end in self._columns
+
+    def columns(self, end: str) -> slice:
+        return self._columns[end]
+
+
+def outcome_of(run: RunView, request: HoldRequest) -> RunOutcome | None:
+    """Compute the outcome of a run that is read; None if it has no true force.
+
+    Args:
+        run: with rows of the plant.
+        request: of its experiment; its rows are taken as they are, whatever `every` says.
+    """
+    if "plant.F_ee_B" not in run.fields() or not len(run.time("plant")):
+        return None
+    rows = _Rows(run)
+    tally = Tally(rows, request._replace(every=1))
+    for first in range(0, len(rows.rows), BLOCK):
+        tally.take(first, rows.rows[first : first + BLOCK], [])
+    return tally.outcome
