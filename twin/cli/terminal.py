@@ -18,6 +18,17 @@ from twin.kernel.errors import plain, visible
 from twin.kernel.process.job import duration_text, seen_from_here
 from twin.kernel.recording.folder import LATEST
 from twin.kernel.writing import json_text
+from twin.robot.run.measures import (
+    HEADLINE,
+    LARGE_OVERSHOOT,
+    MEASURES,
+    NEXT,
+    NOT_FOR_TASKS,
+    Values,
+    measured_values,
+    shown,
+    with_units,
+)
 from twin.studies.result import counted, wrapped
 
 MOST_EVENTS = 20
@@ -31,8 +42,9 @@ def run_text(run: Mapping[str, Any]) -> str:
         run: the fields of `twin.robot.run.Run`, `real_time_factor`, `remarks`, and the name of the `experiment`.
     """
     speed = f"{run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"
-    lines = [f"{run['experiment']}  {speed}", *(f"  {remark}" for remark in run["remarks"])]
-    lines += [*_outcome(run["outcome"], run["held"]), *_events(run), *_drives(run)]
+    values = measured_values(run["outcome"]["measures"])
+    lines = [f"{run['experiment']}  {speed}{_warning(values)}", *(f"  {remark}" for remark in run["remarks"])]
+    lines += [*_hold(values), *_outcome(run["outcome"], run["held"]), *_events(run), *_drives(run)]
     for role, text in run["parts"].items():
         lines += wrapped(text.removeprefix(f"{role}: "), f"  {role:10} ")
     lines += [_row("substitute", f"{name}: {kind}") for name, kind in run["substituted"].items()]
@@ -54,9 +66,34 @@ def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
         "trip": run["trip"],
         "changed": run["changed"],
         "punctuality": run["punctuality"],
+        "measures": with_units(measured_values(run["outcome"]["measures"])),
         "held": [dict(one) for one in run["held"]],
         "events": [{"t_s": t, "level": level, "text": text} for t, level, text in run["events"]],
     }
+
+
+def _warning(values: Values) -> str:
+    """`  OVERSHOOT 34.0 %, 1.70 N` behind the first line, if it is large; else ""."""
+    share = values["hold_overshoot"].value
+    if share is None or share <= LARGE_OVERSHOOT:
+        return ""
+    return f"  OVERSHOOT {shown('hold_overshoot', values)}, {shown('hold_overshoot_force', values)}"
+
+
+def _hold(values: Values) -> Iterator[str]:
+    """The first measures, and what goes with them; why there are none where nothing is held."""
+    error = values["hold_error"]
+    if error.value is None:
+        yield from wrapped(f"none: {error.reason}", _row("held", ""))
+        return
+    first = [f"{MEASURES[key].text} {shown(key, values)}" for key in HEADLINE if values[key].reason != NOT_FOR_TASKS]
+    span = f"{values['hold_begin'].value:.1f} to {values['hold_end'].value:.1f} s: "
+    if values["chatter_frequency"].value is not None:
+        first[-1] += f" at {shown('chatter_frequency', values)}"
+    yield from wrapped(span + ", ".join(first), _row("held", ""))
+    # a robot that stays on its axis has no lateral error
+    rest = (f"{MEASURES[key].text} {shown(key, values)}" for key in NEXT if (values[key].value or 0.0) > 1e-6)
+    yield from wrapped(", ".join(rest), _row("", ""))
 
 
 def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> Iterator[str]:
@@ -69,7 +106,7 @@ def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> I
         if "end_x" in outcome and not held:
             yield _row("", f"{_force(outcome['end_x'])} along x, {_force(outcome['end_y'])} along y in the last second")
         if outcome["force_error"] is not None:
-            yield _row("", f"force error {outcome['force_error']:.2f} N rms after the first touch, force loop on")
+            yield _row("", f"error since the first touch {outcome['force_error']:.2f} N rms, force loop on")
     else:
         yield _row("force", "none: it never touched")
     if outcome["lateral_error"] is None:
@@ -79,13 +116,15 @@ def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> I
 
 
 def _held(one: Mapping[str, Any], several: bool) -> str:
-    """`held 8.00 N: 7.93 to 8.02 N from 4.4 to 9.4 s`."""
+    """`7.93 to 8.02 N for 8.00 N, 4.4 to 9.4 s, error 0.009 N`."""
     name = f"task {one['task']}: " if several else ""
     asked = f"{one['force']:.2f} N"
     if one["least"] is None:
         return f"{name}never held {asked}" if one["kind"] != "tap" else f"{name}never tapped"
-    did = f"{counted(one['taps'], 'tap')} of {asked}: peaks" if one["kind"] == "tap" else f"held {asked}:"
-    return f"{name}{did} {one['least']:.2f} to {one['largest']:.2f} N from {one['begin']:.1f} to {one['end']:.1f} s"
+    did = f"{counted(one['taps'], 'tap')}, peaks " if one["kind"] == "tap" else ""
+    error = "" if one["error"] is None else f", error {one['error']:.3f} N"
+    force = f"{one['least']:.2f} to {one['largest']:.2f} N for {asked}"
+    return f"{name}{did}{force}, {one['begin']:.1f} to {one['end']:.1f} s{error}"
 
 
 def _force(value: float) -> str:

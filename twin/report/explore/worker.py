@@ -140,7 +140,7 @@ def _run(state: PageState, experiment: Experiment, look: "Look", only: frozenset
         observers = [own.tally, own.held, own.watch, events, trace]
         done = simulate(assembly, experiment.duration_ticks, observers).completed()
         tick, monitor = assembly.system.tick, own_monitor(assembly.system)
-    numbers = headline(own.tally.outcome, own.held.held)
+    numbers = headline(own.tally.outcome, own.held_forces)
     if experiment.faults:
         onset, trip = min(fault.onset for fault in experiment.faults), monitor.trip if monitor else None
         numbers += [("monitor trips after the fault", "s", (trip.tick - onset) * tick if trip else None)]
@@ -329,7 +329,7 @@ def _mapped(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     with assemble(experiment) as assembly:
         own = run_observers(experiment, assembly)
         simulate(assembly, experiment.duration_ticks, [own.tally, own.held]).completed()
-    return {"numbers": headline(own.tally.outcome, own.held.held)}
+    return {"numbers": headline(own.tally.outcome, own.held_forces)}
 
 
 def _inspected(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:

@@ -131,6 +131,8 @@ LEAST_CHATTER = 0.05
 """Amplitude (N) below which swings of the force are no chatter."""
 LARGE_OVERSHOOT = 0.05
 """Share of the reference beyond which an overshoot stands in the first line."""
+NOT_FOR_TASKS = "not defined for tasks"
+"""Reason of a run with tasks for having no settling time: they lead the force along a ramp."""
 HELD = "while a force is held"
 RUN = "the run, until the safety monitor trips"
 WHOLE = "the whole run"
@@ -143,8 +145,15 @@ def _overshoot(hold: HoldSums, run: RunOutcome) -> Value:
     return hold["above"] / hold["R_0"] if hold["R_0"] > 0.0 else Measured(None, "the reference is 0 N at first touch")
 
 
+def _overshoot_force(hold: HoldSums, run: RunOutcome) -> Value:
+    tasks = zip(hold.tasks, hold.request.forces, strict=True)
+    if hold.request.forces:
+        return max((one.overshoot, one.overshoot * force) for one, force in tasks if one.overshoot is not None)[1]
+    return hold["above"]
+
+
 def _settling(hold: HoldSums, run: RunOutcome) -> Value:
-    return Measured(None, "not defined for tasks") if hold.request.forces else hold.settling
+    return Measured(None, NOT_FOR_TASKS) if hold.request.forces else hold.settling
 
 
 def _torque(hold: HoldSums, run: RunOutcome) -> Value:
@@ -202,6 +211,8 @@ TABLE = (
             share=EFFORT_SHARE, missing=NO_OUTPUT),
     Measure("hold_mean_error", "mean force error while held", N, "mean of the true pressing force minus its reference",
             HELD, _mean("error"), floor=FORCE_FLOOR),
+    Measure("hold_overshoot_force", "overshoot in force", N, "largest true pressing force beyond its reference",
+            "as the overshoot", _overshoot_force, 2, FORCE_FLOOR),
     Measure("hold_begin", "held from", S, "first held tick", HELD, lambda hold, run: hold["first"] * hold["dt"]),
     Measure("hold_end", "held until", S, "last held tick", HELD, lambda hold, run: hold["last"] * hold["dt"]),
     Measure("felt_stiffness", "stiffness felt", N_PER_M,
@@ -230,8 +241,8 @@ HEADLINE = ("hold_error", "hold_overshoot", "hold_settling_time", "chatter")
 """Measures that stand before all others."""
 NEXT = ("held_lateral_error", "held_z_error", "torque", "current", "shaft_work")
 """Measures that follow them."""
-_OF_A_HOLD = (*HEADLINE, "chatter_frequency", "held_lateral_error", "held_z_error", "hold_mean_error", "hold_begin",
-              "hold_end", "felt_stiffness")  # fmt: skip
+_OF_A_HOLD = (*HEADLINE, "chatter_frequency", "held_lateral_error", "held_z_error", "hold_mean_error",
+              "hold_overshoot_force", "hold_begin", "hold_end", "felt_stiffness")  # fmt: skip
 
 
 def measured(hold: HoldSums, run: RunOutcome) -> dict[str, Measured]:
@@ -290,6 +301,11 @@ def shown(key: str, values: Values) -> str:
     if found.value is None:
         return f"none ({found.reason})"
     return MEASURES[key].shown(found.value) + (f" ({found.reason})" if found.reason else "")
+
+
+def measured_values(facts: Mapping[str, Mapping[str, Any]]) -> dict[str, Measured]:
+    """Measured values as a summary holds them."""
+    return {key: Measured(one["value"], one["reason"]) for key, one in facts.items()}
 
 
 def with_units(values: Values) -> dict[str, Any]:

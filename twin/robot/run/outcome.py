@@ -15,7 +15,7 @@ from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused
 from twin.robot.controller.program import PhaseKind, Tap, Task
 from twin.robot.plant.deviation import DeviationSums
-from twin.robot.run.hold import UNDER_FORCE, HoldRequest, HoldSums, Layout, signal_columns
+from twin.robot.run.hold import UNDER_FORCE, HoldRequest, HoldSums, Layout, TaskHold, signal_columns
 from twin.robot.run.measures import RunOutcome, measured
 
 SIGNALS = ("plant.F_ee_B", "controller.task", "controller.phase")
@@ -32,6 +32,8 @@ class HeldForces:
         taps: how many there were; 0 of other tasks.
         least, largest: of the force while it is to be held, of taps of their peaks (N); None: it never came to that.
         begin, end: first and last time of that (s).
+        error, mean_error: rms and mean of the force minus its reference while it is held (N); None of taps.
+        overshoot: largest force beyond the task's, as a share of it, until 1 s after it begins to be held.
     """
 
     task: int
@@ -42,6 +44,9 @@ class HeldForces:
     largest: float | None = None
     begin: float | None = None
     end: float | None = None
+    error: float | None = None
+    mean_error: float | None = None
+    overshoot: float | None = None
 
 
 class HeldForce(Observer):
@@ -225,8 +230,13 @@ class Tally(Observer):
         self._last = recent if len(recent) == wanted else np.concatenate([self._last, recent])[-wanted:]
 
     @property
+    def tasks(self) -> tuple[TaskHold, ...]:
+        """How each task holds its force, in their order."""
+        return self._hold.tasks
+
+    @property
     def outcome(self) -> RunOutcome:
-        """Of at least one row."""
+        """The numbers of at least one row."""
         total = copy(self)
         if self._filled:
             total._add(self._waiting[: self._filled], self._waiting_columns)
