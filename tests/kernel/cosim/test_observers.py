@@ -10,6 +10,7 @@ from twin.kernel.cosim.observers import Observer, Simulated, TickEvent, simulate
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.assemble import FORCE_REFERENCE, Assembly, assemble, tunables
+from twin.robot.run.hold import HoldRequest
 from twin.robot.run.outcome import Tally
 from twin.robot.run.run import execute
 from twin.robot.run.trace import Trace, run_in_memory
@@ -68,7 +69,7 @@ def test_observers_do_not_change_a_bit():
     experiment, run = shipped(FORCE, *TOUCHING), Trace()
     with assemble(experiment) as assembly:
         system = assembly.system
-        observers = [Tuning(experiment, assembly), Watch(assembly, experiment), Tally(system), run, Diary()]
+        observers = [Tuning(experiment, assembly), Watch(assembly, experiment), Tally(system, HoldRequest.of(experiment)), run, Diary()]
         simulate(assembly, LAST, observers, slice_ticks=50, timed=True)
     assert run.values.tobytes() == run_in_memory(experiment).values.tobytes()
 

@@ -12,6 +12,7 @@ from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.program import TASKS, PhaseKind, Press, Tap
 from twin.robot.experiment.schema import checked_tasks
+from twin.robot.run.hold import HoldRequest
 from twin.robot.run.outcome import SIGNALS, HeldForce, HeldForces, Tally
 from twin.robot.run.run import execute
 from twin.studies.metrics.response import rms
@@ -97,6 +98,9 @@ class System:
         return name in COLUMNS
 
 
+REQUEST = HoldRequest(force_loop=True)
+
+
 def rows_of(recording: Recording) -> np.ndarray:
     """A run's true signals with the controller's held from its samples to every tick."""
     t = recording.time("plant")
@@ -112,11 +116,11 @@ def rows_of(recording: Recording) -> np.ndarray:
 @pytest.mark.parametrize("size", [7, 100, 50_000])
 def test_the_outcome_is_that_of_the_recording_however_the_run_is_sliced(force_position: Recording, size: int):
     rows = rows_of(force_position)
-    tally = Tally(System())  # type: ignore[arg-type]
+    tally = Tally(System(), REQUEST)
     for start in range(0, len(rows), size):
         tally.take(start, rows[start : start + size], [])
     found, F_z, on = tally.outcome, -rows[:, 2], rows[:, 9] > 0
-    whole = Tally(System())  # type: ignore[arg-type]
+    whole = Tally(System(), REQUEST)
     whole.take(0, rows, [])
     assert found == whole.outcome
     # sums in another order round differently
@@ -145,7 +149,7 @@ def test_a_tilted_scale_is_seen_in_the_force_along_x(force_position: Recording, 
 
 
 def test_without_a_force_loop_there_is_no_force_error(position: Recording):
-    tally = Tally(System())  # type: ignore[arg-type]
+    tally = Tally(System(), REQUEST)
     tally.take(0, rows_of(position), [])
     assert tally.outcome.force_error is None
 
@@ -154,7 +158,7 @@ def tallied(F_z: np.ndarray, on: np.ndarray, size: int = 3):
     """The outcome of a run with this true pressing force (N) and these ticks with the force loop on, 5 N asked for."""
     rows = np.zeros((len(F_z), 11))
     rows[:, 2], rows[:, 9], rows[:, 10] = -F_z, on, 5.0
-    tally = Tally(System())  # type: ignore[arg-type]
+    tally = Tally(System(), REQUEST)
     for start in range(0, len(rows), size):
         tally.take(start, rows[start : start + size], [])
     return tally.outcome
