@@ -69,7 +69,8 @@ def test_observers_do_not_change_a_bit():
     experiment, run = shipped(FORCE, *TOUCHING), Trace()
     with assemble(experiment) as assembly:
         system = assembly.system
-        observers = [Tuning(experiment, assembly), Watch(assembly, experiment), Tally(system, HoldRequest.of(experiment)), run, Diary()]
+        tally = Tally(system, HoldRequest.of(experiment))
+        observers = [Tuning(experiment, assembly), Watch(assembly, experiment), tally, run, Diary()]
         simulate(assembly, LAST, observers, slice_ticks=50, timed=True)
     assert run.values.tobytes() == run_in_memory(experiment).values.tobytes()
 
