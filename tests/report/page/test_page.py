@@ -277,24 +277,24 @@ def test_the_verdict_comes_before_everything_else(page: str):
     assert "5 of 5 claims hold" in page[: page.index("Replay</h2>")]
 
 
-def test_three_numbers_of_what_truly_happened_stand_beside_the_verdict(page: str, force_position: Recording):
+def test_four_numbers_of_what_truly_happened_stand_beside_the_verdict(page: str, force_position: Recording):
     first = page[: page.index("Replay</h2>")]
     boxes = re.findall(r'<div class="box"><strong>([^<]*)</strong><span>([^<]*)</span></div>', first)
-    assert [name for _, name in boxes] == ["force error", "largest pressing force", "settled from"]
-    assert boxes[1][0] == f"{-force_position['plant.F_ee_B'][:, 2].min():.4g} N"
+    assert [name for _, name in boxes] == ["hold error", "overshoot", "settling time", "error since the first touch"]
+    assert boxes[0][0] == "0.09388 N"
 
 
-def test_of_several_runs_the_same_three_numbers_stand_side_by_side(force_position: Recording, position: Recording):
+def test_of_several_runs_the_same_four_numbers_stand_side_by_side(force_position: Recording, position: Recording):
     runs = [ReportRun("fp", force_position), ReportRun("p", position)]
     names = re.findall(r"</strong><span>([^<]*)</span>", verdict_section(runs, verdict(runs)))
-    # without a force loop there is no force error
-    assert names == 2 * ["largest pressing force", "settled from", "settled force error"]
+    # without a force loop no force is held
+    assert names == 2 * ["largest force", "lateral error", "the estimated position", "largest motor speed"]
 
 
 def test_of_several_runs_each_has_its_numbers_and_of_many_none(force_position: Recording):
     runs = [ReportRun(f"run {number}", force_position) for number in range(5)]
     two, many = (verdict_section(some, verdict(some)) for some in (runs[:2], runs))
-    assert two.count('class="box"') == 6 and two.count('class="whose"') == 2
+    assert two.count('class="box"') == 8 and two.count('class="whose"') == 2
     assert 'class="box"' not in many
 
 

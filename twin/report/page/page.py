@@ -232,8 +232,6 @@ MARKS = {
 
 MOST_BOXED = 4
 """Runs whose key numbers stand beside the verdict."""
-BOXED = {"settling": "settled from"}
-"""What stands below a key number, where the name by which runs are compared reads as if it were a duration."""
 FEW = 5
 """Claims that are shown at once even if all of them hold."""
 LOOKS = {True: ("✓ ", "good"), False: ("✗ ", "bad"), None: ("", "plain")}
@@ -271,7 +269,7 @@ def _accuracies(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget]) 
 
 
 def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict, key_numbers: Markup | None = None) -> Markup:
-    """The first section: the sentence, three numbers of each run or `key_numbers`, and the remarks. All other numbers
+    """The first section: the sentence, four numbers of each run or `key_numbers`, and the remarks. All other numbers
     come after the player, which stands beside it."""
     mark, look = LOOKS[verdict.good]
     parts = [element("p", f"{mark}{verdict.headline}", class_=f"headline {look}")]
@@ -283,14 +281,14 @@ def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict, key_numbers
 
 
 def _boxes(runs: Sequence[ReportRun]) -> Markup:
-    """Three numbers of what truly happened, the same of each run, under its name if there are several."""
+    """Four numbers of what truly happened, the same of each run, under its name if there are several."""
     groups = []
     for run, found in zip(runs, key_measures(runs), strict=True):
         boxes = [
             element(
                 "div",
                 element("strong", number(m.true, m.unit)),
-                element("span", BOXED.get(m.short) or m.short or m.text),
+                element("span", m.short or m.text),
                 class_="box",
             )
             for m in found
@@ -361,7 +359,7 @@ def _measures(runs: Sequence[ReportRun]) -> Markup:
     found = [{(m.text, m.unit): m for m in run.measures} for run in runs]
     lines = dict.fromkeys(key for one in found for key in one)
     if len(runs) == 1:
-        only = [(text, number(m.true), number(m.believed), unit) for (text, unit), m in found[0].items()]
+        only = [(text, _number(m), number(m.believed), unit) for (text, unit), m in found[0].items()]
         return table(("measure", "true", "believed", "unit"), only, "measures")
     rows = [(text, unit, *(_measure(one.get((text, unit))) for one in found)) for text, unit in lines]
     return table(("measure", "unit", *(run.label for run in runs)), rows, "measures")
@@ -371,7 +369,12 @@ def _measure(measure: RunMeasure | None) -> Markup:
     if measure is None:
         return Markup("-")
     believed = [] if math.isnan(measure.believed) else [element("small", f"believed {number(measure.believed)}")]
-    return joined([number(measure.true), *believed])
+    return joined([_number(measure), *believed])
+
+
+def _number(measure: RunMeasure) -> str:
+    """The true value, or why there is none."""
+    return f"none ({measure.reason})" if math.isnan(measure.true) and measure.reason else number(measure.true)
 
 
 def _folded_parameters(run: ReportRun) -> Markup:

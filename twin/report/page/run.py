@@ -19,9 +19,13 @@ from twin.kernel.files import read_json
 from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.reader import Recording, read
 from twin.robot.experiment.recorded import recorded_fmus, recorded_name
+from twin.robot.run.hold import HoldRequest
+from twin.robot.run.measures import HEADLINE, LARGE_OVERSHOOT, MEASURES, TABLE, Measured, Values, shown, unmeasured
+from twin.robot.run.view import BelievedRun, RunView, outcome_of, sample_and_hold
 from twin.studies.figure import Axes, picture
-from twin.studies.metrics.requirement import FIG5, MEASURES, OF_A_CONSTANT_FORCE, standing
-from twin.studies.metrics.response import Curve, first_time, overshoot, rms, settling_time
+from twin.studies.metrics.requirement import FIG5, standing
+from twin.studies.metrics.requirement import MEASURES as SERIES_OF_MEASURES
+from twin.studies.metrics.response import Curve, first_time, rms
 from twin.studies.paper import fig4_measures
 from twin.studies.paper.claim import ClaimFinding, judged
 from twin.studies.paper.fig4 import QUALITY, failed, fig4_score, tally
@@ -29,19 +33,28 @@ from twin.studies.paper.fig4 import standing as claims_standing
 from twin.studies.paper.fig5 import Fig5Score, fig5_score
 from twin.studies.paper.fig5_measures import settings, trip_time
 
-BAND = 0.05
-"""Share of the reference within which a force has settled, as in the paper's Fig. 4."""
 MM = 1e3
 KEYS = (
-    "force error", "largest pressing force", "settling", "settled force error", "distance from the path",
+    *(MEASURES[key].text for key in HEADLINE), "error since the first touch", "largest force", "lateral error",
     "the estimated position", "largest motor speed",
 )  # fmt: skip
 """Names of measures, the one that says most about a run first."""
-END = "force at the end, mean of the last second"
+JUDGED = (
+    *HEADLINE, "held_lateral_error", "held_z_error", "torque", "current", "shaft_work", "energy", "force_error",
+    "lateral_error",
+)  # fmt: skip
+"""Keys of the measures of which less is better."""
+OF_THE_FORCE = (
+    *HEADLINE, "chatter_frequency", "hold_mean_error", "hold_overshoot_force", "force_error", "peak", "peak_time",
+    "end",
+)  # fmt: skip
+"""Keys of the measures that the robot has by its own force, too."""
+MOST_BOXED_NUMBERS = 4
+"""Key numbers of a run."""
 
 
 class RunMeasure(NamedTuple):
-    """A number about a run; `true` is judged, `believed` is what the robot would say. NaN: there is none.
+    """A number about a run; `true` is judged, `believed` is the robot's own. NaN if there is none, for a `reason`.
 
     Infinity: it never happened. `short` is its name in a verdict on several runs, "" where less is not better.
     """
@@ -51,6 +64,7 @@ class RunMeasure(NamedTuple):
     true: float
     believed: float = math.nan
     short: str = ""
+    reason: str = ""
 
 
 def number(value: float, unit: str = "") -> str:
@@ -61,24 +75,23 @@ def number(value: float, unit: str = "") -> str:
 
 
 def outcome(run: "ReportRun") -> str:
-    """What a constant force came to, as half a sentence; "" where no force was asked for."""
-    found = {measure.text: measure for measure in run.measures}
-    settled = next((measure for text, measure in found.items() if text.startswith("within ")), None)
-    if settled is None:
+    """How the force was held, in a sentence; "" where none was."""
+    values = run.outcome
+    if not values or values["hold_error"].value is None:
         return ""
-    band = settled.text.removesuffix(" to the end from")
-    when = f"stays {band} from {number(settled.true, 's')} on" if math.isfinite(settled.true) else f"never stays {band}"
-    return f"The true force {when} and ends at {number(found[END].true, 'N')}"
+    large = (values["hold_overshoot"].value or 0.0) > LARGE_OVERSHOOT
+    first = "; ".join(f"{MEASURES[key].text} {shown(key, values)}" for key in HEADLINE)
+    return f"Overshoot beyond {100.0 * LARGE_OVERSHOOT:g} %: {first}" if large else f"{first[0].upper()}{first[1:]}"
 
 
 def measures(run: "ReportRun") -> list[RunMeasure]:
     """All measures that `run` holds the series for, the force first."""
-    found: list[RunMeasure] = []
+    found = _of_the_table(run)
     if run.has("plant.F_ee_B"):
         found += _force(run)
     if run.has("plant.p_B"):
         found += _path(run)
-    if run.has(*(f"drive/{joint}.{name}" for joint in (1, 2, 3) for name in ("omega_m", "tau_motor"))):
+    if run.has(*(f"drive/{joint}.omega_m" for joint in (1, 2, 3))):
         found += _drives(run)
     if run.has("monitor.tripped"):
         found.append(RunMeasure("safety monitor tripped at", "s", trip_time(run.recording)))
@@ -91,11 +104,11 @@ def scored(run: "ReportRun") -> dict[str, float]:
 
 
 def key_measures(runs: Sequence["ReportRun"]) -> list[list[RunMeasure]]:
-    """Of each run the three that say most: the first of `KEYS` that all of them have; fewer if there are not three."""
+    """Of each run the four that say most: the first of `KEYS` that all of them have; fewer if there are not four."""
     found = [
         {name: m for m in run.measures for name in (m.short, m.text) if name and not math.isnan(m.true)} for run in runs
     ]
-    shared = [name for name in KEYS if all(name in own for own in found)][:3]
+    shared = [name for name in KEYS if all(name in own for own in found)][:MOST_BOXED_NUMBERS]
     return [[own[name] for name in shared] for own in found]
 
 
@@ -105,25 +118,30 @@ def unscored(run: "ReportRun", asked: Container[str]) -> dict[str, list[str]]:
     Args:
         asked: short names of the measures that are wanted besides those that a series is missing for.
     """
-    has_tasks = bool(run.values.get("task"))
-    wanted = {"its tasks": FIG5} | MEASURES if has_tasks else MEASURES
+    wanted = {"its tasks": FIG5} | SERIES_OF_MEASURES if run.values.get("task") else SERIES_OF_MEASURES
     lost = {name: [series for series in needs if not run.has(series)] for name, needs in wanted.items()}
-    if has_tasks:
-        lost = {name: series for name, series in lost.items() if name not in OF_A_CONSTANT_FORCE}
     missing = dict.fromkeys(series for needs in lost.values() for series in needs)
     found = {f"no {', '.join(missing)}": [name for name, series in lost.items() if series]} if missing else {}
-    # a run under position control has no force error to lose
-    idle = not missing and not np.any(run.recording["controller.triggered"])
-    there = {*scored(run), "its tasks", *(("force error",) if idle else ())}
-    if others := [name for name, series in lost.items() if not series and name in asked and name not in there]:
-        found[_why_not(run)] = others
+    known = {name for names in found.values() for name in names}
+    for measure in run.measures:
+        # a run under position control has no force to hold
+        if measure.reason and math.isnan(measure.true) and measure.short in asked and measure.short not in known:
+            found.setdefault(measure.reason, []).append(measure.short)
     return found
 
 
-def _why_not(run: "ReportRun") -> str:
-    """Why a run that holds all series has no measure of its force."""
-    touches = run.has("plant.F_ee_B") and np.any(run.recording["plant.F_ee_B"][:, 2] < 0.0)
-    return "no constant force was asked for" if touches else "it never touched"
+def _of_the_table(run: "ReportRun") -> list[RunMeasure]:
+    """The measures of `twin.robot.run.measures`; those of a held force by the robot's own force, too."""
+    found = []
+    for measure in TABLE if run.outcome else ():
+        one = run.outcome[measure.key]
+        own = run.believed_outcome.get(measure.key, Measured(None)) if measure.key in OF_THE_FORCE else Measured(None)
+        if one.value is None and measure.key not in HEADLINE:
+            continue
+        true, believed = (math.nan if v is None else measure.unit.per_SI * v for v in (one.value, own.value))
+        short = measure.text if measure.key in JUDGED else ""
+        found.append(RunMeasure(measure.text, measure.unit.text, true, believed, short, one.reason))
+    return found
 
 
 def _force(run: "ReportRun") -> list[RunMeasure]:
@@ -131,60 +149,12 @@ def _force(run: "ReportRun") -> list[RunMeasure]:
     F_z = -run.recording["plant.F_ee_B"][:, 2]
     # not the force's z component: pulling sideways on a tilted surface has one, too
     touching = (run.recording["plant.F_n"] if run.has("plant.F_n") else F_z) > 0.0
-    believed = run.held("controller.F_z", t) if run.has("controller.F_z") else np.full_like(t, math.nan)
-    found = [
-        RunMeasure("first touch at", "s", first_time(t, touching)),
-        RunMeasure("largest pressing force", "N", float(F_z.max()), float(believed.max())),
-    ]
-    if not np.any(touching):
-        return found
-    if run.has("controller.triggered") and np.any(on := run.held("controller.triggered", t) > 0.0):
-        lead = max(0.0, first_time(t, touching) - first_time(t, on))
-        found.insert(1, RunMeasure("force loop on before the first touch for", "s", lead))
-    found.append(
-        RunMeasure(
-            "error of the estimated force in contact, rms",
-            "N",
-            rms((believed - F_z)[touching]),
-            short="the estimated force",
-        )
-    )
-    if run.has(*MEASURES["force error"]):
-        found += _force_error(run, t, F_z, believed)
-    if not run.has("controller.F_z_ref") or run.values.get("task"):
-        return found
-    return found + _regulation(t, F_z, believed, run.held("controller.F_z_ref", t), touching)
-
-
-def _force_error(run: "ReportRun", t: Curve, F_z: Curve, believed: Curve) -> list[RunMeasure]:
-    """The `force_error` of `twin.robot.run.outcome`: off the reference, force loop on, from the first touch on."""
-    on = (run.held("controller.triggered", t) > 0.0) & np.logical_or.accumulate(F_z > 0.0)
-    if not np.any(on):
-        return []
-    F_z_ref = run.held("controller.F_z_ref", t)
-    text = "rms of F_z off its reference, force loop on, from the first touch on"
-    return [RunMeasure(text, "N", rms((F_z - F_z_ref)[on]), rms((believed - F_z_ref)[on]), short="force error")]
-
-
-def _regulation(t: Curve, F_z: Curve, believed: Curve, F_z_ref: Curve, touching: np.ndarray) -> list[RunMeasure]:
-    """How well a constant force is reached and kept; the second half of the contact is what has settled."""
-    target = float(F_z_ref[-1])
-    if target <= 0.0:
-        return []
-    contact = np.flatnonzero(touching)
-    late = contact[len(contact) // 2 :]
-
-    def both(text: str, unit: str, of: Callable[[Curve], float], short: str = "") -> RunMeasure:
-        return RunMeasure(text, unit, of(F_z), of(believed), short)
-
-    return [
-        both(f"within {100.0 * BAND:g} % of {target:g} N to the end from", "s",
-             lambda F: settling_time(t, F, target, BAND * target), "settling"),
-        both("overshoot of the force", "%", lambda F: 100.0 * overshoot(F, target), "overshoot"),
-        both(END, "N", lambda F: float(np.mean(F[t >= t[-1] - 1.0]))),
-        both(f"rms of {target:g} N - F_z, second half of the contact", "N", lambda F: rms(F[late] - F_z_ref[late]),
-             "settled force error"),
-    ]  # fmt: skip
+    found = [RunMeasure("first touch at", "s", first_time(t, touching))]
+    if np.any(touching) and run.has("controller.F_z"):
+        believed = run.held("controller.F_z", t)
+        text = "error of the estimated force in contact, rms"
+        found.append(RunMeasure(text, "N", rms((believed - F_z)[touching]), short="the estimated force"))
+    return found
 
 
 def _path(run: "ReportRun") -> list[RunMeasure]:
@@ -193,12 +163,7 @@ def _path(run: "ReportRun") -> list[RunMeasure]:
     if run.has("controller.p_ref_B"):
         off = MM * (p_B - run.held("controller.p_ref_B", t))
         across = np.hypot(off[:, 0], off[:, 1])
-        found += [
-            RunMeasure(
-                "horizontal distance from the reference, rms", "mm", rms(across), short="distance from the path"
-            ),
-            RunMeasure("horizontal distance from the reference, largest", "mm", float(across.max())),
-        ]
+        found.append(RunMeasure("horizontal distance from the reference, largest", "mm", float(across.max())))
     if run.has("estimator.p_B"):
         error = np.linalg.norm(run.held("estimator.p_B", t) - p_B, axis=1)
         found.append(
@@ -208,14 +173,8 @@ def _path(run: "ReportRun") -> list[RunMeasure]:
 
 
 def _drives(run: "ReportRun") -> list[RunMeasure]:
-    worst = {
-        name: max(float(np.abs(run.recording[f"drive/{joint}.{name}"]).max()) for joint in (1, 2, 3))
-        for name in ("omega_m", "tau_motor")
-    }
-    return [
-        RunMeasure("largest motor speed", "rad/s", worst["omega_m"]),
-        RunMeasure("largest motor torque", "N m", worst["tau_motor"]),
-    ]
+    worst = max(float(np.abs(run.recording[f"drive/{joint}.omega_m"]).max()) for joint in (1, 2, 3))
+    return [RunMeasure("largest motor speed", "rad/s", worst)]
 
 
 SUMMARY = "summary.json"
@@ -280,6 +239,24 @@ class ReportRun:
         return {topic: self.recording.time(topic) for topic in self.recording.streams}
 
     @cached_property
+    def outcome(self) -> Values:
+        """Its measures by key; empty without a true force."""
+        return self._measured(self.recording)
+
+    @cached_property
+    def believed_outcome(self) -> Values:
+        """Measures of the held force by the controller's own force."""
+        return self._measured(BelievedRun(self.recording)) if self.has("controller.F_z") else {}
+
+    def _measured(self, run: RunView) -> Values:
+        if not self.has("plant.F_ee_B"):
+            return {}
+        if not self.recording.complete:
+            return unmeasured("the run ended early")
+        found = outcome_of(run, HoldRequest.recorded(self.values))
+        return found.measures if found else {}
+
+    @cached_property
     def measures(self) -> list[RunMeasure]:
         """See the function of this name."""
         return measures(self)
@@ -306,10 +283,7 @@ class ReportRun:
 
     def held(self, key: str, t: Curve) -> Curve:
         """Samples of a series as they held at times `t` (n,) in s; before its first sample, that one."""
-        topic = key.rpartition(".")[0]
-        # half a nanosecond: rounding of the recorded times
-        place = self.times[topic].searchsorted(t + 5e-10, side="right") - 1
-        return self.recording[key][place.clip(min=0)]
+        return sample_and_hold(self.recording, key, t)
 
 
 def report_runs(paths: Sequence[Path]) -> list[ReportRun]:
@@ -405,7 +379,6 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
         *(beside(runs) if len(runs) > 2 else ()),
         *alarms[1:],
         *deviations,
-        *(outcome(run) for run in runs if len(runs) == 1 and findings),
         *why_not,
     ]
     remarks += _texts_by_run(runs, _faults)
@@ -428,9 +401,8 @@ def _headline(runs: Sequence[ReportRun], findings: Sequence[ClaimFinding], alarm
         clauses.append(f"{len(failing)} of {of} claims {'fails' if len(failing) == 1 else 'fail'}{named}")
     elif of:
         clauses.append(claims_standing(findings))
-    outcomes = [outcome(run) for run in runs]
-    if not clauses and len(runs) == 1 and outcomes[0]:
-        return outcomes[0]
+    if len(runs) == 1 and (held := outcome(runs[0])):
+        return "; ".join([held, *clauses])
     who = "The run is" if len(runs) == 1 else f"All {len(runs)} runs are"
     return "; ".join(clauses) or f"{who} complete, without failure or trip; no claim applies"
 

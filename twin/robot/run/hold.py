@@ -393,7 +393,8 @@ class HoldSums:
     def tasks(self) -> tuple[TaskHold, ...]:
         """Each task, in their order."""
         found = []
-        for force, (_, _, count, error, squares, largest) in zip(self.request.forces, self._tasks, strict=True):
+        sums = self._tasks.tolist()
+        for force, (_, _, count, error, squares, largest) in zip(self.request.forces, sums, strict=True):
             beyond = max(0.0, largest / force - 1.0)
             found.append(TaskHold(math.sqrt(squares / count), error / count, beyond) if count else TaskHold())
         return tuple(found)

@@ -33,6 +33,19 @@ def sample_and_hold(run: RunView, key: str, t: NDArray[np.float64]) -> NDArray:
     return run[key][place.clip(min=0)]
 
 
+class BelievedRun:
+    """A run with the controller's own pressing force in place of the true one."""
+
+    def __init__(self, run: RunView):
+        self._run, self.time, self.fields = run, run.time, run.fields
+
+    def __getitem__(self, key: str) -> NDArray:
+        if key != "plant.F_ee_B":
+            return self._run[key]
+        F_z = sample_and_hold(self._run, "controller.F_z", self._run.time("plant"))
+        return np.column_stack([np.zeros((len(F_z), 2)), -F_z])
+
+
 class _Rows:
     """The signals of a run that its measures are made of, as rows at the times of the plant."""
 

@@ -215,16 +215,12 @@ def _known(name: str, signals: Mapping[str, SignalInfo]) -> SignalInfo:
 
 MEASURES = {
     "the estimated force": ("plant.F_ee_B", "controller.F_z"),
-    "settling": ("plant.F_ee_B", "controller.F_z_ref"),
-    "overshoot": ("plant.F_ee_B", "controller.F_z_ref"),
-    "force error": ("plant.F_ee_B", "controller.F_z_ref", "controller.triggered"),
-    "settled force error": ("plant.F_ee_B", "controller.F_z_ref"),
-    "distance from the path": ("plant.p_B", "controller.p_ref_B"),
+    "error since the first touch": ("plant.F_ee_B", "controller.F_z_ref", "controller.triggered"),
+    "lateral error": ("plant.p_B", "controller.p_ref_B"),
     "the estimated position": ("plant.p_B", "estimator.p_B"),
 }
-"""Short names of a report's measures, by which runs are compared -> the series that each needs."""
-OF_A_CONSTANT_FORCE = ("settling", "overshoot", "settled force error")
-"""Measures of runs without tasks."""
+"""Names of a report's measures, by which runs are compared -> the series that each needs. Those of a held force have
+reasons of their own."""
 FIG4 = (
     "plant.p_B", "plant.F_ee_B", "scale.F_z", "estimator.p_B", "estimator.F_ee_B", "controller.p_ref_B",
     "controller.p_cmd_B", "controller.F_z", "controller.F_z_ref", "controller.triggered",

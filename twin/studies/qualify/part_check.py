@@ -18,7 +18,7 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.assembly.roles import CONTRACTS, OtherPart, other_part
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import Trace, run_in_memory
-from twin.studies.metrics.requirement import FIG4, FIG5, MEASURES, OF_A_CONSTANT_FORCE
+from twin.studies.metrics.requirement import FIG4, FIG5, MEASURES
 from twin.studies.qualify.bench import Inputs, Played, inputs_for, played, replayed_from_state
 from twin.studies.qualify.definitions import Check, judged
 from twin.studies.result import Block, Column, Note, Result, Table
@@ -108,10 +108,9 @@ class _Bench:
 def _scored(part: OtherPart, has_tasks: bool) -> Iterator[Check]:
     """What a run with this part cannot be scored by, because the part lacks a port that twin's own has."""
     ports = {f"{part.role}.{port.name}" for port in part.outputs}
-    measures = {name: needs for name, needs in MEASURES.items() if not (has_tasks and name in OF_A_CONSTANT_FORCE)}
     figure, series = ("fig5", FIG5) if has_tasks else ("fig4", FIG4)
     missing = [name for name in series if name.startswith(f"{part.role}.") and name not in ports]
-    lost = [name for name, needs in measures.items() if set(missing) & set(needs)]
+    lost = [name for name, needs in MEASURES.items() if set(missing) & set(needs)]
     if missing:
         measured = f"twin report cannot score {', '.join(lost)}; " if lost else ""
         names = ", ".join(name.removeprefix(f"{part.role}.") for name in missing)
