@@ -1,8 +1,18 @@
+from dataclasses import asdict
+
 import pytest
 
 from twin.cli.terminal import MOST_EVENTS, run_facts, run_text
+from twin.robot.run.measures import MEASURES, unmeasured
 
-OUTCOME = {"peak": 4.961, "peak_time": 13.54, "end": 4.884, "end_x": -0.001, "end_y": -1.07, "force_error": 0.451,
+HELD = {
+    key: {"value": value, "reason": "" if value is not None else "below 0.05 N"}
+    for key, value in dict.fromkeys(MEASURES)
+    | {"hold_error": 0.0939, "hold_overshoot": 0.0, "hold_settling_time": 0.852, "held_lateral_error": 0.00277,
+       "hold_begin": 7.606, "hold_end": 20.0, "hold_overshoot_force": 0.0}
+    .items()
+}  # fmt: skip
+OUTCOME = {"measures": HELD, "peak": 4.961, "peak_time": 13.54, "end": 4.884, "end_x": -0.001, "end_y": -1.07, "force_error": 0.451,
            "lateral_error": 0.00218, "z_error": 0.00102}  # fmt: skip
 RUN = {
     "experiment": "press", "simulated": 20.0, "stepping": 0.05, "writing": 0.2, "real_time_factor": 400.0,
@@ -19,12 +29,31 @@ RUN = {
 def test_a_run_says_its_outcome_first_and_where_it_is_last():
     lines = run_text(RUN).splitlines()
     assert lines[:2] == ["press  20 s at 400 x real time", "  2 of 2000 deadlines missed"]
-    assert lines[2] == "  force      at most 4.96 N, at 13.54 s, 4.88 N in the last second"
-    assert lines[3] == "             0.00 N along x, -1.07 N along y in the last second"
-    assert lines[5] == "  position   2.18 mm lateral and 1.02 mm in z from the reference, rms"
-    assert lines[6] == "   5.606 s  force control triggered at F_z = 0.603 N"
+    assert lines[2:5] == [
+        "  held       7.6 to 20.0 s: hold error 0.094 N, overshoot 0.0 %, settling time",
+        "             0.85 s, chatter none (below 0.05 N)",
+        "             lateral error while held 2.77 mm",
+    ]
+    assert lines[5] == "  force      at most 4.96 N, at 13.54 s, 4.88 N in the last second"
+    assert lines[6] == "             0.00 N along x, -1.07 N along y in the last second"
+    assert lines[7] == "             error since the first touch 0.45 N rms, force loop on"
+    assert lines[8] == "  position   2.18 mm lateral and 1.02 mm in z from the reference, rms"
+    assert lines[9] == "   5.606 s  force control triggered at F_z = 0.603 N"
     assert lines[-1] == "  recording  results/press/2026/run.mcap"
     assert max(map(len, lines)) <= 80
+
+
+def test_a_large_overshoot_stands_in_the_first_line():
+    large = {"hold_overshoot": {"value": 0.34, "reason": ""}, "hold_overshoot_force": {"value": 1.7, "reason": ""}}
+    first = run_text(RUN | {"outcome": OUTCOME | {"measures": HELD | large}}).splitlines()[0]
+    assert first == "press  20 s at 400 x real time  OVERSHOOT 34.0 %, 1.70 N"
+
+
+def test_a_run_that_holds_nothing_says_why():
+    none = {key: asdict(one) for key, one in unmeasured("no force loop").items()}
+    run = RUN | {"outcome": OUTCOME | {"measures": none}}
+    assert run_text(run).splitlines()[2] == "  held       none: no force loop"
+    assert run_facts(run)["measures"]["hold_error"] == {"value": None, "unit": "N", "reason": "no force loop"}  # type: ignore[index]
 
 
 def test_tasks_say_what_was_held_instead_of_what_is_left_when_they_are_over():
@@ -37,16 +66,18 @@ def test_tasks_say_what_was_held_instead_of_what_is_left_when_they_are_over():
         "largest": 8.1,
         "begin": 4.4,
         "end": 9.4,
+        "error": 0.009,
     }
     text = run_text(RUN | {"held": (press,)})
     assert (
-        "  force      at most 4.96 N, at 13.54 s\n             held 8.00 N: 7.90 to 8.10 N from 4.4 to 9.4 s\n" in text
+        "  force      at most 4.96 N, at 13.54 s\n"
+        "             7.90 to 8.10 N for 8.00 N, 4.4 to 9.4 s, error 0.009 N\n" in text
     )
     assert "last second" not in text
-    tap = press | {"task": 2, "kind": "tap", "taps": 10}
+    tap = press | {"task": 2, "kind": "tap", "taps": 10, "error": None}
     text = run_text(RUN | {"held": (press | {"least": None}, tap, tap | {"least": None})})
     assert "             task 1: never held 8.00 N\n" in text
-    assert "             task 2: 10 taps of 8.00 N: peaks 7.90 to 8.10 N from 4.4 to 9.4 s\n" in text
+    assert "             task 2: 10 taps, peaks 7.90 to 8.10 N for 8.00 N, 4.4 to 9.4 s\n" in text
     assert "task 2: never tapped\n" in text and max(map(len, text.splitlines())) <= 80
 
 
