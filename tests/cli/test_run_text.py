@@ -5,13 +5,11 @@ import pytest
 from twin.cli.terminal import MOST_EVENTS, run_facts, run_text
 from twin.robot.run.measures import MEASURES, unmeasured
 
-HELD = {
-    key: {"value": value, "reason": "" if value is not None else "below 0.05 N"}
-    for key, value in dict.fromkeys(MEASURES)
-    | {"hold_error": 0.0939, "hold_overshoot": 0.0, "hold_settling_time": 0.852, "held_lateral_error": 0.00277,
-       "hold_begin": 7.606, "hold_end": 20.0, "hold_overshoot_force": 0.0}
-    .items()
+NUMBERS = {
+    "hold_error": 0.0939, "hold_overshoot": 0.0, "hold_settling_time": 0.852, "held_lateral_error": 0.00277,
+    "hold_begin": 7.606, "hold_end": 20.0, "hold_overshoot_force": 0.0,
 }  # fmt: skip
+HELD = {key: {"value": NUMBERS.get(key), "reason": "" if key in NUMBERS else "below 0.05 N"} for key in MEASURES}
 OUTCOME = {"measures": HELD, "peak": 4.961, "peak_time": 13.54, "end": 4.884, "end_x": -0.001, "end_y": -1.07, "force_error": 0.451,
            "lateral_error": 0.00218, "z_error": 0.00102}  # fmt: skip
 RUN = {
