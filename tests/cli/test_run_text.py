@@ -10,8 +10,10 @@ NUMBERS = {
     "hold_begin": 7.606, "hold_end": 20.0, "hold_overshoot_force": 0.0,
 }  # fmt: skip
 HELD = {key: {"value": NUMBERS.get(key), "reason": "" if key in NUMBERS else "below 0.05 N"} for key in MEASURES}
-OUTCOME = {"measures": HELD, "peak": 4.961, "peak_time": 13.54, "end": 4.884, "end_x": -0.001, "end_y": -1.07, "force_error": 0.451,
-           "lateral_error": 0.00218, "z_error": 0.00102}  # fmt: skip
+OUTCOME = {
+    "measures": HELD, "peak": 4.961, "peak_time": 13.54, "end": 4.884, "end_x": -0.001, "end_y": -1.07,
+    "force_error": 0.451, "lateral_error": 0.00218, "z_error": 0.00102,
+}  # fmt: skip
 RUN = {
     "experiment": "press", "simulated": 20.0, "stepping": 0.05, "writing": 0.2, "real_time_factor": 400.0,
     "remarks": ["2 of 2000 deadlines missed"], "outcome": OUTCOME, "trip": "", "changed": False, "punctuality": None,

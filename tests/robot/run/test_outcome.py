@@ -1,8 +1,8 @@
 """The force of each task: from the rows of a run, however they are sliced."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -13,7 +13,7 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.program import TASKS, PhaseKind, Press, Tap
 from twin.robot.experiment.schema import checked_tasks
 from twin.robot.run.hold import HoldRequest
-from twin.robot.run.outcome import SIGNALS, HeldForce, HeldForces, Tally
+from twin.robot.run.outcome import HeldForces, Tally
 from twin.robot.run.run import execute
 from twin.studies.metrics.response import rms
 from twin.studies.paper.fig5_measures import task_runs
@@ -23,11 +23,22 @@ TAP = {
     "kind": "tap", "point_mm": (0.0, 0.0), "force_N": 3.0, "speed_mm_per_s": 50.0, "lift_mm": 2.0, "period_s": 0.5,
     "times": 3,
 }  # fmt: skip
-SYSTEM = SimpleNamespace(
-    tick=0.001,
-    has=lambda name: True,
-    columns=lambda name: {"plant.F_ee_B": slice(0, 3), "controller.task": slice(3, 4)}.get(name, slice(4, 5)),
-)
+TASK_COLUMNS = {"plant.F_ee_B": slice(0, 3), "controller.task": slice(3, 4), "controller.phase": slice(4, 5)}
+
+
+class TaskSystem:
+    """As much of one as the forces of tasks need: 1 ms ticks, five columns, or fewer."""
+
+    tick = 1e-3
+
+    def __init__(self, *without: str):
+        self._without = without
+
+    def has(self, name: str) -> bool:
+        return name in TASK_COLUMNS and name not in self._without
+
+    def columns(self, name: str) -> slice:
+        return TASK_COLUMNS[name]
 
 
 def tasks(*tables: dict[str, Any]) -> tuple[Press | Tap, ...]:
@@ -39,11 +50,16 @@ def rows(*spans: tuple[int, PhaseKind, list[float]]) -> np.ndarray:
     return np.array([(0.0, 0.0, -F_z, task, phase) for task, phase, force in spans for F_z in force])
 
 
-def held(table: np.ndarray, size: int, *asked: dict[str, Any]) -> tuple[HeldForces, ...]:
-    observer = HeldForce(cast(Any, SYSTEM), tasks(*asked))
+def held(
+    table: np.ndarray, size: int, *asked: dict[str, Any], system: TaskSystem | None = None
+) -> tuple[HeldForces, ...]:
+    listed = tasks(*asked)
+    request = HoldRequest(True, tuple(task.force for task in listed), tuple(task.kind for task in listed))
+    tally = Tally(system or TaskSystem(), request)
     for first in range(0, len(table), size):
-        observer.take(first, table[first : first + size], [])
-    return observer.held
+        tally.take(first, table[first : first + size], [])
+    # the errors have tests of their own
+    return tuple(replace(one, error=None, mean_error=None, overshoot=None) for one in tally.held)
 
 
 @pytest.mark.parametrize("size", [1, 3, 100])
@@ -68,8 +84,8 @@ def test_the_force_is_that_of_the_phases_that_hold_it_however_rows_are_sliced(si
 
 def test_without_tasks_or_a_controller_that_names_them_nothing_is_said():
     assert held(rows((1, PhaseKind.HOLD, [1.0])), 1) == ()
-    silent = SimpleNamespace(tick=0.001, has=lambda name: name != SIGNALS[1], columns=SYSTEM.columns)
-    assert HeldForce(cast(Any, silent), tasks(PRESS)).held == ()
+    table = rows((1, PhaseKind.HOLD, [1.0]))
+    assert held(table, 1, PRESS, system=TaskSystem("controller.task")) == ()
 
 
 def test_a_run_says_of_its_taps_what_its_recording_holds(root: Path, tmp_path: Path):

@@ -129,7 +129,7 @@ def test_a_state_of_another_run_is_refused_with_what_differs(tmp_path: Path, par
         made(tmp_path / "part", state=StoredState(recording, 0.5, forged.to_bytes()))
 
 
-@pytest.mark.parametrize("name", ["tally", "watch", "recorder", "held", "tuning"])
+@pytest.mark.parametrize("name", ["tally", "watch", "recorder", "tuning"])
 def test_what_observers_found_out_is_needed(tmp_path: Path, name: str):
     recording = made(tmp_path / "run")
     saved = stored_state(recording, 0.5).saved  # type: ignore[union-attr]

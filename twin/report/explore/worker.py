@@ -137,10 +137,10 @@ def _run(state: PageState, experiment: Experiment, look: "Look", only: frozenset
     with assemble(experiment) as assembly:
         fields = fields_of(assembly.system)
         own = run_observers(experiment, assembly)
-        observers = [own.tally, own.held, own.watch, events, trace]
+        observers = [own.tally, own.watch, events, trace]
         done = simulate(assembly, experiment.duration_ticks, observers).completed()
         tick, monitor = assembly.system.tick, own_monitor(assembly.system)
-    numbers = headline(own.tally.outcome, own.held_forces)
+    numbers = headline(own.tally.outcome, own.tally.held)
     if experiment.faults:
         onset, trip = min(fault.onset for fault in experiment.faults), monitor.trip if monitor else None
         numbers += [("monitor trips after the fault", "s", (trip.tick - onset) * tick if trip else None)]
@@ -328,8 +328,8 @@ def _mapped(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     experiment = _bounded(asked(base, ask["state"]).loaded())
     with assemble(experiment) as assembly:
         own = run_observers(experiment, assembly)
-        simulate(assembly, experiment.duration_ticks, [own.tally, own.held]).completed()
-    return {"numbers": headline(own.tally.outcome, own.held_forces)}
+        simulate(assembly, experiment.duration_ticks, [own.tally]).completed()
+    return {"numbers": headline(own.tally.outcome, own.tally.held)}
 
 
 def _inspected(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:

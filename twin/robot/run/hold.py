@@ -17,7 +17,7 @@ Nothing counts from the first row on in which the safety monitor has tripped.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import takewhile
 from typing import Any, NamedTuple, Protocol
 
@@ -73,9 +73,11 @@ _SUMS = record(
     # of one hold, and of the worst
     x_1="f8", y_1="f8", y_2="f8", swings="f8", span="f8", sign="f8", ups="f8", worst="f8", frequency="f8",
 )  # fmt: skip
-_TASK_SUMS = 6
-"""Of a task: first row with the force loop on, first held row, held rows, sum of e, of e squared, largest F."""
-_HOLD, _CIRCLE, _PUSH = (int(phase) for phase in UNDER_FORCE)
+_TASK_SUMS = 13
+"""Of a task: first row with the force loop on, first held row, held rows, sum of e, of e squared, largest F for its
+overshoot; at every tick: least and largest F or tap peak, first and last tick, taps, whether the last
+row is of a tap, peak of the last tap."""
+_HOLD, _CIRCLE, _PUSH, _TAP = (int(phase) for phase in (*UNDER_FORCE, PhaseKind.TAP))
 
 
 @njit(cache=True, inline="always")
@@ -152,23 +154,51 @@ def _task(t, k, F, e, on, held, grace):
         t[5] = F
 
 
+@njit(cache=True, inline="always")
+def _extremes(t, tick, F, phase):
+    """Take a tick of a task into the extremes of its force `t`; a tap lasts until the next one begins."""
+    tap = phase == _TAP
+    if tap and t[11] == 0.0:
+        # the least peak so far is of taps that are over
+        if t[10] > 0.0:
+            t[6] = min(t[6], t[12])
+        t[10] += 1.0
+        t[12] = 0.0
+    t[11] = 1.0 if tap else 0.0
+    if t[10] > 0.0:
+        t[12] = max(t[12], F)
+        t[7] = max(t[7], F)
+    if phase in (_HOLD, _CIRCLE, _PUSH):
+        t[6], t[7] = min(t[6], F), max(t[7], F)
+    elif not tap:
+        return
+    if t[8] < 0.0:
+        t[8] = tick
+    t[9] = tick
+
+
 @entry("nothing", "doubles", "int", "int", "integers", "int", _SUMS, "doubles", "int")
 def _add_up(rows, count, width, columns, start, s, task_sums, number_of_tasks):
     table, column = carray(rows, (count, width)), carray(columns, WIDTH)
     tasks = carray(task_sums, (number_of_tasks, _TASK_SUMS))
     every = int(s.every)
-    for i in range(-start % every, count, every):
+    for i in range(count):
         row = table[i]
-        if s.tripped > 0.0:
-            return
+        F = -_value(row, column[_F + 2])
+        task, phase = 0.0, 0.0
+        if number_of_tasks > 0:
+            task, phase = _value(row, column[_TASK]), _value(row, column[_PHASE])
+            if 1.0 <= task <= number_of_tasks:
+                _extremes(tasks[int(task) - 1], start + i, F, phase)
+        if s.tripped > 0.0 or (start + i) % every != 0:
+            continue
         if _value(row, column[_TRIP]) > 0.0:
             s.tripped = 1.0
             _end_hold(s)
-            return
+            continue
         k = s.rows
         s.rows += 1.0
         _drives(s, row, column)
-        F = -_value(row, column[_F + 2])
         if F > 0.0:
             s.touched = 1.0
         on = s.touched if column[_ON] < 0 else _value(row, column[_ON])
@@ -179,8 +209,6 @@ def _add_up(rows, count, width, columns, start, s, task_sums, number_of_tasks):
         if s.s0 < 0.0 and s.touched > 0.0 and on > 0.0 and s.force_loop > 0.0:
             s.s0, s.R_0 = k, R
         if number_of_tasks > 0:
-            task = _value(row, column[_TASK])
-            phase = _value(row, column[_PHASE])
             held = phase in (_HOLD, _CIRCLE, _PUSH) and 1.0 <= task <= number_of_tasks and R > 0.0
             if 1.0 <= task <= number_of_tasks:
                 _task(tasks[int(task) - 1], k, F, e, on > 0.0, held, s.task_grace)
@@ -215,7 +243,7 @@ class HoldRequest(NamedTuple):
 
     Attributes:
         force_loop: whether the force is controlled.
-        forces: force of each task (N); empty if way points lead the robot.
+        forces, kinds: force (N) and kind of each task; empty if way points lead the robot.
         reference: force of the file (N), for a controller that does not report its own; NaN if there is none.
         thinned: whether rows are recorded at the controller's period only; the measures are of these rows.
         every: ticks from one looked-at row to the next.
@@ -225,6 +253,7 @@ class HoldRequest(NamedTuple):
 
     force_loop: bool
     forces: tuple[float, ...] = ()
+    kinds: tuple[str, ...] = ()
     reference: float = math.nan
     thinned: bool = False
     every: int = 1
@@ -239,6 +268,7 @@ class HoldRequest(NamedTuple):
         return HoldRequest(
             experiment.controller.mode == "force_position",
             tuple(task.force for task in experiment.tasks),
+            tuple(task.kind for task in experiment.tasks),
             math.nan if asked is None else asked,
             thinned,
             experiment.controller_ticks if thinned else 1,
@@ -258,6 +288,7 @@ class HoldRequest(NamedTuple):
         return HoldRequest(
             controller.get("mode") == "force_position",
             tuple(task["force_N"] for task in values.get("task", ())),
+            tuple(task["kind"] for task in values.get("task", ())),
             controller.get("force", {}).get("reference_N", math.nan),
             values.get("recording", {}).get("rate") == "controller",
             geometry=Geometry(*lengths) if np.isfinite(lengths).all() else None,
@@ -266,15 +297,28 @@ class HoldRequest(NamedTuple):
 
 
 @dataclass(frozen=True)
-class TaskHold:
-    """The force of one task while it is held; None if it never was.
+class HeldForces:
+    """The true pressing force of one task; None if it was never held.
 
     Attributes:
-        error: rms of F - R (N).
-        mean_error: mean of F - R (N).
-        overshoot: largest F beyond the task's force, share of it.
+        task: its number, counted from 1.
+        kind: press, tap, roll or push.
+        force: asked for (N).
+        taps: number of taps.
+        least, largest: extremes of the force while it is held, or of the peaks of taps (N).
+        begin, end: first and last time of that (s).
+        error, mean_error: rms and mean of the force minus its reference while it is held (N); None for taps.
+        overshoot: largest force beyond the task's, as a share of it, until 1 s after it begins to be held.
     """
 
+    task: int
+    kind: str
+    force: float
+    taps: int = 0
+    least: float | None = None
+    largest: float | None = None
+    begin: float | None = None
+    end: float | None = None
     error: float | None = None
     mean_error: float | None = None
     overshoot: float | None = None
@@ -316,7 +360,7 @@ class HoldSums:
     """
 
     def __init__(self, layout: Layout, request: HoldRequest):
-        dt = layout.tick * request.every
+        self._tick, dt = layout.tick, layout.tick * request.every
         self._columns = np.concatenate([signal_columns(layout, *signal) for signal in SIGNALS.items()])
         self.request = request
         self._memory = memory_of(
@@ -325,7 +369,8 @@ class HoldSums:
             s0=-1.0, torque=-1.0, load=-1.0, current=-1.0, outside=-1.0, worst=-1.0,
         )  # fmt: skip
         self._tasks = np.zeros((len(request.forces), _TASK_SUMS))
-        self._tasks[:, :2] = -1.0
+        self._tasks[:, [0, 1, 8]] = -1.0
+        self._tasks[:, 6], self._tasks[:, 7] = math.inf, -math.inf
 
     def has(self, name: str) -> bool:
         """Whether rows have the signal `name`, one of `SIGNALS`."""
@@ -390,11 +435,21 @@ class HoldSums:
         return math.sqrt(2.0 * square), float(frequency)
 
     @property
-    def tasks(self) -> tuple[TaskHold, ...]:
-        """Each task, in their order."""
-        found = []
-        sums = self._tasks.tolist()
-        for force, (_, _, count, error, squares, largest) in zip(self.request.forces, sums, strict=True):
-            beyond = max(0.0, largest / force - 1.0)
-            found.append(TaskHold(math.sqrt(squares / count), error / count, beyond) if count else TaskHold())
-        return tuple(found)
+    def tasks(self) -> tuple[HeldForces, ...]:
+        """Each task, in their order; empty if the controller does not report which task is on."""
+        known = self.has("controller.task") and self.has("controller.phase")
+        return tuple(self._task(index) for index in range(len(self._tasks) if known else 0))
+
+    def _task(self, index: int) -> HeldForces:
+        kind, force = self.request.kinds[index], self.request.forces[index]
+        _, _, count, error, squares, above, least, largest, begin, end, taps, _, peak = self._tasks[index].tolist()
+        if begin < 0.0:
+            return HeldForces(index + 1, kind, force)
+        least = min(least, peak) if taps else least
+        extremes = HeldForces(
+            index + 1, kind, force, int(taps), least, largest, int(begin) * self._tick, int(end) * self._tick
+        )
+        if not count:
+            return extremes
+        beyond = max(0.0, above / force - 1.0)
+        return replace(extremes, error=math.sqrt(squares / count), mean_error=error / count, overshoot=beyond)

@@ -338,7 +338,7 @@ def _recorded(
         changed=bool(tuning.first),
         punctuality=pace.punctuality() if pace else None,
         parts={role: part.sentence for role, part in assembly.others.items()},
-        held=own.held_forces,
+        held=own.tally.held,
     )
 
 

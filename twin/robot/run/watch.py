@@ -8,7 +8,7 @@ Viewers of a running simulation: the interface that a run calls.
 import math
 import threading
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -28,7 +28,7 @@ from twin.robot.experiment.schema import changed_value
 from twin.robot.monitor.checks import trip_sentence
 from twin.robot.monitor.component import other_trip, own_monitor
 from twin.robot.run.hold import HoldRequest
-from twin.robot.run.outcome import HeldForce, HeldForces, Tally
+from twin.robot.run.outcome import Tally
 from twin.robot.scene import Scene
 
 
@@ -286,31 +286,19 @@ class RunObservers(NamedTuple):
     Attributes:
         tuning: changes by hand.
         watch: the monitor's and the tasks' events.
-        tally: the outcome.
-        held: the pressing force of each task.
+        tally: the outcome, and the pressing force of each task.
     """
 
     tuning: Tuning
     watch: Watch
     tally: Tally
-    held: HeldForce
-
-    @property
-    def held_forces(self) -> tuple[HeldForces, ...]:
-        """The force of each task, with its errors."""
-        errors = [asdict(task) for task in self.tally.tasks]
-        return tuple(replace(force, **error) for force, error in zip(self.held.held, errors, strict=False))
 
 
 def run_observers(experiment: Experiment, assembly: Assembly) -> RunObservers:
     """New observers of a run of `experiment`, which `assembly` was made of."""
     system = assembly.system
-    return RunObservers(
-        Tuning(experiment, assembly),
-        Watch(assembly, experiment),
-        Tally(system, HoldRequest.of(experiment)),
-        HeldForce(system, experiment.tasks),
-    )
+    tally = Tally(system, HoldRequest.of(experiment))
+    return RunObservers(Tuning(experiment, assembly), Watch(assembly, experiment), tally)
 
 
 class Viewer(Protocol):
