@@ -11,15 +11,17 @@ import tomlkit
 
 from twin.kernel.writing import inline_table
 from twin.studies.figure import BARE, BLUE, GREY, Axes, picture
+from twin.robot.run.measures import MEASURES
 from twin.studies.result import Block, Column, Note, Row, Table
 from twin.studies.tune.prediction import HORIZON, SETTLED, StepAnswer, sensitivities, step_response
-from twin.studies.tune.tuned import Judged, Miss, Tuned, Whole, worst_places
+from twin.studies.tune.touchdown import HOLD, JUDGED, OVERSHOOT, SETTLING, Whole
+from twin.studies.tune.tuned import Judged, Miss, Tuned, worst_places
 
 
 def goals_sentence(done: Tuned) -> str:
-    """`M_s at most 1.6, overshoot at most 5 %, on 300 to 5000 N/m, with velocity_servo`."""
+    """`M_s at most 1.6, steps overshoot at most 5 %, on 300 to 5000 N/m, with velocity_servo`."""
     goals = done.goals
-    parts = [f"M_s at most {goals.sensitivity:g}", f"overshoot at most {100.0 * goals.overshoot:g} %"]
+    parts = [f"M_s at most {goals.sensitivity:g}", f"steps overshoot at most {100.0 * goals.overshoot:g} %"]
     if goals.bandwidth is not None:
         parts.append(f"{goals.law} bandwidth at least {goals.bandwidth_hertz:g} Hz")
     if done.stiffness is not None:
@@ -63,11 +65,12 @@ DOUBT = 0.03
 """Distance of a drive's model from what was measured that a reader has to know of."""
 UNTRIED = "no step is simulated: tasks lead this robot, and damping that only they have acts"
 HEAD = f"{'M_s':>4} {'over':>5} {'5 % in':>7} {'-3 dB':>7}"
-STEPS = (
-    Column("", 23, unit="a step of", left=True),
-    Column(f"{'before':-^26}", 26, unit=HEAD, left=True, gap=2),
-    Column(f"{'after':-^26}", 26, unit=HEAD, left=True, gap=2),
-)
+RUN_HEAD = f"{'over':>6} {'5 % in':>7} {'hold error':>11}"
+
+
+def _columns(name: str, head: str) -> tuple[Column, ...]:
+    two = (Column(f"{when:-^26}", 26, unit=head, left=True, gap=2) for when in ("before", "after"))
+    return Column("", 23, unit=name, left=True), *two
 
 
 def tuning_parts(done: Tuned) -> list[Block]:
@@ -84,8 +87,9 @@ def tuning_parts(done: Tuned) -> list[Block]:
         "",
         _gains(done),
         Note(goals_sentence(done), "  goals     "),
+        *([Note(_run_goals(done), "            ")] if done.goals.law == "force" else []),
         "",
-        Table(STEPS, list(_steps(done)), indent=0),
+        Table(_columns("a step of", HEAD), list(_steps(done)), indent=0),
         "",
         *_runs(done),
         *(Note(text, "note  ") for text in (*doubtful, *untried, *(f"left out: {one}" for one in done.problems))),
@@ -97,9 +101,25 @@ def _verdict(done: Tuned) -> list[Block]:
     if done.met:
         confirmed = ", and the co-simulation agrees" if done.after.trials else ""
         where = "the one corner" if corners == 1 else f"all {corners} corners"
-        return [f"{name}  GOALS MET at {where}{confirmed}"]
+        kept = ["  no better gains were found than those of the file"] if done.after.gains == done.before.gains else []
+        return [f"{name}  GOALS MET at {where}{confirmed}", *kept, *_beyond(done)]
     missed = [*(_miss(done, miss) for miss in done.after.misses), *done.contradictions]
     return [f"{name}  GOALS NOT MET; this is the best that was found", *map(missed_note, missed)]
+
+
+def _beyond(done: Tuned) -> Iterator[Note]:
+    """Touch-downs that overshoot by more than the experiment itself may."""
+    for before, after in zip(done.before.wholes, done.after.wholes, strict=True):
+        was, now = (one.measures[OVERSHOOT].value for one in (before, after))
+        if now is not None and was is not None and now > done.goals.overshoot:
+            shown = MEASURES[OVERSHOOT].shown
+            yield Note(f"{after.name} overshoots by {shown(now)}; it was {shown(was)}", "  but       ")
+
+
+def _run_goals(done: Tuned) -> str:
+    beyond = f"the experiment itself overshoots at most {100.0 * done.goals.overshoot:g} % and settles; hold error"
+    elsewhere = " and, on other stiffnesses, a larger overshoot" if done.stiffness else ""
+    return f"{beyond}{elsewhere} no worse than before"
 
 
 def missed_note(text: str) -> Note:
@@ -169,11 +189,41 @@ def _answer(found: StepAnswer) -> str:
     return f"{100.0 * found.overshoot:3.0f} % {settling:>7}"
 
 
-def _runs(done: Tuned) -> Iterator[Note]:
-    for before, after in zip(done.before.wholes, done.after.wholes, strict=True):
+def _runs(done: Tuned) -> Iterator[Block]:
+    pairs = list(zip(done.before.wholes, done.after.wholes, strict=True))
+    if any(one.measures[HOLD].value is not None for pair in pairs for one in pair):
+        rows: list[Row] = []
+        for drive in dict.fromkeys(after.drive for _, after in pairs):
+            rows.append(Path(drive).stem)
+            rows += [
+                (f"  on {after.stiffness:.4g} N/m" if after.stiffness else "  as in its file", *map(_touch_down, pair))
+                for pair in pairs
+                for after in pair[1:]
+                if after.drive == drive
+            ]
+        yield from (Table(_columns("the experiment", RUN_HEAD), rows, indent=0), "")
+        reasons = {(MEASURES[key].text, pair[1].measures[key].reason) for pair in pairs for key in JUDGED
+                   if pair[1].measures[key].value is None and pair[1].measures[key].reason != MEASURES[key].missing}
+        yield from (Note(f"{name}: none, {reason}", "note  ") for name, reason in sorted(reasons))
+        return
+    for before, after in pairs:
+        if after.stiffness is not None:
+            continue
         text = f"{_run(before)} before, {_run(after)} after"
         kind = "z" if after.outcome is None or after.outcome.force_error is None else "force"
         yield Note(f"the experiment itself, {Path(after.drive).stem}: {kind} off by {text} (rms)", "run   ")
+
+
+def _touch_down(whole: Whole) -> str:
+    """Overshoot, settling time and hold error."""
+    if whole.outcome is None or whole.trip:
+        return f"{'safety trip' if whole.trip else 'failed':^26}"
+    texts = []
+    for key in (OVERSHOOT, SETTLING, HOLD):
+        value, reason = whole.measures[key].value, whole.measures[key].reason
+        never = "never" if reason == MEASURES[SETTLING].missing else "none"
+        texts.append(never if value is None else MEASURES[key].shown(value))
+    return "{:>6} {:>7} {:>11}".format(*texts)
 
 
 def _run(whole: Whole) -> str:
