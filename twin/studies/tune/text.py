@@ -10,11 +10,11 @@ import numpy as np
 import tomlkit
 
 from twin.kernel.writing import inline_table
-from twin.studies.figure import BARE, BLUE, GREY, Axes, picture
 from twin.robot.run.measures import MEASURES
+from twin.studies.figure import BARE, BLUE, GREY, Axes, picture
 from twin.studies.result import Block, Column, Note, Row, Table
 from twin.studies.tune.prediction import HORIZON, SETTLED, StepAnswer, sensitivities, step_response
-from twin.studies.tune.touchdown import HOLD, JUDGED, OVERSHOOT, SETTLING, Whole
+from twin.studies.tune.touchdown import HOLD, JUDGED, NONE, OVERSHOOT, SETTLING, Whole
 from twin.studies.tune.tuned import Judged, Miss, Tuned, worst_places
 
 
@@ -26,7 +26,10 @@ def goals_sentence(done: Tuned) -> str:
         parts.append(f"{goals.law} bandwidth at least {goals.bandwidth_hertz:g} Hz")
     if done.stiffness is not None:
         parts.append("on {:g} to {:g} N/m".format(*done.stiffness))
-    return ", ".join([*parts, "with " + " and ".join(Path(drive.labels[0]).stem for drive in done.drives)])
+    parts.append("with " + " and ".join(Path(drive.labels[0]).stem for drive in done.drives))
+    if goals.law == "force":
+        parts.append(f"the experiment itself overshoots at most {100.0 * goals.overshoot:g} %")
+    return ", ".join(parts)
 
 
 def fragment(done: Tuned, experiment: Path, folder: Path, options: Sequence[str]) -> str:
@@ -87,7 +90,6 @@ def tuning_parts(done: Tuned) -> list[Block]:
         "",
         _gains(done),
         Note(goals_sentence(done), "  goals     "),
-        *([Note(_run_goals(done), "            ")] if done.goals.law == "force" else []),
         "",
         Table(_columns("a step of", HEAD), list(_steps(done)), indent=0),
         "",
@@ -114,12 +116,6 @@ def _beyond(done: Tuned) -> Iterator[Note]:
         if now is not None and was is not None and now > done.goals.overshoot:
             shown = MEASURES[OVERSHOOT].shown
             yield Note(f"{after.name} overshoots by {shown(now)}; it was {shown(was)}", "  but       ")
-
-
-def _run_goals(done: Tuned) -> str:
-    beyond = f"the experiment itself overshoots at most {100.0 * done.goals.overshoot:g} % and settles; hold error"
-    elsewhere = " and, on other stiffnesses, a larger overshoot" if done.stiffness else ""
-    return f"{beyond}{elsewhere} no worse than before"
 
 
 def missed_note(text: str) -> Note:
@@ -202,37 +198,28 @@ def _runs(done: Tuned) -> Iterator[Block]:
                 if after.drive == drive
             ]
         yield from (Table(_columns("the experiment", RUN_HEAD), rows, indent=0), "")
-        reasons = {(MEASURES[key].text, pair[1].measures[key].reason) for pair in pairs for key in JUDGED
-                   if pair[1].measures[key].value is None and pair[1].measures[key].reason != MEASURES[key].missing}
-        yield from (Note(f"{name}: none, {reason}", "note  ") for name, reason in sorted(reasons))
+        whole = done.after.wholes[0]
+        missing = (key for key in JUDGED if whole.outcome and whole.shown(key) == NONE)
+        yield from (Note(f"no {MEASURES[key].text}: {whole.measures[key].reason}", "note  ") for key in missing)
         return
     for before, after in pairs:
-        if after.stiffness is not None:
-            continue
-        text = f"{_run(before)} before, {_run(after)} after"
-        kind = "z" if after.outcome is None or after.outcome.force_error is None else "force"
-        yield Note(f"the experiment itself, {Path(after.drive).stem}: {kind} off by {text} (rms)", "run   ")
+        if after.stiffness is None:
+            text = f"z off by {_z_error(before)} before, {_z_error(after)} after (rms)"
+            yield Note(f"the experiment itself, {Path(after.drive).stem}: {text}", "run   ")
 
 
 def _touch_down(whole: Whole) -> str:
     """Overshoot, settling time and hold error."""
     if whole.outcome is None or whole.trip:
         return f"{'safety trip' if whole.trip else 'failed':^26}"
-    texts = []
-    for key in (OVERSHOOT, SETTLING, HOLD):
-        value, reason = whole.measures[key].value, whole.measures[key].reason
-        never = "never" if reason == MEASURES[SETTLING].missing else "none"
-        texts.append(never if value is None else MEASURES[key].shown(value))
-    return "{:>6} {:>7} {:>11}".format(*texts)
+    return f"{whole.shown(OVERSHOOT):>6} {whole.shown(SETTLING):>7} {whole.shown(HOLD):>11}"
 
 
-def _run(whole: Whole) -> str:
+def _z_error(whole: Whole) -> str:
     if whole.outcome is None:
         return "it failed"
-    force, z = whole.outcome.force_error, whole.outcome.z_error
-    assert z is not None, "twin's own controller has a reference"
-    error = f"{1e3 * z:.2g} mm" if force is None else f"{force:.2g} N"
-    return f"{error} and a safety trip" if whole.trip else error
+    assert whole.outcome.z_error is not None, "twin's own controller has a reference"
+    return f"{1e3 * whole.outcome.z_error:.2g} mm" + (" and a safety trip" if whole.trip else "")
 
 
 BEFORE, AFTER, PALE = GREY, BLUE, "#d9d9d9"

@@ -16,6 +16,8 @@ from twin.studies.tune.prediction import LawGains, with_gains
 
 OVERSHOOT, SETTLING, HOLD = JUDGED = "hold_overshoot", "hold_settling_time", "hold_error"
 """Measures that goals are set for."""
+NEVER, NONE = "never", "none"
+"""A force that does not settle; a measure that does not exist."""
 FAILED = 10.0
 """How far a run that fails or trips misses its goals: farther than measures do."""
 
@@ -41,6 +43,13 @@ class Whole:
         """Its measures, by their keys in `MEASURES`."""
         return self.outcome.measures if self.outcome else unmeasured("the run failed")
 
+    def shown(self, key: str) -> str:
+        """A measure for people: `0.094 N`, "none", or "never" for a settling time."""
+        value, reason = self.measures[key].value, self.measures[key].reason
+        if value is None:
+            return NEVER if reason == MEASURES[SETTLING].missing else NONE
+        return MEASURES[key].shown(value)
+
     @property
     def name(self) -> str:
         """`the experiment itself with velocity_servo`, `touch-down on 300 N/m with velocity_servo`."""
@@ -64,57 +73,61 @@ def whole_run(experiment: Experiment, drive: str, gains: LawGains, stiffness: fl
     return Whole(drive, None if done.failure else tally.outcome, trip_reason(done.simulation), stiffness)
 
 
+def whole_runs(
+    experiments: Sequence[Experiment], drives: Sequence[str], gains: LawGains, surfaces: Sequence[float | None]
+) -> Iterator[Whole]:
+    """Yield `whole_run` of each surface (N/m, None for the one of the file) with each drive; lazy.
+
+    Args:
+        experiments: one per drive.
+        drives: their names.
+    """
+    for stiffness in surfaces:
+        for experiment, drive in zip(experiments, drives, strict=True):
+            yield whole_run(experiment, drive, gains, stiffness)
+
+
 class Shortfall(NamedTuple):
-    """A goal that a run misses: by how much (relative, of the overshoot a share of the force), and a sentence."""
+    """A goal that a run misses: how badly (for the search, more is worse), and a sentence."""
 
     by: float
     text: str
 
 
 def shortfalls(before: Whole, after: Whole, overshoot: float, than: str = "before") -> Iterator[Shortfall]:
-    """Yield each goal that the run `after` misses.
+    """Yield each goal that the run `after` misses. Differences below the floors of the measures do not count.
 
-    The experiment as its file has it overshoots by at most `overshoot` and settles. On other surfaces it overshoots by
-    no more than that or than `before`. Nowhere is the hold error larger than `before`. Floors: `Measure.differs`.
-
-    Args:
-        before: the run on the same surface with the gains that are compared with.
-        after: the run that is judged.
-        overshoot: largest overshoot (share of the force).
-        than: what sentences call `before`.
+    The experiment as its file has it settles and overshoots by at most `overshoot` (share of the force); on another
+    surface by no more than that or than `before`, the run with the gains that are compared with, called `than`.
+    Nowhere is the hold error larger than `before`.
     """
-
     was, now = before.measures, after.measures
 
     def grown(key: str) -> bool:
         old, new = was[key].value, now[key].value
-        return old is not None and new is not None and new > old and MEASURES[key].differs(old, new)
-
-    def told(key: str) -> str:
-        old, new = (MEASURES[key].shown(one[key].value or 0.0) for one in (was, now))
-        return new if was[key].value is None else f"{new}, {old} {than}"
+        return old is not None and (new is None or (new > old and MEASURES[key].differs(old, new)))
 
     if after.outcome is None:
         yield Shortfall(FAILED, f"{after.name} fails")
         return
     if after.trip:
         yield Shortfall(FAILED, f"the safety monitor trips in {after.name}: {after.trip}")
-    over, held, old_held = now[OVERSHOOT].value, now[HOLD].value, was[HOLD].value
-    free = after.stiffness is not None and was[OVERSHOOT].value is not None
-    if over is not None and over > overshoot and (grown(OVERSHOOT) or not free):
-        yield Shortfall(over - overshoot, f"{after.name} overshoots by {told(OVERSHOOT)}")
-    if after.stiffness is None and now[SETTLING].reason == MEASURES[SETTLING].missing:
-        yield Shortfall(1.0, f"{after.name} does not settle: {now[SETTLING].reason}")
-    if old_held is not None and held is None:
-        yield Shortfall(1.0, f"{after.name} holds no force: {now[HOLD].reason}")
-    elif old_held is not None and held is not None and grown(HOLD):
-        yield Shortfall(held / old_held - 1.0 if old_held else 1.0, f"{after.name} has a hold error of {told(HOLD)}")
+    over, held = now[OVERSHOOT].value, now[HOLD].value
+    its_own = after.stiffness is None or was[OVERSHOOT].value is None
+    if over is not None and over > overshoot and (its_own or grown(OVERSHOOT)):
+        text = f"overshoots by {after.shown(OVERSHOOT)} ({before.shown(OVERSHOOT)} {than})"
+        yield Shortfall(over - overshoot, f"{after.name} {text}")
+    if after.stiffness is None and after.shown(SETTLING) == NEVER:
+        yield Shortfall(1.0, f"{after.name} never settles within 5 %")
+    if grown(HOLD):
+        text = f"hold error {after.shown(HOLD)} ({before.shown(HOLD)} {than})"
+        yield Shortfall(FAILED if held is None else held, f"{after.name}: {text}")
 
 
 def price(before: Sequence[Whole], after: Iterator[Whole], overshoot: float) -> float:
     """Return how far runs miss their goals; 0 if they meet all. Runs after the first that misses one are not made."""
-    for left, (old, new) in zip(range(len(before), 0, -1), zip(before, after, strict=True)):
+    for i, (old, new) in enumerate(zip(before, after, strict=True)):
         missed = [one.by for one in shortfalls(old, new, overshoot)]
         if missed:
-            return left + sum(missed)
+            return len(before) - i + sum(missed)
     return 0.0

@@ -52,7 +52,7 @@ from twin.studies.tune.prediction import (
     stiffnesses,
     with_gains,
 )
-from twin.studies.tune.touchdown import Whole, price, shortfalls, whole_run
+from twin.studies.tune.touchdown import Whole, price, shortfalls, whole_runs
 
 SEED = 1
 POPULATION, GENERATIONS = 8, 40
@@ -132,7 +132,7 @@ def best_gains(
     simulated: Callable[[LawGains], float] = lambda gains: 0.0,
     progress: Progress = lambda done: None,
 ) -> LawGains:
-    """The gains of least `cost`; `start` if none is better. Force gains stay as in `start` where no corner has that law.
+    """The gains of least `cost`; `start` if none is better. Force gains stay as they are where no corner has that law.
 
     Args:
         laws: "both", or "force": kp of the position law stays as in `start`, too.
@@ -441,10 +441,11 @@ def tuned(
     law = "force" if any(corner.point.force_on for corner in found) else "position"
     goals = replace(goals, law=law)
 
+    surfaces = (None, *(stiffnesses(stiffness) if stiffness else ()))
+    labels = [drive.labels[0] for drive in drives]
+
     def wholes(gains: LawGains) -> Iterator[Whole]:
-        for K in (None, *(stiffnesses(stiffness) if stiffness else ())):
-            for experiment, drive in zip(experiments, drives, strict=True):
-                yield whole_run(experiment, drive.labels[0], gains, K)
+        return whole_runs(experiments, labels, gains, surfaces)
 
     before = list(wholes(start))
 
