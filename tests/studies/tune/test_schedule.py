@@ -69,7 +69,10 @@ def test_a_schedule_that_is_worse_somewhere_is_told(over_two: Scheduled):
     worse = replace(followed.outcome, force_error=1.1 * WORSE * fixed.outcome.force_error)
     points = [replace(point, wholes=[(fixed, replace(followed, outcome=worse))]), *over_two.points[1:]]
     told = replace(over_two, points=points)
-    assert any("on 600 N/m with velocity_servo: the force is off by 116 %" in said for said in told.contradictions)
+    assert any(
+        "touch-down on 600 N/m with velocity_servo: the error since the first touch is 116 %" in said
+        for said in told.contradictions
+    )
     assert not told.met and laid_out(schedule_parts(told)).splitlines()[0].endswith("this is the best that was found")
 
 
