@@ -174,13 +174,10 @@ def scheduled(base: tuned.Tuned) -> Scheduled:
         found.append(DesignedPoint(K, gains, predictions, misses, trials, []))
     # the gains of each experiment itself are the safe set already
     followed = [with_schedule(experiment, base.after.gains, found) for experiment in base.experiments]
-    points = [
-        replace(
-            point,
-            wholes=list(zip(one_set, whole_runs(followed, labels, base.after.gains, (point.stiffness,)), strict=True)),
-        )
-        for point, one_set in zip(found, fixed, strict=True)
-    ]
+    points = []
+    for point, one_set in zip(found, fixed, strict=True):
+        runs = whole_runs(followed, labels, base.after.gains, (point.stiffness,))
+        points.append(replace(point, wholes=list(zip(one_set, runs, strict=True))))
     return Scheduled(base, goals, points, list(_between(base, places, found)))
 
 
@@ -288,18 +285,14 @@ def _rows(point: DesignedPoint) -> Iterator[Row]:
     settling = max(prediction.answers["force"].settling for prediction in stable)
     time = f"{settling:.2f} s" if math.isfinite(settling) else "never"
     own = (*gains, M_s, f"{100 * over:.0f} %", time)
-    runs = [f"{_touch_down(fixed)} {_touch_down(scheduled)}" for fixed, scheduled in point.wholes]
-    if len(runs) == 1:
-        yield *own, runs[0]
-        return
-    yield *own, ""
-    for (fixed, _), text in zip(point.wholes, runs, strict=True):
-        yield (f"    {Path(fixed.drive).stem}", *6 * ("",), text)
+    yield *own, "" if point.wholes[1:] else _pair(*point.wholes[0])
+    for fixed, scheduled in point.wholes if point.wholes[1:] else ():
+        yield f"    {Path(fixed.drive).stem}", *6 * ("",), _pair(fixed, scheduled)
 
 
-def _touch_down(whole: Whole) -> str:
-    """Overshoot and hold error."""
-    return f"{whole.shown(OVERSHOOT):>6} {whole.shown(HOLD):>7}" if whole.outcome else f"{'failed':>14}"
+def _pair(*runs: Whole) -> str:
+    """Overshoot and hold error of each run."""
+    return " ".join(f"{whole.shown(OVERSHOOT):>6} {whole.shown(HOLD):>7}" for whole in runs)
 
 
 COLUMNS = (

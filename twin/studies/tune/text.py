@@ -187,25 +187,20 @@ def _answer(found: StepAnswer) -> str:
 
 def _runs(done: Tuned) -> Iterator[Block]:
     pairs = list(zip(done.before.wholes, done.after.wholes, strict=True))
-    if any(one.measures[HOLD].value is not None for pair in pairs for one in pair):
-        rows: list[Row] = []
-        for drive in dict.fromkeys(after.drive for _, after in pairs):
-            rows.append(Path(drive).stem)
-            rows += [
-                (f"  on {after.stiffness:.4g} N/m" if after.stiffness else "  as in its file", *map(_touch_down, pair))
-                for pair in pairs
-                for after in pair[1:]
-                if after.drive == drive
-            ]
-        yield from (Table(_columns("the experiment", RUN_HEAD), rows, indent=0), "")
-        whole = done.after.wholes[0]
-        missing = (key for key in JUDGED if whole.outcome and whole.shown(key) == NONE)
-        yield from (Note(f"no {MEASURES[key].text}: {whole.measures[key].reason}", "note  ") for key in missing)
+    if all(one.measures[HOLD].value is None for pair in pairs for one in pair):
+        for before, after in pairs:
+            if after.stiffness is None:
+                text = f"z off by {_z_error(before)} before, {_z_error(after)} after (rms)"
+                yield Note(f"the experiment itself, {Path(after.drive).stem}: {text}", "run   ")
         return
+    rows: list[Row] = []
     for before, after in pairs:
-        if after.stiffness is None:
-            text = f"z off by {_z_error(before)} before, {_z_error(after)} after (rms)"
-            yield Note(f"the experiment itself, {Path(after.drive).stem}: {text}", "run   ")
+        where = f"  on {after.stiffness:.4g} N/m" if after.stiffness else "  as in its file"
+        rows += [Path(after.drive).stem] if after.stiffness is None else []
+        rows.append((where, _touch_down(before), _touch_down(after)))
+    yield from (Table(_columns("the experiment", RUN_HEAD), rows, indent=0), "")
+    missing = (key for key in JUDGED if after.outcome and after.shown(key) == NONE)
+    yield from (Note(f"no {MEASURES[key].text}: {after.measures[key].reason}", "note  ") for key in missing)
 
 
 def _touch_down(whole: Whole) -> str:

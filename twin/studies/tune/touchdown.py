@@ -76,14 +76,9 @@ def whole_run(experiment: Experiment, drive: str, gains: LawGains, stiffness: fl
 def whole_runs(
     experiments: Sequence[Experiment], drives: Sequence[str], gains: LawGains, surfaces: Sequence[float | None]
 ) -> Iterator[Whole]:
-    """Yield `whole_run` of each surface (N/m, None for the one of the file) with each drive; lazy.
-
-    Args:
-        experiments: one per drive.
-        drives: their names.
-    """
-    for stiffness in surfaces:
-        for experiment, drive in zip(experiments, drives, strict=True):
+    """Yield `whole_run` of each drive on each surface (stiffness in N/m, None for the one of the file), lazily."""
+    for experiment, drive in zip(experiments, drives, strict=True):
+        for stiffness in surfaces:
             yield whole_run(experiment, drive, gains, stiffness)
 
 
