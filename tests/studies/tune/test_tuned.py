@@ -14,6 +14,7 @@ from twin.studies.result import WIDTH, laid_out
 from twin.studies.tune import tuned as search
 from twin.studies.tune.prediction import Corner, Goals, LawGains, at_stiffness, gains_of, predicted, rounded
 from twin.studies.tune.text import fragment, tuning_parts
+from twin.studies.tune.touchdown import whole_run
 from twin.studies.tune.tuned import (
     Tuned,
     best_gains,
@@ -25,7 +26,6 @@ from twin.studies.tune.tuned import (
     step_trial,
     still_and_moved,
     tuned,
-    whole_run,
     worst_misses,
 )
 

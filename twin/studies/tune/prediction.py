@@ -193,6 +193,12 @@ class Corner:
         return (2,) if self.point.in_contact else (0, 1, 2)
 
 
+def stiffnesses(span: tuple[float, float]) -> list[float]:
+    """Return the stiffnesses (N/m) that stand for a range."""
+    low, high = span
+    return [float(K) for K in np.geomspace(low, high, STIFFNESSES)] if high > low else [low]
+
+
 def corners(
     experiments: Sequence[Experiment], stiffness: tuple[float, float] | None
 ) -> tuple[list[Corner], list[str], list[Linearised]]:
@@ -205,10 +211,10 @@ def corners(
     points, problems = operating_points(experiments[0])
     if stiffness is not None:
         low, high = stiffness
-        each = np.geomspace(low, high, STIFFNESSES) if high > low else [low]
+        each = stiffnesses(stiffness)
         air = [point for point in points if not point.in_contact]
         try:
-            points = air + [on_stiffness(point, float(K)) for point in points if point.in_contact for K in each]
+            points = air + [on_stiffness(point, K) for point in points if point.in_contact for K in each]
         except InputRefused as refusal:
             raise InputRefused(f"--stiffness-N-per-m {low:g}:{high:g}: {refusal}; raise the lower end") from None
     found, drives = [], []

@@ -19,11 +19,13 @@ from twin.robot.controller.adaptive import SchedulePoint, gains_at, table_of
 from twin.robot.controller.pid import ScheduledGains
 from twin.robot.controller.tissue import Tissue
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.measures import with_units
 from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness
 from twin.studies.result import Block, Column, Row, Table
 from twin.studies.tune import tuned
 from twin.studies.tune.prediction import Corner, Goals, LawGains, Prediction, opened, predicted, with_gains
 from twin.studies.tune.text import goals_sentence, missed_note
+from twin.studies.tune.touchdown import HOLD, OVERSHOOT, Whole, price, shortfalls, whole_runs
 
 RANGE = (300.0, 5000.0)
 """Stiffness (N/m) by default."""
@@ -32,7 +34,9 @@ STRIDE = 2.0
 DOUBT = 1.3
 """Factor by which the estimate may be wrong either way: the tolerance of [controller.tissue]."""
 WORSE = 1.05
-"""Rms force with the schedule over that with one set from which on it is reported."""
+"""Error since the first touch with the schedule over that with one set from which on it is reported."""
+ONE_SET = "with one set"
+"""What a schedule is compared with."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +57,10 @@ class DesignedPoint:
     predictions: list[Prediction]
     misses: list[tuned.Miss]
     trials: dict[int, tuned.StepTrial | None]
-    wholes: list[tuple[tuned.Whole, tuned.Whole]]
+    wholes: list[tuple[Whole, Whole]]
 
     def ratio(self, drive: int) -> float:
-        """Rms force with the schedule over that with one set; NaN where one of them failed."""
+        """Error since the first touch with the schedule over that with one set; NaN where one of them failed."""
         fixed, scheduled = (whole.outcome.force_error if whole.outcome else None for whole in self.wholes[drive])
         return scheduled / fixed if fixed and scheduled else float("nan")
 
@@ -91,14 +95,11 @@ class Scheduled:
                 doubt = "the co-simulation failed"
                 doubt = doubt if trial is None else tuned.contradiction(trial, point.predictions[i], self.goals)
                 doubts += [f"{name}: {doubt}"] if doubt else []
-            for drive, (_, scheduled) in enumerate(point.wholes):
-                where = f"{name} with {Path(scheduled.drive).stem}"
-                if scheduled.outcome is None:
-                    doubts.append(f"{where}: the experiment itself fails")
-                elif point.ratio(drive) > WORSE:
-                    doubts.append(
-                        f"{where}: the force is off by {100 * point.ratio(drive):.0f} % of what it is with one set"
-                    )
+            for drive, (fixed, scheduled) in enumerate(point.wholes):
+                doubts += [one.text for one in shortfalls(fixed, scheduled, self.goals.overshoot, ONE_SET)]
+                if point.ratio(drive) > WORSE:
+                    share = f"{100 * point.ratio(drive):.0f} %"
+                    doubts.append(f"{scheduled.name}: the error since the first touch is {share} of that {ONE_SET}")
         return doubts
 
     @property
@@ -124,6 +125,8 @@ class Scheduled:
                             "drive": fixed.drive,
                             "force_error_one_set": fixed.outcome and fixed.outcome.force_error,
                             "force_error_scheduled": scheduled.outcome and scheduled.outcome.force_error,
+                            "measures_one_set": with_units(fixed.measures),
+                            "measures_scheduled": with_units(scheduled.measures),
                         }
                         for fixed, scheduled in point.wholes
                     ],
@@ -152,17 +155,29 @@ def scheduled(base: tuned.Tuned) -> Scheduled:
     low, high = base.stiffness or RANGE
     if low == high:
         raise InputRefused(f"--stiffness-N-per-m {low:g}:{high:g}: one stiffness; a schedule needs a range")
-    found = []
+    found, fixed = [], []
+    labels = [shared.labels[0] for shared in base.drives]
     for K in ladder(low, high):
+        one_set = list(whole_runs(base.experiments, labels, base.after.gains, (K,)))
+        fixed.append(one_set)
         mistaken = [*_corners(base, places, K / DOUBT, True), *_corners(base, places, K * DOUBT)]
         designed_for = [*mistaken, *_corners(base, places, K)]
-        gains = tuned.best_gains(designed_for, goals, base.after.gains, "force", partial(_is_taken, base, K))
+
+        def simulated(gains: LawGains, K: float = K, one_set: Sequence[Whole] = one_set) -> float:
+            return price(one_set, whole_runs(base.experiments, labels, gains, (K,)), goals.overshoot)
+
+        gains = tuned.best_gains(designed_for, goals, base.after.gains, "force", partial(_is_taken, base, K), simulated)
         misses = tuned.worst_misses([predicted(corner, gains) for corner in designed_for], goals)
         predictions = [predicted(corner, gains) for corner in _corners(base, places, K)]
         tried = [i for i, corner in enumerate(predictions) if corner.stable and tuned.can_be_tried(corner.corner)]
         trials = {i: tuned.step_trial(predictions[i].corner, gains) for i in tried}
         found.append(DesignedPoint(K, gains, predictions, misses, trials, []))
-    points = [replace(point, wholes=_wholes(base, found, point)) for point in found]
+    # the gains of each experiment itself are the safe set already
+    followed = [with_schedule(experiment, base.after.gains, found) for experiment in base.experiments]
+    points = []
+    for point, one_set in zip(found, fixed, strict=True):
+        runs = whole_runs(followed, labels, base.after.gains, (point.stiffness,))
+        points.append(replace(point, wholes=list(zip(one_set, runs, strict=True))))
     return Scheduled(base, goals, points, list(_between(base, places, found)))
 
 
@@ -220,21 +235,6 @@ def _between(base: tuned.Tuned, places: Sequence[OperatingPoint], points: Sequen
     return found
 
 
-def _wholes(
-    base: tuned.Tuned, points: Sequence[DesignedPoint], at: DesignedPoint
-) -> list[tuple[tuned.Whole, tuned.Whole]]:
-    """The experiment on the stiffness of `at`, with each drive, without a monitor: soft tissue is pressed in deep."""
-    done = []
-    for experiment, shared in zip(base.experiments, base.drives, strict=True):
-        contact = experiment.contact.model_copy(update={"stiffness": at.stiffness})
-        alone, label = replace(experiment, contact=contact, monitor=None), shared.labels[0]
-        fixed = tuned.whole_run(alone, label, base.after.gains)
-        # its own gains are the safe set already
-        followed = tuned.whole_run(with_schedule(alone, base.after.gains, points), label, base.after.gains)
-        done.append((fixed, followed))
-    return done
-
-
 def schedule_parts(done: Scheduled) -> list[Block]:
     """For people: the verdict, then each point."""
     return [*_verdict(done), "", Table(COLUMNS, [row for point in done.points for row in _rows(point)], indent=0)]
@@ -284,15 +284,15 @@ def _rows(point: DesignedPoint) -> Iterator[Row]:
     over = max(prediction.answers["force"].overshoot for prediction in stable)
     settling = max(prediction.answers["force"].settling for prediction in stable)
     time = f"{settling:.2f} s" if math.isfinite(settling) else "never"
-    for number, (fixed, scheduled) in enumerate(point.wholes):
-        label = f"  {Path(fixed.drive).stem}" if len(point.wholes) > 1 else ""
-        own = (*gains, M_s, f"{100 * over:.0f} %", time) if number == 0 else 6 * ("",)
-        yield *own, f"{_error(fixed):>8} {_error(scheduled):>8}{label}"
+    own = (*gains, M_s, f"{100 * over:.0f} %", time)
+    yield *own, "" if point.wholes[1:] else _pair(*point.wholes[0])
+    for fixed, scheduled in point.wholes if point.wholes[1:] else ():
+        yield f"    {Path(fixed.drive).stem}", *6 * ("",), _pair(fixed, scheduled)
 
 
-def _error(whole: tuned.Whole) -> str:
-    found = whole.outcome and whole.outcome.force_error
-    return f"{found:.3f} N" if found else "failed"
+def _pair(*runs: Whole) -> str:
+    """Overshoot and hold error of each run."""
+    return " ".join(f"{whole.shown(OVERSHOOT):>6} {whole.shown(HOLD):>7}" for whole in runs)
 
 
 COLUMNS = (
@@ -302,5 +302,5 @@ COLUMNS = (
     Column("M_s", 4, ".2f", gap=2),
     Column("over", 5),
     Column("5 % in", 7),
-    Column("run: force off by (rms)", unit="one set  scheduled", left=True, gap=3),
+    Column("run: overshoot, hold error", unit=f"{'one set':>14} {'scheduled':>14}", left=True, gap=1),
 )

@@ -20,7 +20,7 @@ def tune(
     experiment: ExperimentName,
     say: Say,
     margin: Annotated[float, Option("Largest |1/(1+L)| of any loop.", "M_S")] = 1.6,
-    overshoot: Annotated[float, Option("Largest overshoot of a step.", "PERCENT", "--overshoot-percent")] = 5.0,
+    overshoot: Annotated[float, Option("Largest overshoot of a step, and at touch-down.", "PERCENT", "--overshoot-percent")] = 5.0,
     bandwidth: Annotated[
         float | None, Option("Lowest bandwidth, of the force if it is controlled.", "HZ", "--bandwidth-Hz")
     ] = None,
@@ -35,11 +35,12 @@ def tune(
 ) -> Result:
     """Find the fastest gains that keep a margin and an overshoot everywhere.
 
-    The search uses the linear model at every place, stiffness and drive; the
-    result is tried in the co-simulation. The experiment's file is not changed:
-    tuned.toml extends it. Exit code: 0 goals met and confirmed, 1 they are not
-    (the best found is shown), 2 input refused or no linear model, 3 a drive
-    failed, crashed or hung.
+    The search uses the linear model at every place, stiffness and drive, and
+    simulates the experiment with gains that the model finds best: it has to
+    overshoot no more, to settle, and to hold its force no worse than before.
+    The experiment's file is not changed: tuned.toml extends it. Exit code: 0
+    goals met and confirmed, 1 they are not (the best found is shown), 2 input
+    refused or no linear model, 3 a drive failed, crashed or hung.
 
     Example: twin tune experiments/fig4_force_position.toml
 
