@@ -56,7 +56,7 @@ def best_margins(sweep: SweepRows, rows: Sequence[int]) -> dict[int, RunMargins]
     try:
         tasks = tasks_again(sweep.origin, runs)
     except InputRefused as refusal:
-        return {run: RunMargins(reason=str(refusal).splitlines()[0]) for run, _, _ in runs}
+        return {run: RunMargins(reason=str(refusal).splitlines()[-1]) for run, _, _ in runs}
     found = {run: RunMargins(reason=CHANGED) for run, _, _ in runs}
     job = Job(Path(sweep.origin["file"]), Path(), "none", JobLimits(), "", f"{__name__}:trial")
     if tasks:

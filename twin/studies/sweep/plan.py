@@ -443,7 +443,7 @@ def tasks_again(origin: dict[str, Any], runs: Sequence[tuple[int, str, DesignPoi
     Raises:
         InputRefused: the experiment cannot be loaded any more.
     """
-    experiment, definition = Path(origin["file"]), SweepFile.model_validate(origin["definition"])
+    experiment, definition = Path(origin["file"]), _checked(origin["definition"], "the sweep")
     files, found = _Files("the sweep", experiment, definition.claims is not None), []
     for number, key, point in runs:
         draft = (*origin["settings"], *_settings(definition, point))

@@ -379,6 +379,14 @@ HOME = Path("results/sweeps")
 FACTS = "sweep.json"
 
 
+class Origin(FileShape):
+    """`SweepPlan.origin`."""
+
+    file: str
+    definition: dict[str, Any]
+    settings: list[str]
+
+
 class Facts(FileShape):
     """sweep.json; its keys as in `SweepRows`, and what all runs have in common."""
 
@@ -390,7 +398,7 @@ class Facts(FileShape):
     metrics: list[str]
     limits: dict[str, float]
     configuration: dict[str, str]
-    origin: dict[str, Any] = Field(default_factory=dict)
+    origin: Origin | None = None
 
 
 @dataclass(frozen=True)

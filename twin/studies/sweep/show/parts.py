@@ -439,10 +439,16 @@ def _drives(sweep: SweepRows, asked: Asked) -> ReportPart | None:
         for score in scores
     ]
     leader, *others = scores
-    tied = [score.drive for score in others if not math.isnan(score.behind) and not score.distinguishable]
+    floor, floor_text = ranking.floor(asked.by, np.array(leader.median)), ranking.floor_text(asked.by)
+    tied = [
+        score.drive
+        for score in others
+        if not math.isnan(score.behind) and (not score.distinguishable or abs(score.behind) <= floor)
+    ]
     remarks = ["behind: median difference to the first, point by point; first, P: chance to rank first, both resampled"]
     if tied:
-        remarks.append(f"not distinguished from {leader.drive}: {', '.join(tied)}")
+        beyond = f", by an interval without 0 and more than {floor_text}" if floor_text else ""
+        remarks.append(f"not distinguished from {leader.drive}{beyond}: {', '.join(tied)}")
     return ReportPart("drives", f"drives by {asked.by}", head, rows, remarks)
 
 

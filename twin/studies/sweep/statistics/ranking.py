@@ -141,18 +141,23 @@ def floor_text(metric: str) -> str:
     return f"{measure.unit.per_SI * measure.floor:g} {measure.unit.text}" if measure.floor else f"{measure.share:.0%}"
 
 
+def floor(metric: str, numbers: Numbers) -> Numbers:
+    """Largest differences from `numbers` that do not count; 0 of a metric that is none of twin's measures."""
+    measure = BY_COLUMN.get(metric)
+    if measure is None:
+        return np.zeros_like(numbers)
+    return np.maximum(measure.unit.per_SI * measure.floor, measure.share * np.abs(numbers))
+
+
 @once
 def equal_to_best(columns: Columns, metric: str) -> Positions:
     """Rows that differ from the best one by no more than the floor of the measure, without it: those that settle first
     (in steps of the floor of settling times), then least overshoot, then least metric."""
-    ranked, measure = best(columns, metric), BY_COLUMN.get(metric)
+    ranked = best(columns, metric)
     numbers = rank_value(columns, metric)[ranked]
     if not len(ranked):
         return ranked
-    floor = np.zeros(len(ranked))
-    if measure:
-        floor = np.maximum(measure.unit.per_SI * measure.floor, measure.share * np.abs(numbers))
-    equal = numbers - numbers[0] <= floor
+    equal = numbers - numbers[0] <= floor(metric, numbers)
     equal[0] = False
     rows = ranked[equal]
     settling = value(columns, SETTLING)[rows] // BY_COLUMN[SETTLING].floor
