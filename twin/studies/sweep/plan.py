@@ -432,7 +432,7 @@ class SweepPlan:
     @property
     def origin(self) -> dict[str, Any]:
         """Origin of the runs, for `tasks_again`."""
-        definition = self.definition.model_dump(mode="json", by_alias=True, exclude_none=True)
+        definition = self.definition.model_dump(mode="json", by_alias=True, exclude_unset=True)
         return {"file": str(self.experiment.absolute()), "definition": definition, "settings": self.settings}
 
 

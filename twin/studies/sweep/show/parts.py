@@ -324,7 +324,12 @@ def _best(sweep: SweepRows, asked: Asked) -> ReportPart | None:
         floor = ranking.floor_text(asked.by)
         within = f" within {floor}" if floor else ""
         rest = f" ({len(equal) - len(rows) + 1} more not shown)" if len(equal) >= len(rows) else ""
-        remarks.append(f"=: equal to the best{within}{rest}; ordered by settling time, then overshoot")
+        order = [
+            name
+            for metric, name in ((SETTLING, "settling time"), (OVERSHOOT, "overshoot"), (asked.by, asked.by))
+            if not np.isnan(value(columns, metric)).all()
+        ]
+        remarks.append(f"=: equal to the best{within}{rest}; ordered by {', then '.join(order[:2])}")
     missing = columns.words("status").are(lambda status: status == "done") & np.isnan(value(columns, asked.by))
     reasons = [why for why in columns.words("no_hold").at(missing).counts if why] if asked.by == HOLD_ERROR else []
     if missing.any() and asked.by != "chatter_N":

@@ -24,7 +24,7 @@ from twin.studies.sweep.rows import ROWS, Columns, Numbers, Positions, Row, Word
 
 USUAL_METRICS = (HOLD_ERROR, SINCE_TOUCH, "lateral_error_mm")
 """Metrics to rank by unless one is chosen: the first that some run has."""
-USUAL_AGAINST = (SETTLING, HOLD_ERROR, "lateral_error_mm")
+USUAL_AGAINST = (SETTLING, HOLD_ERROR, OVERSHOOT, "lateral_error_mm")
 """The other metric of the Pareto front, likewise."""
 UNRANKED = ("end_N", "peak_time_s", "hold_mean_error_N", "hold_begin_s", "hold_end_s", "felt_stiffness_N_per_m",
             "chatter_frequency_Hz")  # fmt: skip
