@@ -37,7 +37,7 @@ def long(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = written(folder, long_text(root, 24), "long.toml")
     done = twin("sweep", path, "--out", "whole", "-j", 1, cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("long  24 runs: smallest force_error_N ")
+    assert done.stdout.startswith("long  24 runs: smallest hold_error_N ")
     return path
 
 
@@ -151,12 +151,13 @@ def test_twin_run_sweep_is_the_same_in_short(root: Path, long: Path, tmp_path: P
     experiment = root / "experiments/fig4_force_position.toml"
     done = twin("run", experiment, "--sweep", f"{STIFFNESS}=500:700:3", "--set", "duration_s=20.0", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("fig4_force_position  3 runs: smallest force_error_N ")
+    assert done.stdout.startswith("fig4_force_position  3 runs: smallest hold_error_N ")
     (folder,) = (tmp_path / "results" / "sweeps").iterdir()
     whole = rows(long.parent / "whole")[:3]
     assert [row["metrics"] for row in rows(folder)] == [row["metrics"] for row in whole]
     shown = twin("sweep", "show", folder, cwd=tmp_path)
-    assert shown.returncode == 0 and "best runs by force_error_N" in shown.stdout
+    assert shown.returncode == 0 and "best runs by hold_error_N" in shown.stdout
+    assert "margins of the force loop" in shown.stdout
 
 
 @pytest.mark.parametrize("options", [["--sweep", "a=1:2"], ["--sweep", "a=1:2:2", "--live"]])

@@ -16,13 +16,13 @@ from twin.studies.sweep.rows import FACTS, ROWS
 def folder(tmp_path: Path) -> Path:
     """A sweep's folder as `twin sweep` leaves it: eleven runs done, one failed."""
     rows = [
-        row(n, {"a.k": float(n % 4), "b.c": float(n // 4)}, force_error_N=1.0 + n % 4, end_N=5.0, lateral_error_mm=2.0)
+        row(n, {"a.k": float(n % 4), "b.c": float(n // 4)}, hold_error_N=1.0 + n % 4, end_N=5.0, lateral_error_mm=2.0)
         for n in range(1, 12)
     ]
     rows.append(row(12, {"a.k": 0.0, "b.c": 3.0}))
     facts = {
         "sweep": "made_up", "runs": 12, "design": "grid", "drives": [], "labels": ["a.k", "b.c"],
-        "metrics": ["force_error_N", "end_N", "lateral_error_mm"], "limits": {}, "configuration": {},
+        "metrics": ["hold_error_N", "end_N", "lateral_error_mm"], "limits": {}, "configuration": {},
     }  # fmt: skip
     (tmp_path / FACTS).write_text(json.dumps(facts))
     (tmp_path / ROWS).write_text("".join(json.dumps(one) + "\n" for one in rows))
@@ -37,16 +37,17 @@ def shown(*arguments: str) -> str:
 
 def test_the_answer_comes_first_and_the_files_last(folder: Path):
     lines = shown(str(folder), "--html").splitlines()
-    assert lines[0] == "made_up  12 runs: smallest force_error_N 1 (run 4: k = 0, c = 1); 1 failed"
+    assert lines[0] == "made_up  12 runs: smallest hold_error_N 1 (run 4: k = 0, c = 1), equal to 1"
+    assert lines[1] == "  other within 0.05 N; k at the edge of what was tried; 1 failed"
     assert lines[-1].split() == ["page", str(folder / "sweep.html")]
     assert {path.name for path in folder.iterdir()} >= {"map.png", "metrics.png", "sweep.html"}
 
 
 def test_the_worst_over_a_parameter_is_asked_for_by_its_short_name(folder: Path):
     lines = shown(str(folder), "--worst-over", "c").splitlines()
-    assert lines[2] == "worst force_error_N over c, least worst first"
+    assert lines[3] == "worst hold_error_N over c, least worst first"
     # a.k = 0 has the run that failed
-    assert lines[4].split() == ["1", "2", "0", "3", "-"] and lines[7].split() == ["0", "failed", "3", "3", "1"]
+    assert lines[5].split() == ["1", "2", "0", "3", "-"] and lines[8].split() == ["0", "failed", "3", "3", "1"]
 
 
 def test_it_is_told_before_anything_is_drawn(folder: Path, monkeypatch: pytest.MonkeyPatch):
@@ -61,7 +62,7 @@ def test_it_is_told_before_anything_is_drawn(folder: Path, monkeypatch: pytest.M
 
 def test_json_has_rows_tables_and_files_but_no_curves(folder: Path):
     with (folder / ROWS).open("a") as file:
-        judged = {**row(13, {"a.k": 0.5, "b.c": 0.5}, force_error_N=0.1), "curves": {"period_s": 0.04, "of": {}}}
+        judged = {**row(13, {"a.k": 0.5, "b.c": 0.5}, hold_error_N=0.1), "curves": {"period_s": 0.04, "of": {}}}
         file.write(json.dumps({**judged, "curves": {}}) + "\n")
     facts = json.loads(shown(str(folder), "--json"))
     assert len(facts["rows"]) == 13 and not any("curves" in one for one in facts["rows"])
@@ -72,8 +73,8 @@ def test_json_has_rows_tables_and_files_but_no_curves(folder: Path):
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (["--by", "end_N"], "is not better; rank by force_error_N, lateral_error_mm"),
-        (["--by", "force_error"], "did you mean 'force_error_N"),
+        (["--by", "end_N"], "is not better; rank by hold_error_N, lateral_error_mm"),
+        (["--by", "hold_error"], "did you mean 'hold_error_N"),
         (["--against", "peek"], "--against peek: no such metric"),
         (["--x", "b.d"], "--x b.d: no number that varies here"),
         (["--worst-over", "b.d"], "--worst-over b.d: does not vary here; did you mean 'b.c'"),

@@ -249,7 +249,9 @@ def sweep_show(
     sweep: Annotated[Path, Argument("A sweep's folder, or its file (TOML).", "SWEEP")],
     say: Say,
     by: By = None,
-    against: Annotated[str, Option("The other metric of the Pareto front.", "METRIC")] = "lateral_error_mm",
+    against: Annotated[
+        str | None, Option("The other metric of the Pareto front; without it, the settling time.", "METRIC")
+    ] = None,
     top: Annotated[int, Option("Number of best runs to show.", "N", least=1)] = 5,
     worst: Annotated[str | None, Option("Rank by the worst run over KEY.", "KEY", "--worst-over")] = None,
     x: Annotated[str | None, Option("Parameter on the x axis of the heat map.", "KEY", "--x")] = None,
@@ -287,18 +289,35 @@ def sweep_show(
     # only for what is there: what reckons takes a second to load
     from twin.studies.figure import for_paper
     from twin.studies.sweep.rows import write_parquet
-    from twin.studies.sweep.show.parts import Asked, axes_of, parts, sweep_text, worst_label
+    from twin.studies.sweep.show.parts import (
+        Asked,
+        axes_of,
+        best_rows,
+        margins_part,
+        part_text,
+        parts,
+        sweep_text,
+        worst_label,
+    )
     from twin.studies.sweep.show.pictures import write_pictures
-    from twin.studies.sweep.statistics.ranking import checked_rank, claims_in, usual_metric
+    from twin.studies.sweep.statistics.ranking import checked_rank, claims_in, usual_against, usual_metric
 
     claims = claims_in(found.columns)
     metric = checked_rank("--by", by, found.metrics, claims) if by else usual_metric(found.columns)
-    asked = Asked(metric, checked_rank("--against", against, found.metrics, claims), top, worst_label(found, worst))
+    checked = checked_rank("--against", against, found.metrics, claims) if against else None
+    asked = Asked(metric, checked or usual_against(found.columns, metric), top, worst_label(found, worst))
     # a misspelt one is reported before anything else
     axes_of(found, x, y)
     if not as_json:
         # pictures of a million runs take as long again
         yield Answer(sweep_text(found, asked), {})
+    if not claims and (rows := best_rows(found, asked).tolist()) and found.origin:
+        from twin.studies.sweep.margins import best_margins
+
+        say("margins of the best runs")
+        asked = replace(asked, margins=best_margins(found, rows))
+        if not as_json and (margins := margins_part(found, asked)):
+            yield Answer(part_text(margins), {})
     with for_paper(formats, columns) as paper:
         files = write_pictures(found, asked, x, y, folder)
     vectors = {f"{path.suffix[1:]} {path.stem}": path for path in paper.written}

@@ -27,7 +27,7 @@ from twin.kernel.errors import InputRefused, TwinError
 from twin.kernel.process.job import JobLimits
 from twin.studies.sweep.measures import RunFinding
 from twin.studies.sweep.plan import SweepPlan, Task, planned
-from twin.studies.sweep.rows import ROWS, DiskFailed, read_rows, stored_sweep
+from twin.studies.sweep.rows import FACTS, ROWS, DiskFailed, read_rows, stored_sweep
 from twin.studies.sweep.sweep import (
     PATIENCE,
     Job,
@@ -138,8 +138,8 @@ def test_an_interruption_by_whoever_is_shown_the_state_lets_the_engine_go(plan: 
 def test_a_full_disk_loses_nothing_finished(plan: SweepPlan, undisturbed: list[dict], tmp_path: Path):
     engine = Pretender()
     run_sweep(plan, tmp_path / "all", Pretender())
-    size = (tmp_path / "all" / ROWS).stat().st_size
-    with largest_file(size // 2), pytest.raises(DiskFailed, match=r"No space|File too large"):
+    rows, described = ((tmp_path / "all" / name).stat().st_size for name in (ROWS, FACTS))
+    with largest_file(max(rows // 2, described)), pytest.raises(DiskFailed, match=r"No space|File too large"):
         run_sweep(plan, tmp_path / "full", engine)
     assert engine.closed
     finished = stored_sweep(tmp_path / "full").rows

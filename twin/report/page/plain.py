@@ -23,8 +23,9 @@ CAPTIONS = {
 BESIDE = {"bands": "claims", "map": "best", "front": "front", "metrics": "metrics"}
 """The part that a picture belongs to; where there is none it comes last."""
 NAMES = {
-    "claims": "Claims", "best": "Best runs", "drives": "Drives", "correlation": "Rank correlation",
-    "indices": "Sobol indices", "front": "Pareto front", "metrics": "Metrics", "reasons": "Not done",
+    "claims": "Claims", "best": "Best runs", "margins": "Margins", "drives": "Drives",
+    "correlation": "Rank correlation", "indices": "Sobol indices", "front": "Pareto front", "metrics": "Metrics",
+    "reasons": "Not done",
 }  # fmt: skip
 """Of parts in the list of contents."""
 

@@ -329,14 +329,7 @@ def stability(experiment: Experiment, tried: bool = False, say: Say = silent) ->
         InputRefused: no operating point, no linear model of a drive, or a rate that the analysis does not know.
         ComponentFailed: a drive failed while it was measured.
     """
-    refuse_other_parts(experiment, "twin analyse", ("controller", "estimator"))
-    if schedule := experiment.controller.force.schedule:
-        one = schedule[0]
-        raise InputRefused(
-            f"{experiment.name}: its gains come from [controller.force] schedule; twin analyse takes one set. For "
-            f"point 1: --set controller.force.schedule=[] --set controller.force.kp_mm_per_N={1e3 * one.kp:g} --set "
-            f"controller.force.ki_mm_per_N_s={1e3 * one.ki:g} --set contact.stiffness_N_per_m={one.stiffness:g}"
-        )
+    _refuse_other_laws(experiment)
     points, problems = operating_points(experiment)
     steps = Steps(say, len(points) + 2 + tried)
     steps.next("identifying the drives")
@@ -350,6 +343,36 @@ def stability(experiment: Experiment, tried: bool = False, say: Say = silent) ->
     checks = limit_checks(shared, judged) if tried else []
     steps.next("maps and pictures")
     return Stability(experiment, shared, judged, problems, _maps(shared, judged), checks)
+
+
+def force_loop_margins(experiment: Experiment) -> list[Margins]:
+    """Compute the margins of the force loop at each operating point in contact; its drives are run in this process.
+
+    Raises:
+        InputRefused: see `stability`; or no force loop closes in contact, or the loops are unstable there.
+        ComponentFailed: a drive failed while it was measured.
+    """
+    _refuse_other_laws(experiment)
+    points = [point for point in operating_points(experiment)[0] if point.in_contact and point.force_on]
+    if not points:
+        raise InputRefused(f"{experiment.name}: no force loop in contact")
+    shared, found = Linearised(experiment, points), []
+    for linear in map(shared.at, points):
+        if spectral_radius(linear.loops, linear.gains) >= 1.0 - NEUTRAL:
+            raise InputRefused(f"{experiment.name}: unstable {linear.point.name}")
+        found.append(margins(linear.loops, linear.gains, "force"))
+    return found
+
+
+def _refuse_other_laws(experiment: Experiment) -> None:
+    refuse_other_parts(experiment, "twin analyse", ("controller", "estimator"))
+    if schedule := experiment.controller.force.schedule:
+        one = schedule[0]
+        raise InputRefused(
+            f"{experiment.name}: its gains come from [controller.force] schedule; twin analyse takes one set. For "
+            f"point 1: --set controller.force.schedule=[] --set controller.force.kp_mm_per_N={1e3 * one.kp:g} --set "
+            f"controller.force.ki_mm_per_N_s={1e3 * one.ki:g} --set contact.stiffness_N_per_m={one.stiffness:g}"
+        )
 
 
 def limit_checks(shared: Linearised, judged: list[PointStability]) -> list[LimitCheck]:

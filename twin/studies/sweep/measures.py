@@ -7,14 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.writing import finite
-from twin.robot.run.measures import TABLE
+from twin.robot.run.measures import HEADLINE, MEASURES, TABLE
 
 if TYPE_CHECKING:
     from twin.robot.experiment.measure import Measure
     from twin.robot.run.outcome import RunOutcome
 
-METRICS = tuple(measure.column for measure in TABLE)
-"""Columns of the measures of `twin.robot.run.measures`."""
+BY_COLUMN = {measure.column: measure for measure in TABLE}
+"""The measures of `twin.robot.run.measures` by the columns of a sweep."""
+METRICS = tuple(BY_COLUMN)
+HOLD_ERROR, OVERSHOOT, SETTLING, CHATTER = (MEASURES[key].column for key in HEADLINE)
+"""Columns of the first measures."""
+FELT_STIFFNESS = MEASURES["felt_stiffness"].column
+SINCE_TOUCH = MEASURES["force_error"].column
 BY_KIND: dict[str, tuple[str, ...]] = {
     "step": (
         "delay_time", "rise_time", "settling_time_2", "settling_time_5", "overshoot", "peak", "steady_state_error",
@@ -45,6 +50,7 @@ class RunFinding:
         seconds, stepping: wall time of everything, and of the master alone (s); nan if the process died.
         paper: what a sweep with `claims` keeps besides, see `twin.studies.sweep.worker.findings`; empty unless the run
             is done.
+        no_hold: why the run has no hold error; "" if it has one, or no metrics.
     """
 
     status: str
@@ -53,6 +59,7 @@ class RunFinding:
     seconds: float
     stepping: float
     paper: dict[str, Any] = field(default_factory=dict)
+    no_hold: str = ""
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -64,6 +71,7 @@ class RunFinding:
             "seconds": finite(self.seconds),
             "stepping_s": finite(self.stepping),
             **self.paper,
+            **({"no_hold": self.no_hold} if self.no_hold else {}),
         }
 
 
@@ -95,8 +103,10 @@ def checked_metric(place: str, metric: str, known: Sequence[str]) -> str:
 
 
 def within(metrics: dict[str, float | None], limits: dict[str, float]) -> bool | None:
-    """Whether a run keeps every limit; a number that is not there keeps none. None: there are no limits."""
+    """Whether a run keeps every limit. A missing number keeps none, except a held force without chatter. None: there
+    are no limits."""
     if not limits:
         return None
-    values = {name: metrics.get(name) for name in limits}
+    calm = metrics.get(CHATTER) is None and metrics.get(HOLD_ERROR) is not None
+    values = {name: metrics.get(name) for name in limits if not (name == CHATTER and calm)}
     return all(value is not None and value <= limits[name] for name, value in values.items())

@@ -82,9 +82,9 @@ class Columns:
 
     Attributes:
         of: by name. As in a row: "run", "seconds", "stepping_s" (numbers), "drive", "status", "reason",
-            "within_limits", "key" (words). Besides "has_metrics", "has_curves" (words); "parameters/LABEL" (numbers if
-            all are floats, else words); "metrics/NAME", "values/CLAIM" (numbers); "verdicts/CLAIM" (words). nan, None:
-            the row has none.
+            "within_limits", "key", "no_hold" (words). Besides "has_metrics", "has_curves" (words); "parameters/LABEL"
+            (numbers if all are floats, else words); "metrics/NAME", "values/CLAIM" (numbers); "verdicts/CLAIM" (words).
+            nan, None: the row has none.
     """
 
     of: dict[str, Column]
@@ -144,6 +144,7 @@ def columns_of(rows: Sequence[Row]) -> Columns:
     }
     for name in ("drive", "status", "reason", "within_limits", "key"):
         found[name] = Words.of([row[name] for row in rows])
+    found["no_hold"] = Words.of([row.get("no_hold") for row in rows])
     found["has_metrics"] = Words.of([bool(row["metrics"]) for row in rows])
     found["has_curves"] = Words.of([bool(row.get("curves")) for row in rows])
     for label, values in _columns([row["parameters"] for row in rows]):
@@ -234,6 +235,7 @@ class RowShape(TypedDict):
     within_limits: bool | None
     seconds: float | None
     stepping_s: float | None
+    no_hold: NotRequired[str]
     claims: NotRequired[dict[str, ClaimShape]]
     curves: NotRequired[CurvesShape | None]
 
@@ -377,6 +379,14 @@ HOME = Path("results/sweeps")
 FACTS = "sweep.json"
 
 
+class Origin(FileShape):
+    """`SweepPlan.origin`."""
+
+    file: str
+    definition: dict[str, Any]
+    settings: list[str]
+
+
 class Facts(FileShape):
     """sweep.json; its keys as in `SweepRows`, and what all runs have in common."""
 
@@ -388,6 +398,7 @@ class Facts(FileShape):
     metrics: list[str]
     limits: dict[str, float]
     configuration: dict[str, str]
+    origin: Origin | None = None
 
 
 @dataclass(frozen=True)
@@ -402,6 +413,7 @@ class SweepRows:
         metrics: that a run may have.
         columns: rows of finished runs, by run.
         read: reads these rows as they are written.
+        origin: see `SweepPlan.origin`; empty in a sweep of an older twin.
     """
 
     name: str
@@ -413,6 +425,7 @@ class SweepRows:
     limits: dict[str, float]
     columns: Columns
     read: Callable[[], list[Row]]
+    origin: dict[str, Any] = field(default_factory=dict)
 
     @cached_property
     def rows(self) -> list[Row]:
@@ -446,6 +459,7 @@ def claim(folder: Path, plan: "SweepPlan") -> None:
         "metrics": plan.metrics,
         "limits": plan.definition.limits,
         "configuration": plan.configuration,
+        "origin": plan.origin,
     }
     made_folder(folder)
     if (folder / ROWS).exists():
@@ -469,7 +483,7 @@ def stored_sweep(folder: Path) -> SweepRows:
     lists = {name: tuple(facts[name]) for name in ("drives", "labels", "metrics")}
     return SweepRows(
         facts["sweep"], facts["runs"], facts["design"], limits=facts["limits"],
-        columns=columns, read=lambda: read_rows(path), **lists,
+        columns=columns, read=lambda: read_rows(path), origin=facts.get("origin", {}), **lists,
     )  # fmt: skip
 
 

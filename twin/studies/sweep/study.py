@@ -24,7 +24,7 @@ EngineName = Literal["local", "dask"]
 """Who runs the runs."""
 Record = Literal["none", "failures", "all"]
 """Which runs leave a recording."""
-By = Annotated[str | None, Option("Metric to rank by; without it, the force error.", "METRIC", "--by")]
+By = Annotated[str | None, Option("Metric to rank by; without it, the hold error.", "METRIC", "--by")]
 
 
 @study("sweep run")

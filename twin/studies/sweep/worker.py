@@ -31,6 +31,7 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.monitor.component import trip_reason
 from twin.robot.run.hold import HoldRequest
+from twin.robot.run.measures import RunOutcome
 from twin.robot.run.outcome import Tally
 from twin.robot.run.past import SharedPast, before_fault
 from twin.robot.run.run import execute
@@ -209,10 +210,10 @@ def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = 
     """
     began = time.perf_counter()
     try:
-        done, metrics, run = _simulated(load_experiment(path, settings, drive), bool(claims))
+        done, metrics, no_hold, run = _simulated(load_experiment(path, settings, drive), bool(claims))
         trip, paper = trip_reason(done.simulation), {}
         if claims and not trip:
-            companion, _, other = _simulated(load_experiment(path, [*settings, COMPANION], drive), True)
+            companion, _, _, other = _simulated(load_experiment(path, [*settings, COMPANION], drive), True)
             if early := trip_reason(companion.simulation):
                 raise ComponentFailed(f"without force control: {early}")
             assert run is not None and other is not None
@@ -221,7 +222,7 @@ def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = 
     except Exception as problem:
         return RunFinding(*_status_and_reason(problem), {}, time.perf_counter() - began, 0.0)
     status = "tripped" if trip else "done"
-    return RunFinding(status, trip, metrics, time.perf_counter() - began, done.stepping, paper)
+    return RunFinding(status, trip, metrics, time.perf_counter() - began, done.stepping, paper, no_hold)
 
 
 def record(path: Path, drive: str | None, settings: Sequence[str], folder: Path) -> None:
@@ -254,28 +255,33 @@ _past = LastPast()
 """Of the runs of this process."""
 
 
-def _simulated(experiment: Experiment, whole: bool) -> tuple[Simulated, dict[str, float | None], Trace | None]:
-    """(how a run went, its metrics, the run itself if it is to be had `whole` or was needed for them)."""
+def _simulated(experiment: Experiment, whole: bool) -> tuple[Simulated, dict[str, float | None], str, Trace | None]:
+    """(how a run went, its metrics, why it has no hold error, the run itself if it is to be had `whole` or was needed
+    for them)."""
     # what is measured or drawn is of the whole run
     shared = None if experiment.measures or whole else _past.run(experiment)
     if shared is not None:
         done, found = shared
-        return done.completed(), metrics_of(found.outcome), None
+        return done.completed(), *_measured(found.outcome), None
     with assemble(experiment) as assembly:
         refuse_unknown(experiment, assembly.system)
-        tally, run = (
-            Tally(assembly.system, HoldRequest.of(experiment)),
-            Trace() if experiment.measures or whole else None,
-        )
+        tally = Tally(assembly.system, HoldRequest.of(experiment))
+        run = Trace() if experiment.measures or whole else None
         done = simulate(assembly, experiment.duration_ticks, [tally, run] if run else [tally]).completed()
-    metrics = metrics_of(tally.outcome)
+    metrics, no_hold = _measured(tally.outcome)
     if run:
         signals = Signals(run, geometry_of(experiment.controller.model))
         for measure in experiment.measures:
             # no step, or a force that never comes, at some values: then there are no such numbers
             with contextlib.suppress(InputRefused):
                 metrics |= {name: m.value for name, m in metrics_of_measure(measure, signals).items()}
-    return done, metrics, run
+    return done, metrics, no_hold, run
+
+
+def _measured(outcome: RunOutcome) -> tuple[dict[str, float | None], str]:
+    """(metrics of a run, why it has no hold error; "" if it has one)."""
+    hold = outcome.measures["hold_error"]
+    return metrics_of(outcome), hold.reason if hold.value is None else ""
 
 
 def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims: str, trial: str) -> None:

@@ -1,19 +1,24 @@
+import math
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.studies.sweep.statistics.rows import kept, row
 from twin.studies.result import WIDTH
+from twin.studies.sweep.margins import RunMargins
 from twin.studies.sweep.plan import saltelli_cube
-from twin.studies.sweep.rows import Row
-from twin.studies.sweep.show.parts import Asked, headline, interval, number, parts, short, sweep_text
+from twin.studies.sweep.rows import Row, SweepRows
+from twin.studies.sweep.show.parts import Asked, ReportPart, headline, interval, number, parts, short, sweep_text
 from twin.studies.sweep.show.pictures import shown_range
+from twin.studies.sweep.statistics.ranking import usual_against, usual_metric
 
-ASKED = Asked("force_error_N", "lateral_error_mm", 5)
+ASKED = Asked("hold_error_N", "lateral_error_mm", 5)
 
 
 def metrics(error: float, lateral: float = 1.0) -> dict:
-    return {"force_error_N": error, "lateral_error_mm": lateral}
+    return {"hold_error_N": error, "lateral_error_mm": lateral}
 
 
 def rows_of_drives() -> list:
@@ -27,12 +32,77 @@ def rows_of_drives() -> list:
 def test_the_answer_comes_first_and_failures_are_counted_and_named():
     rows = [row(1, {"a.k": 1.0}, **metrics(0.5)), row(2, {"a.k": 2.0}, **metrics(0.4)), row(3, {"a.k": 3.0})]
     text = sweep_text(kept(rows), ASKED)
-    assert text.startswith("made_up  3 runs: smallest force_error_N 0.4 (run 2: k = 2); 1 failed")
+    assert text.startswith("made_up  3 runs: smallest hold_error_N 0.4 (run 2: k = 2); 1 failed")
     assert text.rstrip().endswith("run 3 failed: drive_1: it crashed")
 
 
 def test_a_sweep_that_is_not_over_says_how_far_it_is():
-    assert headline(kept([row(1, {}, **metrics(1.0))], runs=9), "force_error_N").startswith("made_up  1 of 9 runs")
+    assert headline(kept([row(1, {}, **metrics(1.0))], runs=9), "hold_error_N").startswith("made_up  1 of 9 runs")
+
+
+def part(sweep: SweepRows, key: str, asked: Asked = ASKED) -> ReportPart:
+    return next(one for one in parts(sweep, asked) if one.key == key)
+
+
+def held(run: int, k: float, error: float, settling: float | None, overshoot: float = 0.0) -> Row:
+    numbers = {"hold_settling_time_s": settling, "hold_overshoot_percent": overshoot, "felt_stiffness_N_per_m": 1e3 * k}
+    return row(run, {"robot.k_s": k}, **metrics(error), **numbers)
+
+
+def test_runs_within_a_step_of_the_scale_equal_the_best_and_the_first_to_settle_comes_first():
+    sweep = kept([
+        held(1, 0.1, 0.2, 2.0), held(2, 0.2, 0.07, 1.30), held(3, 0.3, 0.03, 1.00), held(4, 0.4, 0.0799, 0.81, 4.0),
+        held(5, 0.5, 0.075, 0.83, 1.0), held(6, 0.6, 0.0801, 0.7), held(7, 0.7, 0.04, None),
+    ])  # fmt: skip
+    assert "smallest hold_error_N 0.03 (run 3: k_s = 0.3), equal to 4 others within 0.05 N" in headline(sweep, ASKED.by)
+    best = part(sweep, "best")
+    # 0.02 s are no difference of settling times: the smaller overshoot decides
+    assert [cells[0] for cells in best.rows] == ["3", "=5", "=4", "=2", "=7"]
+    assert list(best.head[-3:]) == ["settles s", "overshoot %", "felt N/m"] and best.rows[-1][-3] == "-"
+    assert best.remarks == (
+        ["=: equal to the best within 0.05 N; ordered by settling time, then overshoot", "settles s, -: not within 5 %"]
+    )
+    assert part(sweep, "best", Asked(ASKED.by, ASKED.against, 7)).rows[-2][0] == "6"
+
+
+def test_of_many_equal_runs_twelve_are_shown_and_the_others_counted():
+    best = part(kept([held(n, float(n), 0.001 * n, 1.0) for n in range(1, 41)]), "best")
+    assert len(best.rows) == 12 and "(28 more not shown)" in best.remarks[0]
+
+
+@pytest.mark.parametrize(("best_at", "at_the_edge"), [(1, True), (2, False), (3, False), (4, True)])
+def test_the_best_at_the_end_of_a_range_is_said_to_be_at_the_edge(best_at: int, at_the_edge: bool):
+    sweep = kept([held(n, float(n), 1.0 + abs(n - best_at), 1.0) for n in range(1, 5)])
+    assert ("; k_s at the edge of what was tried" in headline(sweep, ASKED.by)) == at_the_edge
+
+
+def test_a_run_that_failed_was_tried_and_of_two_values_none_is_an_edge():
+    failed = row(5, {"robot.k_s": 0.5})
+    assert "edge" not in headline(kept([*(held(n, float(n), float(n), 1.0) for n in range(1, 5)), failed]), ASKED.by)
+    assert "edge" not in headline(kept([held(1, 1.0, 1.0, 1.0), held(2, 2.0, 2.0, 1.0)]), ASKED.by)
+
+
+def test_rows_without_a_hold_error_show_the_error_since_the_first_touch_and_say_so():
+    older = kept([row(n, {"k": float(n)}, force_error_N=float(n), lateral_error_mm=1.0) for n in range(1, 5)])
+    by = usual_metric(older.columns)
+    assert by == "force_error_N" and usual_against(older.columns, by) == "lateral_error_mm"
+    assert "this is the error since the first touch, as no run has a hold error" in headline(older, by)
+
+
+def test_the_reason_why_runs_hold_nothing_stands_once():
+    reason = "the run ends before a force was held for 2 s"
+    short_runs = [{**held(n, float(n), 1.0, 1.0), "no_hold": reason} for n in (4, 5)]
+    for one in short_runs:
+        one["metrics"]["hold_error_N"] = None
+    best = part(kept([*(held(n, float(n), float(n), 1.0) for n in (1, 2, 3)), *short_runs]), "best")
+    assert best.remarks == [f"2 runs without hold_error_N: {reason}"]
+
+
+def test_margins_of_the_best_runs_stand_after_them_with_the_reason_where_there_are_none():
+    margins = {3: RunMargins(129.0, math.radians(108.0)), 1: RunMargins(reason="no force loop in contact")}
+    asked = Asked(*list(vars(ASKED).values())[:3], margins=margins)
+    found = part(kept([held(n, float(n), float(n), 1.0) for n in range(1, 5)]), "margins", asked)
+    assert found.rows == [["3", "129", "108"]] and found.remarks == ["none of 1 run: no force loop in contact"]
 
 
 def test_no_line_is_wider_than_a_terminal_and_columns_left_out_are_counted():

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from tests.studies.sweep.statistics.rows import kept, row
 from twin.kernel.errors import InputRefused
+from twin.studies.sweep.measures import within
 from twin.studies.sweep.rows import Columns, Row, columns_of
 from twin.studies.sweep.show.parts import Asked, parts
 from twin.studies.sweep.statistics.ranking import (
@@ -122,7 +123,16 @@ def test_metrics_of_every_sweep_come_before_those_of_measures():
 def test_without_a_controlled_force_runs_are_ranked_by_position():
     uncontrolled = columns_of([row(1, {}, force_error_N=None, lateral_error_mm=1.0)])
     assert usual_metric(uncontrolled) == "lateral_error_mm"
-    assert usual_metric(columns_of([row(1, {}, force_error_N=1.0)])) == usual_metric(columns_of([])) == "force_error_N"
+    assert usual_metric(columns_of([row(1, {}, force_error_N=1.0)])) == "force_error_N"
+    assert usual_metric(columns_of([row(1, {}, force_error_N=1.0, hold_error_N=2.0)])) == "hold_error_N"
+    assert usual_metric(columns_of([])) == "hold_error_N"
+
+
+def test_a_held_force_without_chatter_is_better_than_any_that_has_some_and_keeps_every_limit():
+    rows = [row(1, {}, hold_error_N=1.0, chatter_N=0.2), row(2, {}, hold_error_N=1.0, chatter_N=None)]
+    rows.append(row(3, {}, hold_error_N=None, chatter_N=None))
+    assert best(columns_of(rows), "chatter_N").tolist() == [1, 0]
+    assert [within(one["metrics"], {"chatter_N": 0.1}) for one in rows] == [False, True, False]
 
 
 def test_rounding_makes_no_run_better():

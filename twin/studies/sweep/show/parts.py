@@ -3,15 +3,20 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from twin.kernel.errors import InputRefused, nearest, plain
 from twin.studies.result import Block, Column, Note, Table, counted, laid_out
+from twin.studies.sweep.measures import BY_COLUMN, FELT_STIFFNESS, HOLD_ERROR, OVERSHOOT, SETTLING, SINCE_TOUCH
 from twin.studies.sweep.rows import Column as Values
 from twin.studies.sweep.rows import Columns, Positions, SweepRows
 from twin.studies.sweep.statistics import ranking, sensitivity
 from twin.studies.sweep.statistics.ranking import BINS, value, worst_over
+
+if TYPE_CHECKING:
+    from twin.studies.sweep.margins import RunMargins
 
 
 @dataclass(frozen=True)
@@ -48,13 +53,13 @@ def short(labels: Sequence[str]) -> dict[str, str]:
     return names
 
 
-def number(value: float) -> str:
-    """With four digits; `-` if there is none, `never` for infinity."""
+def number(value: float, digits: int = 4) -> str:
+    """A rounded number; `-` if there is none, `never` for infinity."""
     if math.isnan(value):
         return "-"
     if math.isinf(value):
         return "never"
-    return "0" if abs(value) < 1e-12 else f"{value:.4g}"
+    return "0" if abs(value) < 1e-12 else f"{value:.{digits}g}"
 
 
 def interval(ends: tuple[float, float], form: str = ".2f") -> str:
@@ -220,6 +225,10 @@ def _range(found: sensitivity.Interval) -> str:
     return interval(found) if found else "-"
 
 
+MOST_EQUAL = 12
+"""Maximum number of rows of the best run and of those that equal it."""
+COMPANIONS = {SETTLING: "settles s", OVERSHOOT: "overshoot %", FELT_STIFFNESS: "felt N/m"}
+"""Measures beside the one that is ranked by, and their titles."""
 MOST_OF_FRONT = 8
 MOST_REASONS = 5
 MOST_WORST = 40
@@ -239,19 +248,23 @@ class Asked:
         against: the other one of the Pareto front.
         top: so many best runs.
         worst_over: the parameter over which each choice of the others is judged by its worst run; None: none.
+        margins: of the best runs, by number; empty: none were computed.
     """
 
     by: str
     against: str
     top: int
     worst_over: str | None = None
+    margins: Mapping[int, "RunMargins"] = field(default_factory=dict)
 
 
 def parts(sweep: SweepRows, asked: Asked) -> list[ReportPart]:
     """Everything there is to say, most wanted first. In a sweep with claims these come first and no run is best: what
     is drawn there cannot be chosen."""
     judged = claims_part(sweep)
-    found: list[ReportPart | None] = [judged] if judged else [_best(sweep, asked), _drives(sweep, asked)]
+    found: list[ReportPart | None] = (
+        [judged] if judged else [_best(sweep, asked), margins_part(sweep, asked), _drives(sweep, asked)]
+    )
     if asked.worst_over is not None:
         found.insert(0, _worst(sweep, asked, asked.worst_over))
     found += sensitivity_parts(sweep, asked.by)
@@ -262,7 +275,7 @@ def parts(sweep: SweepRows, asked: Asked) -> list[ReportPart]:
 
 
 def headline(sweep: SweepRows, by: str) -> str:
-    """`NAME  20 runs: smallest force_error_N 0.31 (run 12: k_s_Nm_per_rad = 1.5); 2 failed`."""
+    """`NAME  20 runs: smallest hold_error_N 0.031 (run 4: k_s_Nm_per_rad = 0.5); 2 failed`."""
     columns = sweep.columns
     begun = "" if len(columns) == sweep.runs else f"{len(columns)} of "
     text = f"{sweep.name}  {begun}{counted(sweep.runs, 'run')}"
@@ -271,7 +284,15 @@ def headline(sweep: SweepRows, by: str) -> str:
         text += f": {least_sure(found)}"
     elif len(ranked):
         best_run = f"run {columns.run(ranked[0])}{_varied(sweep, ranked[0])}"
-        text += f": smallest {by} {value(columns, by)[ranked[0]]:.3g} ({best_run})"
+        text += f": smallest {by} {number(value(columns, by)[ranked[0]], 3)} ({best_run})"
+        if equal := len(ranking.equal_to_best(columns, by)):
+            floor = ranking.floor_text(by)
+            text += f", equal to {counted(equal, 'other')}" + (f" within {floor}" if floor else "")
+        names = short(sweep.labels)
+        if edges := [names[label] for label in ranking.at_edges(columns, sweep.labels, ranked[0])]:
+            text += f"; {', '.join(edges)} at the edge of what was tried"
+        if by == SINCE_TOUCH and np.isnan(value(columns, HOLD_ERROR)).all():
+            text += "; this is the error since the first touch, as no run has a hold error"
     elif len(columns):
         text += ": none with " + by + (" keeps the limits" if sweep.limits else "")
     statuses = columns.words("status").counts
@@ -291,9 +312,64 @@ def _varied(sweep: SweepRows, row: int) -> str:
 
 
 def _best(sweep: SweepRows, asked: Asked) -> ReportPart | None:
-    ranked = ranking.best(sweep.columns, asked.by)
-    head, rows = _runs(sweep, ranked[: asked.top], asked)
-    return ReportPart("best", f"best runs by {asked.by}", head, rows) if len(ranked) else None
+    rows = best_rows(sweep, asked)
+    if not len(rows):
+        return None
+    columns, equal = sweep.columns, ranking.equal_to_best(sweep.columns, asked.by)
+    head, cells = _runs(sweep, rows, asked)
+    remarks = []
+    if len(equal):
+        for row in cells[1 : 1 + len(equal)]:
+            row[0] = f"={row[0]}"
+        floor = ranking.floor_text(asked.by)
+        within = f" within {floor}" if floor else ""
+        rest = f" ({len(equal) - len(rows) + 1} more not shown)" if len(equal) >= len(rows) else ""
+        order = [
+            name
+            for metric, name in ((SETTLING, "settling time"), (OVERSHOOT, "overshoot"), (asked.by, asked.by))
+            if not np.isnan(value(columns, metric)).all()
+        ]
+        remarks.append(f"=: equal to the best{within}{rest}; ordered by {', then '.join(order[:2])}")
+    missing = columns.words("status").are(lambda status: status == "done") & np.isnan(value(columns, asked.by))
+    reasons = [why for why in columns.words("no_hold").at(missing).counts if why] if asked.by == HOLD_ERROR else []
+    if missing.any() and asked.by != "chatter_N":
+        why = f": {'; '.join(reasons)}" if reasons else ""
+        remarks.append(f"{counted(int(missing.sum()), 'run')} without {asked.by}{why}")
+    remarks += [
+        f"{title}, -: {BY_COLUMN[metric].missing}"
+        for metric, title in COMPANIONS.items()
+        if title in head and any(row[head.index(title)] == "-" for row in cells)
+    ]
+    return ReportPart("best", f"best runs by {asked.by}", head, cells, remarks)
+
+
+def best_rows(sweep: SweepRows, asked: Asked) -> Positions:
+    """Rows of the best runs that are shown: the best one, those that equal it, the next ones."""
+    ranked, equal = (find(sweep.columns, asked.by) for find in (ranking.best, ranking.equal_to_best))
+    others = ranked[1:][~np.isin(ranked[1:], equal)]
+    shown = max(asked.top, min(MOST_EQUAL, 1 + len(equal)))
+    return np.concatenate([ranked[:1], equal, others])[:shown]
+
+
+def margins_part(sweep: SweepRows, asked: Asked) -> ReportPart | None:
+    """Margins of the force loop of the best runs; None if none were computed."""
+    if not asked.margins:
+        return None
+    reasons = list(dict.fromkeys(one.reason for one in asked.margins.values() if one.reason))
+    rows = [
+        [str(run), _scaled(one.gain), _scaled(one.phase, 180.0 / math.pi)]
+        for run, one in asked.margins.items()
+        if not one.reason
+    ]
+    remarks = [f"none of {counted(len(asked.margins) - len(rows), 'run')}: {reason}" for reason in reasons]
+    if any("-" in row for row in rows):
+        remarks.append("-: no gain up to 1000, or no change of phase, makes the loop unstable")
+    title = "margins of the force loop where it presses, linear model; other loops: twin analyse"
+    return ReportPart("margins", title, ["run", "gain", "phase deg"] if rows else [], rows, remarks)
+
+
+def _scaled(found: float | None, factor: float = 1.0) -> str:
+    return "-" if found is None else number(factor * found, 3)
 
 
 def _worst(sweep: SweepRows, asked: Asked, label: str) -> ReportPart:
@@ -335,15 +411,17 @@ def _front(sweep: SweepRows, asked: Asked) -> ReportPart | None:
 
 def _runs(sweep: SweepRows, rows: Positions, asked: Asked) -> tuple[list[str], list[list[str]]]:
     columns, names = sweep.columns, short(sweep.labels)
-    metrics = list(dict.fromkeys((asked.by, asked.against)))
+    metrics = [m for m in dict.fromkeys((asked.by, asked.against)) if m == asked.by or m not in COMPANIONS]
+    beside = [m for m in COMPANIONS if m != asked.by and not np.isnan(value(columns, m)).all()]
     several = len(sweep.drives) > 1
     head = ["run", *metrics, *(["drive"] if several else []), *(names[label] for label in sweep.labels)]
-    return head, [
+    return [*head, *(COMPANIONS[metric] for metric in beside)], [
         [
             str(columns.run(row)),
             *(number(value(columns, metric)[row]) for metric in metrics),
             *([columns.words("drive")[row] or ""] if several else []),
             *(shown(columns.of.get(f"parameters/{label}"), row) for label in sweep.labels),
+            *(number(value(columns, metric)[row]) for metric in beside),
         ]
         for row in rows
     ]
@@ -366,10 +444,16 @@ def _drives(sweep: SweepRows, asked: Asked) -> ReportPart | None:
         for score in scores
     ]
     leader, *others = scores
-    tied = [score.drive for score in others if not math.isnan(score.behind) and not score.distinguishable]
+    floor, floor_text = ranking.floor(asked.by, np.array(leader.median)), ranking.floor_text(asked.by)
+    tied = [
+        score.drive
+        for score in others
+        if not math.isnan(score.behind) and (not score.distinguishable or abs(score.behind) <= floor)
+    ]
     remarks = ["behind: median difference to the first, point by point; first, P: chance to rank first, both resampled"]
     if tied:
-        remarks.append(f"not distinguished from {leader.drive}: {', '.join(tied)}")
+        beyond = f", by an interval without 0 and more than {floor_text}" if floor_text else ""
+        remarks.append(f"not distinguished from {leader.drive}{beyond}: {', '.join(tied)}")
     return ReportPart("drives", f"drives by {asked.by}", head, rows, remarks)
 
 
@@ -448,13 +532,19 @@ def worst_label(sweep: SweepRows, wanted: str | None) -> str | None:
 
 def sweep_text(sweep: SweepRows, asked: Asked) -> str:
     """The report of a sweep."""
-    blocks: list[Block] = [_folded(headline(sweep, asked.by))]
-    for part in parts(sweep, asked):
-        blocks += ["", _folded(part.title)]
-        columns = [Column(title, left=number == 0, gap=2) for number, title in enumerate(part.head)]
-        blocks += [Table(columns, part.rows, left_out="--html")] if part.rows else []
-        blocks += [Note(remark, "  ", 4, whole=True) for remark in part.remarks]
-    return laid_out(blocks)
+    found = (block for part in parts(sweep, asked) for block in _blocks(part))
+    return laid_out([_folded(headline(sweep, asked.by)), *found])
+
+
+def part_text(part: ReportPart) -> str:
+    """One part of the report."""
+    return laid_out(_blocks(part))
+
+
+def _blocks(part: ReportPart) -> list[Block]:
+    columns = [Column(title, left=number == 0, gap=2) for number, title in enumerate(part.head)]
+    table: list[Block] = [Table(columns, part.rows, left_out="--html")] if part.rows else []
+    return ["", _folded(part.title), *table, *(Note(remark, "  ", 4, whole=True) for remark in part.remarks)]
 
 
 def headline_text(sweep: SweepRows, by: str) -> str:

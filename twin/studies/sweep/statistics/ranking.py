@@ -10,11 +10,24 @@ from numpy.typing import NDArray
 from twin.kernel.errors import InputRefused
 from twin.studies.metrics.response import Curve
 from twin.studies.paper.claim import Claim
-from twin.studies.sweep.measures import METRICS, checked_metric
+from twin.studies.sweep.measures import (
+    BY_COLUMN,
+    CHATTER,
+    HOLD_ERROR,
+    METRICS,
+    OVERSHOOT,
+    SETTLING,
+    SINCE_TOUCH,
+    checked_metric,
+)
 from twin.studies.sweep.rows import ROWS, Columns, Numbers, Positions, Row, Words, once
 
-USUAL_METRICS = ("force_error_N", "lateral_error_mm")
-UNRANKED = ("end_N", "peak_time_s")
+USUAL_METRICS = (HOLD_ERROR, SINCE_TOUCH, "lateral_error_mm")
+"""Metrics to rank by unless one is chosen: the first that some run has."""
+USUAL_AGAINST = (SETTLING, HOLD_ERROR, OVERSHOOT, "lateral_error_mm")
+"""The other metric of the Pareto front, likewise."""
+UNRANKED = ("end_N", "peak_time_s", "hold_mean_error_N", "hold_begin_s", "hold_end_s", "felt_stiffness_N_per_m",
+            "chatter_frequency_Hz")  # fmt: skip
 UNRANKED_MEASURES = ("mean", "peak", "steady_state_error", "frequency")
 """Less of these is neither better nor worse: where a force or a signal should end is for its reference to say. Of every
 other metric less is better."""
@@ -35,6 +48,14 @@ def value(columns: Columns, metric: str) -> Numbers:
     return rounded(found)
 
 
+def rank_value(columns: Columns, metric: str) -> Numbers:
+    """The same as `value`, but 0 for a held force without chatter, which has no amplitude."""
+    numbers = value(columns, metric)
+    if metric != CHATTER:
+        return numbers
+    return np.where(np.isnan(numbers) & ~np.isnan(value(columns, HOLD_ERROR)), 0.0, numbers)
+
+
 def rounded(numbers: Numbers) -> Numbers:
     """`numbers` to `ROUNDING` decimals as Python's `round` has them: what is written is the nearest double.
 
@@ -53,11 +74,18 @@ def rounded(numbers: Numbers) -> Numbers:
 
 
 def usual_metric(columns: Columns) -> str:
-    """What runs are ranked by unless somebody says otherwise: the force error, or where no force was controlled, the
-    lateral one."""
-    force, lateral = USUAL_METRICS
-    controlled = not np.isnan(value(columns, force)).all()
-    return force if controlled or not len(columns) else lateral
+    """Metric to rank by unless one is chosen: the hold error; where no run held a force, or rows are of an older twin,
+    the error since the first touch; where no force was controlled, the lateral error."""
+    return _first_measured(columns, USUAL_METRICS)
+
+
+def usual_against(columns: Columns, by: str) -> str:
+    """The other metric of the Pareto front unless one is chosen."""
+    return _first_measured(columns, [metric for metric in USUAL_AGAINST if metric != by])
+
+
+def _first_measured(columns: Columns, metrics: Sequence[str]) -> str:
+    return next((metric for metric in metrics if not np.isnan(value(columns, metric)).all()), metrics[0])
 
 
 @once
@@ -98,11 +126,53 @@ def _unranked(metric: str) -> bool:
 def best(columns: Columns, metric: str) -> Positions:
     """Rows of runs that did not trip and keep the sweep's limits and have the metric, least first; ties in the order of
     rows."""
-    numbers = value(columns, metric)
+    numbers = rank_value(columns, metric)
     fit = columns.words("status").are(lambda status: status == "done")
     fit &= columns.words("within_limits").are(lambda all_curves: all_curves is not False) & ~np.isnan(numbers)
     (rows,) = fit.nonzero()
     return rows[np.argsort(numbers[rows], kind="stable")]
+
+
+def floor_text(metric: str) -> str:
+    """`0.05 N` or `5 %`: the smallest difference that counts; "" if every one does."""
+    measure = BY_COLUMN.get(metric)
+    if measure is None or not (measure.floor or measure.share):
+        return ""
+    return f"{measure.unit.per_SI * measure.floor:g} {measure.unit.text}" if measure.floor else f"{measure.share:.0%}"
+
+
+def floor(metric: str, numbers: Numbers) -> Numbers:
+    """Largest differences from `numbers` that do not count; 0 of a metric that is none of twin's measures."""
+    measure = BY_COLUMN.get(metric)
+    if measure is None:
+        return np.zeros_like(numbers)
+    return np.maximum(measure.unit.per_SI * measure.floor, measure.share * np.abs(numbers))
+
+
+@once
+def equal_to_best(columns: Columns, metric: str) -> Positions:
+    """Rows that differ from the best one by no more than the floor of the measure, without it: those that settle first
+    (in steps of the floor of settling times), then least overshoot, then least metric."""
+    ranked = best(columns, metric)
+    numbers = rank_value(columns, metric)[ranked]
+    if not len(ranked):
+        return ranked
+    equal = numbers - numbers[0] <= floor(metric, numbers)
+    equal[0] = False
+    rows = ranked[equal]
+    settling = value(columns, SETTLING)[rows] // BY_COLUMN[SETTLING].floor
+    return rows[np.lexsort((numbers[equal], value(columns, OVERSHOOT)[rows], settling))]
+
+
+def at_edges(columns: Columns, labels: Sequence[str], row: int) -> list[str]:
+    """Parameters of which the row has the smallest or the largest of three or more values that were tried."""
+    found = []
+    for label in labels:
+        tried = parameter(columns, label)
+        low, high = np.nanmin(tried, initial=np.inf), np.nanmax(tried, initial=-np.inf)
+        if tried[row] in (low, high) and bool(np.any((tried > low) & (tried < high))):
+            found.append(label)
+    return found
 
 
 def parameter(columns: Columns, label: str) -> Numbers:
@@ -188,8 +258,8 @@ def pareto_front(columns: Columns, one: str, other: str) -> Positions:
     A run beats another if it has no more of either metric and less of one of them.
     """
     rows = best(columns, one)
-    rows = rows[~np.isnan(value(columns, other)[rows])]
-    a, b = value(columns, one)[rows], value(columns, other)[rows]
+    rows = rows[~np.isnan(rank_value(columns, other)[rows])]
+    a, b = rank_value(columns, one)[rows], rank_value(columns, other)[rows]
     # a run with more of the other than one with no more of the first is dominated; few are left to be sorted by both
     left = b <= np.minimum.accumulate(b)
     rows, a, b = rows[left], a[left], b[left]
@@ -235,7 +305,7 @@ def worst_over(columns: Columns, metric: str, label: str, labels: Sequence[str])
     group = group.reshape(-1)
     numbers = np.full(len(columns), np.inf)
     counting = best(columns, metric)
-    numbers[counting] = value(columns, metric)[counting]
+    numbers[counting] = rank_value(columns, metric)[counting]
     # of each group the largest number, of equal ones the first row
     order = np.lexsort((-np.arange(len(columns)), numbers, group))
     last: Positions = order[np.flatnonzero(np.diff(group[order], append=-1))]
