@@ -6,7 +6,6 @@ What experiments are by now, beside what they were when they ran.
 import json
 import os
 import re
-import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,6 +28,8 @@ from twin.robot.experiment.recorded import (
     recorded_facts,
     recorded_name,
     recorded_values,
+    repeating_words,
+    run_command,
 )
 from twin.robot.run.run import SUMMARY, named_files
 from twin.studies.command import Answer, Say, Steps
@@ -96,13 +97,18 @@ class StoredRun:
 
     @cached_property
     def typed(self) -> list[str]:
-        """Options with which the run was started: `--drive`, `pmsm_foc.fmu`."""
+        """Options with which the run was started, as recorded: `--drive`, `pmsm_foc.fmu`."""
         try:
             # ours has files by name only; of a path that is there nevertheless nothing is opened but that name
             values = named_files(recorded_values(DECLARED, self.metadata, self.recording))
             return options(values, self.metadata.get("origins", {}))
         except InputRefused:
             return []
+
+    @property
+    def words(self) -> list[str]:
+        """Words behind `twin run` that repeat the run."""
+        return repeating_words(self.summary, self.experiment, self.typed)
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -294,9 +300,10 @@ def runs_text(
 
 
 def run_lines(run: StoredRun) -> list[str]:
-    """When, size, verdict, and the options with which it was made."""
+    """Return when, size and verdict of a run, and the command that repeats it, unless its experiment's name does."""
     latest = "  latest" if run.latest else ""
-    made = wrapped(shlex.join(run.typed), f"{INDENT}with ", whole=True) if run.typed else []
+    # one line, however long: a command that is broken into lines cannot be copied
+    made = [f"{INDENT}{run_command(run.words)}"] if run.words != [run.experiment] else []
     return [f"  {run.folder.name:17}  {size_text(run.size):>7}  {verdict(run)}{latest}", *made]
 
 
@@ -377,6 +384,7 @@ def listed(results: Path, experiments: Sequence[str], say: Say) -> Answer:
                 "verdict": verdict(run),
                 "outcome": run.summary.get("outcome"),
                 "with": run.typed,
+                "command": run_command(run.words),
                 "changed_since": {key: {"then": then, "now": now} for key, (then, now) in differences.items()},
                 "not_compared": why,
             }
