@@ -37,6 +37,7 @@ def recorded_runs(
     sure: bool = False,
     viewer: Viewer | None = None,
     start_from: str | None = None,
+    results: str = "results",
 ) -> None:
     """Run each experiment and record it.
 
@@ -46,7 +47,7 @@ def recorded_runs(
     Args:
         experiments: files.
         settings, drive, body: see `load_experiment`, for all of them.
-        out: the folder of the only run; None: results/<experiment>/<time>.
+        out: the folder of the only run; None: <results>/<experiment>/<time>.
         isolate_drives: give each drive a process of its own, and `limit_step` (s) for each call into it.
         factor, viewer: see `execute`.
         sure: whether runs that take very long or fill the disk are meant.
@@ -68,7 +69,7 @@ def recorded_runs(
     for experiment in loaded:
         reporter.loading()
         folder = (
-            claim_run_folder(Path(out)) if out else create_run_folder(Path("results"), experiment.name, datetime.now())
+            claim_run_folder(Path(out)) if out else create_run_folder(Path(results), experiment.name, datetime.now())
         )
         duration = experiment.duration_ticks * experiment.cosim.tick
         # absolute: an FMU may change the working directory
