@@ -85,7 +85,7 @@ def test_a_number_that_does_not_exist_says_why():
 def reaction(experiment: str, magnitude: float, **state: Any) -> tuple[float | None, str]:
     """When the monitor reacts to a fault, or why not."""
     base = {"experiment": experiment}
-    runaway = {"kind": "drive_runaway", "target": "joint_1", "onset_s": answer("onset", state, base)["onset"]}
+    runaway = {"kind": "drive_runaway", "target": "drive_1", "onset_s": answer("onset", state, base)["onset"]}
     found = answer("show", state | {"faults": [runaway | {"magnitude": magnitude}]}, base)["numbers"]
     ((value, reason),) = [(value, why) for name, _, value, why, *_ in found if name == "monitor trips after the fault"]
     return value, reason

@@ -50,6 +50,8 @@ from twin.robot.experiment.recorded import (
     options,
     recorded_facts,
     repeating_words,
+    robot_values,
+    robot_values_text,
     run_command,
     toml_text,
 )
@@ -376,7 +378,10 @@ def _measure(measure: RunMeasure | None) -> Markup:
 
 def _folded_parameters(run: ReportRun) -> Markup:
     count = sum(1 for _ in flat(run.values))
-    return element("details", element("summary", f"{count} values with unit and source"), parameters(run))
+    robot = element("p", f"The robot has {robot_values_text(robot_values(run.origins))}.")
+    return joined(
+        [robot, element("details", element("summary", f"{count} values with unit and source"), parameters(run))]
+    )
 
 
 def _of_each(runs: Sequence[ReportRun], write: Callable[[ReportRun], Markup]) -> Markup:

@@ -17,6 +17,7 @@ from twin.kernel.recording.recorder import versions
 from twin.robot.assembly.build import need_processes, planned_drives
 from twin.robot.assembly.load import load_experiment, recorded_experiment
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.recorded import robot_values
 from twin.robot.run.run import Run, execute
 from twin.robot.run.watch import Viewer, refuse_endless
 
@@ -88,6 +89,7 @@ def recorded_runs(
                 discard_run_folder(folder)
             raise
         facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
+        facts["robot_values"] = robot_values(experiment.origins)
         facts["remarks"] = [
             *remarks,
             *([run.punctuality.sentence] if run.punctuality else []),
