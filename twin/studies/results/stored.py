@@ -31,6 +31,7 @@ from twin.robot.experiment.recorded import (
     repeating_words,
     run_command,
 )
+from twin.robot.run.measures import LARGE_OVERSHOOT, MEASURES
 from twin.robot.run.run import SUMMARY, named_files
 from twin.studies.command import Answer, Say, Steps
 from twin.studies.result import counted, cut, wrapped
@@ -318,10 +319,22 @@ def verdict(run: StoredRun) -> str:
         words.append("failed")
     outcome = run.summary.get("outcome")
     if isinstance(outcome, dict):
-        peak, error = outcome.get("peak"), outcome.get("force_error")
+        peak, error, hold = outcome.get("peak"), outcome.get("force_error"), _measured(outcome, "hold_error")
+        words += [f"hold error {MEASURES['hold_error'].shown(hold)}"] if hold is not None else []
+        if (overshoot := _measured(outcome, "hold_overshoot") or 0.0) > LARGE_OVERSHOOT:
+            words.append(f"overshoot {MEASURES['hold_overshoot'].shown(overshoot)}")
         words += [f"at most {peak:.2f} N" if peak > 0.0 else "never touched"] if isinstance(peak, float) else []
-        words += [f"force error {error:.2f} N rms"] if isinstance(error, float) else []
+        if hold is None and isinstance(error, float):
+            words.append(f"error since the first touch {error:.2f} N")
     return ", ".join(words) or "finished"
+
+
+def _measured(outcome: Mapping[str, Any], key: str) -> float | None:
+    """Value of a measure in a summary, which may come from anybody."""
+    measures = outcome.get("measures")
+    found = measures.get(key) if isinstance(measures, dict) else None
+    value = found.get("value") if isinstance(found, dict) else None
+    return value if isinstance(value, float) else None
 
 
 def difference_lines(differences: Differences, why: str) -> list[str]:
