@@ -81,6 +81,13 @@ def test_tasks_say_what_was_held_instead_of_what_is_left_when_they_are_over():
     assert "task 2: never tapped\n" in text and max(map(len, text.splitlines())) <= 80
 
 
+def test_it_says_how_much_of_the_robot_is_assumed():
+    counts = {"own": 22, "assumed": 18}
+    lines = run_text(RUN | {"robot_values": counts}).splitlines()
+    assert "  robot      22 own values, 18 inherited assumptions; twin accuracy ranks them" in lines
+    assert max(map(len, lines)) <= 80 and run_facts(RUN | {"robot_values": counts})["robot_values"] == counts
+
+
 def test_a_substitute_is_named():
     assert "  substitute controller: Mine (PythonComponent)\n" in run_text(RUN)
 

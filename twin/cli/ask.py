@@ -48,12 +48,12 @@ def ask(function: Callable[..., Any], given: Mapping[str, Any]) -> None:
                     f"--{option.replace('_', '-')} is of the process that --isolate none does without; leave one of "
                     "them out"
                 )
-    for look in marked.before:
-        look(asked)
+    more_facts = {key: value for look in marked.before for key, value in (look(asked) or {}).items()}
     code = 0
     try:
         for answer in _answers(function, marked, own, asked, given):
             answer = _with_page(answer) if given.get("report") else answer
+            answer = replace(answer, facts={**answer.facts, **more_facts}) if more_facts else answer
             show(answer, given.get("as_json", False))
             code = max(code, answer.exit_code)
     except ComponentFailed as failure:

@@ -44,7 +44,7 @@ def run_text(run: Mapping[str, Any]) -> str:
     speed = f"{run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"
     values = measured_values(run["outcome"]["measures"])
     lines = [f"{run['experiment']}  {speed}{_warning(values)}", *(f"  {remark}" for remark in run["remarks"])]
-    lines += [*_hold(values), *_outcome(run["outcome"], run["held"]), *_events(run), *_drives(run)]
+    lines += [*_hold(values), *_outcome(run["outcome"], run["held"]), *_events(run), *_robot(run), *_drives(run)]
     for role, text in run["parts"].items():
         lines += wrapped(text.removeprefix(f"{role}: "), f"  {role:10} ")
     lines += [_row("substitute", f"{name}: {kind}") for name, kind in run["substituted"].items()]
@@ -63,6 +63,7 @@ def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
         "drives": list(run["drives"]),
         "substituted": dict(run["substituted"]),
         "parts": dict(run["parts"]),
+        "robot_values": run.get("robot_values"),
         "trip": run["trip"],
         "changed": run["changed"],
         "punctuality": run["punctuality"],
@@ -138,6 +139,14 @@ def _events(run: Mapping[str, Any]) -> Iterator[str]:
         yield from wrapped(f"{t:8.3f} s  {text}", later=12)
     if len(events) > MOST_EVENTS:
         yield f"{'':8}    and {len(events) - MOST_EVENTS} more events, in the recording"
+
+
+def _robot(run: Mapping[str, Any]) -> Iterator[str]:
+    if counts := run.get("robot_values"):
+        # takes a while to load
+        from twin.robot.experiment.recorded import robot_values_text
+
+        yield _row("robot", robot_values_text(counts))
 
 
 def _drives(run: Mapping[str, Any]) -> Iterator[str]:

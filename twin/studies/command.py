@@ -71,7 +71,8 @@ class Study:
         limited: whether `--limit-step` and `--limit-wall` are of that process.
         json: whether there is `--json`.
         reported: whether the fact `recording` of its answer is one, of which `--report` writes a page.
-        before: called with what is asked before the study's process begins: slips are refused at once.
+        before: called with what is asked before the study's process begins: slips are refused at once. What one
+            returns is added to the answer's facts.
         on_failure: what is added to the message if a component fails, such as where results are until then.
     """
 
@@ -81,7 +82,7 @@ class Study:
     limited: bool = False
     json: bool = True
     reported: bool = False
-    before: Sequence[Callable[[Asked], None]] = ()
+    before: Sequence[Callable[[Asked], Mapping[str, Any] | None]] = ()
     on_failure: Callable[[Asked], str] | None = None
 
     def __call__(self, function: Function) -> Function:

@@ -9,6 +9,7 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from twin.kernel.errors import InputRefused, plain
 from twin.studies.command import Asked
@@ -59,13 +60,17 @@ def find_logs(asked: Asked) -> None:
         recording_in(log)
 
 
-def print_latest(asked: Asked) -> None:
-    """Print to standard error which run each log means, and with which options it was made.
+def print_latest(asked: Asked) -> dict[str, Any]:
+    """Print to standard error which run is read as the latest, and which settings were changed in it.
 
-    Nothing is said of a file or of a run's own folder, nor of what is no folder of runs: reading refuses that.
+    Nothing is printed of a file, of a run's own folder, or of a path that is no folder of runs: reading refuses that.
+
+    Returns:
+        For `--json`: "read", the folder and the changed settings of each such run; empty if there is none.
     """
     from twin.kernel.recording.folder import recording_in
 
+    found = []
     for path in _logs(asked):
         try:
             recording = recording_in(path)
@@ -76,12 +81,16 @@ def print_latest(asked: Asked) -> None:
             from twin.studies.results.stored import stored_run
 
             run = stored_run(recording)
-            made = f", made with {shlex.join(run.typed)}" if run.typed else ""
+            changed = run.words[1:]
+            made = f", made with {shlex.join(changed)}" if changed else ""
             print(plain(f"{path}: the latest run, {run.folder.name}{made}"), file=sys.stderr)
+            found.append({"run": str(path / run.folder.name), "changed": changed})
+    return {"read": found} if found else {}
 
 
 def _logs(asked: Asked) -> Sequence[Path]:
-    return _named(asked, "log") or _named(asked, "run")
+    # of shadow a log is one of several sources, as text
+    return _named(asked, "log") or _named(asked, "run") or [Path(text) for text in _named(asked, "source")]
 
 
 def _named(asked: Asked, name: str) -> Sequence:

@@ -15,7 +15,7 @@ from twin.kernel.process.process import environment
 
 SPRING = "robot.k_s_Nm_per_rad"
 GAIN = "controller.force.kp_mm_per_N"
-FORCE = "rms force error"
+FORCE = "hold error"
 READY = 60.0
 """How long (s) it may take to begin: compiled code may be missing."""
 

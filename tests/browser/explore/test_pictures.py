@@ -7,6 +7,12 @@ import pytest
 from playwright.sync_api import BrowserContext, expect
 
 from tests.browser.explore.explorer import GAIN, SPRING, Explorer, Opened, wait_until
+from tests.laws.runs import shipped
+from twin.report.explore.asked import Base, asked
+from twin.report.explore.figures import fig4_runs
+from twin.studies.faults.matrix import onsets_of
+from twin.studies.faults.trials import healthy_run
+from twin.studies.paper.fig4 import fig4_score, tally
 
 pytestmark = pytest.mark.slow
 
@@ -40,6 +46,10 @@ def test_a_fault_is_placed_on_the_time_axis_moved_and_repaired(context: BrowserC
         page.click("#faults summary")
         page.select_option("#faults select", "drive_runaway")
         page.click("#faults button")
+        # it begins where twin faults lets it begin in contact
+        experiment = shipped("pressing")
+        _, contact = onsets_of(experiment, healthy_run(experiment), ())
+        expect(page.get_by_label("at (s)").last).to_have_value(f"{contact:g}", timeout=20_000)
         page.get_by_label("at (s)").last.fill("6")
         page.get_by_label("at (s)").last.press("Enter")
         expect(page.locator("#problem")).to_contain_text("safety monitor: joint 1")
@@ -72,6 +82,24 @@ def test_a_fault_is_placed_on_the_time_axis_moved_and_repaired(context: BrowserC
         expect(page.locator(".box", has_text="largest force").first.locator("strong")).to_have_text(before)
 
 
+def test_a_fault_without_a_monitor_says_that_there_is_none(context: BrowserContext, explorer: Explorer):
+    page = Opened(context.new_page(), explorer.address).page
+    page.click("#faults summary")
+    page.select_option("#faults select", "encoder_bias")
+    page.click("#faults button")
+    reaction = page.locator(".box", has_text="monitor trips after the fault")
+    expect(reaction).to_contain_text("no monitor here", timeout=20_000)
+    expect(reaction.locator("strong")).to_have_text("none")
+
+
+def test_the_first_numbers_are_what_a_controller_is_chosen_by(opened: Opened):
+    boxes = opened.page.locator("#numbers .box").all_inner_texts()
+    assert boxes[:6] == [
+        "0.094 N\nhold error", "0.0 %\novershoot", "0.85 s\nsettling time", "none\nchatter\nbelow 0.05 N",
+        "2.77 mm\nlateral error while held", "4.96 N\nlargest force",
+    ]  # fmt: skip
+
+
 def test_loops_follow_with_margins_and_diagrams(opened: Opened):
     page = opened.page
     page.click("#loops summary")
@@ -88,7 +116,12 @@ def test_claims_of_the_paper_turn_over_with_the_state(opened: Opened):
     page = opened.page
     page.click("#score summary")
     page.locator("#score tbody tr").first.wait_for(timeout=60_000)
-    expect(page.locator("#score .hint")).to_contain_text("0 turned over. All four runs of Fig. 4")
+    score = fig4_score(fig4_runs(asked(Base("fig4_force_position"), {})))
+    (held, judged), (own, checks) = tally(score.claims), tally(score.quality)
+    expect(page.locator("#score .hint")).to_contain_text(
+        f"{held} of {judged} of the paper's text, {own} of {checks} of this run's own checks hold; "
+        "0 turned over. All four runs of Fig. 4"
+    )
     expect(page.locator("#score tbody tr", has_text="imperfect runs")).not_to_have_count(0)
     opened.type(SPRING, "8")
     page.locator("#score tr.turned").first.wait_for(timeout=60_000)

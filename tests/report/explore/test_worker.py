@@ -15,10 +15,13 @@ from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import read
 from twin.report.explore.picture import AT_FIRST, EXPLORED, extremes
 from twin.report.explore.worker import answered
+from twin.robot.run.measures import TABLE
 from twin.robot.run.run import execute
 from twin.robot.run.trace import run_in_memory
 from twin.studies.analyse.operating_point import Linearised, operating_points
 from twin.studies.analyse.stability import judged_point
+from twin.studies.faults.matrix import onsets_of
+from twin.studies.faults.trials import healthy_run
 from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, fig4_score
 from twin.studies.paper.fig4_measures import Fig4Run, Fig4Runs
 from twin.studies.paper.fig5 import fig5_score
@@ -30,6 +33,7 @@ BASE: dict[str, Any] = {
     "settings": [],
     "uploaded": {},
 }
+POSITION = {"experiment": "fig4_position"}
 LOOK = {"panels": list(AT_FIRST), "span": None, "width": 300}
 GAIN = "controller.force.kp_mm_per_N"
 
@@ -54,14 +58,57 @@ def curves(found: dict[str, Any]) -> dict[tuple[str, str], tuple[np.ndarray, flo
 def test_numbers_and_events_are_those_of_a_recorded_run(tmp_path: Path):
     run = execute(shipped("fig4_force_position", f"{GAIN}=3"), tmp_path)
     found = answer("show", {"set": {GAIN: 3}})
-    numbers = {name: value for name, _, value in found["numbers"]}
-    assert numbers["rms force error"] == run.outcome.force_error
-    assert numbers["largest force"] == run.outcome.peak
-    assert numbers["force at the end"] == run.outcome.end
+    for name, unit, value, *_ in found["numbers"]:
+        (measure,) = (one for one in TABLE if one.text == name)
+        of_run = run.outcome.measures[measure.key].value
+        assert (unit, value) == (measure.unit.text, None if of_run is None else of_run * measure.unit.per_SI)
     assert [(e["t"], e["text"]) for e in found["events"]] == [
         (t, text) for t, level, text in run.events if level != "DEBUG"
     ]
     assert found["command"] == f"twin run fig4_force_position --set {GAIN}=3.0"
+
+
+def test_the_first_tiles_are_what_a_controller_is_chosen_by():
+    names = [name for name, *_ in answer("show")["numbers"]]
+    assert names[:6] == [
+        "hold error", "overshoot", "settling time", "chatter", "lateral error while held", "largest force"
+    ]  # fmt: skip
+    assert "error since the first touch" in names
+
+
+def test_a_number_that_does_not_exist_says_why():
+    reasons = {name: (value, reason) for name, _, value, reason, *_ in answer("show", base=POSITION)["numbers"]}
+    assert reasons["hold error"] == (None, "no force loop") and reasons["largest force"][0] > 1.0
+    assert [reason for value, reason in reasons.values() if value is None and not reason] == []
+
+
+def reaction(experiment: str, magnitude: float, **state: Any) -> tuple[float | None, str]:
+    """When the monitor reacts to a fault, or why not."""
+    base = {"experiment": experiment}
+    runaway = {"kind": "drive_runaway", "target": "drive_1", "onset_s": answer("onset", state, base)["onset"]}
+    found = answer("show", state | {"faults": [runaway | {"magnitude": magnitude}]}, base)["numbers"]
+    ((value, reason),) = [(value, why) for name, _, value, why, *_ in found if name == "monitor trips after the fault"]
+    return value, reason
+
+
+def test_a_run_without_a_monitor_says_so_where_its_reaction_would_stand():
+    assert reaction("fig4_force_position", 0.01) == (None, "no monitor here")
+    assert reaction("pressing", 0.01, set={"monitor.enabled": False}) == (None, "no monitor here")
+    delay, reason = reaction("pressing", 5.0)
+    assert delay is not None and 0.0 < delay < 0.5 and not reason
+
+
+@pytest.mark.parametrize("faults", [[], [{"kind": "power_off", "target": "power", "onset_s": 0.5}]])
+def test_a_fault_begins_where_twin_faults_lets_it_begin_in_contact(faults: list[dict[str, Any]]):
+    experiment = shipped("pressing")
+    onset = onsets_of(experiment, healthy_run(experiment), ())[1]
+    trace = run_in_memory(experiment)
+    assert answer("onset", {"faults": faults}, {"experiment": "pressing"}) == {"onset": onset}
+    assert -trace["plant.F_ee_B"][round(onset / trace.tick), 2] > 5.0
+
+
+def test_where_nothing_is_touched_there_is_no_usual_onset():
+    assert "touches nothing" in answer("onset", base={"experiment": "step_z_air"})["refused"]
 
 
 def test_no_spike_is_lost_at_any_width_and_a_zoom_has_the_samples_themselves():

@@ -168,9 +168,16 @@ def test_the_command_makes_the_same_recording_again(root: Path, tmp_path: Path, 
         folder.mkdir()
     first = execute(load_experiment(path, settings), folders[0]).recording
     words = shlex.split(command(ReportRun("", read(first))))
-    assert words[:3] == ["twin", "run", "experiments/fig4_force_position.toml"]
-    again = execute(load_experiment(path, settings_of(words)), folders[1]).recording
+    assert words[:3] == ["twin", "run", str(path)]
+    again = execute(load_experiment(words[2], settings_of(words)), folders[1]).recording
     assert again.read_bytes() == first.read_bytes()
+    # without the summary beside it a recording knows the name only
+    first.with_name("summary.json").unlink()
+    words = shlex.split(command(ReportRun("", read(first))))
+    assert words[:3] == ["twin", "run", "fig4_force_position"]
+    assert (
+        execute(load_experiment(words[2], settings_of(words)), folders[1]).recording.read_bytes() == first.read_bytes()
+    )
 
 
 class Idle:
@@ -242,11 +249,18 @@ def test_a_substitute_without_a_place_is_refused(root: Path, tmp_path: Path):
         execute(experiment, tmp_path, substitutes={"contoller": None})  # type: ignore[dict-item]
 
 
+def test_the_page_says_how_much_of_the_robot_is_assumed(page: str):
+    assert "<p>The robot has 4 own values, 18 inherited assumptions; twin accuracy ranks them.</p>" in page
+
+
 def test_another_drive_and_another_body_are_in_the_command(root: Path, tmp_path: Path):
     path = root / "experiments/fig4_force_position.toml"
     experiment = load_experiment(path, ["duration_s=0.1"], str(root / "fmus/pmsm_foc"), "back")
-    told = command(ReportRun("", read(execute(experiment, tmp_path).recording)))
-    assert "fig4_force_position.toml --drive pmsm_foc --body back --set duration_s=0.1" in told
+    recording = execute(experiment, tmp_path).recording
+    others = "--body back --set duration_s=0.1"
+    assert command(ReportRun("", read(recording))) == f"twin run {path} --drive {root}/fmus/pmsm_foc {others}"
+    recording.with_name("summary.json").unlink()
+    assert command(ReportRun("", read(recording))) == f"twin run fig4_force_position --drive pmsm_foc {others}"
 
 
 def test_drives_that_are_alike_are_told_once_with_their_hash(force_position: Recording):

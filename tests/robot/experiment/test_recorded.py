@@ -1,13 +1,23 @@
 """What a recording says of its experiment."""
 
 import json
+import shlex
 from pathlib import Path
 
 import pytest
 
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.declared import DECLARED
-from twin.robot.experiment.recorded import recorded_fmus, recorded_values, start_experiment
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.recorded import (
+    recorded_fmus,
+    recorded_values,
+    repeating_words,
+    robot_values,
+    run_command,
+    run_words,
+    start_experiment,
+)
 
 WHERE = Path("run.mcap")
 
@@ -70,3 +80,23 @@ def test_what_cannot_be_started_is_refused_and_nothing_is_written(
         start_experiment(DECLARED, Path(file), start)
     assert str(refusal.value).startswith(said)
     assert not list(tmp_path.iterdir())
+
+
+def test_values_of_ones_own_robot_are_told_from_inherited_assumptions(root: Path, tmp_path: Path):
+    shipped = load_experiment(root / "experiments/fig4_position.toml")
+    stated = [key for key, text in shipped.origins.items() if key.startswith("robot.") and "assumed" not in text]
+    assert robot_values(shipped.origins) == {"own": len(stated) - 1, "assumed": 18} and "robot.name" in stated
+    own = tmp_path / "own.toml"
+    own.write_text(
+        f'extends = "{root}/experiments/fig4_position.toml"\n[robot]\na_mm = 50.5\n'
+        'm_a_g = { value = 41.0, source = "weighed" }\nb_mm = { value = 30.0, source = "assumed: as printed" }\n'
+    )
+    assert robot_values(load_experiment(own).origins) == {"own": len(stated) + 1, "assumed": 16}
+    assert robot_values(load_experiment(own, ["robot.b_mm=31"]).origins)["assumed"] == 15
+
+
+@pytest.mark.parametrize("drive", [None, "pmsm_foc", "my drives/it's mine.toml"])
+def test_words_of_a_run_are_read_by_the_shell_as_they_were_typed(drive: str | None):
+    words = run_words("my lab/press here.toml", ['title="it\'s"', "seed=3"], drive, "back")
+    assert shlex.split(run_command(words)) == ["twin", "run", *words]
+    assert repeating_words({"typed": list(words)}, "press here", []) == list(words)

@@ -1,8 +1,13 @@
 """What is kept, what it was made with, and what goes."""
 
+import html
 import json
+import re
+import shlex
 import shutil
+import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -47,7 +52,7 @@ def test_the_list_says_when_how_large_made_with_what_and_what_has_changed_since(
     lines = told(cwd=home).stdout.splitlines()
     assert lines[0].startswith("results: 3 runs of 1 experiment, ")
     assert [line.endswith("never touched  latest") for line in lines if "never touched" in line] == [True, False, False]
-    assert lines.count("      with --drive pmsm_foc --set seed=3") == 1
+    assert lines.count("      twin run mine --drive pmsm_foc --set seed=3") == 1
     assert lines.count("      duration_s was 0.01, is 0.02 now") == 3
     # its drive and seed are what was asked for, and so they would be now
     assert not [line for line in lines if "drive.fmu" in line]
@@ -55,12 +60,69 @@ def test_the_list_says_when_how_large_made_with_what_and_what_has_changed_since(
     assert max(map(len, lines)) <= 80
 
 
+@pytest.fixture(scope="module")
+def own(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    """A folder with a run of files of its user's own, in a folder with blanks and a quote, and what was typed."""
+    home = tmp_path_factory.mktemp("own")
+    lab = home / "my lab's"
+    lab.mkdir()
+    shutil.copyfile(root / "fmus/brushed_dc/brushed_dc.fmu", lab / "dc motor.fmu")
+    mapping = (root / "fmus/brushed_dc/mapping.toml").read_text()
+    (lab / "units.toml").write_text(mapping.replace("brushed_dc.fmu", "dc motor.fmu"))
+    shutil.copyfile(root / "experiments/bodies/back.toml", lab / "soft.toml")
+    (lab / "press here.toml").write_text(f'extends = "{root}/experiments/fig4_force_position.toml"\nduration_s = 0.1\n')
+    typed = ["my lab's/press here.toml", "--drive", "my lab's/units.toml", "--body", "my lab's/soft.toml",
+             "--set", 'title="it\'s mine"', "--set", "controller.force.reference_N=4"]  # fmt: skip
+    done = twin("run", *typed, cwd=home)
+    assert done.returncode == 0, done.stderr
+    return home, typed
+
+
+def in_shell(command: str, cwd: Path) -> None:
+    """Run `command` as a shell reads it when it is pasted."""
+    words = subprocess.run(["sh", "-c", f'for word in {command}; do printf "%s\\0" "$word"; done'], check=True,
+                           capture_output=True, text=True).stdout.split("\0")[:-1]  # fmt: skip
+    assert words[:2] == ["twin", "run"]
+    done = twin(*words[1:], cwd=cwd)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_printed_commands_repeat_a_run_of_ones_own_files_byte_for_byte(own: tuple[Path, list[str]]):
+    home, typed = own
+    recording = recording_in(home / "results/press here").resolve()
+    (line,) = [line.strip() for line in told(cwd=home).stdout.splitlines() if line.strip().startswith("twin run ")]
+    listed = json.loads(told("--json", cwd=home).stdout)["runs"][0]["command"]
+    assert twin("report", str(recording), cwd=home).returncode == 0
+    page = recording.with_name("report.html").read_text("utf-8")
+    shown = html.unescape(re.findall("<code>(twin run .*?)</code>", page)[0])
+    assert line == listed == shown == shlex.join(["twin", "run", *typed])
+    in_shell(line, home)
+    again = recording_in(home / "results/press here").resolve()
+    assert again != recording and again.read_bytes() == recording.read_bytes()
+
+
+def test_a_recording_has_no_path_of_the_drive_that_was_typed(own: tuple[Path, list[str]]):
+    recording = recording_in(own[0] / "results/press here")
+    metadata = origin(recording)
+    drive = json.loads(metadata.pop("experiment")["values"])["drive"]
+    told_of = json.dumps([drive, metadata])
+    assert "dc motor.fmu" in told_of and "my lab's" not in told_of
+
+
+@pytest.mark.parametrize("typed", [["mine", "--out", "/elsewhere"], ["--help"], ["mine", "--set"], [3], "mine", []])
+def test_a_forged_summary_adds_no_other_option_to_the_command(home: Path, typed: Any):
+    (run,) = [run for run in stored_runs(home / "results") if run.typed]
+    told_of = StoredRun(run.folder, run.recording, True)
+    told_of.__dict__["summary"] = {"typed": typed}
+    assert told_of.words == ["mine", "--drive", "pmsm_foc", "--set", "seed=3"]
+
+
 def test_a_run_with_a_name_of_its_own_is_listed_with_its_experiment_and_never_goes(copied: Path):
     twin("run", "mine", "--set", "seed=7", "--out", "results/a_name", cwd=copied)
     lines = told(cwd=copied).stdout.splitlines()
     assert lines[0].startswith("results: 4 runs of 1 experiment, ")
     assert [line.split()[0] for line in lines if "never touched" in line][-1] == "a_name"
-    assert lines.index("      with --set seed=7") > lines.index("mine")
+    assert lines.index("      twin run mine --set seed=7") > lines.index("mine")
     assert lines[-1] == "also there: pictures 1.0 kB"
     assert [run.named for run in doomed_runs(copied / "results", [], 0)] == [False] * 3
 
@@ -87,7 +149,7 @@ def test_the_newest_of_two_runs_in_a_second_stands_first(tmp_path: Path):
 def test_pruning_lists_first_and_removes_nothing_until_one_says_yes(copied: Path):
     before = sorted(copied.rglob("*"))
     done = told("--prune", cwd=copied)
-    assert "      with --drive pmsm_foc --set seed=3" in done.stdout.splitlines()
+    assert "      twin run mine --drive pmsm_foc --set seed=3" in done.stdout.splitlines()
     assert done.stdout.startswith("2 runs, ") and done.stdout.endswith("nothing removed; --yes removes them\n")
     assert sorted(copied.rglob("*")) == before
     assert told("--prune", "--yes", cwd=copied).stdout.splitlines()[-1].startswith("removed 2 runs, ")

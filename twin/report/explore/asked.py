@@ -7,7 +7,6 @@ of those that the server has listed.
 import math
 import os
 import re
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -24,6 +23,7 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.drive_files import FOLDERS, experiment_file, shelved
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.recorded import run_command, run_words
 from twin.robot.experiment.source import Source, at, key_names, override, toml_value
 from twin.studies.faults.matrix import GLITCH_SHARE
 
@@ -114,10 +114,7 @@ class PageState:
     @property
     def command(self) -> str:
         """The command that runs it, for a shell."""
-        drive = ["--drive", self.drive] if self.drive else []
-        body = ["--body", self.body] if self.body else []
-        sets = [word for text in self.settings for word in ("--set", text)]
-        return shlex.join(["twin", "run", self.base.experiment, *drive, *body, *sets])
+        return run_command(run_words(self.base.experiment, self.settings, self.drive, self.body))
 
 
 def _inline(table: Mapping[str, Any]) -> str:

@@ -11,14 +11,13 @@ import tomlkit
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.description import FmuDescription, described
 from twin.kernel.writing import made_folder, write_text, written
+from twin.report.explore import EXPLORED_FOLDER
 from twin.robot.drive.contract import COMMANDS, Command, contract
 from twin.robot.drive.mapping import Wiring, candidates, choice
 from twin.robot.experiment.drive_files import MAPPING
 from twin.robot.experiment.schema import VelocityLoop
 from twin.studies.qualify.proposal import understood
 
-HOME = Path("results/explored")
-"""Where an FMU goes that somebody has agreed to: from there a copied command finds it, too."""
 LOOPED = ("torque", "current", "voltage")
 """Commands behind which our velocity loop stands."""
 
@@ -105,14 +104,14 @@ def mapping_text(fmu: Path, how: Any) -> str:
 
 
 def settled(fmu: Path, how: Any) -> tuple[str, Path]:
-    """(the name that pages have for it, its mapping): a copy of the FMU with its mapping, below `HOME`.
+    """(the name that pages have for it, its mapping): a copy of the FMU with its mapping, below `EXPLORED_FOLDER`.
 
     Raises:
         InputRefused: see `mapping_text`.
         NotWritten: the disk refuses.
     """
     text = mapping_text(fmu, how)
-    folder = made_folder(HOME / f"{fmu.stem}-{described(fmu).sha256[:8]}")
+    folder = made_folder(EXPLORED_FOLDER / f"{fmu.stem}-{described(fmu).sha256[:8]}")
     with written(folder / fmu.name) as beside:
         shutil.copyfile(fmu, beside)
     write_text(folder / MAPPING, text)

@@ -24,7 +24,7 @@ from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.metrics.requirement import FIG4, FIG5
 from twin.studies.metrics.response import Curve, along_and_off
 from twin.studies.paper.claim import ClaimFinding, judged
-from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, fig4_score
+from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, fig4_score, tally
 from twin.studies.paper.fig4_measures import WHOLE, Fig4Run, Fig4Runs
 from twin.studies.paper.fig5 import CLAIMS, TITLES, WORKING, bound_of, manner, seen_part
 from twin.studies.paper.fig5_measures import Mask, TaskRun
@@ -122,10 +122,18 @@ def claims(state: PageState) -> dict[str, Any]:
             for task in task_runs(experiment, run_in_memory(experiment, only=SIGNALS["fig5"]))
             for claim in CLAIMS[task.task.kind]
         ]
-        return {"figure": "fig5", "claims": [_claim(*row) for row in rows]}
+        scores = [_score("of the paper's Fig. 5", [finding for _, finding in rows])]
+        return {"figure": "fig5", "claims": [_claim(*row) for row in rows], "scores": scores}
     score = fig4_score(fig4_runs(state))
     found = [one for one in (*score.claims, *score.quality) if one.claim.measure is not None]
-    return {"figure": "fig4", "claims": [_claim("", one) for one in found]}
+    scores = [_score("of the paper's text", score.claims), _score("of this run's own checks", score.quality)]
+    return {"figure": "fig4", "claims": [_claim("", one) for one in found], "scores": scores}
+
+
+def _score(of: str, findings: Sequence[ClaimFinding]) -> dict[str, Any]:
+    """How many of some claims hold, for JSON; the same counts as of `twin compare --paper`."""
+    held, judged_claims = tally(findings)
+    return {"of": of, "held": held, "judged": judged_claims}
 
 
 def _claim(of: str, finding: ClaimFinding) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from twin.kernel.recording.logs.log import Log, LogSeries
 from twin.kernel.recording.logs.reader import LogKind, kind_of, read_log
 from twin.kernel.recording.messages import Field
 from twin.kernel.writing import made_folder, written
-from twin.report.explore.brought import HOME
+from twin.report.explore import EXPLORED_FOLDER
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.metrics.response import Curve
 from twin.studies.replay.model import model_of
@@ -80,7 +80,7 @@ def stored(file: Path) -> str:
     with file.open("rb") as content:
         digest = hashlib.file_digest(content, "sha256").hexdigest()[:8]
     stem, dot, ending = file.name.partition(".")
-    path = made_folder(HOME) / f"{stem}-{digest}{dot}{ending}"
+    path = made_folder(EXPLORED_FOLDER) / f"{stem}-{digest}{dot}{ending}"
     if not path.exists():
         with written(path) as beside:
             shutil.copyfile(file, beside)

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,8 @@ from twin.report.page.panels import (
     scene,
     series,
 )
-from twin.robot.run.outcome import HeldForces, RunOutcome
+from twin.robot.run.measures import HEADLINE, MEASURES, RunOutcome
+from twin.robot.run.outcome import HeldForces
 from twin.robot.run.trace import Trace
 from twin.studies.metrics.response import Curve
 
@@ -187,21 +188,41 @@ def poses(run: PanelRun, block: DataBlock) -> dict[str, Any] | None:
     return scene(run, block, MOST_POSES)
 
 
-Number = tuple[str, str, float | None]
-"""Name, unit, value; None: there is no such number."""
+TILES = (*HEADLINE, "held_lateral_error", "peak", "held_z_error", "torque", "force_error", "end", "lateral_error",
+         "z_error")  # fmt: skip
+"""Measures above the plots, the first ones first."""
 
 
-def headline(outcome: RunOutcome, held: Sequence[HeldForces]) -> list[Number]:
-    """The numbers that stand above the plots."""
-    mm = [None if error is None else MM * error for error in (outcome.lateral_error, outcome.z_error)]
-    found: list[Number] = [
-        ("rms force error", "N", outcome.force_error),
-        ("largest force", "N", outcome.peak),
-        ("force at the end", "N", outcome.end),
-        ("rms lateral error", "mm", mm[0]),
-        ("rms z error", "mm", mm[1]),
-    ]
+class Tile(NamedTuple):
+    """A number above the plots.
+
+    Attributes:
+        name, unit: for people.
+        value: in `unit`; None if there is no such number.
+        reason: why there is none, or a remark on it.
+        digits: digits after the point.
+        meaning: one sentence.
+    """
+
+    name: str
+    unit: str
+    value: float | None
+    reason: str = ""
+    digits: int = 2
+    meaning: str = ""
+
+
+def tiles(outcome: RunOutcome, held: Sequence[HeldForces]) -> list[Tile]:
+    """Return the numbers that stand above the plots."""
+    found = []
+    for measure in (MEASURES[key] for key in TILES):
+        value, reason = (one := outcome.measures[measure.key]).value, one.reason
+        shown = None if value is None else value * measure.unit.per_SI
+        meaning = f"{measure.meaning}: {measure.interval}"
+        found.append(Tile(measure.text, measure.unit.text, shown, reason, measure.digits, meaning))
     for task in held:
-        found += [(f"task {task.task}, {task.kind}: least force", "N", task.least)]
-        found += [(f"task {task.task}, {task.kind}: largest force", "N", task.largest)]
-    return [(name, unit, value if value is not None and math.isfinite(value) else None) for name, unit, value in found]
+        for name, force in (("least", task.least), ("largest", task.largest)):
+            found.append(
+                Tile(f"task {task.task}, {task.kind}: {name} force", "N", force, "never held" * (force is None))
+            )
+    return found

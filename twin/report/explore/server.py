@@ -33,7 +33,7 @@ from twin.kernel.errors import InputRefused, NotWritten, SafetyTrip, TwinError, 
 from twin.kernel.live import OwnPageGate
 from twin.kernel.process.guard import guarded
 from twin.kernel.process.job import JobLimits
-from twin.report.explore import FMU_NAME, LOG_NAME
+from twin.report.explore import EXPLORED_FOLDER, FMU_NAME, LOG_NAME
 from twin.report.explore.processes import AnsweringProcess, Outdated
 from twin.studies.left_behind import SCRATCH, held_folder
 
@@ -69,7 +69,20 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-FROM_PAGES = ("describe", "show", "recorded", "runs", "columns", "log", "save", "command", "loops", "score", "map")
+FROM_PAGES = (
+    "describe",
+    "show",
+    "recorded",
+    "runs",
+    "columns",
+    "log",
+    "save",
+    "command",
+    "onset",
+    "loops",
+    "score",
+    "map",
+)
 """What a page may ask a process for."""
 MOST_BYTES = 100_000_000
 """Of a file that is brought in."""
@@ -277,7 +290,7 @@ class ExplorerServer:
         return await self.answer({**ask, "accepted": accepted}, outdated)
 
     async def record(self, ask: Mapping[str, Any]) -> dict[str, Any]:
-        """Make a real run of a state in results/, as `twin run` does, and its report."""
+        """Make a real run of a state, as `twin run` does, and its report."""
         found = await self.answer({**ask, "op": "command"}, threading.Event())
         if "refused" in found or "failed" in found:
             return found
@@ -532,7 +545,7 @@ def recorded(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Path
         if "folder" in note:
             folders.append(note["folder"])
 
-    arguments = {"experiments": [experiment], "out": None, "limit_step": limits.step}
+    arguments = {"experiments": [experiment], "out": None, "limit_step": limits.step, "results": str(EXPLORED_FOLDER)}
     arguments |= {key: how[key] for key in ("drive", "body", "settings")}
     # such a run is recorded all the same, and its report says so
     with contextlib.suppress(SafetyTrip):

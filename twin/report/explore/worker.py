@@ -7,20 +7,20 @@ import base64
 import math
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from twin.kernel.cosim.observers import Observer, TickEvent, simulate
 from twin.kernel.errors import ComponentFailed, InputRefused, UnknownSeries
-from twin.kernel.files import read_json
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import recording_in
+from twin.report.explore import EXPLORED_FOLDER
 from twin.report.explore.asked import Base, PageState, adopted, asked, first_state, known, saved
 from twin.report.explore.brought import inspected, settled
 from twin.report.explore.figures import SIGNALS, claims, fig4_panels, fig4_runs, fig5_panels, figure_of
 from twin.report.explore.logs import known_logs, log_run, proposed_map, stored
-from twin.report.explore.picture import AT_FIRST, EXPLORED, MemoryRun, drawn, headline, poses, shown_panels
+from twin.report.explore.picture import AT_FIRST, EXPLORED, MemoryRun, Tile, drawn, poses, shown_panels, tiles
 from twin.report.page.markup import DataBlock
 from twin.report.page.panels import PanelRun
 from twin.report.page.run import report_runs
@@ -29,10 +29,10 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.experiment.source import at
 from twin.robot.monitor.component import own_monitor, trip_reason
-from twin.robot.run.outcome import RunOutcome
-from twin.robot.run.run import SUMMARY
 from twin.robot.run.trace import Trace, fields_of
 from twin.robot.run.watch import run_observers
+from twin.studies.faults.matrix import default_onsets
+from twin.studies.faults.trials import healthy_run
 from twin.studies.results.stored import stored_runs
 
 WIDEST = 4000
@@ -45,6 +45,8 @@ FIGURES: dict[Layout, str] = {"fig4": "Fig. 4", "fig5": "Fig. 5"}
 """Layouts that take the place of the panels."""
 MOST_RUNS = 100
 """Of results/ that are offered."""
+NO_MONITOR = "no monitor here"
+"""Reason where a number of the safety monitor would stand."""
 
 
 def answered(reporter: Reporter, here: str, base: dict[str, Any], ask: dict[str, Any]) -> dict[str, Any]:
@@ -140,10 +142,14 @@ def _run(state: PageState, experiment: Experiment, look: "Look", only: frozenset
         observers = [own.tally, own.watch, events, trace]
         done = simulate(assembly, experiment.duration_ticks, observers).completed()
         tick, monitor = assembly.system.tick, own_monitor(assembly.system)
-    numbers = headline(own.tally.outcome, own.tally.held)
+        watched = assembly.system.has("monitor.tripped")
+    numbers = tiles(own.tally.outcome, own.tally.held)
     if experiment.faults:
         onset, trip = min(fault.onset for fault in experiment.faults), monitor.trip if monitor else None
-        numbers += [("monitor trips after the fault", "s", (trip.tick - onset) * tick if trip else None)]
+        delay, none = (trip.tick - onset) * tick if trip else None, "it does not trip" if monitor else NO_MONITOR
+        if not monitor and watched:
+            none = "a third-party monitor reports no time"
+        numbers.append(Tile("monitor trips after the fault", "s", delay, "" if trip else none, 3))
     run = MemoryRun(trace, fields, experiment.values)
     found = look.picture(run, run.end, _panels_of(state, experiment, look, trace))
     _looked_at[look.form] = frozenset(run.looked_at).union(SIGNALS[look.layout] if look.layout else ())
@@ -260,8 +266,8 @@ def _recorded(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     if name not in [str(folder) for folder in _folders()]:
         raise InputRefused(f"run {str(name)[:80]!r}: no such run in results/")
     (run,) = report_runs([recording_in(Path(str(name)))])
-    return {"title": run.title, "trip": "", "numbers": _numbers_of(Path(str(name))), "events": [], "values": {},
-            "command": "", **Look.of(ask).picture(run, run.end)}  # fmt: skip
+    return {"title": run.title, "trip": "", "numbers": [], "events": [], "values": {}, "command": "",
+            **Look.of(ask).picture(run, run.end)}  # fmt: skip
 
 
 def _log(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
@@ -277,18 +283,9 @@ def _log(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
             **found}  # fmt: skip
 
 
-def _numbers_of(folder: Path) -> list[Any]:
-    """Those that the run has written beside its recording."""
-    try:
-        summary = read_json(folder / SUMMARY)
-        return headline(RunOutcome(**summary["outcome"]), ())
-    except (InputRefused, KeyError, TypeError):
-        return []
-
-
 def _folders() -> list[Path]:
     """Of finished runs, the newest first."""
-    runs = [run for run in stored_runs(Path("results")) if run.finished]
+    runs = [run for home in (Path("results"), EXPLORED_FOLDER) for run in stored_runs(home) if run.finished]
     return [run.folder for run in sorted(runs, key=lambda run: -run.recording.stat().st_mtime)]
 
 
@@ -306,6 +303,13 @@ def _command(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     state = asked(base, ask["state"])
     state.loaded()
     return {"command": state.command, "drive": state.drive, "body": state.body, "settings": state.settings}
+
+
+def _onset(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
+    """Return where `twin faults` lets a fault begin in contact (s), in the state without faults."""
+    experiment = _bounded(asked(base, ask["state"]).loaded())
+    _, contact = default_onsets(healthy_run(replace(experiment, faults=())))
+    return {"onset": contact * experiment.cosim.tick}
 
 
 def _loops(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
@@ -329,7 +333,7 @@ def _mapped(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     with assemble(experiment) as assembly:
         own = run_observers(experiment, assembly)
         simulate(assembly, experiment.duration_ticks, [own.tally]).completed()
-    return {"numbers": headline(own.tally.outcome, own.tally.held)}
+    return {"numbers": tiles(own.tally.outcome, own.tally.held)}
 
 
 def _inspected(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
@@ -351,6 +355,7 @@ ANSWERS: Mapping[str, Callable[[Base, Mapping[str, Any]], dict[str, Any]]] = {
     "runs": _runs,
     "save": _saved,
     "command": _command,
+    "onset": _onset,
     "adopt": lambda base, ask: {"state": adopted(base, ask["state"], ask["accepted"])},
     "columns": lambda base, ask: proposed_map(ask),
     "log": _log,

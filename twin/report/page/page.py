@@ -3,7 +3,6 @@
 import base64
 import json
 import math
-import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
@@ -50,6 +49,10 @@ from twin.robot.experiment.recorded import (
     name_and_unit,
     options,
     recorded_facts,
+    repeating_words,
+    robot_values,
+    robot_values_text,
+    run_command,
     toml_text,
 )
 from twin.robot.experiment.source import COMMAND_LINE
@@ -145,9 +148,8 @@ def _facts(run: ReportRun) -> dict[str, str]:
 
 
 def command(run: ReportRun) -> str:
-    """What makes this recording again, from the repository: `twin run experiments/... --set ...`."""
-    words = ["twin", "run", f"experiments/{run.name}.toml", *options(run.values, run.origins)]
-    return shlex.join(words)
+    """Return the command that makes this recording again, in the folder where it was made."""
+    return run_command(repeating_words(run.summary, run.name, options(run.values, run.origins)))
 
 
 def provenance(run: ReportRun) -> Markup:
@@ -379,7 +381,10 @@ def _number(measure: RunMeasure) -> str:
 
 def _folded_parameters(run: ReportRun) -> Markup:
     count = sum(1 for _ in flat(run.values))
-    return element("details", element("summary", f"{count} values with unit and source"), parameters(run))
+    robot = element("p", f"The robot has {robot_values_text(robot_values(run.origins))}.")
+    return joined(
+        [robot, element("details", element("summary", f"{count} values with unit and source"), parameters(run))]
+    )
 
 
 def _of_each(runs: Sequence[ReportRun], write: Callable[[ReportRun], Markup]) -> Markup:

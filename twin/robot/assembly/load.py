@@ -23,7 +23,7 @@ from twin.robot.assembly.declared import DECLARED
 from twin.robot.experiment.drive_files import experiment_file, shelved
 from twin.robot.experiment.experiment import Experiment, Tables, checked_tables, experiment_of
 from twin.robot.experiment.mistakes import unit_hints
-from twin.robot.experiment.recorded import Metadata, recorded_fmus, recorded_name, recorded_values
+from twin.robot.experiment.recorded import Metadata, recorded_fmus, recorded_name, recorded_values, run_words
 from twin.robot.experiment.schema import Chirp, Circle, Drive, JointStep, Reference, WayPoints
 from twin.robot.experiment.source import RETAINED, Source, override, read_source, refuse_other_files
 from twin.robot.mechanism.geometry import Geometry, geometry_of
@@ -139,6 +139,8 @@ def load_experiment(
     Raises:
         InputRefused: with every mistake, one sentence each.
     """
+    overrides = tuple(overrides)
+    typed = run_words(path, overrides, drive, body)
     path = experiment_file(path)
     source = read_source(path)
     refuse_other_files(source.values, path)
@@ -148,7 +150,7 @@ def load_experiment(
     if body is not None:
         source.name("contact", "body", body)
     override(source, overrides)
-    return checked_experiment(source, path.stem, path, folder)
+    return replace(checked_experiment(source, path.stem, path, folder), typed=typed)
 
 
 def checked_experiment(source: Source, name: str, where: Path, folder: Path) -> Experiment:

@@ -83,6 +83,7 @@ class Experiment:
         origins: where each value comes from.
         stand_ins: third-party parts by the name of their table; of [controller], [monitor] and [scale] only what
             acts all the same is in their own.
+        typed: words behind `twin run` that load it; empty if it was not loaded from a file.
     The tables are those that the parts declare, and those of `schema.py` and `task.py`.
     """
 
@@ -111,6 +112,7 @@ class Experiment:
     values: dict[str, Any]
     origins: dict[str, str]
     stand_ins: dict[str, StandIn] = field(default_factory=dict)
+    typed: tuple[str, ...] = field(default=(), compare=False)
 
     @property
     def start(self) -> Triple:

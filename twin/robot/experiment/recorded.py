@@ -4,12 +4,13 @@ A new experiment file and its schema, written.
 
 What differs between experiments: their values key by key, as people write them.
 
-What was typed behind the name of an experiment, out of what a recording says of it.
+The command line of a run, and of one that repeats a stored run.
 """
 
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+import shlex
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -249,6 +250,22 @@ def _follows(key: str, facts: Sequence[Facts]) -> bool:
     return False
 
 
+def robot_values(origins: Mapping[str, str]) -> dict[str, int]:
+    """Count the robot's own values, which a file, the paper or the command line states, and inherited assumptions.
+
+    Args:
+        origins: by dotted key; an assumption begins with "assumed".
+    """
+    found = [origin for key, origin in origins.items() if key.startswith("robot.") and key != "robot.name"]
+    assumed = sum(origin.startswith("assumed") for origin in found)
+    return {"own": len(found) - assumed, "assumed": assumed}
+
+
+def robot_values_text(counts: Mapping[str, int]) -> str:
+    """Return the counts of `robot_values` as text."""
+    return f"{counts['own']} own values, {counts['assumed']} inherited assumptions; twin accuracy ranks them"
+
+
 WHOLE = {"drive.fmu": "--drive", "contact.body": "--body"}
 """Keys with an option of their own."""
 
@@ -272,6 +289,36 @@ def options(values: Mapping[str, Any], origins: Mapping[str, str]) -> list[str]:
     if any(origin == COMMAND_LINE for key, origin in origins.items() if key.startswith("fault.")):
         words += ["--set", f"fault={_toml(values.get('fault', ()))}"]
     return words
+
+
+def run_words(
+    experiment: str | Path, settings: Iterable[str] = (), drive: str | None = None, body: str | None = None
+) -> tuple[str, ...]:
+    """Return the words behind `twin run` that run `experiment`; arguments as of `load_experiment`."""
+    given = [("--drive", drive), ("--body", body), *(("--set", text) for text in settings)]
+    return (str(experiment), *(word for option, value in given if value is not None for word in (option, value)))
+
+
+def repeating_words(summary: Mapping[str, Any], name: str, words: Sequence[str]) -> list[str]:
+    """Return the words behind `twin run` that repeat a stored run.
+
+    A recording names files without their folders, so only the summary beside it has paths as they were typed.
+
+    Args:
+        summary: read beside the recording; it may come from anybody.
+        name: of the experiment, and `words`: its `options`, as recorded; used where the summary has no such words.
+    """
+    typed = summary.get("typed")
+    if not isinstance(typed, list) or not typed or not all(isinstance(word, str) for word in typed):
+        return [name, *words]
+    # a summary that was forged adds no other option to a command that is copied into a shell
+    plain = not typed[0].startswith("-") and {"--drive", "--body", "--set"}.issuperset(typed[1::2])
+    return typed if plain and len(typed) % 2 else [name, *words]
+
+
+def run_command(words: Iterable[str]) -> str:
+    """Return the command `twin run` with `words`, for a shell."""
+    return shlex.join(["twin", "run", *words])
 
 
 def _toml(value: object) -> str:

@@ -17,6 +17,7 @@ from twin.kernel.recording.recorder import versions
 from twin.robot.assembly.build import need_processes, planned_drives
 from twin.robot.assembly.load import load_experiment, recorded_experiment
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.recorded import robot_values
 from twin.robot.run.run import Run, execute
 from twin.robot.run.watch import Viewer, refuse_endless
 
@@ -37,6 +38,7 @@ def recorded_runs(
     sure: bool = False,
     viewer: Viewer | None = None,
     start_from: str | None = None,
+    results: str = "results",
 ) -> None:
     """Run each experiment and record it.
 
@@ -46,7 +48,7 @@ def recorded_runs(
     Args:
         experiments: files.
         settings, drive, body: see `load_experiment`, for all of them.
-        out: the folder of the only run; None: results/<experiment>/<time>.
+        out: the folder of the only run; None: <results>/<experiment>/<time>.
         isolate_drives: give each drive a process of its own, and `limit_step` (s) for each call into it.
         factor, viewer: see `execute`.
         sure: whether runs that take very long or fill the disk are meant.
@@ -68,7 +70,7 @@ def recorded_runs(
     for experiment in loaded:
         reporter.loading()
         folder = (
-            claim_run_folder(Path(out)) if out else create_run_folder(Path("results"), experiment.name, datetime.now())
+            claim_run_folder(Path(out)) if out else create_run_folder(Path(results), experiment.name, datetime.now())
         )
         duration = experiment.duration_ticks * experiment.cosim.tick
         # absolute: an FMU may change the working directory
@@ -87,6 +89,7 @@ def recorded_runs(
                 discard_run_folder(folder)
             raise
         facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
+        facts["robot_values"] = robot_values(experiment.origins)
         facts["remarks"] = [
             *remarks,
             *([run.punctuality.sentence] if run.punctuality else []),

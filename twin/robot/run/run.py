@@ -279,6 +279,8 @@ def execute(
         pace = Pace(factor, assembly.system.tick) if factor else None
         run = _recorded(experiment, assembly, path, progress, timed, pace, viewer, state)
         summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
+        # here and not in the recording, which is shared: paths of this machine are private
+        summary["typed"] = experiment.typed
         # before the FMUs are freed: one that crashes then shall take nothing with it
         write_json(path.with_name(SUMMARY), summary)
     return run

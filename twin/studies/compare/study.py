@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from twin.kernel.errors import InputRefused
 from twin.studies.command import Argument, Asked, Option, Say, judged, study
@@ -13,14 +13,14 @@ HOME = Path("results") / "compare"
 FIGURES = ("fig4", "fig5")
 
 
-def _print_latest(asked: Asked) -> None:
-    """Say which runs are meant also where none is named."""
+def _print_latest(asked: Asked) -> dict[str, Any]:
+    """Print which runs are read also where none is named; see `print_latest`."""
     if asked["paper"] is not None and not asked["runs"]:
         from twin.studies.paper.study import FIGURE_EXPERIMENTS
         from twin.studies.paper.study import HOME as RESULTS
 
         asked = {"runs": [RESULTS / name for name in FIGURE_EXPERIMENTS.get(asked["paper"], ())]}
-    print_latest(asked)
+    return print_latest(asked)
 
 
 @study(draws=True, before=[find_logs, _print_latest])

@@ -6,7 +6,6 @@ What experiments are by now, beside what they were when they ran.
 import json
 import os
 import re
-import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,7 +28,10 @@ from twin.robot.experiment.recorded import (
     recorded_facts,
     recorded_name,
     recorded_values,
+    repeating_words,
+    run_command,
 )
+from twin.robot.run.measures import LARGE_OVERSHOOT, MEASURES
 from twin.robot.run.run import SUMMARY, named_files
 from twin.studies.command import Answer, Say, Steps
 from twin.studies.result import counted, cut, wrapped
@@ -96,13 +98,18 @@ class StoredRun:
 
     @cached_property
     def typed(self) -> list[str]:
-        """Options with which the run was started: `--drive`, `pmsm_foc.fmu`."""
+        """Options with which the run was started, as recorded: `--drive`, `pmsm_foc.fmu`."""
         try:
             # ours has files by name only; of a path that is there nevertheless nothing is opened but that name
             values = named_files(recorded_values(DECLARED, self.metadata, self.recording))
             return options(values, self.metadata.get("origins", {}))
         except InputRefused:
             return []
+
+    @property
+    def words(self) -> list[str]:
+        """Words behind `twin run` that repeat the run."""
+        return repeating_words(self.summary, self.experiment, self.typed)
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -294,9 +301,10 @@ def runs_text(
 
 
 def run_lines(run: StoredRun) -> list[str]:
-    """When, size, verdict, and the options with which it was made."""
+    """Return when, size and verdict of a run, and the command that repeats it, unless its experiment's name does."""
     latest = "  latest" if run.latest else ""
-    made = wrapped(shlex.join(run.typed), f"{INDENT}with ", whole=True) if run.typed else []
+    # one line, however long: a command that is broken into lines cannot be copied
+    made = [f"{INDENT}{run_command(run.words)}"] if run.words != [run.experiment] else []
     return [f"  {run.folder.name:17}  {size_text(run.size):>7}  {verdict(run)}{latest}", *made]
 
 
@@ -311,10 +319,22 @@ def verdict(run: StoredRun) -> str:
         words.append("failed")
     outcome = run.summary.get("outcome")
     if isinstance(outcome, dict):
-        peak, error = outcome.get("peak"), outcome.get("force_error")
+        peak, error, hold = outcome.get("peak"), outcome.get("force_error"), _measured(outcome, "hold_error")
+        words += [f"hold error {MEASURES['hold_error'].shown(hold)}"] if hold is not None else []
+        if (overshoot := _measured(outcome, "hold_overshoot") or 0.0) > LARGE_OVERSHOOT:
+            words.append(f"overshoot {MEASURES['hold_overshoot'].shown(overshoot)}")
         words += [f"at most {peak:.2f} N" if peak > 0.0 else "never touched"] if isinstance(peak, float) else []
-        words += [f"force error {error:.2f} N rms"] if isinstance(error, float) else []
+        if hold is None and isinstance(error, float):
+            words.append(f"error since the first touch {error:.2f} N")
     return ", ".join(words) or "finished"
+
+
+def _measured(outcome: Mapping[str, Any], key: str) -> float | None:
+    """Value of a measure in a summary, which may come from anybody."""
+    measures = outcome.get("measures")
+    found = measures.get(key) if isinstance(measures, dict) else None
+    value = found.get("value") if isinstance(found, dict) else None
+    return value if isinstance(value, float) else None
 
 
 def difference_lines(differences: Differences, why: str) -> list[str]:
@@ -377,6 +397,7 @@ def listed(results: Path, experiments: Sequence[str], say: Say) -> Answer:
                 "verdict": verdict(run),
                 "outcome": run.summary.get("outcome"),
                 "with": run.typed,
+                "command": run_command(run.words),
                 "changed_since": {key: {"then": then, "now": now} for key, (then, now) in differences.items()},
                 "not_compared": why,
             }

@@ -20,7 +20,7 @@ from twin.studies.command import (
     silent,
     study,
 )
-from twin.studies.first_look import find_experiments
+from twin.studies.first_look import find_experiments, print_latest
 from twin.studies.result import Result
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def _print(text: str) -> None:
     print(("\r" if sys.stderr.isatty() else "") + plain(text), file=sys.stderr, flush=True)
 
 
-@study(reported=True, before=[_find_source, find_experiments])
+@study(reported=True, before=[_find_source, find_experiments, print_latest])
 def shadow(
     experiment: ExperimentName,
     source: Annotated[str, Option("ros2:/TOPIC or zenoh:/TOPIC of a robot that runs, or a log.", "SOURCE")],

@@ -54,7 +54,8 @@ const sliders = new Sliders(element("sliders"), element("search"), change);
 const loops = new Loops(element("loops"), (point) => link.ask({ op: "loops", state: history.now, point }));
 const score = new Score(element("score"), (slot) => link.ask({ op: "score", slot, state: slot === "file" ? fresh() : history.now }));
 const map = new Mapped(element("map"), (state, slot) => link.ask({ op: "map", slot, state }), (state) => go(state), () => history.now);
-const faults = new Faults(element("faults"), breakIt, () => picture.clock.time);
+const askOnset = () => link.ask({ op: "onset", state: { ...history.now, faults: [] } });
+const faults = new Faults(element("faults"), breakIt, askOnset, () => picture.clock.time);
 const marks = new FaultMarks(faults);
 const log = new Log((what) => link.ask({ ...what, ...look("try") }), say, addPin);
 const useDrive = (name) => go({ ...copied(history.now), drive: name });
@@ -113,6 +114,7 @@ function hear(answer) {
   else if (answer.slot === "try") log.tried(answer);
   else if (answer.op === "save") say(answer.saved ? `Saved: ${answer.saved}` : answer.refused ?? answer.failed, !answer.saved);
   else if (answer.op === "record") tellRecorded(answer);
+  else if (answer.op === "onset") faults.begin(answer.onset);
   else if (["robot", "accept", "adopt"].includes(answer.op)) robot.take(answer);
   else if (answer.op === "score") score.take(answer);
   else if (answer.op === "map") map.take(answer);
@@ -269,16 +271,17 @@ function tellFile(answer) {
   showNumbers();
 }
 
-const NOTHING = 1e-9;
-const digits = (value) => (value === null || value === undefined ? "none" : Math.abs(value) < NOTHING ? "0" : value.toPrecision(3));
+// no minus before what rounds to nothing
+const rounded = (value, digits) => (value === null ? "none" : (Number(value.toFixed(digits)) + 0).toFixed(digits));
 
 function showNumbers() {
-  const boxes = (now.numbers ?? []).map(([name, unit, value]) => {
-    const before = file[name];
-    const differs = before !== undefined && digits(before) !== digits(value);
-    const old = differs ? [made("span", { className: "before" }, `${digits(before)} → `)] : [];
-    const text = value === null ? "none" : `${digits(value)} ${unit}`;
-    return made("div", { className: "box" }, made("strong", {}, ...old, text), made("span", {}, name));
+  const boxes = (now.numbers ?? []).map(([name, unit, value, reason, digits, meaning]) => {
+    const before = name in file ? rounded(file[name], digits) : undefined;
+    const text = rounded(value, digits);
+    const old = before !== undefined && before !== text ? [made("span", { className: "before" }, `${before} → `)] : [];
+    const number = made("strong", {}, ...old, value === null ? text : `${text} ${unit}`);
+    const why = reason ? [made("span", { className: "why" }, reason)] : [];
+    return made("div", { className: "box", title: meaning }, number, made("span", {}, name), ...why);
   });
   element("numbers").replaceChildren(...boxes);
 }

@@ -7,22 +7,25 @@ const DIGITS = 4;
 const BEYOND = 4;
 
 export class Faults {
-  /** `changed` is called with the list and whether the movement is over; `time` gives that of the player. */
-  constructor(box, changed, time) {
-    this.box = box;
-    this.changed = changed;
+  /** `changed` is called with the list and whether the movement is over; `ask` asks where a fault begins in contact,
+   * `time` gives that of the player. */
+  constructor(box, changed, ask, time) {
+    Object.assign(this, { box, changed, time });
     this.list = [];
     this.kind = made("select", {});
     this.kind.setAttribute("aria-label", "Kind of fault");
     this.add = made("button", { type: "button" }, "Break");
     this.rows = made("div", {});
     box.append(made("div", { className: "bar" }, this.kind, this.add), this.rows);
-    this.add.addEventListener("click", () => {
-      const { kind, targets, magnitudes } = this.kinds.get(this.kind.value);
-      const fault = { kind, target: targets[0], onset_s: Number(time().toFixed(2)) };
-      if (magnitudes) fault.magnitude = magnitudes[1];
-      this.changed([...this.list, fault], true);
-    });
+    this.add.addEventListener("click", () => ask());
+  }
+
+  /** Add a fault of the chosen kind at `onset` (s), in contact; undefined: nothing is touched, and the player's time holds. */
+  begin(onset) {
+    const { kind, targets, magnitudes } = this.kinds.get(this.kind.value);
+    const fault = { kind, target: targets[0], onset_s: Number((onset ?? this.time()).toFixed(3)) };
+    if (magnitudes) fault.magnitude = magnitudes[1];
+    this.changed([...this.list, fault], true);
   }
 
   describe(kinds, duration) {

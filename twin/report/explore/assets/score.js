@@ -36,6 +36,7 @@ export class Score {
     if (answer.slot === "file") this.file = answer.claims ?? [];
     else {
       this.now = answer.claims ?? [];
+      this.scores = answer.scores ?? [];
       this.judged = JUDGED[answer.figure] ?? "";
       if (!answer.claims) this.note.textContent = answer.refused ?? answer.failed;
       // one that was under way when something moved is old, too
@@ -56,8 +57,8 @@ export class Score {
       const mark = made("td", { className: ["holds", "reproduced after all"].includes(claim.verdict) ? "good" : "bad", title: claim.reason }, verdict + was);
       return made("tr", { className: turned(claim) ? "turned" : "" }, name, mark, made("td", {}, claim.measured), made("td", {}, claim.expected));
     });
-    const held = this.now.filter(({ verdict }) => verdict === "holds").length;
-    if (this.now.length && !this.box.classList.contains("old")) this.note.textContent = `${held} of ${this.now.length} hold; ${order.filter(turned).length} turned over. ${this.judged}`;
+    const scores = this.scores.map(({ held, judged, of }) => `${held} of ${judged} ${of}`);
+    if (this.now.length && !this.box.classList.contains("old")) this.note.textContent = `${scores.join(", ")} hold; ${order.filter(turned).length} turned over. ${this.judged}`;
     const head = made("tr", {}, ...["claim", "verdict", "measured", "expected"].map((text) => made("th", {}, text)));
     this.table.replaceChildren(made("table", {}, made("thead", {}, head), made("tbody", {}, ...rows)));
   }
