@@ -18,7 +18,7 @@ from twin.robot import scene as arrows
 from twin.robot import scene as frames
 from twin.robot.controller import controller
 from twin.robot.mechanism import kinematics, workspace
-from twin.robot.plant import component, deviation, encoder
+from twin.robot.plant import component, deviation, encoder, hold_sums
 
 PATIENCE = 5.0
 """How long (s) the other process has to end when it is asked to."""
@@ -32,7 +32,8 @@ def usual() -> tuple[Native, ...]:
         kinematics._angles.native, workspace._nearest.native, component._load.native, kinematics._rows.native,
         component._deflect.native, component._begin.native, component.step_over(False, False), encoder.step,
         controller.estimator_step, controller.step_over(False, False), encoder.scale_step, cosim_step.plain_step,
-        master.advance.native, filling._fill.native, deviation._add_up.native, frames._put_poses.native,
+        master.advance.native, hold_sums.add_up.native, filling._fill.native, deviation._add_up.native,
+        frames._put_poses.native,
         arrows._put_arrows.native, weave._scatter.native, cosim_component.copy_pieces.native,
     )  # fmt: skip
 

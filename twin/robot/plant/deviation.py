@@ -13,7 +13,8 @@ FOUND = 7
 
 
 @njit(cache=True, inline="always")
-def _value(row, column):
+def column_value(row, column):
+    """Value of a column; NaN if the row has no such column."""
     return row[column] if column >= 0 else np.nan
 
 
@@ -27,19 +28,19 @@ def _add_up(rows, count, width, columns, touched, found, off):
     controlled = 0
     for i in range(count):
         row = table[i]
-        F_z = -_value(row, column[0])
+        F_z = -column_value(row, column[0])
         if F_z > sums[3]:
             sums[3], sums[4] = F_z, i
         for axis in range(3):
-            astray = _value(row, column[1 + axis]) - _value(row, column[4 + axis])
+            astray = column_value(row, column[1 + axis]) - column_value(row, column[4 + axis])
             sums[axis] += astray * astray
         if F_z > 0.0 and sums[5] < 0.0:
             sums[5] = i
-        if _value(row, column[7]) > 0.0:
+        if column_value(row, column[7]) > 0.0:
             if sums[6] < 0.0:
                 sums[6] = i
             if touched or sums[5] >= 0.0:
-                error = _value(row, column[8]) - F_z
+                error = column_value(row, column[8]) - F_z
                 squares[controlled] = error * error
                 controlled += 1
     return controlled
