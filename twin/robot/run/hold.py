@@ -159,7 +159,8 @@ class HoldSums:
         self._memory = memory_of(
             SUMS, dt=dt, every=request.every, grace=round(GRACE / dt), task_grace=round(TASK_GRACE / dt),
             force_loop=request.force_loop, reference=request.reference, band=BAND, w=math.pi * HIGH_PASS * dt,
-            hold=PhaseKind.HOLD, circle=PhaseKind.CIRCLE, push=PhaseKind.PUSH, tap=PhaseKind.TAP, s0=-1.0, torque=-1.0, load=-1.0, current=-1.0, outside=-1.0, worst=-1.0,
+            hold=PhaseKind.HOLD, circle=PhaseKind.CIRCLE, push=PhaseKind.PUSH, tap=PhaseKind.TAP,
+            s0=-1.0, torque=-1.0, load=-1.0, current=-1.0, outside=-1.0, worst=-1.0,
         )  # fmt: skip
         self._tasks = np.zeros((len(request.forces), TASK_SUMS))
         self._tasks[:, [0, 1, 8]] = -1.0
