@@ -41,6 +41,8 @@ def _not_finite(system: System, y: np.ndarray, culprit: int) -> str:
     if system.apart and not component.sampled:
         start += system.outputs_width
     outputs = y[start : start + width(component.outputs)]
+    if component.free is not None:
+        outputs = np.where(component.free > 0, 0.0, outputs)
     for name, values in by_port(component.outputs, outputs).items():
         if not np.all(np.isfinite(values)):
             bad = values[~np.isfinite(values)][0]
@@ -286,8 +288,9 @@ class Simulation:
         copies = len(self._y) // max(1, self.system.outputs_width)
         for component in self.system.components:
             size = 8 * copies * width(component.outputs)
-            outputs = state.memory[place : place + size].view(float)
-            if component.finite and not np.all(np.isfinite(outputs)):
+            outputs = state.memory[place : place + size].view(float).reshape(copies, -1)
+            free = np.zeros(1) if component.free is None else component.free
+            if component.finite and not np.all(np.isfinite(outputs) | (free > 0)):
                 raise InputRefused(f"the state has NaN or infinity in the outputs of {component.name}")
             place += size
 

@@ -8,6 +8,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from twin.kernel.cosim.source import Between, SampledSignal, Signal, source
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import read_bytes
 from twin.kernel.fmi.description import FmuDescription, described
-from twin.kernel.fmi.variable import Value, Variable
+from twin.kernel.fmi.variable import EXACT, Value, Variable
 from twin.kernel.recording.logs.column_map import TIME_NAMES, split_unit, unit
 from twin.kernel.recording.logs.csv_file import CsvTable, read_table, table_of
 from twin.kernel.recording.logs.log import LogRefused
@@ -73,7 +74,7 @@ def given_text(value: Value) -> str:
         return value
     if isinstance(value, Sequence | np.ndarray):
         return f"[{', '.join(given_text(one) for one in value)}]"
-    return repr(float(value))
+    return str(value) if isinstance(value, int | np.integer) else repr(float(value))
 
 
 def with_parameters(package: Package, files: Sequence[Path]) -> Package:
@@ -119,7 +120,8 @@ class SystemNames:
         self._files = files
 
     def description(self, path: str) -> FmuDescription:
-        return described(self._files[path])
+        # the plan looks whether it may need its authoring tool
+        return described(self._files[path], lenient=True)
 
     def place(self, name: str, option: str) -> Endpoint:
         """The component and the variable that `name` means; no component: a connector of the outermost system.
@@ -223,6 +225,9 @@ def _typed(text: str, variable: Variable, where: str) -> float:
         raise InputRefused(f"{where}: {variable.name} is {variable.type}; expected a finite number")
     if variable.type not in REALS and not number.is_integer():
         raise InputRefused(f"{where}: {variable.name} is {variable.type}; expected a whole number")
+    # a number beyond what a double holds exactly is refused as it was given
+    if variable.type not in REALS and (why := variable.unfit(int(Decimal(text)) if abs(number) >= EXACT else number)):
+        raise InputRefused(f"{where}: {why}")
     return number
 
 
@@ -304,7 +309,11 @@ def _fed(names: SystemNames, text: str) -> Iterator[_Fed]:
         _refuse_broken(names, place, samples, f"{where}: {file}")
         yield _Fed(name, place, samples, spelled or own, f"{Path(file).name} sha256 {_sha256(Path(file))[:12]}")
     else:
-        yield _Fed(name, place, expression(given, where), "", given)
+        signal = expression(given, where)
+        for variable in (names.variable(end) for end in _ends(names, place)):
+            if variable.type not in REALS and np.any(np.abs(signal.numbers) >= EXACT):
+                raise InputRefused(f"{where}: {variable.name} is {variable.type}; expected numbers below 2^53")
+        yield _Fed(name, place, signal, "", given)
 
 
 def _by_name(names: SystemNames, file: Path) -> Iterator[_Fed]:
@@ -355,6 +364,19 @@ def _refuse_broken(names: SystemNames, place: Endpoint, samples: SampledSignal, 
             raise InputRefused(
                 f"{where}: {bad:g} for {variable.name}, which is {variable.type}; expected whole numbers"
             )
+        _refuse_unfit(variable, samples.values, where)
+
+
+def _refuse_unfit(variable: Variable, values: np.ndarray, where: str) -> None:
+    """Refuse values that the type of `variable` cannot hold, and those that may have been rounded when they were read.
+
+    Raises:
+        InputRefused: the first of them.
+    """
+    for value in map(float, (np.nanmin(values), np.nanmax(values))):
+        # what was read as EXACT may have been more
+        if why := variable.unfit(value if abs(value) != EXACT or variable.type in REALS else 2.0 * value):
+            raise InputRefused(f"{where}: {why}")
 
 
 def _series(file: Path, column: str, name: str, where: str, held: bool) -> tuple[SampledSignal, str]:

@@ -159,5 +159,5 @@ class _Wiring:
     def _is_input(self, end: Endpoint) -> bool:
         if end.element not in self._files:
             raise InputRefused(f"{self._where}: no simulator '{end.element}'; it has {', '.join(self._files)}")
-        variable = described(self._files[end.element]).variables.get(end.connector)
+        variable = described(self._files[end.element], lenient=True).variables.get(end.connector)
         return variable is not None and variable.causality == "input"

@@ -3,13 +3,13 @@
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 from twin.kernel.cosim.adaptive import NAME as MASTER
 from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.fmi.description import KIND_NAMES, FmuDescription, Kind, described
+from twin.kernel.fmi.description import KIND_NAMES, NEEDS_TOOL, FmuDescription, Kind, described
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.variable import (
     Setting,
@@ -82,6 +82,7 @@ class SystemPlan:
         forgiven: offences of files that were let through.
         beside: what takes part beside the FMUs.
         overruled: what `--set` and `--ssv` give to inputs that connections feed.
+        unreadable: locals whose FMU does not return them; they are not recorded.
     """
 
     package: Package
@@ -93,6 +94,7 @@ class SystemPlan:
     forgiven: tuple[str, ...] = ()
     beside: Beside = field(default_factory=Beside)
     overruled: tuple[str, ...] = ()
+    unreadable: tuple[str, ...] = ()
 
     @property
     def scheme(self) -> Scheme:
@@ -226,10 +228,12 @@ class _Planner:
         taken = [EVENTS, *([MASTER] if choice.tolerance is not None else []), *(one.name for one in beside.components)]
         names = distinct([*taken, *(topic(path) for path in flat.components)])[len(taken) :]
         self._names = dict(zip(flat.components, names, strict=True))
-        read = cache(described)
+        read = cache(partial(described, lenient=choice.lenient))
         for path, entry in fmu_sources(package, flat).items():
             stated = flat.components[path].implementation
             plain = self._unbracketed(_of_kind(files[entry], stated, path, choice, read))
+            if plain.needs_tool:
+                self.forgiven.append(f"{plain.path.name}: {plain.tool_note or NEEDS_TOOL}")
             self._given[path] = dict(self._values(path, plain))
             self._descriptions[path] = plain.resized(
                 {name: float(value) for name, value in self._given[path].items() if isinstance(value, (int, float))}

@@ -95,6 +95,7 @@ def facts(
         "kept": unfed,
         "ignored": list(plan.ignored),
         "overruled": list(plan.overruled),
+        "unreadable": list(plan.unreadable),
         "without_effect": list(_without_effect(plan, made, state_every)),
         "steps": _steps(plan, done),
         "settled": made.settled,
@@ -171,6 +172,7 @@ def system_result(came: Mapping[str, Any]) -> Result:
         *([note("not fed", some(unfed, MOST), True)] if unfed else []),
         *([note("ignored", ignored, True)] if came["ignored"] else []),
         *([note("overruled", f"{some(came['overruled'], MOST)}, by connections", True)] if came["overruled"] else []),
+        *([note("unreadable", some(came["unreadable"], MOST), True)] if came["unreadable"] else []),
         *(note("no effect", sentence, True) for sentence in came["without_effect"]),
         *(note("unsaid", sentence) for sentence in came["unsaid"]),
         *([] if came["settled"] else [note("start", UNSETTLED)]),
@@ -261,18 +263,19 @@ def recorded_system(
         NotWritten: the disk is full; likewise.
     """
     reporter.loading()
+    # before an FMU is loaded, which may change the working directory
+    here = Path.cwd()
     package, state = read_system(system), _state(start_from)
     with (
         elsewhere(choice.remote, limit_step) as hosts,
         opened(package, choice, compiled, additions, hosts=hosts) as (plan, made),
     ):
-        folder = _folder(package.file, out)
-        # absolute: an FMU may change the working directory
-        path = folder.absolute() / RECORDING
+        folder = _folder(package.file, here, out)
+        path = here / folder / RECORDING
         reporter.note(experiment=package.file.stem, folder=str(path.parent), duration=plan.timing.duration)
         done, events, writing = _recorded(plan, made, path, reporter, state_every, state)
         came = facts(plan, made, done, events, writing, folder / RECORDING, state_every)
-    write_json(folder / SUMMARY, came)
+    write_json(here / folder / SUMMARY, came)
     return system_result(came)
 
 
@@ -338,8 +341,12 @@ def elsewhere(remote: Mapping[str, str], limit: float) -> Iterator[Mapping[str, 
         yield hosts
 
 
-def _folder(file: Path, out: Path | None) -> Path:
-    return claim_run_folder(out) if out else create_run_folder(HOME, file.stem, datetime.now())
+def _folder(file: Path, here: Path, out: Path | None) -> Path:
+    """The run's folder, made in the folder `here` and named as seen from there."""
+    if out:
+        claim_run_folder(here / out)
+        return out
+    return create_run_folder(here / HOME, file.stem, datetime.now()).relative_to(here)
 
 
 def _state(start_from: str | None) -> StoredState | None:
