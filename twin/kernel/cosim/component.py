@@ -258,7 +258,7 @@ class Component:
         label: what an error sentence calls it (an FMU's file name, say).
         finite: whether NaN or infinity in an output is a failure that ends the run. False for what plays a broken
             sensor, and for what must live on behind one.
-        free: (number of outputs,) int64, but for which this holds: 1 for an output that nothing reads, from the first
+        unread: (number of outputs,) int64, but for which this holds: 1 for an output that nothing reads, from the first
             time on that it is not finite 2 + the tick of that step; None: for none.
         alive: whether it is handed from one system to the next as it is: states hold its outputs, and nothing inside.
         keep: whatever owns the memory behind the addresses.
@@ -274,7 +274,7 @@ class Component:
     period: int = 1
     label: str = ""
     finite: bool = True
-    free: np.ndarray | None = None
+    unread: np.ndarray | None = None
     alive: bool = False
     keep: Any = field(default=None, repr=False)
 

@@ -41,8 +41,8 @@ def _not_finite(system: System, y: np.ndarray, culprit: int) -> str:
     if system.apart and not component.sampled:
         start += system.outputs_width
     outputs = y[start : start + width(component.outputs)]
-    if component.free is not None:
-        outputs = np.where(component.free > 0, 0.0, outputs)
+    if component.unread is not None:
+        outputs = np.where(component.unread > 0, 0.0, outputs)
     for name, values in by_port(component.outputs, outputs).items():
         if not np.all(np.isfinite(values)):
             bad = values[~np.isfinite(values)][0]
@@ -289,8 +289,8 @@ class Simulation:
         for component in self.system.components:
             size = 8 * copies * width(component.outputs)
             outputs = state.memory[place : place + size].view(float).reshape(copies, -1)
-            free = np.zeros(1) if component.free is None else component.free
-            if component.finite and not np.all(np.isfinite(outputs) | (free > 0)):
+            unread = np.zeros(1) if component.unread is None else component.unread
+            if component.finite and not np.all(np.isfinite(outputs) | (unread > 0)):
                 raise InputRefused(f"the state has NaN or infinity in the outputs of {component.name}")
             place += size
 

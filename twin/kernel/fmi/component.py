@@ -188,7 +188,7 @@ class FmuComponent(Component):
         sampled: whether it is evaluated at t_k; its outputs mean nothing before the first time then.
         instance: of the FMU, in step mode; None: one is made, and initialised with what is said here.
         solver: of the equations of one for model exchange; None: CVODE.
-        free: names of output ports that may be NaN, as nothing reads them.
+        unread: names of output ports that nothing reads; they may be NaN.
 
     Raises:
         InputRefused: the FMU cannot be brought into step mode, or an output is not finite then; there is no CVODE for
@@ -210,7 +210,7 @@ class FmuComponent(Component):
         sampled: bool = False,
         instance: Instance | None = None,
         solver: Solver | None = None,
-        free: Collection[str] = (),
+        unread: Collection[str] = (),
     ):
         wanted = inputs_at_start or {}
         started = [(p.variable, p.in_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
@@ -228,7 +228,7 @@ class FmuComponent(Component):
         for p in placed(outputs):
             if p.port.port.name in (outputs_at_start or {}):
                 shift[p.slots] = (outputs_at_start or {})[p.port.port.name] - initial[p.slots]
-        may = np.array([p.port.name in free for p in outputs for _ in range(p.port.size)], dtype=np.int64)
+        may = np.array([p.port.name in unread for p in outputs for _ in range(p.port.size)], dtype=np.int64)
         if not np.all(np.isfinite(initial) | (may > 0)):
             self.instance.close()
             raise InputRefused(f"{description.path}: an output is not finite after initialisation: {initial}")
@@ -255,9 +255,9 @@ class FmuComponent(Component):
             initial_outputs=initial + shift,
             label=description.path.name,
             keep=self._stepping.memory,
-            free=may if free else None,
+            unread=may if unread else None,
         )
-        self._free_told: set[str] = set()
+        self._unread_told: set[str] = set()
 
     def zero(self, name: str) -> float:
         """Value of the output port `name` where the FMU's own is 0."""
@@ -326,10 +326,11 @@ class FmuComponent(Component):
             self._stepping.discard_reported = True
             text = f"it discards steps, which are then made in parts, since t = {since:g} s"
             messages.append((int(self.instance.clock[0]), text))
-        for name, since in by_port(self.outputs, self.free).items() if self.free is not None else ():
-            if since.max(initial=0) > 1 and name not in self._free_told:
-                self._free_told.add(name)
-                messages.append((int(since[since > 1].min()) - 2, f"returns NaN or infinity for {name}; nothing reads it"))
+        for name, marks in by_port(self.outputs, self.unread).items() if self.unread is not None else ():
+            if marks.max(initial=0) > 1 and name not in self._unread_told:
+                self._unread_told.add(name)
+                text = f"returns NaN or infinity for {name}; nothing reads it"
+                messages.append((int(marks[marks > 1].min()) - 2, text))
         return messages
 
     def close(self) -> None:

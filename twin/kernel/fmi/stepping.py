@@ -371,7 +371,7 @@ class Instance:
             self._unheard.append((int(self.clock[0]), text))
 
     def _variable_name(self, reference: re.Match[str]) -> str:
-        """The variable that a log message refers to as `#r12#` (FMI 1.0 and 2.0.4, 2.1.5); the text if there is none."""
+        """The variable that a log message refers to as `#r12#` (FMI 2.0.4, 2.1.5); the text if there is none."""
         if reference[0] == "##":
             return "#"
         types = LOGGED[reference["type"]]

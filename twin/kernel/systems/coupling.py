@@ -201,7 +201,7 @@ def initialised(
             setup=instance.setup,
             instance=instance,
             solver=Solver(plan.choice.method),
-            free=[p.port.name for p in part.outputs if free and f"{part.name}.{p.port.name}" not in fed],
+            unread=[p.port.name for p in part.outputs if free and f"{part.name}.{p.port.name}" not in fed],
         )
         component.period = plan.timing.periods[part.path]
         made.callback(component.close)
