@@ -114,7 +114,7 @@ def _step(part, timed, y, t, dt, width, again, held):
     for j in range(part.y_size):
         # asked in this order, a component that may return NaN costs the others nothing
         if not np.isfinite(newest[j]) and part.finite:
-            if part.unread == 0:
+            if part.unread == 0 or not np.isnan(newest[j]):
                 return NOT_FINITE
             unread = carray(integers_at(part.unread), part.y_size)
             if unread[j] == 0:

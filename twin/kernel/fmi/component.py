@@ -229,7 +229,7 @@ class FmuComponent(Component):
             if p.port.port.name in (outputs_at_start or {}):
                 shift[p.slots] = (outputs_at_start or {})[p.port.port.name] - initial[p.slots]
         may = np.array([p.port.name in unread for p in outputs for _ in range(p.port.size)], dtype=np.int64)
-        if not np.all(np.isfinite(initial) | (may > 0)):
+        if not np.all(np.isfinite(initial) | np.isnan(initial) & (may > 0)):
             self.instance.close()
             raise InputRefused(f"{description.path}: an output is not finite after initialisation: {initial}")
         self._shift = shift
@@ -329,7 +329,7 @@ class FmuComponent(Component):
         for name, marks in by_port(self.outputs, self.unread).items() if self.unread is not None else ():
             if marks.max(initial=0) > 1 and name not in self._unread_told:
                 self._unread_told.add(name)
-                text = f"returns NaN or infinity for {name}; nothing reads it"
+                text = f"returns NaN for {name}, which nothing reads"
                 messages.append((int(marks[marks > 1].min()) - 2, text))
         return messages
 

@@ -264,7 +264,9 @@ def _store(kind, buffer, j, value):
         if not -most <= value <= most:
             return False
     else:
-        value = np.floor(value + 0.5)
+        # from half of `EXACT` on doubles are whole, and a half added to them is rounded itself
+        if abs(value) < EXACT // 2:
+            value = np.floor(value + 0.5)
         if not WHOLE_LOW[kind - 2] <= value <= WHOLE_HIGH[kind - 2]:
             return False
     if kind == 0:

@@ -199,9 +199,9 @@ class Variable:
     def unfit(self, value: float) -> str:
         """Why its type cannot hold `value`: `in8 is UInt8; expected 0 .. 255`; "" if it can."""
         low, high = self.bounds
-        # an int is compared as it is: a double may round it
-        rounded = value if self.type in REALS or isinstance(value, int) else np.floor(value + 0.5)
-        if low <= rounded <= high:
+        # an int is compared as it is, as a double may round it
+        whole = self.type in REALS or isinstance(value, int) or not abs(value) < EXACT // 2
+        if low <= (value if whole else math.floor(value + 0.5)) <= high:
             return ""
         why = ", which doubles hold exactly" if self.kind in (8, 9) else ""
         return f"{self.name} is {self.type}; expected {low:.17g} .. {high:.17g}{why}"

@@ -109,7 +109,8 @@ def _number(text: str, type_: str, where: str) -> float:
             return float(ssp.TRUTH[text])
         value = float(int(text)) if type_ in ssp.WHOLES else float(text) if type_ in ssp.REALS else math.nan
         if type_ in ssp.WHOLES and value != int(text):
-            raise InputRefused(f"{where}: {type_} {text[:40]}; numbers are doubles here, which do not hold it exactly")
+            # whoever cannot take it sees it as it is
+            return int(text)
     except (KeyError, ValueError, OverflowError):
         value = math.nan
     if not math.isfinite(value):

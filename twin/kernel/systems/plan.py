@@ -23,7 +23,7 @@ from twin.kernel.fmi.variable import (
 from twin.kernel.recording.writer import EVENTS
 from twin.kernel.ssp.flat import Assigned, FlatSystem, Hop, Lead
 from twin.kernel.ssp.package import Package
-from twin.kernel.ssp.structure import FMU, Connector, Endpoint
+from twin.kernel.ssp.structure import FMU, REALS, Connector, Endpoint
 from twin.kernel.systems.beside import Beside, Feed
 from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.naming import SINGLE, distinct, distinct_ports, matching, port_of, rank, topic
@@ -322,6 +322,10 @@ class _Planner:
         if start.text and start.conversion is None:
             start = SpeltUnit(start.text, conversion(start.text, description.model.unitDefinitions))
         led = way(start, self._hops(assigned.hops or (Hop(),), where), own, self._units, where)
+        for value in values:
+            # what a double would round
+            if isinstance(value, int) and variable.type not in REALS and (why := variable.unfit(value)):
+                raise InputRefused(f"{where} = {value}: {why}")
         numbers = [led.end(float(value)) for value in values]
         return numbers[0] if len(numbers) == 1 else numbers
 
