@@ -55,6 +55,7 @@ from twin.kernel.fmi.groups import (
     access_pairs,
     ask_status,
     begin_ramp,
+    blamed,
     do_step_2,
     do_step_3,
     drain,
@@ -332,7 +333,7 @@ def _set_discrete(e, active):
         if g.clocks == 0 or g.clocks & active:
             status = access(3, e.instance, g)
             if status > 1:
-                return SET + status
+                return blamed(g, SET + status)
             copy(g.last, g.buffer, g.bytes)
     return 0
 
@@ -375,7 +376,7 @@ def _read_held(e, active):
         if groups[i].clocks & active:
             status = access(3, e.instance, groups[i])
             if status > 1:
-                return GET + status
+                return blamed(groups[i], GET + status)
     return 0
 
 

@@ -215,7 +215,7 @@ _i32, _u32, _i64, _u64 = (pointer_to(t) for t in (np.int32, np.uint32, np.int64,
 
 NOTE = record(
     status="i8",  # that a function returned and that is none, as `foreign` has it: its lowest `WIDTH` bits left out
-    slot="i8",  # of the value that is `UNFIT` or `INEXACT`, among the inputs or outputs
+    slot="i8",  # of the value that is `UNFIT` or `INEXACT`, or could not be set or got, among the inputs or outputs
     value="f8",  # which is unfit
     whole="i8",  # which is inexact
 )
@@ -363,6 +363,13 @@ def drain(g, y):
     return 0
 
 
+@njit(cache=True)
+def blamed(g, status):
+    """`status`, having noted the first variable of the group whose function returned it."""
+    carray(note_at(g.note), 1)[0].slot = carray(_u64(g.slots), 1)[0]
+    return status
+
+
 @njit(cache=True, inline="always")
 def set_all(version, instance, groups, count, u):
     """Set the inputs of `count` groups; the first bad status."""
@@ -373,7 +380,7 @@ def set_all(version, instance, groups, count, u):
             return status
         status = access(version, instance, table[i])
         if status > 1:
-            return SET + status
+            return blamed(table[i], SET + status)
     return 0
 
 
@@ -384,7 +391,7 @@ def get_all(version, instance, groups, count, y):
     for i in range(count):
         status = access(version, instance, table[i])
         if status > 1:
-            return GET + status
+            return blamed(table[i], GET + status)
         status = drain(table[i], y)
         if status != 0:
             return status
@@ -440,11 +447,11 @@ def set_ramp(address, t):
     if n == 0:
         return 0
     begin, slope = carray(doubles_at(r.begin), n), carray(doubles_at(r.slope), n)
-    buffer = carray(doubles_at(r.buffer), n)
+    buffer, note = carray(doubles_at(r.buffer), n), carray(note_at(r.note), 1)[0]
+    note.slot = carray(integers_at(r.starts), n)[0]
     for j in range(n):
         buffer[j] = begin[j] + slope[j] * (t - r.t)
         if not np.isfinite(buffer[j]):
-            note = carray(note_at(r.note), 1)[0]
             note.slot, note.value = carray(integers_at(r.starts), n)[j], buffer[j]
             return UNFIT
     if r.derivatives == 0:

@@ -511,6 +511,13 @@ class Stepping:
             port, name = self._at(self.outputs, int(note["slot"]))
             whole = int(note["whole"]) % (1 << 64 if port.variable.type == "UInt64" else 1 << 128)
             return inexact(name, port.variable.type, whole)
+        for base, ports in ((groups.SET, self._into), (groups.GET, self.outputs)):
+            if status // 16 * 16 == base:
+                variable = self._at(ports, int(note["slot"]))[0].variable
+                name = f"{'Set' if base == groups.SET else 'Get'}{instance.standard.type_name(variable)}"
+                return groups.explain_status(
+                    status, instance.description.prefix, {base: name}, 0.0, "", message, instance.odd_status
+                )
         states = {groups.SAVE: f"Get{self.state_name}", groups.RESTORE: f"Set{self.state_name}"}
         value, clock = float(self._shorter[0]["value"]), 0
         if "value" in (self.memory.dtype.names or ()):
