@@ -5,6 +5,7 @@ FMPy reads modelDescription.xml; what it leaves out is filled in here. What an F
 """
 
 import math
+import os
 import platform as machine
 import sys
 import time
@@ -254,7 +255,8 @@ def described(file: Path, kind: Kind | None = None, lenient: bool = False) -> Fm
         InputRefused: not a whole zip, no readable model description, no co-simulation of FMI 1.0, 2.0 or 3.0 and no
             model exchange of 2.0 or 3.0, not of that kind, needs a tool, or no binary for this platform.
     """
-    if not file.is_file():
+    # not Path.is_file, which raises for a name that is too long
+    if not os.path.isfile(file):
         raise InputRefused(f"{file}: no such FMU")
     facts = file.stat()
     stamp = (facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns, facts.st_ctime_ns)

@@ -5,6 +5,7 @@ Tables in an SSP archive (OMSimulator's CSV components) are the same as inputs o
 
 import io
 import math
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -300,7 +301,8 @@ def _fed(names: SystemNames, text: str) -> Iterator[_Fed]:
         raise InputRefused(f"--input {text}: expected NAME=SOURCE, such as u=step(1.0), or a CSV file")
     place, where = _input(names, name), f"--input {name}"
     file, _, column = given.partition(":")
-    if Path(file).suffix.lower() in FILES or Path(file).exists():
+    # not Path.exists, which raises for a name that is too long, as of an expression
+    if Path(file).suffix.lower() in FILES or os.path.exists(file):
         spelled = ""
         if column and (measured := _UNIT.fullmatch(column)) and not measured["unit"].isdigit():
             column, spelled = measured["value"], measured["unit"]
@@ -318,7 +320,7 @@ def _fed(names: SystemNames, text: str) -> Iterator[_Fed]:
 
 def _by_name(names: SystemNames, file: Path) -> Iterator[_Fed]:
     """The columns of `file` that are called as inputs are."""
-    if file.suffix.lower() not in FILES and not file.exists():
+    if file.suffix.lower() not in FILES and not os.path.exists(file):
         raise InputRefused(f"--input {file}: expected NAME=SOURCE, such as u=step(1.0), or a CSV file")
     known, table = dict(names.inputs()), read_table(file)
     time = _time(table)

@@ -3,6 +3,7 @@
 Its master steps all simulators at once and hands values over between steps, without converting units: Jacobi.
 """
 
+import os
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from urllib.parse import unquote, urlparse
@@ -73,12 +74,16 @@ def osp_system(file: Path) -> Package:
 
 
 def _source(file: Path, source: str) -> Path:
-    url = urlparse(source)
+    try:
+        url = urlparse(source)
+    except ValueError as problem:
+        raise InputRefused(f"{file}: source '{source}' is no URI: {problem}; expected an FMU on this machine") from None
     # a drive of Windows is no scheme
     if url.scheme not in ("", "file") and len(url.scheme) > 1:
         raise InputRefused(f"{file}: source '{source}' is not a file; expected an FMU on this machine")
     path = (file.parent / unquote(url.path)) if url.scheme in ("", "file") else Path(source)
-    if not path.is_file():
+    # not Path.is_file, which raises for a name that is too long
+    if not os.path.isfile(path):
         raise InputRefused(f"{file}: source '{source}': no such FMU at {path}")
     return path
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
@@ -308,7 +309,7 @@ def written_system(
             raise InputRefused(f"{option}: an SSP archive has no word for it; choose when it is run")
     package = read_system(system)
     file = out or Path(f"{package.structure.system.name}.ssp")
-    if file.exists():
+    if os.path.exists(file):
         raise InputRefused(f"{file}: is there already; name another file with --out")
     with drawn_up(package, choice, compiled, additions) as plan:
         content = ssp_of(plan)
