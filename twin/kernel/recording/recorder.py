@@ -100,6 +100,9 @@ class EventLog(Observer):
 
     def restore(self, state: Any) -> None:
         self.events = [TickEvent(*one) for one in of_plain(state, "events")]
+        for event in self.events:
+            if [type(value) for value in event] != [int, str, str, str] or event.level not in get_args(Level):
+                raise ValueError(f"{event} is no event")
 
 
 class Recorder(EventLog):
