@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from twin.kernel.cosim.observers import Observer, TickEvent
+from twin.kernel.cosim.observers import Level, Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import of_plain, plain
 from twin.kernel.errors import ComponentFailed, EndRequested
