@@ -28,6 +28,7 @@ from twin.kernel.process.states import (
 from twin.kernel.recording.folder import RECORDING, claim_run_folder, create_run_folder, recording_in
 from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, versions
 from twin.kernel.recording.writer import Writer
+from twin.kernel.ssp.package import Package
 from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.coupling import Host, PreparedSystem, unvarying
@@ -36,7 +37,8 @@ from twin.kernel.systems.plan import SystemPart, SystemPlan
 from twin.kernel.systems.reading import read_system
 from twin.kernel.systems.topics import streams
 from twin.kernel.writing import made_folder, write_bytes, write_json
-from twin.studies.result import Result, counted, note, some
+from twin.studies.result import Note, Result, counted, note, some
+from twin.studies.systems.joined import joined
 
 MOST = 6
 """The most rows of a list in the text; JSON has all."""
@@ -296,8 +298,6 @@ def written_system(
         InputRefused: the system cannot be run, SSP has no word for what is asked, or the file is there already.
         NotWritten: the disk refuses.
     """
-    from twin.kernel.systems.to_ssp import ssp_of
-
     for option, asked in (
         ("--record", additions.recorded),
         ("--solver", choice.solver),
@@ -308,13 +308,7 @@ def written_system(
         if asked:
             raise InputRefused(f"{option}: an SSP archive has no word for it; choose when it is run")
     package = read_system(system)
-    file = out or Path(f"{package.structure.system.name}.ssp")
-    if os.path.exists(file):
-        raise InputRefused(f"{file}: is there already; name another file with --out")
-    with drawn_up(package, choice, compiled, additions) as plan:
-        content = ssp_of(plan)
-    made_folder(file.parent)
-    write_bytes(file, content)
+    plan, file = write_ssp(package, choice, out, compiled, additions)
     rows = [
         note(
             "system",
@@ -324,6 +318,43 @@ def written_system(
     rows += [note("unsaid", sentence) for sentence in package.unsaid]
     found = {"system": str(package.file), "unsaid": list(package.unsaid), "ssp": str(file)}
     return Result(f"{package.file.stem} written as SSP 1.0", rows, found, {"ssp": str(file)})
+
+
+def write_ssp(
+    package: Package, choice: MasterChoice, out: Path | None, compiled: bool, additions: Additions
+) -> tuple[SystemPlan, Path]:
+    """Write a system as an SSP archive and return its plan and the file; see `written_system`."""
+    from twin.kernel.systems.to_ssp import ssp_of
+
+    file = out or Path(f"{package.structure.system.name}.ssp")
+    if os.path.exists(file):
+        raise InputRefused(f"{file}: is there already; run it, or name another file with --out")
+    with drawn_up(package, choice, compiled, additions) as plan:
+        content = ssp_of(plan)
+    made_folder(file.parent)
+    write_bytes(file, content)
+    return plan, file
+
+
+def joined_system(
+    fmus: Sequence[Path], choice: MasterChoice, out: Path | None, compiled: bool
+) -> tuple[Path, list[Note]]:
+    """Write the system of several FMUs, with guessed wires, as an SSP archive in this folder, or at `out`.
+
+    Returns:
+        The archive, and what there is to say of its wires.
+
+    Raises:
+        InputRefused: see `joined` and `written_system`.
+    """
+    package, doubtful = joined(fmus, choice.lenient)
+    _, file = write_ssp(package, choice, out, compiled, Additions())
+    wires = [f"{'.'.join(one.start)} -> {'.'.join(one.end)}" for one in package.structure.system.connections]
+    left = [f"{one.source} -> {one.target}" for one in doubtful]
+    return file, [
+        note("wires", f"guessed from names and units: {', '.join(wires)}", True),
+        *([note("in doubt", f"left out: {some(left, MOST)}", True)] if left else []),
+    ]
 
 
 @contextmanager
