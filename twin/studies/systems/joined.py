@@ -42,9 +42,9 @@ def joined(fmus: Sequence[Path], lenient: bool = False) -> tuple[Package, list[J
         sure += [Join(able[0], target)] if len(able) == 1 and able[0] not in sources else []
     if not sure:
         inputs = ", ".join(name for name, v in variables.items() if v.causality == "input") or "none"
-        files = " and ".join(fmu.name for fmu in fmus)
+        listed = " and ".join(fmu.name for fmu in fmus)
         raise InputRefused(
-            f"{files}: no output has the name of another FMU's input, or is the only one that can feed it (inputs: "
+            f"{listed}: no output has the name of another FMU's input, or is the only one that can feed it (inputs: "
             f"{inputs}); write the wires into an OspSystemStructure.xml or an SSP"
         )
     parts = tuple(SspComponent(name, f"{name}.fmu") for name in names)
