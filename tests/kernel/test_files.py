@@ -68,7 +68,7 @@ def test_pipes_devices_folders_and_giants_are_refused_at_once(tmp_path: Path) ->
 
 def test_prose_in_comments_and_strings_is_no_key() -> None:
     prose = "One. Two. " * 100
-    assert toml_of(f"# {prose}\na = \"\"\"{prose}\"\"\"\nb = '{prose}'", "x")["b"] == prose
+    assert toml_of(f'# {prose}\na = """{prose}"""\nb = \'{prose}\'', "x")["b"] == prose
 
 
 @given(st.text(max_size=300))

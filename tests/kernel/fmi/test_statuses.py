@@ -20,7 +20,8 @@ INITIALISING = ("SetupExperiment", "EnterInitializationMode", "ExitInitializatio
 STEPPING = ("SetReal", "GetReal", "DoStep")
 EXCHANGE = (
     "EnterEventMode", "NewDiscreteStates", "EnterContinuousTimeMode", "SetTime", "SetContinuousStates",
-    "GetDerivatives", "GetEventIndicators", "GetContinuousStates", "CompletedIntegratorStep", "GetNominalsOfContinuousStates",
+    "GetDerivatives", "GetEventIndicators", "GetContinuousStates", "CompletedIntegratorStep",
+    "GetNominalsOfContinuousStates",
 )  # fmt: skip
 STATES = (
     "GetFMUstate", "SetFMUstate", "FreeFMUstate", "SerializedFMUstateSize", "SerializeFMUstate", "DeSerializeFMUstate",

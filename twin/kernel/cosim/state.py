@@ -106,14 +106,14 @@ class SavedState:
         (length,) = struct.unpack("<Q", whole[:8])
         front = json_of(whole[8 : 8 + length], f"{where}: the state's description")
         other = InputRefused(f"{where}: this is no state that twin saved")
-        if not _shaped(front, {"version": int, "tick": int, "pieces": list, "inside": list, "about": dict}):
+        if not _shaped(front, {"version": int, "pieces": list, "inside": list, "about": dict}):
             raise other
         if front["version"] != VERSION:
             raise InputRefused(f"{where}: a state of version {front['version']!r}; this twin reads {VERSION}")
-        tick, about, contents = front["tick"], front["about"], BytesIO(whole[8 + length :])
-        if not 0 <= tick < 1 << 62:
+        tick, about, contents = front.get("tick"), front["about"], BytesIO(whole[8 + length :])
+        if type(tick) is not int or not 0 <= tick < 1 << 62:
             raise InputRefused(f"{where}: this is no state that twin saved: tick {tick!r}")
-        if not all(_shaped(one, [str, str, str, list, int]) and all(type(n) is int and n >= 0 for n in one[3])
+        if not all(_shaped(one, [str, str, str, list, int]) and all(type(n) is int for n in one[3])
                    and _FORM.fullmatch(one[2]) and 0 <= one[4] <= LARGEST for one in front["pieces"]):  # fmt: skip
             raise other
         if not all(_shaped(one, [str, str, int]) and 0 <= one[2] <= LARGEST for one in front["inside"]):
@@ -122,11 +122,12 @@ class SavedState:
             SavedPiece(c, name, kind, shape, contents.read(size)) for c, name, kind, shape, size in front["pieces"]
         ]
         inside = [SavedInside(component, name, contents.read(size)) for component, name, size in front["inside"]]
+        for piece in pieces:
+            size = math.prod(piece.shape) * np.dtype(piece.kind).itemsize
+            if min(piece.shape, default=0) < 0 or len(piece.content) != size:
+                raise InputRefused(f"{where}: the state is damaged: {piece} has {len(piece.content)} bytes")
         if contents.read(1) or sum(one[-1] for one in (*front["pieces"], *front["inside"])) != contents.tell():
             raise InputRefused(f"{where}: the state is damaged: its parts are not as long as it says")
-        for piece in pieces:
-            if len(piece.content) != math.prod(piece.shape) * np.dtype(piece.kind).itemsize:
-                raise InputRefused(f"{where}: the state is damaged: {piece} has {len(piece.content)} bytes")
         return cls(tick, pieces, inside, about)
 
 

@@ -122,7 +122,7 @@ class RememberedMessages:
         try:
             messages, unheard, reported = json_of(content, self._label)
             return [list(map(str, messages)), [(int(tick), str(text)) for tick, text in unheard], bool(reported)]
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InputRefused(f"{self._label}: no messages that twin saved") from None
 
 

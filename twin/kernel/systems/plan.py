@@ -180,7 +180,8 @@ def planned(
         raise InputRefused(f"{package.file}: no FMU has an output that is a number; there is nothing to record")
     when = when or timing(package, flat, used, choice)
     ignored = (*flat.ignored, *reader.ignored, *beside.ignored)
-    wires, forgiven = tuple(reader.wires()), tuple(dict.fromkeys(reader.forgiven))
+    offences = [*reader.forgiven, *([f"{package.file.name}: {when.rounded}"] if when.rounded else [])]
+    wires, forgiven = tuple(reader.wires()), tuple(dict.fromkeys(offences))
     return SystemPlan(package, parts, wires, when, choice, ignored, forgiven, beside)
 
 

@@ -125,7 +125,10 @@ def cosim(
     order: Annotated[str, Option("Components that step first; the others follow.", "A,B")] = "",
     lenient: Annotated[
         bool,
-        Option("Let through, and list: enumerations by number, units in brackets, missing functions."),
+        Option(
+            "Let through, and list: enumerations by number, units in brackets, missing functions, FMUs that need their "
+            "tool; round a step that does not divide the run."
+        ),
     ] = False,
     remote: Annotated[
         Sequence[str],
