@@ -5,9 +5,6 @@ For programs, notebooks and tests: `load`, `run`, `read`, `check` and the types 
 What they need is imported when they are asked for.
 """
 
-from importlib import import_module
-from typing import Any
-
 __version__ = "1.0.0"
 
 _PUBLIC = {
@@ -23,7 +20,10 @@ _PUBLIC = {
 __all__ = list(_PUBLIC)
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str):  # type: ignore[no-untyped-def]
+    # imported here: until the command line has begun, Ctrl-C ends in Python's traceback
+    from importlib import import_module
+
     if name not in _PUBLIC:
         raise AttributeError(f"module 'twin' has no attribute '{name}'")
     module, _, attribute = _PUBLIC[name].partition(":")

@@ -31,6 +31,17 @@ def refusal(path: Path) -> str:
         (b"a = " + b"9" * 5000, "not valid TOML"),
         (b"a = " + b"[" * 40 + b"]" * 40, "nested too deeply"),
         (b"a.b" + b".c" * 40 + b" = 1", "a key of more than 32 parts"),
+        *(
+            (text.encode(), "a key of more than 32 parts")
+            for text in (
+                " . ".join("a" * 40) + " = 1",
+                "[" + "\t.\t".join("a" * 40) + "]",
+                "x = {" + ".".join(["'a'"] * 40) + " = 1}",
+                " . ".join(['"a.b"'] * 40) + " = 1",
+                '# """\n' + " . ".join("a" * 40) + ' = 1\n# """',
+                's = "\\"#"\n' + " . ".join("a" * 40) + " = 1",
+            )
+        ),
         (b"a = 0x1ffffffffffffffff", "a whole number of more than 64 bits"),
     ],
 )
@@ -53,6 +64,11 @@ def test_pipes_devices_folders_and_giants_are_refused_at_once(tmp_path: Path) ->
         giant.truncate(LIMIT + 1)
     assert "more than 2 MB" in refusal(tmp_path / "giant")
     assert len(read_bytes(tmp_path / "giant", LIMIT + 1)) == LIMIT + 1
+
+
+def test_prose_in_comments_and_strings_is_no_key() -> None:
+    prose = "One. Two. " * 100
+    assert toml_of(f'# {prose}\na = """{prose}"""\nb = \'{prose}\'', "x")["b"] == prose
 
 
 @given(st.text(max_size=300))

@@ -3,12 +3,10 @@
 
 def main() -> None:
     """Entry point; ends the process with the exit code of what happened."""
-    import sys
-
-    from twin.kernel.process.job import interruption, keep_interrupts, terminable
-
-    keep_interrupts()
     try:
+        from twin.kernel.process.job import keep_interrupts, terminable
+
+        keep_interrupts()
         from twin.cli.ahead import job_expected
 
         with terminable(), job_expected():
@@ -17,6 +15,10 @@ def main() -> None:
             main()
     except KeyboardInterrupt:
         # while the commands themselves are being imported, or at the very end
-        code, word = interruption()
+        import sys
+
+        code, word = 130, "interrupted"
+        if job := sys.modules.get("twin.kernel.process.job"):
+            code, word = getattr(job, "interruption", lambda: (code, word))()
         print(word, file=sys.stderr)
         sys.exit(code)

@@ -121,10 +121,21 @@ def toml_of(text: str, where: str) -> dict[str, Any]:
     Raises:
         InputRefused: not TOML; the sentence begins with `where`.
     """
-    # the parser takes time with the square of a key's parts
-    if any(part.count(".") > DEEPEST for part in re.split(r"[=,\[\]{}\s]", text)):
+    # the parser takes time with the square of a key's parts, which may be quoted and stand apart
+    bare = _TOML_TOKEN.sub(lambda token: "" if token[0].isspace() or token[0].startswith("#") else "_", text)
+    if any(part.count(".") > DEEPEST for part in re.split(r"[=,\[\]{}\n]", bare)):
         raise InputRefused(f"{where}: not valid TOML: a key of more than {DEEPEST} parts")
     return _parsed("TOML", tomllib.loads, text, where)
+
+
+_TOML_TOKEN = re.compile(
+    r"""[ \t]+ | \#[^\n]*
+    | "{3}(?:\\.|[^\\])*?(?:"{3}|\\?\Z) | '{3}.*?(?:'{3}|\Z)
+    | "(?:\\[^\n]|[^"\\\n])*(?:"|\\?(?=\n|\Z)) | '[^'\n]*(?:'|(?=\n|\Z))""",
+    re.DOTALL | re.VERBOSE,
+)
+"""Blanks and comments, which are no part of a TOML key, and quoted text, which is one part. What is not closed ends
+with the line or the text, so that no character is looked at twice."""
 
 
 def read_json(path: Path, limit: int = LIMIT) -> Any:

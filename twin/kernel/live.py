@@ -63,7 +63,11 @@ class Gate:
 
     def knows(self, path: str) -> bool | None:
         """Whether the `path` of a request names the token; None if it names none at all."""
-        named = parse_qs(urlsplit(path).query).get("token")
+        try:
+            named = parse_qs(urlsplit(path).query).get("token")
+        # a path such as //[
+        except ValueError:
+            return None
         if named is None:
             return None
         return any(same_token(each, self.token) for each in named)

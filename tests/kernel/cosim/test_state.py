@@ -263,3 +263,72 @@ def test_arrays_come_back_bit_for_bit(numbers: list[float]):
 def test_what_is_no_array_is_refused(said: object):
     with pytest.raises(InputRefused, match="here: not a state that twin saved"):
         of_plain(said, "here")
+
+
+ODD: list[Any] = [
+    None, True, -1, 0, 1.5, 2**63, 2**64, float("nan"), float("inf"), "", "x", "\0", "f8,f8", "O", [], [1], [[]], {},
+    {"a": 1}, {"dtype": "<f8", "shape": [3], "data": ""}, {"dictionary": [1]},
+]  # fmt: skip
+
+
+def places_of(value: Any, path: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
+    """The way to every value in what JSON says."""
+    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    return [*([path] if path else []), *(found for key, one in inner for found in places_of(one, (*path, key)))]
+
+
+def test_an_odd_value_in_any_place_of_a_state_is_refused():
+    simulation = Simulation(system(), 30, 12)
+    simulation.advance()
+    content = zstandard.decompress(simulation.state().saved(time=1.2, observers={}).to_bytes())
+    (length,) = struct.unpack("<Q", content[:8])
+    text, rest = content[8 : 8 + length].decode(), content[8 + length :]
+    taken = []
+    for path in places_of(json.loads(text)):
+        for odd in [*ODD, ...]:
+            front = json.loads(text)
+            owner = front
+            for key in path[:-1]:
+                owner = owner[key]
+            before = owner[path[-1]]
+            owner[path[-1]] = odd
+            if odd is ...:
+                del owner[path[-1]]
+            if odd == before and type(odd) is type(before):
+                continue
+            try:
+                Simulation(system(), 30, 5).restore(SavedState.from_bytes(written(front, rest), "here"))
+            except (InputRefused, ComponentFailed):
+                continue
+            taken.append((path, odd))
+    # what is said about a state is looked at by those who said it
+    assert {path[0] for path, _ in taken} <= {"about"}, taken
+    assert [odd for path, odd in taken if path == ("about", "time")] == [...]
+
+
+@given(st.data())
+def test_any_bytes_in_the_place_of_what_a_part_holds_are_refused_or_gone_on_from(data: st.DataObject):
+    saved = saved_at(12)
+    pieces = [piece._replace(content=data.draw(st.binary(min_size=len(piece.content), max_size=len(piece.content))))
+              for piece in saved.pieces]  # fmt: skip
+    inside = [one._replace(content=data.draw(st.binary(max_size=40))) for one in saved.inside]
+    simulation = Simulation(system(), 30, 5)
+    try:
+        simulation.restore(SavedState(saved.tick, pieces, inside, {}))
+    except (InputRefused, ComponentFailed):
+        return
+    simulation.advance()
+
+
+@pytest.mark.parametrize(("tick", "time"), [(12, 3.0), (12, "soon"), (31, None), (32, None), (2**40, None)])
+def test_a_state_whose_tick_and_time_contradict_each_other_or_the_run_is_refused(tick: int, time: object):
+    saved = saved_at(12)
+    about = {} if time is None else {"time": time}
+    bad = SavedState(tick, saved.pieces, saved.inside, about)
+    simulation = Simulation(system(), 30, 5)
+    if tick == 31:
+        # the end of the run, after its last row
+        simulation.restore(bad)
+        return
+    with pytest.raises(InputRefused, match=r"the state (is of tick|says)"):
+        simulation.restore(bad)

@@ -1,5 +1,4 @@
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -257,7 +256,8 @@ def test_a_switch_of_a_drive_is_on_or_off_as_it_was_set(root: Path):
 
 
 def test_what_an_fmu_says_again_and_again_is_quoted_once():
-    instance = SimpleNamespace(messages=[], _unheard=[], clock=np.zeros(1))
+    instance = Instance.__new__(Instance)
+    instance.messages, instance._unheard, instance.clock = [], [], np.zeros(1, dtype=np.int64)
     for text in (b"a", b"expired", b"expired", b"b", b"expired\n"):
-        Instance.hear(instance, 3, text)  # type: ignore[arg-type]
+        instance.hear(3, text)
     assert instance.messages == ["a", "b", "expired"]

@@ -150,8 +150,8 @@ def test_a_part_that_cannot_be_set_back_keeps_steps_of_one_length_and_that_is_sa
 
 
 def test_a_component_that_fails_in_a_long_step_fails_in_the_tick_where_it_would_by_itself(ran: Ran, tmp_path: Path):
-    # it grows beyond all numbers
-    case = {"a": Linear(a=[[2000]], x0=[1], c=[[1]])}, list[Wire]()
+    # it grows beyond all numbers, and is read
+    case = {"a": Linear(a=[[2000]], x0=[1], c=[[1]]), "b": Linear()}, [("a.y", "b.u")]
     told = []
     for asked in ({}, {"tolerance": 1e-2}):
         with pytest.raises(ComponentFailed, match=r"returned (infinity|NaN) for y") as failure:

@@ -49,6 +49,35 @@ def test_a_reported_speed_that_is_not_the_rate_of_the_angle_fails(velocity_servo
     assert checked(rescaled(velocity_servo, tmp_path, SPEED, factor)).failed == ("rate",)
 
 
+def test_a_load_without_a_unit_that_is_a_thousand_times_off_is_doubted_until_the_mapping_gives_its_unit(
+    velocity_servo: Path, tmp_path: Path
+):
+    description, unit, _ = LOAD
+    old = f'{description}\n      <Real start="0.0" unit="{unit}" />'
+    silent = redescribed(velocity_servo, tmp_path / "silent.fmu", old, old.replace(f' unit="{unit}"', ""))
+    # what a servo in N mm is, seen as one in N m
+    in_mm = {"parameters": {"droop": 0.6e-3, "tau_max": 600.0}}
+    drive = lone_drive(str(silent), ROOT)
+    drive = drive.model_copy(update=in_mm | {"inputs": {**drive.inputs, "tau_load": "tau_load"}})
+    (doubt,) = qualified(drive).doubts
+    assert doubt == (
+        "it turns against 294 N m, the drives of fmus/ stall by 2.94 N m; its load is without a unit; if it is in N mm, "
+        'map tau_load = "tau_load[N.mm]"'
+    )
+    mended = qualified(drive.model_copy(update={"inputs": {**drive.inputs, "tau_load": "tau_load[N.mm]"}}))
+    assert mended.doubts == () and not mended.failed
+    assert mended.value("droop") == pytest.approx(0.6, rel=0.02)
+    assert mended.value("stall_torque") == pytest.approx(0.6, rel=0.02)
+
+
+def test_a_droop_of_the_size_of_no_drive_is_doubted(velocity_servo: Path):
+    # the load in N mm at a servo in N m
+    weak = lone_drive(str(velocity_servo), ROOT).model_copy(update={"parameters": {"tau_max": 0.6e-3}})
+    droop, stall = qualified(weak).doubts
+    assert droop.startswith("its droop is 1.49e+04 rad/s per N m, of the drives of fmus/ at most 0.6; its load is in N.m")
+    assert stall.startswith("it stalls at 0.0018") and "the drives of fmus/ from 0.378 N m on" in stall
+
+
 def test_a_gear_shows_in_the_stall_torque_and_not_in_the_speed(velocity_servo: Path):
     # command and angle are both divided by it, the torque is multiplied; 2 %: the window of the mean speed
     geared = lone_drive(str(velocity_servo), ROOT).model_copy(update={"gear_ratio": 2.0})

@@ -258,6 +258,8 @@ class Component:
         label: what an error sentence calls it (an FMU's file name, say).
         finite: whether NaN or infinity in an output is a failure that ends the run. False for what plays a broken
             sensor, and for what must live on behind one.
+        unread: (number of outputs,) int64: 1 for an output that nothing reads and that may be NaN, 2 + the tick of the
+            step that first returned NaN for it; None if there is no such output.
         alive: whether it is handed from one system to the next as it is: states hold its outputs, and nothing inside.
         keep: whatever owns the memory behind the addresses.
     """
@@ -272,6 +274,7 @@ class Component:
     period: int = 1
     label: str = ""
     finite: bool = True
+    unread: np.ndarray | None = None
     alive: bool = False
     keep: Any = field(default=None, repr=False)
 

@@ -31,6 +31,7 @@ TABLE = np.dtype(
         ("before", "i8"),
         ("y_size", "i8"),
         ("finite", "i8"),
+        ("unread", "i8"),
         ("cycles", "i8"),
         ("save", "i8"),
         ("restore", "i8"),
@@ -40,7 +41,8 @@ TABLE = np.dtype(
 )
 """What the loop knows of a component: addresses of its step, its memory, the indices into `y` that feed it, its inputs
 and the copies of its outputs (a sampled component has only the valid one); period in ticks; number of inputs and
-outputs; whether outputs have to be finite; processor cycles spent in it.
+outputs; whether outputs have to be finite, and which need not be (`Component.unread`; 0: none); processor cycles spent
+in it.
 
 Addresses that may be 0: `weights` (2, inputs, 3) of what is valid, newest and before, in the first and in a repeated
 step, where inputs are interpolated, and `before`; `save`, `restore` and the memory `rewind` that both work on.
@@ -112,7 +114,13 @@ def _step(part, timed, y, t, dt, width, again, held):
     for j in range(part.y_size):
         # asked in this order, a component that may return NaN costs the others nothing
         if not np.isfinite(newest[j]) and part.finite:
-            return NOT_FINITE
+            if part.unread == 0 or not np.isnan(newest[j]):
+                return NOT_FINITE
+            unread = carray(integers_at(part.unread), part.y_size)
+            if unread[j] == 0:
+                return NOT_FINITE
+            if unread[j] == 1:
+                unread[j] = 2 + np.uint64(t / dt + 0.5)
     return 0
 
 

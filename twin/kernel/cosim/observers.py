@@ -198,8 +198,14 @@ def simulate(
     for observer in observers:
         observer.begin(simulation)
     found = state.about.get("observers", {}) if state is not None else {}
+    if not isinstance(found, dict):
+        raise InputRefused("the state says nothing of what observers found out; it is damaged")
     for name, observer in lasting.items() if state is not None else ():
-        observer.restore(found.get(name))
+        try:
+            observer.restore(found.get(name))
+        # each looks at what it needs, and a state may hold anything
+        except (TypeError, ValueError, LookupError, AttributeError, OverflowError) as problem:
+            raise InputRefused(f"the state of {name} is damaged: {problem}") from None
     return stepped(simulation, observers, last_tick + 1)
 
 

@@ -41,6 +41,8 @@ def _not_finite(system: System, y: np.ndarray, culprit: int) -> str:
     if system.apart and not component.sampled:
         start += system.outputs_width
     outputs = y[start : start + width(component.outputs)]
+    if component.unread is not None:
+        outputs = np.where(np.isnan(outputs) & (component.unread > 0), 0.0, outputs)
     for name, values in by_port(component.outputs, outputs).items():
         if not np.all(np.isfinite(values)):
             bad = values[~np.isfinite(values)][0]
@@ -178,6 +180,8 @@ class Simulation:
             InputRefused: it is of another system, or a component has no state.
             ComponentFailed: an FMU refuses.
         """
+        if isinstance(state, SavedState):
+            self._refuse_other_time(state)
         taken = self._places.taken(state) if isinstance(state, SavedState) else state
         if taken is not state:
             self._refuse_not_finite(taken)
@@ -205,6 +209,7 @@ class Simulation:
             InputRefused: a component cannot go on from the state of the one with its name.
             ComponentFailed: an FMU refuses.
         """
+        self._refuse_other_time(saved)
         new = self._places.adopt(saved)
         for component in self.system.components:
             component.refuse_index()
@@ -280,14 +285,30 @@ class Simulation:
                 change.memory[...] = change.value
         self.next_tick = tick
 
+    def _refuse_other_time(self, saved: SavedState) -> None:
+        """Raises InputRefused if a state is of no tick of this simulation, or says another time than its tick's."""
+        time = saved.about.get("time", saved.tick * self.system.tick)
+        if not self.system.first_tick <= saved.tick <= self.last_tick + 1:
+            raise InputRefused(
+                f"the state is of tick {saved.tick}; expected {self.system.first_tick} .. {self.last_tick}"
+            )
+        if (
+            not isinstance(time, float | int)
+            or not abs(time - saved.tick * self.system.tick) <= 1e-6 * self.system.tick
+        ):
+            raise InputRefused(
+                f"the state says {time!r} s at tick {saved.tick}, which is at another time; it is damaged"
+            )
+
     def _refuse_not_finite(self, state: SystemState) -> None:
         """Raises InputRefused if an output is no number that could never have been recorded so."""
         place = 0
         copies = len(self._y) // max(1, self.system.outputs_width)
         for component in self.system.components:
             size = 8 * copies * width(component.outputs)
-            outputs = state.memory[place : place + size].view(float)
-            if component.finite and not np.all(np.isfinite(outputs)):
+            outputs = state.memory[place : place + size].view(float).reshape(copies, -1)
+            unread = np.zeros(1) if component.unread is None else component.unread
+            if component.finite and not np.all(np.isfinite(outputs) | np.isnan(outputs) & (unread > 0)):
                 raise InputRefused(f"the state has NaN or infinity in the outputs of {component.name}")
             place += size
 

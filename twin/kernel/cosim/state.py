@@ -8,6 +8,7 @@ an experiment says, so a system whose constants differ can go on from it. Addres
 import base64
 import json
 import math
+import re
 import struct
 import weakref
 from collections import defaultdict
@@ -104,25 +105,45 @@ class SavedState:
             raise InputRefused(f"{where}: this is no state that twin saved: it does not decompress") from None
         (length,) = struct.unpack("<Q", whole[:8])
         front = json_of(whole[8 : 8 + length], f"{where}: the state's description")
-        try:
-            if front["version"] != VERSION:
-                raise InputRefused(f"{where}: a state of version {front['version']!r}; this twin reads {VERSION}")
-            tick, about, contents = front["tick"], dict(front["about"]), BytesIO(whole[8 + length :])
-            take = contents.read
-            pieces = [
-                SavedPiece(str(component), str(name), np.dtype(kind).str, [int(n) for n in shape], take(size))
-                for component, name, kind, shape, size in front["pieces"]
-            ]
-            inside = [SavedInside(str(component), str(name), take(size)) for component, name, size in front["inside"]]
-        except (KeyError, TypeError, ValueError):
-            raise InputRefused(f"{where}: this is no state that twin saved") from None
-        if not isinstance(tick, int) or not 0 <= tick < 1 << 62:
+        other = InputRefused(f"{where}: this is no state that twin saved")
+        if not _shaped(front, {"version": int, "pieces": list, "inside": list, "about": dict}):
+            raise other
+        if front["version"] != VERSION:
+            raise InputRefused(f"{where}: a state of version {front['version']!r}; this twin reads {VERSION}")
+        tick, about, contents = front.get("tick"), front["about"], BytesIO(whole[8 + length :])
+        if type(tick) is not int or not 0 <= tick < 1 << 62:
             raise InputRefused(f"{where}: this is no state that twin saved: tick {tick!r}")
+        if not all(_shaped(one, [str, str, str, list, int]) and all(type(n) is int for n in one[3])
+                   and _FORM.fullmatch(one[2]) and 0 <= one[4] <= LARGEST for one in front["pieces"]):  # fmt: skip
+            raise other
+        if not all(_shaped(one, [str, str, int]) and 0 <= one[2] <= LARGEST for one in front["inside"]):
+            raise other
+        pieces = [
+            SavedPiece(c, name, kind, shape, contents.read(size)) for c, name, kind, shape, size in front["pieces"]
+        ]
+        inside = [SavedInside(component, name, contents.read(size)) for component, name, size in front["inside"]]
         for piece in pieces:
-            count = math.prod(piece.shape)
-            if min(piece.shape, default=0) < 0 or len(piece.content) != count * np.dtype(piece.kind).itemsize:
+            size = math.prod(piece.shape) * np.dtype(piece.kind).itemsize
+            if min(piece.shape, default=0) < 0 or len(piece.content) != size:
                 raise InputRefused(f"{where}: the state is damaged: {piece} has {len(piece.content)} bytes")
+        if contents.read(1) or sum(one[-1] for one in (*front["pieces"], *front["inside"])) != contents.tell():
+            raise InputRefused(f"{where}: the state is damaged: its parts are not as long as it says")
         return cls(tick, pieces, inside, about)
+
+
+def _shaped(value: Any, form: dict[str, type] | list[type]) -> bool:
+    """Whether JSON's `value` is a table with these keys, or a list of these items, of these very types."""
+    if isinstance(form, list):
+        return isinstance(value, list) and len(value) == len(form) and all(map(_is_of, value, form))
+    return isinstance(value, dict) and all(name in value and _is_of(value[name], kind) for name, kind in form.items())
+
+
+def _is_of(value: Any, kind: type) -> bool:
+    return type(value) is kind
+
+
+_FORM = re.compile(r"[<>|=](?:[?bhilqBHILQfdiu]\d?|V\d{1,6})")
+"""Of numbers, or of a record, in a piece."""
 
 
 class SystemState:

@@ -203,6 +203,7 @@ class System:
         table["self"] = [c.self_address for c in self.components]
         table["period"] = [c.period for c in self.components]
         table["finite"] = [c.finite for c in self.components]
+        table["unread"] = [0 if c.unread is None else c.unread.ctypes.data for c in self.components]
         table["sources"] = self.sources.ctypes.data + self.sources.itemsize * self.u_start[:-1]
         table["u"], table["u_size"] = u.ctypes.data + u.itemsize * self.u_start[:-1], np.diff(self.u_start)
         table["valid"], table["y_size"] = y.ctypes.data + y.itemsize * self.y_start[:-1], np.diff(self.y_start)

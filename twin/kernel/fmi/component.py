@@ -7,7 +7,7 @@ What an FMU instance holds of a state: its inside by FMI's functions, and which 
 """
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -122,7 +122,7 @@ class RememberedMessages:
         try:
             messages, unheard, reported = json_of(content, self._label)
             return [list(map(str, messages)), [(int(tick), str(text)) for tick, text in unheard], bool(reported)]
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InputRefused(f"{self._label}: no messages that twin saved") from None
 
 
@@ -188,10 +188,12 @@ class FmuComponent(Component):
         sampled: whether it is evaluated at t_k; its outputs mean nothing before the first time then.
         instance: of the FMU, in step mode; None: one is made, and initialised with what is said here.
         solver: of the equations of one for model exchange; None: CVODE.
+        unread: names of output ports that nothing reads; they may be NaN.
 
     Raises:
         InputRefused: the FMU cannot be brought into step mode, or an output is not finite then; there is no CVODE for
             this platform.
+        ComponentFailed: an output cannot be read.
     """
 
     def __init__(
@@ -208,12 +210,17 @@ class FmuComponent(Component):
         sampled: bool = False,
         instance: Instance | None = None,
         solver: Solver | None = None,
+        unread: Collection[str] = (),
     ):
         wanted = inputs_at_start or {}
         started = [(p.variable, p.in_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
         make = CosimInstance if sampled else opened
         self.instance = instance or make(name, description, folder, settings, started, setup)
-        initial = np.concatenate([p.gain * self._raw(p) + p.offset for p in outputs]) if outputs else np.zeros(0)
+        try:
+            initial = np.concatenate([p.gain * self._raw(p) + p.offset for p in outputs]) if outputs else np.zeros(0)
+        except TwinError:
+            self.instance.close()
+            raise
         if sampled:
             initial[:] = 0.0
         # what -0.0 is added to stays what it is
@@ -221,7 +228,8 @@ class FmuComponent(Component):
         for p in placed(outputs):
             if p.port.port.name in (outputs_at_start or {}):
                 shift[p.slots] = (outputs_at_start or {})[p.port.port.name] - initial[p.slots]
-        if not np.all(np.isfinite(initial)):
+        may = np.array([p.port.name in unread for p in outputs for _ in range(p.port.size)], dtype=np.int64)
+        if not np.all(np.isfinite(initial) | np.isnan(initial) & (may > 0)):
             self.instance.close()
             raise InputRefused(f"{description.path}: an output is not finite after initialisation: {initial}")
         self._shift = shift
@@ -247,7 +255,9 @@ class FmuComponent(Component):
             initial_outputs=initial + shift,
             label=description.path.name,
             keep=self._stepping.memory,
+            unread=may if unread else None,
         )
+        self._unread_told: set[str] = set()
 
     def zero(self, name: str) -> float:
         """Value of the output port `name` where the FMU's own is 0."""
@@ -307,7 +317,7 @@ class FmuComponent(Component):
         return ""
 
     def keep_time(self, clock: np.ndarray) -> None:
-        self.instance.clock = clock
+        self.instance.clock, self.instance.stepped = clock, True
 
     def take_messages(self) -> list[tuple[int, str]]:
         messages = self.instance.unheard()
@@ -316,6 +326,11 @@ class FmuComponent(Component):
             self._stepping.discard_reported = True
             text = f"it discards steps, which are then made in parts, since t = {since:g} s"
             messages.append((int(self.instance.clock[0]), text))
+        for name, marks in by_port(self.outputs, self.unread).items() if self.unread is not None else ():
+            if marks.max(initial=0) > 1 and name not in self._unread_told:
+                self._unread_told.add(name)
+                text = f"returns NaN for {name}, which nothing reads"
+                messages.append((int(marks[marks > 1].min()) - 2, text))
         return messages
 
     def close(self) -> None:

@@ -55,12 +55,14 @@ from twin.kernel.fmi.groups import (
     access_pairs,
     ask_status,
     begin_ramp,
+    blamed,
     do_step_2,
     do_step_3,
     drain,
     fill,
     get_all,
     groups_at,
+    noted,
     on_pointer,
     plain,
     ramp_status,
@@ -164,18 +166,24 @@ MEMORY = record(
     returned="i8",  # 16 bytes for what fmi3DoStep returns
     ramp="i8",  # a `groups.RAMP`; 0: no input is a line
     shorter="i8",  # a `SHORTER`
+    note="i8",  # a `groups.NOTE`
 )
 """Of an instance: counts, and addresses of functions and tables."""
 
 
 @step_function(MEMORY)
 def step(m, t, h, u, y):
-    status = set_all(m.version, m.instance, m.input_groups, m.inputs, address_of(u))
+    return noted(m.note, _step(m, t, h, address_of(u), address_of(y)))
+
+
+@njit(cache=True, inline="always")
+def _step(m, t, h, u, y):
+    status = set_all(m.version, m.instance, m.input_groups, m.inputs, u)
     if status != 0:
         return status
     if m.version < 3:
         if m.ramp != 0:
-            begin_ramp(m.ramp, address_of(u), t, h)
+            begin_ramp(m.ramp, u, t, h)
             status = set_ramp(m.ramp, t)
             if status != 0:
                 return status
@@ -193,7 +201,7 @@ def step(m, t, h, u, y):
         status = DO_STEP + status if status > 1 else 0
     if status != 0:
         return status
-    return get_all(m.version, m.instance, m.output_groups, m.outputs, address_of(y))
+    return get_all(m.version, m.instance, m.output_groups, m.outputs, y)
 
 
 PLAIN_MEMORY = record(
@@ -203,6 +211,7 @@ PLAIN_MEMORY = record(
     shifted="i8",  # which output
     shift="f8",  # and by how much
     shorter="i8",  # a `SHORTER`
+    note="i8",  # a `groups.NOTE`
 )
 """The same of an FMU whose values go as they are."""
 
@@ -212,13 +221,13 @@ def plain_step(m, t, h, u, y):
     # what `step` does for Real in SI units and the contract's order, in a third of the time around the FMU's own
     status = access_2(m.set_real, (m.instance, m.input_references, m.inputs, address_of(u)))
     if status > 1:
-        return SET + status
+        return noted(m.note, SET + status)
     status = _step_2(m.shorter, 0, m.do_step, m.instance, t, h, m.final)
     if status != 0:
-        return status
+        return noted(m.note, status)
     status = access_2(m.get_real, (m.instance, m.output_references, m.outputs, address_of(y)))
     if status > 1:
-        return GET + status
+        return noted(m.note, GET + status)
     carray(y, m.outputs)[m.shifted] += m.shift
     return 0
 
@@ -231,6 +240,7 @@ STATE_MEMORY = record(
     state="i8",  # the FMU's own pointer
     pieces="i8",  # how many of our own memory go back with it
     piece_table="i8",  # of `component.PIECE`
+    note="i8",  # a `groups.NOTE`
 )
 """To save and restore a state; addresses of functions."""
 
@@ -239,14 +249,14 @@ STATE_MEMORY = record(
 def save(m, t, h, u, y):
     status = on_pointer(m.get, (m.instance, m.cell))
     keep_pieces(m.piece_table, m.pieces)
-    return SAVE + status if status > 1 else 0
+    return noted(m.note, SAVE + status) if status > 1 else 0
 
 
 @step_function(STATE_MEMORY)
 def restore(m, t, h, u, y):
     status = on_pointer(m.set, (m.instance, m.state))
     put_back_pieces(m.piece_table, m.pieces)
-    return RESTORE + status if status > 1 else 0
+    return noted(m.note, RESTORE + status) if status > 1 else 0
 
 
 PERIODIC, CHANGING, COUNTDOWN, OUTPUT = 0, 1, 2, 3
@@ -298,17 +308,20 @@ def tick_due(address, t, h):
 
 @njit(cache=True)
 def inputs_change(address, u):
-    """Put the discrete inputs at address `u` into their buffers; whether one is another than the last that was set."""
+    """Put the discrete inputs at address `u` into their buffers; whether one is another than the last that was set, and
+    0 or `UNFIT`."""
     e = carray(_events_at(address), 1)[0]
     groups = carray(groups_at(e.discrete_groups), e.discrete)
     changed = False
     for i in range(e.discrete):
         g = groups[i]
-        fill(g, u)
+        status = fill(g, u)
+        if status != 0:
+            return False, status
         new, last = carray(bytes_at(g.buffer), g.bytes), carray(bytes_at(g.last), g.bytes)
         for j in range(g.bytes):
             changed |= g.clocks == 0 and new[j] != last[j]
-    return changed
+    return changed, 0
 
 
 @njit(cache=True)
@@ -320,7 +333,7 @@ def _set_discrete(e, active):
         if g.clocks == 0 or g.clocks & active:
             status = access(3, e.instance, g)
             if status > 1:
-                return SET + status
+                return blamed(g, SET + status)
             copy(g.last, g.buffer, g.bytes)
     return 0
 
@@ -363,7 +376,7 @@ def _read_held(e, active):
         if groups[i].clocks & active:
             status = access(3, e.instance, groups[i])
             if status > 1:
-                return GET + status
+                return blamed(groups[i], GET + status)
     return 0
 
 
@@ -471,6 +484,7 @@ EVENT_MEMORY = record(
     early="i8",  # whether it may return early
     varies="i8",  # whether it takes steps of varying size
     value="f8",  # the time that it returned when it went wrong
+    note="i8",  # a `groups.NOTE`
 )
 """As `MEMORY`, and what events need."""
 
@@ -480,7 +494,9 @@ def _set_off(m, t, h, u):
     """Everything before the first call of doStep."""
     if m.events != 0:
         n = tick_due(m.events, t, h) if m.clocks > 0 else -1
-        changed = m.discrete > 0 and inputs_change(m.events, u)
+        changed, status = inputs_change(m.events, u) if m.discrete > 0 else (False, 0)
+        if status != 0:
+            return status
         if n >= 0 or changed or carray(doubles_at(m.next), 1)[0] <= t + 1e-9 * h:
             status = pass_events(m.events, n, t)
             if status != 0:
@@ -555,14 +571,15 @@ def _come_to(m, t, h):
 def _outputs(m, y):
     held = carray(groups_at(m.held_groups), m.held)
     for i in range(m.held):
-        drain(held[i], address_of(y))
-    return get_all(3, m.instance, m.output_groups, m.outputs, address_of(y))
+        status = drain(held[i], y)
+        if status != 0:
+            return status
+    return get_all(3, m.instance, m.output_groups, m.outputs, y)
 
 
 @step_function(EVENT_MEMORY)
 def event_step(m, t, h, u, y):
     status = _set_off(m, t, h, address_of(u))
-    if status != 0:
-        return status
-    status = _come_to(m, t, h)
-    return _outputs(m, y) if status == 0 else status
+    if status == 0:
+        status = _come_to(m, t, h)
+    return noted(m.note, _outputs(m, address_of(y)) if status == 0 else status)

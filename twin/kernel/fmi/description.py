@@ -5,6 +5,7 @@ FMPy reads modelDescription.xml; what it leaves out is filled in here. What an F
 """
 
 import math
+import os
 import platform as machine
 import sys
 import time
@@ -17,7 +18,7 @@ from typing import Any, Literal
 from fmpy import platform, read_model_description, sharedLibraryExtension
 from fmpy.model_description import Unknown
 
-from twin.kernel.archive import entries, sha256
+from twin.kernel.archive import content_of, entries, sha256
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import xml_of
 from twin.kernel.fmi.unpacked import Compiled, brings, compile_sources, compiled, source_sets
@@ -99,6 +100,8 @@ KIND_NAMES: dict[Kind, str] = {"co_simulation": "co-simulation", "model_exchange
 """What an FMU is used as, and how people call that; the first is taken where nothing is said and both are offered."""
 
 STRUCTURAL = "structuralParameter"
+
+NEEDS_TOOL, PYTHON_FMU = "needs its authoring tool while running (needsExecutionTool)", "PythonFMU"
 
 SETTLED = 2_000_000_000
 """Age (ns) from which a file's times tell it from every later state of it: the coarsest file system clock, FAT's."""
@@ -212,6 +215,18 @@ class FmuDescription:
         return stated if 0.0 < stated < math.inf else None
 
     @property
+    def needs_tool(self) -> bool:
+        """Whether it says that it needs its authoring tool while it runs."""
+        return bool(self.interface.needsExecutionTool)
+
+    @property
+    def tool_note(self) -> str:
+        """What there is to know of an FMU that needs Python, and says it: this process has it; "" of any other one."""
+        if not (self.needs_tool and (self.model.generationTool or "").startswith(PYTHON_FMU)):
+            return ""
+        return f"{NEEDS_TOOL}, which is Python; {PYTHON_FMU} builds it without that by --no-external-tool"
+
+    @property
     def lives_once(self) -> bool:
         """Whether a process can hold only one instance of it."""
         return bool(getattr(self.interface, "canBeInstantiatedOnlyOncePerProcess", False))
@@ -220,25 +235,28 @@ class FmuDescription:
         """What FMPy's validation finds; validators disagree with each other, so nothing here refuses the FMU."""
         from fmpy.validation import validate_fmu
 
-        return [" ".join(problem.split()) for problem in validate_fmu(str(self.path))]
+        own = [self.tool_note] if self.tool_note else []
+        return own + [" ".join(problem.split()) for problem in validate_fmu(str(self.path))]
 
 
 _known: dict[tuple[Path, Kind | None], tuple[tuple[int, ...], FmuDescription]] = {}
 """What `described` has found, and the state of the file in which it did."""
 
 
-def described(file: Path, kind: Kind | None = None) -> FmuDescription:
+def described(file: Path, kind: Kind | None = None, lenient: bool = False) -> FmuDescription:
     """Read and check the FMU `file`; once in a process, for as long as the file stays what it is.
 
     Args:
         file: the FMU.
         kind: as which it is to be used; None: co-simulation, or else what it offers.
+        lenient: whether it may need its authoring tool.
 
     Raises:
         InputRefused: not a whole zip, no readable model description, no co-simulation of FMI 1.0, 2.0 or 3.0 and no
             model exchange of 2.0 or 3.0, not of that kind, needs a tool, or no binary for this platform.
     """
-    if not file.is_file():
+    # not Path.is_file, which raises for a name that is too long
+    if not os.path.isfile(file):
         raise InputRefused(f"{file}: no such FMU")
     facts = file.stat()
     stamp = (facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns, facts.st_ctime_ns)
@@ -248,6 +266,8 @@ def described(file: Path, kind: Kind | None = None) -> FmuDescription:
         # the next change of a file that has just been written might get the same time
         if time.time_ns() - max(facts.st_mtime_ns, facts.st_ctime_ns) > SETTLED:
             _known[file, kind] = stamp, description
+    if description.needs_tool and not (lenient or description.tool_note):
+        raise InputRefused(f"{file}: {NEEDS_TOOL}; export it self-contained, or see --lenient")
     return description
 
 
@@ -255,16 +275,13 @@ def _read(file: Path, kind: Kind | None) -> FmuDescription:
     names = entries(file)
     if names.get(DESCRIPTION, 0) > MOST_DESCRIPTION:
         raise InputRefused(f"{file}: {DESCRIPTION} has {names[DESCRIPTION] / 1e6:.0f} MB; do not trust this file")
-    model = _model(file)
+    model = _model(file, names)
     version = model.fmiVersion
     if version not in ("1.0", "2.0") and not version.startswith("3."):
         raise InputRefused(f"{file}: FMI {version}; export it as FMI 2.0 or 3.0 for co-simulation")
     kind = _chosen(file, model, kind)
-    interface = _interface(model, kind)
-    if interface.needsExecutionTool:
-        raise InputRefused(f"{file}: needs its authoring tool while running; export it self-contained")
     major = int(version[0])
-    identifier = interface.modelIdentifier
+    identifier = _interface(model, kind).modelIdentifier
     binary = _binary(major, identifier)
     # an empty folder has an entry, too
     inside = [n for n in names if n.startswith("binaries/") and n.count("/") > 1 and not n.endswith("/")]
@@ -273,6 +290,19 @@ def _read(file: Path, kind: Kind | None) -> FmuDescription:
     made = None if binary in names else compiled(digest, binary)
     if binary not in names and made is None:
         raise InputRefused(f"{file}: {_without_binary(file, names, model, binary, platforms)}")
+    variables: dict[str, Variable] = {}
+    for v in model.modelVariables:
+        if not 0 <= v.valueReference < 1 << 32:
+            raise InputRefused(
+                f"{file}: variable '{v.name}' has the value reference {v.valueReference}; expected 0 .. {(1 << 32) - 1}"
+            )
+        if v.name in variables:
+            first = variables[v.name].reference
+            raise InputRefused(
+                f"{file}: two variables are named '{v.name}' (value references {first} and {v.valueReference}); "
+                "export it again with a name for each"
+            )
+        variables[v.name] = variable_of(v, model)
     return FmuDescription(
         path=file,
         sha256=digest,
@@ -281,7 +311,7 @@ def _read(file: Path, kind: Kind | None) -> FmuDescription:
         kind=kind,
         identifier=identifier,
         platforms=tuple(platforms),
-        variables={v.name: variable_of(v, model) for v in model.modelVariables},
+        variables=variables,
         model=model,
     ).resized({})
 
@@ -292,7 +322,8 @@ def build(file: Path) -> Compiled | None:
     Raises:
         InputRefused: not an FMU, or as `compile_sources`.
     """
-    names, model = entries(file), _model(file)
+    names = entries(file)
+    model = _model(file, names)
     binary = _binary(int(model.fmiVersion[0]), _interface(model, _chosen(file, model, None)).modelIdentifier)
     return None if binary in names else compile_sources(file, sha256(file), model, binary)
 
@@ -349,16 +380,44 @@ def _platform(major: int) -> str:
     return f"{processor}-{system}"
 
 
-def _model(file: Path) -> Any:
+def _model(file: Path, names: Collection[str]) -> Any:
+    if DESCRIPTION not in names:
+        packed = next((name for name in names if PurePosixPath(name).name == DESCRIPTION), "")
+        if not packed:
+            raise InputRefused(f"{file}: no {DESCRIPTION} inside; this is not an FMU")
+        raise InputRefused(f"{file}: its {DESCRIPTION} is packed as '{packed}'; pack it again without that folder")
     try:
         model = read_model_description(str(file), validate=False)
         complete(model, file)
         return model
-    except KeyError:
-        raise InputRefused(f"{file}: no modelDescription.xml inside; this is not an FMU") from None
-    # FMPy raises bare Exception and lxml its own family: whatever it says of this file is the reason
+    # FMPy raises bare Exception and lxml its own family
     except Exception as problem:
-        raise InputRefused(f"{file}: modelDescription.xml cannot be read: {problem}") from None
+        raise InputRefused(f"{file}: {DESCRIPTION} cannot be read: {_flaw(file, problem)}") from None
+
+
+INDICES = ("index", "dependencies", "derivative")
+"""Attributes that count the variables from 1 on (FMI 2.0.4, 2.2.8)."""
+
+
+def _flaw(file: Path, problem: Exception) -> str:
+    """Why FMPy cannot read a description: where its XML is broken, or refers to what is not there."""
+    if type(problem) is Exception:
+        # FMPy's own sentence
+        return str(problem)
+    try:
+        root = xml_of(content_of(file, DESCRIPTION, MOST_DESCRIPTION), DESCRIPTION)
+    except InputRefused as broken:
+        return str(broken).removeprefix(f"{DESCRIPTION}: ")
+    count = len(root.findall("ModelVariables/*"))
+    for element in root.iter():
+        for name in (*INDICES, "valueReference"):
+            for word in (element.get(name) or "").split():
+                stated = f'<{element.tag} {name}="{element.get(name)}">'
+                if not word.isdecimal():
+                    return f"{stated}: expected whole numbers"
+                if name in INDICES and root.get("fmiVersion") == "2.0" and not 1 <= int(word) <= count:
+                    return f"{stated}: there are {count} variables"
+    return f"FMPy stops with {type(problem).__name__}: {problem}; validate it with the schema of its standard"
 
 
 MOST_CLOCKS = 62

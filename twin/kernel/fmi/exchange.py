@@ -6,12 +6,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from twin.kernel.compiled.function import carray
+from twin.kernel.compiled.function import carray, njit
 from twin.kernel.cosim.component import address_of, doubles_at, step_function
 from twin.kernel.cosim.python_class import STEP
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.cosim_step import SHORTER
-from twin.kernel.fmi.groups import MOST_UPDATES, get_all, set_all
+from twin.kernel.fmi.groups import MOST_UPDATES, get_all, noted, set_all
 from twin.kernel.fmi.lifecycle import Fmi2, Fmi3, FMU2Exchange, FMU3Exchange
 from twin.kernel.fmi.solvers import (
     FUNCTIONS,
@@ -39,6 +39,11 @@ from twin.kernel.fmi.variable import Variable
 
 @step_function(MEMORY)
 def step(m, t, h, u, y):
+    return noted(m.note, _step(m, t, h, u, y))
+
+
+@njit(cache=True, inline="always")
+def _step(m, t, h, u, y):
     end = t + h
     jumped = m.fresh != 0
     m.fresh = 0
@@ -88,11 +93,11 @@ def step(m, t, h, u, y):
 def react(m, t, h, u, y):
     """Its outputs for other inputs at the time that it has come to; continuous-time mode allows that at any time."""
     status = set_all(m.version, m.instance, m.input_groups, m.inputs, address_of(u))
-    if status != 0:
-        return status
-    # the next step begins with whatever it is given, and with the event that a jump is
-    m.fresh = 1
-    return get_all(m.version, m.instance, m.output_groups, m.outputs, address_of(y))
+    if status == 0:
+        # the next step begins with whatever it is given, and with the event that a jump is
+        m.fresh = 1
+        status = get_all(m.version, m.instance, m.output_groups, m.outputs, address_of(y))
+    return noted(m.note, status)
 
 
 class Integrator:
@@ -137,7 +142,7 @@ class Integrator:
         for field, function in (FUNCTIONS if version == 2 else FUNCTIONS_3).items():
             if version == 3 or field != "number_of_states":
                 m[field] = model.address(function)
-        m["version"], m["instance"] = version, model.handle
+        m["version"], m["instance"], m["note"] = version, model.handle, model.note.ctypes.data
         m["states"], m["size"], m["indicators"], m["width"] = model.states, size, model.indicators, width
         interface = model.description.interface
         skipped = (
@@ -174,7 +179,7 @@ class Integrator:
 
     def explain(self, status: int) -> str:
         """What a bad `status` of the step means, as the verb phrase of a sentence; "" if it is none of its own."""
-        return sentence(self.memory[0], status)
+        return sentence(self.memory[0], status, self._model.odd_status)
 
     def close(self) -> None:
         """Free the solver; safe to call twice."""
@@ -384,7 +389,8 @@ class ExchangeStepping(Stepping):
         self._keep: list[Any] = []
         self._moving: list[np.ndarray] = []
         self._shorter = np.zeros(1, dtype=SHORTER)
-        tables = self._grouped(placed(inputs), "Set"), self._grouped(self.outputs, "Get")
+        self._into = placed(inputs)
+        tables = self._grouped(self._into, "Set"), self._grouped(self.outputs, "Get")
         self.solver = solver
         self.integrator = Integrator(instance, solver, tables, sum(p.port.size for p in inputs))
         self._moving.append(self.integrator.block)

@@ -18,6 +18,7 @@ from twin.kernel.compiled.function import c, carray, intrinsic, ir, njit, pointe
 from twin.kernel.compiled.native import Native
 from twin.kernel.cosim.component import address_of, doubles_at, integers_at
 from twin.kernel.cosim.port import record
+from twin.kernel.fmi.variable import EXACT, FLOAT_32, FLOAT_64, WHOLE_HIGH, WHOLE_LOW
 
 Listener = Callable[[str, str, str], None]
 _listeners: list[Listener] = []
@@ -54,21 +55,29 @@ _KINDS = {
 """What numba and LLVM call it."""
 
 
-def foreign(*kinds: str, returns: str = "int") -> Any:
+NO_STATUS, WIDTH = 15, 16
+"""What stands for an integer that is no status of any FMI version, and how many bits before it that integer begins."""
+
+
+def foreign(*kinds: str, returns: str = "status") -> Any:
     """A compiled function (address, (arguments)) that calls the C function at that address.
+
+    A status is returned as an integer of 64 bits: 0 .. 5 as it is, any other one as `NO_STATUS` plus the status, taken
+    as unsigned, `WIDTH` bits further left.
 
     Args:
         kinds: of its arguments: "pointer", "double", "size" (64 bit), "int" (32 bit), "byte".
-        returns: "int" or "pointer".
+        returns: "status", "int" or "pointer".
     """
 
     @intrinsic
     def call(typingctx, function, arguments):
         result = types.int32 if returns == "int" else types.int64
+        own = "pointer" if returns == "pointer" else "int"
         native = [getattr(c, _KINDS[kind][1]) for kind in kinds]
 
         def codegen(context, builder, _, given):
-            target = ir.FunctionType(getattr(c, _KINDS[returns][1]), native).as_pointer()
+            target = ir.FunctionType(getattr(c, _KINDS[own][1]), native).as_pointer()
             passed = []
             for i, kind in enumerate(kinds):
                 value = builder.extract_value(given[1], i)
@@ -78,7 +87,13 @@ def foreign(*kinds: str, returns: str = "int") -> Any:
                     value = builder.trunc(value, native[i])
                 passed.append(value)
             returned = builder.call(builder.inttoptr(given[0], target), passed)
-            return builder.ptrtoint(returned, c.i64) if returns == "pointer" else returned
+            if returns == "pointer":
+                return builder.ptrtoint(returned, c.i64)
+            if returns == "int":
+                return returned
+            wide = builder.zext(returned, c.i64)
+            other = builder.or_(builder.shl(wide, c.i64(WIDTH)), c.i64(NO_STATUS))
+            return builder.select(builder.icmp_unsigned(">", returned, c.i32(5)), other, wide)
 
         return result(types.int64, types.Tuple([getattr(types, _KINDS[kind][0]) for kind in kinds])), codegen
 
@@ -115,7 +130,7 @@ completed_3 = foreign("pointer", "byte", "pointer", "pointer")
 """`fmiNCompletedIntegratorStep(c, noSetFMUStatePriorToCurrentPoint, enterEventMode, terminateSimulation)`."""
 start_at = foreign("pointer", "double", "pointer")
 """`CVodeReInit(memory, t, x)`, `CVodeSVtolerances(memory, relative, absolute)`."""
-one_step = foreign("pointer", "double", "pointer", "pointer", "int")
+one_step = foreign("pointer", "double", "pointer", "pointer", "int", returns="int")
 """`CVode(memory, t_out, x, t_reached, task)`."""
 values_of = foreign("pointer", returns="pointer")
 """`N_VGetArrayPointer(vector)`."""
@@ -126,9 +141,21 @@ EVENT_MODE, UPDATE, STEP_MODE, SET_CLOCK, GET_CLOCK, INTERVAL, DERIVATIVES = 256
 
 EARLY, OUTSIDE, STALLED, TOO_MANY, ENDLESS, PAST, PERIOD, STUCK = 512, 513, 514, 515, 516, 517, 518, 519
 """What an FMU did that no function of it calls bad."""
+UNFIT, INEXACT = 520, 521
+"""An input value that its type cannot hold; an output value beyond `variable.EXACT`."""
 
-DISCARD = 2
-STATUSES = {2: "Discard", 3: "Error", 4: "Fatal", 5: "Pending"}
+DISCARD, PENDING = 2, 5
+STATUSES = {2: "Discard", 3: "Error", 4: "Fatal", PENDING: "Pending"}
+
+
+def status_phrase(function: str, status: int) -> str:
+    """Return what a bad status of a function of the standard is: `fmi2DoStep returned fmi2Error`."""
+    # FMI 3.0 has no Pending, and of FMI 1.0 and 2.0 doStep alone may return it
+    if status in STATUSES and (status != PENDING or function in ("fmiDoStep", "fmi2DoStep")):
+        prefix = function[:4] if function[3:4].isdigit() else "fmi"
+        return f"{function} returned {prefix}{STATUSES[status]}"
+    return f"{function} returned {status}, which is no status of FMI"
+
 
 SHORTENED = 10
 """How often a step is halved without any progress before the FMU is believed to be stuck."""
@@ -149,7 +176,9 @@ FUNCTIONS = {
 }  # fmt: skip
 
 
-def explain_status(status: int, prefix: str, functions: dict[int, str], value: float, clock: str, message: str) -> str:
+def explain_status(
+    status: int, prefix: str, functions: dict[int, str], value: float, clock: str, message: str, other: int = 0
+) -> str:
     """What a bad `status` means, as the verb phrase of a sentence.
 
     Args:
@@ -159,6 +188,7 @@ def explain_status(status: int, prefix: str, functions: dict[int, str], value: f
         value: what the FMU returned when it went wrong, a time or an interval (s).
         clock: name of the clock it was about.
         message: what it logged last.
+        other: what the function returned if that is no status.
     """
     step, update = f"{prefix}DoStep", f"{prefix}UpdateDiscreteStates"
     sentences = {
@@ -176,13 +206,31 @@ def explain_status(status: int, prefix: str, functions: dict[int, str], value: f
     if status in sentences:
         return sentences[status]
     called = (FUNCTIONS | functions)[status // 16 * 16]
-    code = STATUSES.get(status % 16, f" status {status % 16}")
-    return f"{prefix}{called} returned {prefix}{code}{message}"
+    return status_phrase(f"{prefix}{called}", other if status % 16 == NO_STATUS else status % 16) + message
 
 
 _f64, _f32 = pointer_to(np.float64), pointer_to(np.float32)
 _i8, _u8, _i16, _u16 = (pointer_to(t) for t in (np.int8, np.uint8, np.int16, np.uint16))
 _i32, _u32, _i64, _u64 = (pointer_to(t) for t in (np.int32, np.uint32, np.int64, np.uint64))
+
+NOTE = record(
+    status="i8",  # that a function returned and that is none, as `foreign` has it: its lowest `WIDTH` bits left out
+    slot="i8",  # of the value that is `UNFIT` or `INEXACT`, or could not be set or got, among the inputs or outputs
+    value="f8",  # which is unfit
+    whole="i8",  # which is inexact
+)
+"""What no step can return about its bad status, of an instance."""
+
+note_at = pointer_to(NOTE)
+
+
+@njit(cache=True, inline="always")
+def noted(note, status):
+    """`status` as a step returns it; what does not fit there goes to the `NOTE` at this address."""
+    if status >> WIDTH != 0:
+        carray(note_at(note), 1)[0].status = status >> WIDTH
+    return status & (1 << WIDTH) - 1
+
 
 GROUP = record(
     kind="i8",  # index into `KINDS`
@@ -197,6 +245,7 @@ GROUP = record(
     bytes="i8",  # of the buffer
     last="i8",  # with events: what inputs were last set to
     clocks="i8",  # with events: those with which alone the group changes, a bit for each
+    note="i8",  # a `NOTE`
 )
 """Variables of one FMI type: counts, and addresses of functions and arrays."""
 
@@ -205,7 +254,21 @@ groups_at = pointer_to(GROUP)
 
 @njit(cache=True)
 def _store(kind, buffer, j, value):
-    """Put `value` at place `j` of a buffer of FMI type `kind`; whole numbers are rounded to the nearest."""
+    """Put `value` at place `j` of a buffer of FMI type `kind`; False if the type cannot hold it.
+
+    Whole numbers are rounded to the nearest.
+    """
+    if kind < 2 or kind == 10:
+        # of a truth value the bounds are not those of what it is made of
+        most = FLOAT_32 if kind == 1 else FLOAT_64
+        if not -most <= value <= most:
+            return False
+    else:
+        # from half of `EXACT` on doubles are whole, and a half added to them is rounded itself
+        if abs(value) < EXACT // 2:
+            value = np.floor(value + 0.5)
+        if not WHOLE_LOW[kind - 2] <= value <= WHOLE_HIGH[kind - 2]:
+            return False
     if kind == 0:
         carray(_f64(buffer), j + 1)[j] = value
     elif kind == 1:
@@ -213,7 +276,7 @@ def _store(kind, buffer, j, value):
     elif kind == 10:
         carray(_u8(buffer), j + 1)[j] = 1 if value > 0.5 else 0
     else:
-        whole = np.int64(np.floor(value + 0.5))
+        whole = np.int64(value)
         if kind == 2:
             carray(_i8(buffer), j + 1)[j] = whole
         elif kind == 3:
@@ -230,6 +293,7 @@ def _store(kind, buffer, j, value):
             carray(_i64(buffer), j + 1)[j] = whole
         else:
             carray(_u64(buffer), j + 1)[j] = whole
+    return True
 
 
 @njit(cache=True)
@@ -272,18 +336,38 @@ def _scaling(g):
 
 @njit(cache=True, inline="always")
 def fill(g, u):
-    """Put the inputs at address `u` into the buffer of a group."""
+    """Put the inputs at address `u` into the buffer of a group; 0, or `UNFIT`."""
     slots, gain, offset = _scaling(g)
     for j in range(g.values):
-        _store(g.kind, g.buffer, j, (carray(_f64(u), slots[j] + 1)[slots[j]] - offset[j]) / gain[j])
+        value = (carray(_f64(u), slots[j] + 1)[slots[j]] - offset[j]) / gain[j]
+        if not _store(g.kind, g.buffer, j, value):
+            note = carray(note_at(g.note), 1)[0]
+            note.slot, note.value = slots[j], value
+            return UNFIT
+    return 0
 
 
 @njit(cache=True, inline="always")
 def drain(g, y):
-    """Take what is in the buffer of a group to the outputs at address `y`."""
+    """Take what is in the buffer of a group to the outputs at address `y`; 0, or `INEXACT`."""
     slots, gain, offset = _scaling(g)
     for j in range(g.values):
+        if g.kind == 8 or g.kind == 9:
+            whole = carray(_i64(g.buffer), j + 1)[j]
+            # one of UInt64 beyond the range of Int64 is negative here
+            if not (0 if g.kind == 9 else -EXACT) <= whole <= EXACT:
+                note = carray(note_at(g.note), 1)[0]
+                note.slot, note.whole = slots[j], whole
+                return INEXACT
         carray(_f64(y), slots[j] + 1)[slots[j]] = gain[j] * _load(g.kind, g.buffer, j) + offset[j]
+    return 0
+
+
+@njit(cache=True)
+def blamed(g, status):
+    """`status`, having noted the first variable of the group whose function returned it."""
+    carray(note_at(g.note), 1)[0].slot = carray(_u64(g.slots), 1)[0]
+    return status
 
 
 @njit(cache=True, inline="always")
@@ -291,10 +375,12 @@ def set_all(version, instance, groups, count, u):
     """Set the inputs of `count` groups; the first bad status."""
     table = carray(groups_at(groups), count)
     for i in range(count):
-        fill(table[i], u)
+        status = fill(table[i], u)
+        if status != 0:
+            return status
         status = access(version, instance, table[i])
         if status > 1:
-            return SET + status
+            return blamed(table[i], SET + status)
     return 0
 
 
@@ -305,8 +391,10 @@ def get_all(version, instance, groups, count, y):
     for i in range(count):
         status = access(version, instance, table[i])
         if status > 1:
-            return GET + status
-        drain(table[i], y)
+            return blamed(table[i], GET + status)
+        status = drain(table[i], y)
+        if status != 0:
+            return status
     return 0
 
 
@@ -329,6 +417,7 @@ RAMP = record(
     buffer="i8",
     t="f8",  # of the start (s)
     bad="i8",  # what was bad within a step
+    note="i8",  # a `NOTE`
 )
 """Inputs that are lines over a step: counts, and addresses of functions and of arrays with a number for each value."""
 
@@ -358,9 +447,13 @@ def set_ramp(address, t):
     if n == 0:
         return 0
     begin, slope = carray(doubles_at(r.begin), n), carray(doubles_at(r.slope), n)
-    buffer = carray(doubles_at(r.buffer), n)
+    buffer, note = carray(doubles_at(r.buffer), n), carray(note_at(r.note), 1)[0]
+    note.slot = carray(integers_at(r.starts), n)[0]
     for j in range(n):
         buffer[j] = begin[j] + slope[j] * (t - r.t)
+        if not np.isfinite(buffer[j]):
+            note.slot, note.value = carray(integers_at(r.starts), n)[j], buffer[j]
+            return UNFIT
     if r.derivatives == 0:
         status = access_3(r.set, (r.instance, r.references, n, r.buffer, n))
         return SET + status if status > 1 else 0

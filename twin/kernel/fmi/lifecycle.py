@@ -24,7 +24,7 @@ from twin.kernel.cosim.python_class import STEP
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.cosim_step import CHANGING, CLOCK, COUNTDOWN, EVENTS, NEVER, OUTPUT, PERIODIC, settle
 from twin.kernel.fmi.description import STRUCTURAL, clocks, stated_interval
-from twin.kernel.fmi.groups import explain_status, intermediate_update
+from twin.kernel.fmi.groups import WIDTH, explain_status, intermediate_update, status_phrase
 from twin.kernel.fmi.stepping import Instance, Stepping
 from twin.kernel.fmi.variable import KINDS, Variable
 
@@ -84,6 +84,10 @@ _forgiven: list[list[str]] = []
 """To whose last names of functions are added that the binary which is being loaded does not have; empty: it has to."""
 
 
+class CallFailed(Exception):
+    """A function of an FMU returned more than a warning."""
+
+
 class _Remembering:
     """Gives the functions of a binary the signatures that FMPy has worked out for the first one of this process.
 
@@ -112,6 +116,14 @@ class _Remembering:
             self._functions = _Asked(self)
         if not _forgiven:
             _complete.add(self.dll._name)
+
+    def _call(self, name: str, *arguments: Any) -> Any:
+        # FMPy takes negative integers for fmi2OK, and has no log of calls here
+        function = self._functions[name]
+        status = function(*arguments)
+        if function.restype is c_int and status not in (0, 1):
+            raise CallFailed(status_phrase(name.replace("fmi1", "fmi"), status))
+        return status
 
     def _function(self, name: str) -> Any:
         """The function `name` of FMPy's, with its signature."""
@@ -407,7 +419,9 @@ def _leave_event_mode(instance: Instance) -> None:
         status = settled(instance.events.ctypes.data, 0, -1, instance.setup.start)
     if status != 0:
         clock = instance.clock_name(int(e["culprit"]))
-        raise InputRefused(explain_status(status, "fmi3", {}, float(e["value"]), clock, ""))
+        instance.note["status"] = status >> WIDTH
+        bare = status & (1 << WIDTH) - 1
+        raise InputRefused(explain_status(bare, "fmi3", {}, float(e["value"]), clock, "", instance.odd_status))
     with instance.calling("EnterStepMode"):
         instance.fmu.enterStepMode()
 

@@ -22,7 +22,7 @@ from twin.kernel.cosim.component import address_of, doubles_at
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.groups import (
     MOST_UPDATES,
-    STATUSES,
+    NO_STATUS,
     TERMINATE,
     at_time,
     completed_2,
@@ -33,6 +33,7 @@ from twin.kernel.fmi.groups import (
     plain,
     set_all,
     start_at,
+    status_phrase,
     update_3,
     values_of,
 )
@@ -55,7 +56,7 @@ FUNCTIONS_3 = FUNCTIONS | {"derivatives_of": "GetContinuousStateDerivatives", "u
 """As FMI 3.0 does."""
 _SOLVER = ("cvode", "vector", "absolute", "cv_step", "cv_restart", "cv_stop", "cv_tolerances", "cv_values")
 _ARRAYS = ("x", "began", "k_1", "k_2", "k_3", "k_4", "z", "z_before", "scales", "info", "last_inputs", "reached_at")
-_COUNTS = ("version", "instance", "states", "size", "indicators", "width", "needs_completed", "final")
+_COUNTS = ("version", "instance", "note", "states", "size", "indicators", "width", "needs_completed", "final")
 _PORTS = ("inputs", "input_groups", "outputs", "output_groups")
 _MOVING = ("fresh", "restart", "trouble", "element", "flag")
 
@@ -106,12 +107,16 @@ _FLAGS = {
 }
 
 
-def sentence(m: Any, status: int) -> str:
-    """The verb phrase for `status` of a step with the memory `m`; "" if it is not of model exchange alone."""
+def sentence(m: Any, status: int, other: int) -> str:
+    """The verb phrase for `status` of a step with the memory `m`; "" if it is not of model exchange alone.
+
+    Args:
+        other: what a function returned if that is no status.
+    """
     prefix, names = f"fmi{m['version']}", FUNCTIONS if m["version"] == 2 else FUNCTIONS_3
     if status // 16 * 16 in CALLS:
         name = list(names.values())[CALLS.index(status // 16 * 16)]
-        return f"{prefix}{name} returned {prefix}{STATUSES.get(status % 16, f' status {status % 16}')}"
+        return status_phrase(f"{prefix}{name}", other if status % 16 == NO_STATUS else status % 16)
     update = f"{prefix}{names['update']}"
     now, asked, element = float(m["now"]), float(m["asked"]), int(m["element"])
     own = {

@@ -5,8 +5,9 @@ It is loaded, instantiated, initialised and freed here; nothing here is called w
 
 import ctypes
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import AbstractContextManager
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from ctypes import c_void_p
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,10 +21,21 @@ from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi import cosim_step, groups
 from twin.kernel.fmi.cosim_step import CLOCK, SHORTER
 from twin.kernel.fmi.description import FmuDescription, clocks
-from twin.kernel.fmi.variable import ITEM_SIZES, TEXTS, Setting, Setup, Variable
+from twin.kernel.fmi.variable import EXACT, ITEM_SIZES, TEXTS, Setting, Setup, Variable
 
 MOST_UNHEARD = 100
 """An FMU that complains in every step is believed after so many."""
+
+REFERENCE = re.compile(r"#(?P<type>[rbis])(?P<reference>\d+)#|##")
+LOGGED = {"r": ("Real",), "b": ("Boolean",), "i": ("Integer", "Enumeration"), "s": ("String",)}
+"""A variable in a log message, and its types by the letter there."""
+
+
+def working_directory() -> str:
+    """The working directory; "" if it is gone."""
+    with suppress(OSError):
+        return os.getcwd()
+    return ""
 
 
 class Instance:
@@ -42,6 +54,7 @@ class Instance:
         messages: the last things it logged as warnings or errors.
         missing: functions that its binary lacks, which was forgiven.
         clock: its first element is the tick at which it is stepped.
+        stepped: whether it is part of a simulation that has begun.
         folder, settings, inputs, setup: the arguments.
         standard: how its version of the FMI is spoken, a `lifecycle.Fmi2` or one derived from it.
         fmu: what FMPy made of it; None once it is freed.
@@ -68,11 +81,14 @@ class Instance:
         self.name = name
         self.messages: list[str] = []
         self.missing: list[str] = []
-        self.clock = np.zeros(1, dtype=np.int64)
+        self.clock, self.stepped = np.zeros(1, dtype=np.int64), False
+        self._here, self._moved = working_directory(), False
         self._unheard: list[tuple[int, str]] = []
         self.folder, self.settings, self.inputs, self.setup = folder, settings, inputs, setup
         self.standard = self._standards[description.version]
+        self.note = np.zeros(1, dtype=groups.NOTE)
         self.ramp = np.zeros(1, dtype=groups.RAMP)
+        self.ramp["note"] = self.note.ctypes.data
         self.clocks = np.zeros(0, dtype=CLOCK)
         self.planned, self.returned = np.array([np.inf]), np.zeros(0, dtype=np.uint8)
         self.events: np.ndarray | None = None
@@ -114,16 +130,59 @@ class Instance:
         """What steps change beside its own state: when events and clocks are due."""
         return [self.clocks, self.planned]
 
+    @property
+    def odd_status(self) -> int:
+        """The last status that a function returned in a step and that is none of the standard."""
+        return int(self.note["status"].astype(np.int32)[0])
+
+    def values(self, variable: Variable) -> list[Any]:
+        """Values of `variable`, an array laid out flat, in its own unit and exact.
+
+        Raises:
+            ComponentFailed: the FMU does not return them.
+        """
+        with self.calling("Get"), self._blamed(variable):
+            return list(self.standard.values(self.fmu, variable))
+
     def read(self, variables: Sequence[Variable]) -> np.ndarray:
-        """Values of `variables`, arrays laid out flat, in the FMU's own units."""
-        with self.calling("Get"):
-            return np.array([value for v in variables for value in self.standard.values(self.fmu, v)], dtype=float)
+        """Values of `variables`, arrays laid out flat, in the FMU's own units.
+
+        Raises:
+            ComponentFailed: the FMU does not return them, or they are beyond `EXACT`.
+        """
+        found = [(v, value) for v in variables for value in self.values(v)]
+        for v, value in found:
+            if isinstance(value, int) and abs(value) > EXACT:
+                raise ComponentFailed(f"{self.label} {inexact(v.name, v.type, value)}{self.when}")
+        return np.array([value for _, value in found], dtype=float)
 
     def write(self, settings: Sequence[Setting]) -> None:
-        """Set variables; the FMU decides whether it may be done now."""
+        """Set variables; the FMU decides whether it may be done now.
+
+        Raises:
+            ComponentFailed: it refuses, or a value does not fit into its type.
+        """
         with self.calling("Set"):
             for variable, value in settings:
-                self._set(variable, value)
+                with self._blamed(variable):
+                    self._set(variable, value)
+
+    @property
+    def label(self) -> str:
+        """What an error message begins with."""
+        return f"{self.description.path.name} ({self.name})"
+
+    @contextmanager
+    def _blamed(self, variable: Variable) -> Iterator[None]:
+        """What goes wrong in the block with the value of a variable is a failure of this component."""
+        try:
+            yield
+        except UnfitValue as problem:
+            raise ComponentFailed(f"{self.label} gets {problem}{self.when}") from None
+        # FMPy's FMICallException, or what ctypes makes of an argument
+        except Exception as problem:
+            text = f"{problem} for {variable.name}{self.when}"
+            raise ComponentFailed(f"{self.label} {text}{self._quoted_messages()}") from None
 
     def advance(self, t: float, h: float) -> None:
         """One step from `t` to `t` + `h` (s), after which a saved state may be restored.
@@ -200,6 +259,8 @@ class Instance:
 
     def unheard(self) -> list[tuple[int, str]]:
         """(tick, text) of what it logged since this was last asked, at most `MOST_UNHEARD` of them."""
+        # steps are not announced one by one
+        self.return_to(self._here)
         messages, self._unheard = self._unheard, []
         return messages
 
@@ -209,11 +270,31 @@ class Instance:
             self.standard.free(self)
         self.fmu = None
 
-    def calling(self, function: str) -> AbstractContextManager[None]:
-        return groups.announced(self.description.path.name, self.name, f"{self.description.prefix}{function}")
+    @contextmanager
+    def calling(self, function: str) -> Iterator[None]:
+        """Announce a call of a function of the standard, and undo what the FMU does to the working directory."""
+        here = working_directory()
+        try:
+            with groups.announced(self.description.path.name, self.name, f"{self.description.prefix}{function}"):
+                yield
+        finally:
+            self.return_to(here)
+
+    def return_to(self, folder: str) -> None:
+        """Make `folder` the working directory again if the FMU has changed it; a message reports that once."""
+        if folder and working_directory() != folder:
+            os.chdir(folder)
+            if not self._moved:
+                self._moved = True
+                self._report("changed the working directory; it is back where it was")
+
+    @property
+    def when(self) -> str:
+        """When a call fails that is not part of a step."""
+        return "" if self.stepped else " at the start"
 
     def _loaded(self) -> Any:
-        description, here = self.description, os.getcwd()
+        description, here = self.description, working_directory()
         try:
             with groups.announced(description.path.name, self.name, "the loading of its binary"):
                 return self.standard.loaded(self)
@@ -245,12 +326,15 @@ class Instance:
         # FMPy's FMICallException and whatever is below it: this FMU cannot be used
         except Exception as problem:
             self.close()
-            raise InputRefused(
-                f"{self.description.path}: cannot be initialised: {problem}{self._quoted_messages()}"
-            ) from None
+            quoted = "" if isinstance(problem, ComponentFailed) else self._quoted_messages()
+            text = str(problem).removeprefix(f"{self.label} ")
+            raise InputRefused(f"{self.description.path}: cannot be initialised: {text}{quoted}") from None
 
     def _set(self, variable: Variable, value: Any) -> None:
         values = value if variable.is_text else np.broadcast_to(value, variable.size).tolist()
+        for one in [] if variable.is_text else values:
+            if variable.unfit(one):
+                raise UnfitValue(f"{one:.17g} for {variable.name}, {variable.range_phrase}")
         if variable.type == "Boolean":
             values = [v > 0.5 for v in values]
         elif variable.type not in ("Real", "Float64", "Float32", *TEXTS):
@@ -274,14 +358,40 @@ class Instance:
     def hear(self, status: int, message: bytes | None) -> None:
         """Keep what it logged, if it is a warning or worse."""
         if status > 0 and message:
-            text = message.decode(errors="replace").strip()
+            text = REFERENCE.sub(self._variable_name, message.decode(errors="replace")).strip()
             # a repeated message is handed on once
             if text in self.messages:
                 self.messages.remove(text)
             del self.messages[:-2]
             self.messages.append(text)
-            if len(self._unheard) < MOST_UNHEARD:
-                self._unheard.append((int(self.clock[0]), text))
+            self._report(text)
+
+    def _report(self, text: str) -> None:
+        if len(self._unheard) < MOST_UNHEARD:
+            self._unheard.append((int(self.clock[0]), text))
+
+    def _variable_name(self, reference: re.Match[str]) -> str:
+        """The variable that a log message refers to as `#r12#` (FMI 2.0.4, 2.1.5); the text if there is none."""
+        if reference[0] == "##":
+            return "#"
+        types = LOGGED[reference["type"]]
+        return next(
+            (
+                v.name
+                for v in self.description.variables.values()
+                if v.reference == int(reference["reference"]) and v.type in types
+            ),
+            reference[0],
+        )
+
+
+class UnfitValue(ValueError):
+    """A value that the type of a variable cannot hold."""
+
+
+def inexact(name: str, type_name: str, value: int) -> str:
+    """Return the verb phrase for a whole number that no signal can hold."""
+    return f"returned {value} for {name} ({type_name}), beyond the whole numbers that signals hold exactly (2^53)"
 
 
 @dataclass(frozen=True)
@@ -392,8 +502,22 @@ class Stepping:
 
     def explain(self, status: int) -> str:
         """What a bad `status` of a step means, as the verb phrase of a sentence."""
-        instance = self.instance
+        instance, note = self.instance, self.instance.note[0]
         message = f" ('{instance.messages[-1]}')" if instance.messages else ""
+        if status == groups.UNFIT:
+            port, name = self._at(self._into, int(note["slot"]))
+            return f"gets {note['value']:.17g} for {name}, {port.variable.range_phrase}"
+        if status == groups.INEXACT:
+            port, name = self._at(self.outputs, int(note["slot"]))
+            whole = int(note["whole"]) % (1 << 64 if port.variable.type == "UInt64" else 1 << 128)
+            return inexact(name, port.variable.type, whole)
+        for base, ports in ((groups.SET, self._into), (groups.GET, self.outputs)):
+            if status // 16 * 16 == base:
+                variable = self._at(ports, int(note["slot"]))[0].variable
+                name = f"{'Set' if base == groups.SET else 'Get'}{instance.standard.type_name(variable)}"
+                return groups.explain_status(
+                    status, instance.description.prefix, {base: name}, 0.0, "", message, instance.odd_status
+                )
         states = {groups.SAVE: f"Get{self.state_name}", groups.RESTORE: f"Set{self.state_name}"}
         value, clock = float(self._shorter[0]["value"]), 0
         if "value" in (self.memory.dtype.names or ()):
@@ -406,13 +530,20 @@ class Stepping:
         ):
             value, clock = float(instance.events[0]["value"]), int(instance.events[0]["culprit"])
         sentence = groups.explain_status(
-            status, instance.description.prefix, states, value, instance.clock_name(clock), message
+            status, instance.description.prefix, states, value, instance.clock_name(clock), message, instance.odd_status
         )
         if status == groups.DO_STEP + 2:
             varies = instance.description.model.coSimulation.canHandleVariableCommunicationStepSize
             sentence += "; it may do with shorter steps: raise [drive] substeps"
             sentence += "" if varies else ", as it takes none of another size by itself"
         return sentence
+
+    @staticmethod
+    def _at(ports: Sequence[Placed], slot: int) -> tuple[FmuPort, str]:
+        """The port that has the value at `slot`, and the value's name."""
+        one = next(one for one in ports if slot in one.slots)
+        name = one.port.variable.name
+        return one.port, name if len(one.slots) == 1 else f"{name}[{slot - one.slots[0]}]"
 
     @property
     def discarded_since(self) -> float | None:
@@ -425,7 +556,7 @@ class Stepping:
         self.repeat_steps()
         memory = np.zeros(1, dtype=cosim_step.STATE_MEMORY)
         m = memory[0]
-        m["instance"] = self.instance.handle
+        m["instance"], m["note"] = self.instance.handle, self.instance.note.ctypes.data
         m["get"], m["set"] = (self.instance.address(f"{verb}{self.state_name}") for verb in ("Get", "Set"))
         m["cell"] = memory["state"].ctypes.data
         moving = self.moving
@@ -476,6 +607,7 @@ class Stepping:
                 "last": np.full(len(slots) * ITEM_SIZES[kind], 0xFF, dtype=np.uint8),
             }
             row["kind"], row["clocks"], row["bytes"] = kind, bits, len(arrays["buffer"])
+            row["note"] = instance.note.ctypes.data
             row["access"] = instance.address(access + type_name)
             row["variables"], row["values"] = len(group), len(slots)
             for field, array in arrays.items():
@@ -520,7 +652,7 @@ class Stepping:
         shift = np.concatenate([p.shift for p in self.outputs])
         m["shifted"] = np.argmax(np.abs(shift))
         m["shift"] = shift[m["shifted"]]
-        m["shorter"] = self._shorter.ctypes.data
+        m["shorter"], m["note"] = self._shorter.ctypes.data, self.instance.note.ctypes.data
         return cosim_step.plain_step.address, memory
 
     def _eventful(self, into: Sequence[Placed]) -> tuple[int, np.ndarray]:
@@ -554,6 +686,7 @@ class Stepping:
         self._keep.append(returned)
         ramp = self.instance.ramp[0]
         m["do_step"], m["returned"] = self.instance.address("DoStep"), returned.ctypes.data
+        m["note"] = self.instance.note.ctypes.data
         m["ramp"] = self.instance.ramp.ctypes.data if ramp["values"] else 0
         m["inputs"], m["input_groups"] = len(inputs), inputs.ctypes.data
         m["outputs"], m["output_groups"] = len(outputs), outputs.ctypes.data

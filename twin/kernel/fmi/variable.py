@@ -14,7 +14,7 @@ import numpy as np
 from twin.kernel.archive import sha256
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import read_bytes
-from twin.kernel.ssp.structure import ParameterValue, UnitDefinition
+from twin.kernel.ssp.structure import REALS, ParameterValue, UnitDefinition
 from twin.kernel.units import TEMPERATURE, Dimension, Unit, known_unit
 
 KINDS = ("Float64", "Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Boolean")
@@ -22,6 +22,13 @@ KINDS = ("Float64", "Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UIn
 
 ITEM_SIZES = (8, 4, 1, 1, 2, 2, 4, 4, 8, 8, 1)
 """Bytes of one value of each of `KINDS`."""
+
+EXACT = 2**53
+"""Largest whole number up to which a double holds each exactly: signals are doubles."""
+FLOAT_64, FLOAT_32 = float(np.finfo(np.float64).max), float(np.finfo(np.float32).max)
+WHOLE_LOW = (-(2.0**7), 0.0, -(2.0**15), 0.0, -(2.0**31), 0.0, -(2.0**53), 0.0)
+WHOLE_HIGH = (2.0**7 - 1, 2.0**8 - 1, 2.0**15 - 1, 2.0**16 - 1, 2.0**31 - 1, 2.0**32 - 1, 2.0**53, 2.0**53)
+"""Bounds of the whole numbers among `KINDS`, which begin with the third; of those of 64 bits what is exact."""
 
 
 class Conversion(NamedTuple):
@@ -173,6 +180,32 @@ class Variable:
     def is_text(self) -> bool:
         return self.type in TEXTS
 
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """What its type holds: of whole numbers of 64 bits what a double holds exactly."""
+        if self.type == "Boolean":
+            return 0.0, 1.0
+        if 2 <= self.kind < 10:
+            return WHOLE_LOW[self.kind - 2], WHOLE_HIGH[self.kind - 2]
+        most = FLOAT_32 if KINDS[self.kind] == "Float32" else FLOAT_64
+        return -most, most
+
+    @property
+    def range_phrase(self) -> str:
+        """`which is UInt8 (0 .. 255)`."""
+        low, high = self.bounds
+        return f"which is {self.type} ({low:.17g} .. {high:.17g})"
+
+    def unfit(self, value: float) -> str:
+        """Why its type cannot hold `value`: `in8 is UInt8; expected 0 .. 255`; "" if it can."""
+        low, high = self.bounds
+        # an int is compared as it is, as a double may round it
+        whole = self.type in REALS or isinstance(value, int) or not abs(value) < EXACT // 2
+        if low <= (value if whole else math.floor(value + 0.5)) <= high:
+            return ""
+        why = ", which doubles hold exactly" if self.kind in (8, 9) else ""
+        return f"{self.name} is {self.type}; expected {low:.17g} .. {high:.17g}{why}"
+
     def format_value(self, value: float) -> str:
         """`value` for people: by its name, if it has one."""
         return next((name for name, number in self.items.items() if number == value), f"{value:g}")
@@ -311,6 +344,8 @@ def _number(where: str, variable: Variable, value: float | str) -> float:
     high = variable.high if not math.isnan(variable.high) else math.inf
     if not (low <= value <= high and math.isfinite(value)):
         raise InputRefused(f"{where} = {value:g}: expected {low:g} .. {high:g} {variable.unit}".rstrip())
+    if why := variable.unfit(value):
+        raise InputRefused(f"{where} = {value:.17g}: {why}")
     return float(value)
 
 

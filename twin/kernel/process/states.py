@@ -92,7 +92,8 @@ def refuse_other_run(saved: SavedState, own: Mapping[str, Any], where: str) -> N
         raise InputRefused(f"{where}: the state does not say of whom it is")
     for part, reason in REASONS.items():
         if part in own and its.get(part) != own[part]:
-            detail = f": {_differing(its[part], own[part])}" if isinstance(its.get(part), dict) else ""
+            both = isinstance(its.get(part), dict) and isinstance(own[part], dict)
+            detail = f": {_differing(its[part], own[part])}" if both else ""
             raise InputRefused(
                 f"{where}: the state at {_seconds(saved)} is {reason}{detail}; it cannot be gone on from here, run "
                 "the experiment again"

@@ -10,11 +10,11 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from twin.kernel.cosim.observers import Observer, TickEvent
+from twin.kernel.cosim.observers import Level, Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import of_plain, plain
 from twin.kernel.errors import ComponentFailed, EndRequested
@@ -100,6 +100,9 @@ class EventLog(Observer):
 
     def restore(self, state: Any) -> None:
         self.events = [TickEvent(*one) for one in of_plain(state, "events")]
+        for event in self.events:
+            if [type(value) for value in event] != [int, str, str, str] or event.level not in get_args(Level):
+                raise ValueError(f"{event} is no event")
 
 
 class Recorder(EventLog):

@@ -5,9 +5,11 @@ Tables in an SSP archive (OMSimulator's CSV components) are the same as inputs o
 
 import io
 import math
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +21,7 @@ from twin.kernel.cosim.source import Between, SampledSignal, Signal, source
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import read_bytes
 from twin.kernel.fmi.description import FmuDescription, described
-from twin.kernel.fmi.variable import Value, Variable
+from twin.kernel.fmi.variable import EXACT, Value, Variable
 from twin.kernel.recording.logs.column_map import TIME_NAMES, split_unit, unit
 from twin.kernel.recording.logs.csv_file import CsvTable, read_table, table_of
 from twin.kernel.recording.logs.log import LogRefused
@@ -73,7 +75,7 @@ def given_text(value: Value) -> str:
         return value
     if isinstance(value, Sequence | np.ndarray):
         return f"[{', '.join(given_text(one) for one in value)}]"
-    return repr(float(value))
+    return str(value) if isinstance(value, int | np.integer) else repr(float(value))
 
 
 def with_parameters(package: Package, files: Sequence[Path]) -> Package:
@@ -119,7 +121,8 @@ class SystemNames:
         self._files = files
 
     def description(self, path: str) -> FmuDescription:
-        return described(self._files[path])
+        # the plan looks whether it may need its authoring tool
+        return described(self._files[path], lenient=True)
 
     def place(self, name: str, option: str) -> Endpoint:
         """The component and the variable that `name` means; no component: a connector of the outermost system.
@@ -223,6 +226,9 @@ def _typed(text: str, variable: Variable, where: str) -> float:
         raise InputRefused(f"{where}: {variable.name} is {variable.type}; expected a finite number")
     if variable.type not in REALS and not number.is_integer():
         raise InputRefused(f"{where}: {variable.name} is {variable.type}; expected a whole number")
+    # a number beyond what a double holds exactly is refused as it was given
+    if variable.type not in REALS and (why := variable.unfit(int(Decimal(text)) if abs(number) >= EXACT else number)):
+        raise InputRefused(f"{where}: {why}")
     return number
 
 
@@ -295,7 +301,8 @@ def _fed(names: SystemNames, text: str) -> Iterator[_Fed]:
         raise InputRefused(f"--input {text}: expected NAME=SOURCE, such as u=step(1.0), or a CSV file")
     place, where = _input(names, name), f"--input {name}"
     file, _, column = given.partition(":")
-    if Path(file).suffix.lower() in FILES or Path(file).exists():
+    # not Path.exists, which raises for a name that is too long, as of an expression
+    if Path(file).suffix.lower() in FILES or os.path.exists(file):
         spelled = ""
         if column and (measured := _UNIT.fullmatch(column)) and not measured["unit"].isdigit():
             column, spelled = measured["value"], measured["unit"]
@@ -304,12 +311,16 @@ def _fed(names: SystemNames, text: str) -> Iterator[_Fed]:
         _refuse_broken(names, place, samples, f"{where}: {file}")
         yield _Fed(name, place, samples, spelled or own, f"{Path(file).name} sha256 {_sha256(Path(file))[:12]}")
     else:
-        yield _Fed(name, place, expression(given, where), "", given)
+        signal = expression(given, where)
+        for variable in (names.variable(end) for end in _ends(names, place)):
+            if variable.type not in REALS and np.any(np.abs(signal.numbers) >= EXACT):
+                raise InputRefused(f"{where}: {variable.name} is {variable.type}; expected numbers below 2^53")
+        yield _Fed(name, place, signal, "", given)
 
 
 def _by_name(names: SystemNames, file: Path) -> Iterator[_Fed]:
     """The columns of `file` that are called as inputs are."""
-    if file.suffix.lower() not in FILES and not file.exists():
+    if file.suffix.lower() not in FILES and not os.path.exists(file):
         raise InputRefused(f"--input {file}: expected NAME=SOURCE, such as u=step(1.0), or a CSV file")
     known, table = dict(names.inputs()), read_table(file)
     time = _time(table)
@@ -355,6 +366,19 @@ def _refuse_broken(names: SystemNames, place: Endpoint, samples: SampledSignal, 
             raise InputRefused(
                 f"{where}: {bad:g} for {variable.name}, which is {variable.type}; expected whole numbers"
             )
+        _refuse_unfit(variable, samples.values, where)
+
+
+def _refuse_unfit(variable: Variable, values: np.ndarray, where: str) -> None:
+    """Refuse values that the type of `variable` cannot hold, and those that may have been rounded when they were read.
+
+    Raises:
+        InputRefused: the first of them.
+    """
+    for value in map(float, (np.nanmin(values), np.nanmax(values))):
+        # what was read as EXACT may have been more
+        if why := variable.unfit(value if abs(value) != EXACT or variable.type in REALS else 2.0 * value):
+            raise InputRefused(f"{where}: {why}")
 
 
 def _series(file: Path, column: str, name: str, where: str, held: bool) -> tuple[SampledSignal, str]:

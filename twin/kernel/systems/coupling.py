@@ -1,12 +1,12 @@
 """A planned system made: FMUs initialised together, loops found and solved, components in the master."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple, Protocol, TypeVar, cast
+from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from twin.kernel.cosim.delay import columns, play
 from twin.kernel.cosim.loop import BOUND, LEAST, MOST_PASSES, NUDGE, LoopComponent
 from twin.kernel.cosim.port import Port, width
 from twin.kernel.cosim.system import System
-from twin.kernel.errors import InputRefused
+from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.component import FmuComponent, opened
 from twin.kernel.fmi.description import clocks, feedthrough, refuse_step
 from twin.kernel.fmi.groups import AT_END
@@ -30,7 +30,6 @@ from twin.kernel.systems.plan import SystemPart, SystemPlan
 
 OWN_SHARE = 1e-3
 """Of the tolerance of a system in steps of varying length: what its FMUs are given for themselves."""
-_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -38,6 +37,7 @@ class PreparedSystem:
     """A system ready to be run.
 
     Attributes:
+        plan: of it, without what FMUs turned out not to return.
         system: of components in the order of the plan, those of a solved loop together in one.
         settled: whether initial values agree with each other: an input has what feeds it, and that follows from it.
         columns: of a row, by the name of a part.
@@ -46,6 +46,7 @@ class PreparedSystem:
         forgiven: offences of binaries that were let through.
     """
 
+    plan: SystemPlan
     system: System
     settled: bool
     columns: Mapping[str, slice]
@@ -83,11 +84,13 @@ class Initialised(NamedTuple):
     """The FMUs of a system.
 
     Attributes:
+        plan: as of `PreparedSystem`.
         components: by name.
         settled: as of `PreparedSystem`.
         forgiven: likewise.
     """
 
+    plan: SystemPlan
     components: dict[str, Component]
     settled: bool
     forgiven: list[str]
@@ -121,7 +124,9 @@ def coupled(
     found = loops(plan)
     solved = [_Solved(plan, loop) for loop in found] if plan.choice.loops == "solve" else []
     with ExitStack() as made:
-        components, settled, forgiven = initialised(plan, folders, made, _given(plan), solved, hosts=hosts)
+        plan, components, settled, forgiven = initialised(
+            plan, folders, made, _given(plan), solved, hosts=hosts, free=bool(unvarying(plan))
+        )
         if not unvarying(plan):
             yield _varying(plan, components, settled, found, forgiven)
             return
@@ -135,7 +140,7 @@ def coupled(
             ordered.sort(key=lambda component: plan.beside.order.index(component.name.partition("+")[0]))
         system = System(ordered, wires, plan.timing.tick, plan.scheme)
         system.first_tick = plan.timing.first
-        yield PreparedSystem(system, settled, _columns(plan, system, columns), found, bool(solved), forgiven)
+        yield PreparedSystem(plan, system, settled, _columns(plan, system, columns), found, bool(solved), forgiven)
 
 
 def initialised(
@@ -146,6 +151,7 @@ def initialised(
     solved: Sequence["_Solved"] = (),
     outputs_at_start: Mapping[str, Mapping[str, float | np.ndarray]] = MappingProxyType({}),
     hosts: Mapping[str, Host] = MappingProxyType({}),
+    free: bool = False,
 ) -> Initialised:
     """The FMUs of a system, ready to be stepped.
 
@@ -156,10 +162,14 @@ def initialised(
         solved: loops whose start values are looked for.
         outputs_at_start: see `FmuComponent`, by component.
         hosts: as of `coupled`.
+        free: whether outputs that nothing reads may be NaN, and locals that cannot be read are left out.
 
     Raises:
         InputRefused: as `coupled`.
+        ComponentFailed: an FMU does not return an output, or its value does not fit the input that it feeds.
     """
+    fed = {source for source, _ in plan.wires}
+    parts: list[SystemPart] = []
     instances: dict[str, Instance] = {}
     for part in plan.parts:
         setup, host = _setup(plan, part), hosts.get(part.path)
@@ -172,11 +182,14 @@ def initialised(
     components: dict[str, Component] = {}
     for part in plan.parts:
         instance = instances[part.name]
+        parts.append(part)
         if part.path in hosts:
             distant = cast(DistantInstance, instance)
             components[part.name] = distant.component(plan.timing.periods[part.path], Solver(plan.choice.method))
             continue
         instance.begin()
+        if free:
+            part = parts[-1] = _without_unreadable(part, instance, fed)
         component = FmuComponent(
             part.name,
             part.description,
@@ -188,13 +201,30 @@ def initialised(
             setup=instance.setup,
             instance=instance,
             solver=Solver(plan.choice.method),
+            unread=[p.port.name for p in part.outputs if free and f"{part.name}.{p.port.name}" not in fed],
         )
         component.period = plan.timing.periods[part.path]
         made.callback(component.close)
         components[part.name] = component
     lacking = {part.path: instances[part.name].missing for part in plan.parts}
     forgiven = [f"{path} lacks {', '.join(missing)}" for path, missing in lacking.items() if missing]
-    return Initialised(components, settled, forgiven)
+    lost = [f"{old.path}.{port.variable.name}" for old, part in zip(plan.parts, parts, strict=True)
+            for port in old.outputs if port not in part.outputs]  # fmt: skip
+    return Initialised(replace(plan, parts=tuple(parts), unreadable=tuple(lost)), components, settled, forgiven)
+
+
+def _without_unreadable(part: SystemPart, instance: Instance, fed: Collection[str]) -> SystemPart:
+    """A part without the locals that feed nothing and that its FMU does not return."""
+    kept = []
+    for port in part.outputs:
+        try:
+            if port.variable.causality != "output" and f"{part.name}.{port.port.name}" not in fed:
+                instance.values(port.variable)
+        except ComponentFailed:
+            continue
+        kept.append(port)
+    recorded = sum(port in kept for port in part.outputs[: part.recorded])
+    return replace(part, outputs=tuple(kept), recorded=recorded)
 
 
 def unvarying(plan: SystemPlan) -> str:
@@ -248,7 +278,7 @@ def _varying(
     system.control = lambda loop, y, u: adaptive.Control(system, loop, y, u, tolerance, nominal, direct, moves)
     columns = _columns(plan, system, {name: (name, 0) for name in components})
     columns[adaptive.NAME] = slice(0, len(adaptive.OUTPUTS))
-    return PreparedSystem(system, settled, columns, found, False, forgiven)
+    return PreparedSystem(plan, system, settled, columns, found, False, forgiven)
 
 
 def _moves(port: FmuPort) -> bool:
@@ -512,17 +542,16 @@ def _readable(source: Instance, output: FmuPort, port: FmuPort) -> bool:
 
 
 def _read(instance: Instance, port: FmuPort) -> np.ndarray:
-    return _tried(instance, lambda: instance.read([port.variable]))
+    return instance.read([port.variable])
 
 
 def _write(instance: Instance, port: FmuPort, value: np.ndarray) -> None:
-    _tried(instance, lambda: instance.write([(port.variable, value if port.variable.size > 1 else float(value[0]))]))
-
-
-def _tried(instance: Instance, call: Callable[[], _T]) -> _T:
+    for one in value:
+        if port.variable.unfit(one):
+            what = f"{port.variable.name}, {port.variable.range_phrase}"
+            raise ComponentFailed(f"{instance.label} gets {one:.17g} for {what}, at the start")
     try:
-        return call()
-    # FMPy's FMICallException and whatever is below it
-    except Exception as problem:
-        quoted = f" (it said: {'; '.join(instance.messages)})" if instance.messages else ""
-        raise InputRefused(f"{instance.description.path}: cannot be initialised: {problem}{quoted}") from None
+        instance.write([(port.variable, value if port.variable.size > 1 else float(value[0]))])
+    except ComponentFailed as failure:
+        text = str(failure).removeprefix(f"{instance.label} ")
+        raise InputRefused(f"{instance.description.path}: cannot be initialised: {text}") from None

@@ -4,7 +4,9 @@ Its master hands values over between steps, without converting units: Jacobi.
 """
 
 import math
+import os
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -83,6 +85,7 @@ class _Instances:
         self._files, self._where = files, where
         self._found = dict.fromkeys(self._split(name)[:2] for name in names)
         self.used = {fmu for fmu, _ in self._found}
+        self._same = Counter(instance for _, instance in self._found)
 
     def end(self, text: Any) -> Endpoint:
         """The component and its variable."""
@@ -91,8 +94,8 @@ class _Instances:
 
     def parts(self) -> list[tuple[str, str]]:
         """(component, FMU), in the order of the FMUs."""
-        keys = list(self._files)
-        return [(self._name(*one), one[0]) for one in sorted(self._found, key=lambda one: keys.index(one[0]))]
+        order = {key: number for number, key in enumerate(self._files)}
+        return [(self._name(*one), one[0]) for one in sorted(self._found, key=lambda one: order[one[0]])]
 
     def _split(self, text: Any) -> tuple[str, str, str]:
         match = _NAME.fullmatch(text) if isinstance(text, str) else None
@@ -104,8 +107,7 @@ class _Instances:
 
     def _name(self, fmu: str, instance: str) -> str:
         # two FMUs may have instances of one name
-        twice = sum(name == instance for _, name in self._found) > 1
-        return f"{fmu[1:-1]}_{instance}" if twice else instance
+        return f"{fmu[1:-1]}_{instance}" if self._same[instance] > 1 else instance
 
 
 def _table(content: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
@@ -118,8 +120,12 @@ def _table(content: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
 def _file(file: Path, key: str, source: Any) -> Path:
     if not isinstance(source, str):
         raise InputRefused(f"{file}: {key} = {source!r}; expected the path of an FMU")
-    path = Path(unquote(urlparse(source).path)) if source.startswith("file:") else Path(source)
-    found = next((one for one in (file.parent / path, path) if one.is_file()), None)
+    try:
+        path = Path(unquote(urlparse(source).path)) if source.startswith("file:") else Path(source)
+    except ValueError as problem:
+        raise InputRefused(f"{file}: {key}: '{source}' is no URI: {problem}; expected the path of an FMU") from None
+    # not Path.is_file, which raises for a name that is too long
+    found = next((one for one in (file.parent / path, path) if os.path.isfile(one)), None)
     if found is None:
         raise InputRefused(f"{file}: {key}: no such FMU: {source}")
     return found

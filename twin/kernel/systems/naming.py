@@ -26,12 +26,14 @@ def word(name: str) -> str:
 def distinct(names: Iterable[str]) -> list[str]:
     """`names`, those that have come before with a number."""
     seen: set[str] = set()
+    numbers: dict[str, int] = {}
     found = []
     for name in names:
-        number = 1
+        number = numbers.get(name, 1)
         while (one := name if number == 1 else f"{name}_{number}") in seen:
             number += 1
         seen.add(one)
+        numbers[name] = number + 1
         found.append(one)
     return found
 

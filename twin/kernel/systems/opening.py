@@ -63,7 +63,7 @@ def opened(
             # before anything is loaded: what crashes would leave it
             shutil.rmtree(scratch, ignore_errors=True)
         with coupled(plan, folders, hosts) as made:
-            yield plan, made
+            yield made.plan, made
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 Its master steps all simulators at once and hands values over between steps, without converting units: Jacobi.
 """
 
+import os
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from urllib.parse import unquote, urlparse
@@ -73,12 +74,16 @@ def osp_system(file: Path) -> Package:
 
 
 def _source(file: Path, source: str) -> Path:
-    url = urlparse(source)
+    try:
+        url = urlparse(source)
+    except ValueError as problem:
+        raise InputRefused(f"{file}: source '{source}' is no URI: {problem}; expected an FMU on this machine") from None
     # a drive of Windows is no scheme
     if url.scheme not in ("", "file") and len(url.scheme) > 1:
         raise InputRefused(f"{file}: source '{source}' is not a file; expected an FMU on this machine")
     path = (file.parent / unquote(url.path)) if url.scheme in ("", "file") else Path(source)
-    if not path.is_file():
+    # not Path.is_file, which raises for a name that is too long
+    if not os.path.isfile(path):
         raise InputRefused(f"{file}: source '{source}': no such FMU at {path}")
     return path
 
@@ -159,5 +164,5 @@ class _Wiring:
     def _is_input(self, end: Endpoint) -> bool:
         if end.element not in self._files:
             raise InputRefused(f"{self._where}: no simulator '{end.element}'; it has {', '.join(self._files)}")
-        variable = described(self._files[end.element]).variables.get(end.connector)
+        variable = described(self._files[end.element], lenient=True).variables.get(end.connector)
         return variable is not None and variable.causality == "input"

@@ -3,13 +3,13 @@
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 from twin.kernel.cosim.adaptive import NAME as MASTER
 from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.fmi.description import KIND_NAMES, FmuDescription, Kind, described
+from twin.kernel.fmi.description import KIND_NAMES, NEEDS_TOOL, FmuDescription, Kind, described
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.variable import (
     Setting,
@@ -23,7 +23,7 @@ from twin.kernel.fmi.variable import (
 from twin.kernel.recording.writer import EVENTS
 from twin.kernel.ssp.flat import Assigned, FlatSystem, Hop, Lead
 from twin.kernel.ssp.package import Package
-from twin.kernel.ssp.structure import FMU, Connector, Endpoint
+from twin.kernel.ssp.structure import FMU, REALS, Connector, Endpoint
 from twin.kernel.systems.beside import Beside, Feed
 from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.naming import SINGLE, distinct, distinct_ports, matching, port_of, rank, topic
@@ -82,6 +82,7 @@ class SystemPlan:
         forgiven: offences of files that were let through.
         beside: what takes part beside the FMUs.
         overruled: what `--set` and `--ssv` give to inputs that connections feed.
+        unreadable: locals whose FMU does not return them; they are not recorded.
     """
 
     package: Package
@@ -93,6 +94,7 @@ class SystemPlan:
     forgiven: tuple[str, ...] = ()
     beside: Beside = field(default_factory=Beside)
     overruled: tuple[str, ...] = ()
+    unreadable: tuple[str, ...] = ()
 
     @property
     def scheme(self) -> Scheme:
@@ -178,7 +180,8 @@ def planned(
         raise InputRefused(f"{package.file}: no FMU has an output that is a number; there is nothing to record")
     when = when or timing(package, flat, used, choice)
     ignored = (*flat.ignored, *reader.ignored, *beside.ignored)
-    wires, forgiven = tuple(reader.wires()), tuple(dict.fromkeys(reader.forgiven))
+    offences = [*reader.forgiven, *([f"{package.file.name}: {when.rounded}"] if when.rounded else [])]
+    wires, forgiven = tuple(reader.wires()), tuple(dict.fromkeys(offences))
     return SystemPlan(package, parts, wires, when, choice, ignored, forgiven, beside)
 
 
@@ -226,10 +229,12 @@ class _Planner:
         taken = [EVENTS, *([MASTER] if choice.tolerance is not None else []), *(one.name for one in beside.components)]
         names = distinct([*taken, *(topic(path) for path in flat.components)])[len(taken) :]
         self._names = dict(zip(flat.components, names, strict=True))
-        read = cache(described)
+        read = cache(partial(described, lenient=choice.lenient))
         for path, entry in fmu_sources(package, flat).items():
             stated = flat.components[path].implementation
             plain = self._unbracketed(_of_kind(files[entry], stated, path, choice, read))
+            if plain.needs_tool:
+                self.forgiven.append(f"{plain.path.name}: {plain.tool_note or NEEDS_TOOL}")
             self._given[path] = dict(self._values(path, plain))
             self._descriptions[path] = plain.resized(
                 {name: float(value) for name, value in self._given[path].items() if isinstance(value, (int, float))}
@@ -318,6 +323,10 @@ class _Planner:
         if start.text and start.conversion is None:
             start = SpeltUnit(start.text, conversion(start.text, description.model.unitDefinitions))
         led = way(start, self._hops(assigned.hops or (Hop(),), where), own, self._units, where)
+        for value in values:
+            # what a double would round
+            if isinstance(value, int) and variable.type not in REALS and (why := variable.unfit(value)):
+                raise InputRefused(f"{where} = {value}: {why}")
         numbers = [led.end(float(value)) for value in values]
         return numbers[0] if len(numbers) == 1 else numbers
 

@@ -44,6 +44,6 @@ def single(file: Path) -> Package:
     structure = Structure(
         name,
         SspSystem(name, (SspComponent(name, file.name),)),
-        version=described(file).model.fmiVersion,
+        version=described(file, lenient=True).model.fmiVersion,
     )
     return loose_package(file, structure, {file.name: file}, SINGLE)

@@ -20,7 +20,7 @@ from twin.kernel.cosim.system import System
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import described
-from twin.kernel.fmi.variable import Value, Variable, set_to
+from twin.kernel.fmi.variable import EXACT, Value, Variable, set_to
 from twin.kernel.recording.messages import FIELD_NAME
 from twin.kernel.recording.writer import EVENTS
 from twin.kernel.ssp.package import loose_package
@@ -225,13 +225,16 @@ class Cosimulation:
             found = self._variable(component, variable)
             if found.kind < 0:
                 raise InputRefused(f"{name} is {found.type}; expected a number")
-            values = component.instance.read([found])
+            exact = component.instance.values(found)
+            # this is no signal, so whole numbers of 64 bits stay exact
+            large = any(isinstance(value, int) and abs(value) > EXACT for value in exact)
+            values = np.array(exact, dtype=object if large else float)
         else:
             ports = places(component.outputs)
             if variable not in ports:
                 raise InputRefused(f"{component.name} has no output '{variable}'; {nearest(variable, ports)}")
             values = simulation.outputs(component)[ports[variable]].copy()
-        return float(values[0]) if len(values) == 1 else values
+        return values.tolist()[0] if len(values) == 1 else values
 
     def set(self, name: str, value: Value) -> None:
         """Set "component.variable": before the first step what may be set then, afterwards an input that nothing feeds,

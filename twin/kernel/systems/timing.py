@@ -39,6 +39,7 @@ class Timing(NamedTuple):
         first, ticks: of the run, the first tick and the last one, which gets no step; 0: that is not known.
         stop_source: who says when it ends; "": the system or the user.
         periods: by component, its step in ticks.
+        rounded: what was done to a step of which the run is no whole number; "" if it is one.
     """
 
     tick: float
@@ -47,6 +48,7 @@ class Timing(NamedTuple):
     ticks: int
     stop_source: str
     periods: Mapping[str, int]
+    rounded: str = ""
 
     @property
     def duration(self) -> float:
@@ -91,8 +93,13 @@ def timing(
             f"{package.file}: from {begin:g} to {end:g} s in steps of {length:g} s; expected at least one step, and "
             f"fewer than {MOST_TICKS:g}"
         )
+    rounded = ""
+    count = max(1, round((end - begin) / length))
+    if choice.lenient and abs(count * length - (end - begin)) > CLOSE * length:
+        stated, length = length, (end - begin) / count
+        rounded = f"the step of {1e3 * stated:g} ms rounded to {1e3 * length:g} ms, so that the run is {count} steps"
     first = _whole(begin, length, f"{package.file}: the start at {begin:g} s", "set --start-s or --tick-ms")
-    last = _whole(end, length, f"{package.file}: {end:g} s", "set --stop-s or --tick-ms")
+    last = _whole(end, length, f"{package.file}: {end:g} s", "set --stop-s or --tick-ms, or let --lenient round the step")
     if last <= first:
         raise InputRefused(f"{package.file}: from {begin:g} to {end:g} s, less than a step of {1e3 * length:g} ms")
     periods = dict.fromkeys(descriptions, 1)
@@ -103,7 +110,7 @@ def timing(
             raise InputRefused(
                 f"{where} does not fit a run from {begin:g} to {end:g} s; expected both to be whole multiples of it"
             )
-    return Timing(length, source, first, last, stop_source, periods)
+    return Timing(length, source, first, last, stop_source, periods, rounded)
 
 
 def timing_inside(

@@ -26,7 +26,7 @@ from twin.kernel.settings import numbers
 from twin.kernel.units import NUMBER
 from twin.robot.controller.pid import DriveSpeedIntegrator, DriveSpeedLoop, Gains, Servo
 from twin.robot.drive.contract import COMMANDS, LOAD, OMEGA_M, SHAFT, THETA_M, DriveRotor, Unwrapped
-from twin.robot.drive.mapping import Binding, Wiring, bindings
+from twin.robot.drive.mapping import Binding, Wiring, bindings, split_mapped
 from twin.robot.experiment.schema import Drive, PositionCommand
 
 if TYPE_CHECKING:
@@ -195,7 +195,9 @@ def _of_system(table: Drive) -> DrivePlan:
 def _enclosed(table: Drive) -> "EnclosedSystem":
     from twin.kernel.systems.enclosed import enclosed
 
-    names = [*table.inputs.values(), *table.outputs.values()]
+    mapped = [*table.inputs.values(), *table.outputs.values()]
+    # a variable inside, or one with its unit
+    names = [*mapped, *(split_mapped(name)[0] for name in mapped)]
     system = enclosed(Path(table.fmu or ""), "drive", table.parameters, names)
     refuse_other_file(system.path, system.sha256, table.sha256)
     return system

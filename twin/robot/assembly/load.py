@@ -7,6 +7,7 @@ A shape becomes a way point at every sample of the controller, so the controller
 """
 
 import math
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -256,7 +257,7 @@ def _find_parts(values: dict[str, Any], metadata: Metadata, fmus: Mapping[str, s
             # a recording may come from anybody: it names a file, and no way to one
             path = located(Path(file).name, folder)
             known = isinstance(facts, dict) and isinstance(facts.get("sha256"), str)
-            if not path.is_file() or not known:
+            if not os.path.isfile(path) or not known:
                 raise InputRefused(
                     f"{where}: its {role} {Path(file).name} is not beside it; put it there to run it again"
                 )
@@ -276,7 +277,8 @@ def _path(name: str, where: Path, folder: Path, part: str = "drive") -> str:
     # fmus/ first: a run may lie in a folder that is called like its drive
     for candidate in (f"fmus/{name}", f"fmus/{Path(name).stem}/{name}", f"fmus/parts/{name}", name):
         path = located(candidate, folder)
-        if path.is_file() or (path.exists() and candidate != name):
+        # not Path.is_file, which raises for a name that is too long
+        if os.path.isfile(path) or (os.path.exists(path) and candidate != name):
             return str(path)
     raise InputRefused(f"{where}: its {part} {name} is neither in fmus/ nor beside it; put it there to run it again")
 

@@ -28,7 +28,7 @@ from twin.robot.assembly.drives import is_system, refuse_other_file
 from twin.robot.controller.controller import ESTIMATOR_INPUTS, ESTIMATOR_OUTPUTS, P_REF_B
 from twin.robot.controller.task_controller import TASK_INPUTS, TASK_OUTPUTS
 from twin.robot.drive.contract import Role
-from twin.robot.drive.mapping import Binding, Wiring, filled
+from twin.robot.drive.mapping import Binding, Wiring, filled, split_mapped, with_units
 from twin.robot.experiment.drive_files import StandIn
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.monitor.component import INPUTS as MONITOR_INPUTS
@@ -148,6 +148,8 @@ def sampled_fmu(
     description, settings = _read(file, table, named, parameters, tolerance)
     # an input that has been given a value keeps it
     free = {n: v for n, v in description.variables.items() if v.causality != "input" or n not in parameters}
+    free, (inputs, outputs) = with_units(str(file), free, named)
+    named = inputs, outputs
     fixed = description.variables.keys() - free.keys()
     named = (
         {name: of for name, of in named[0].items() if not {of, *(of if isinstance(of, tuple) else ())} & fixed},
@@ -188,7 +190,7 @@ def _read(
         if tolerance is not None:
             raise InputRefused(f"{file}: [{table}] tolerance: each FMU of an SSP has its own; remove it")
         texts = [of for side in named for one in side.values() for of in (one if isinstance(one, tuple) else (one,))]
-        return enclosed(file, table, parameters, texts), ()
+        return enclosed(file, table, parameters, [*texts, *(split_mapped(text)[0] for text in texts)]), ()
     description = described(file)
     if description.kind != "co_simulation":
         raise InputRefused(f"{file}: model exchange only; a sampled part needs co-simulation, export it for that")

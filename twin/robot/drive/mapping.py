@@ -9,12 +9,12 @@ import difflib
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from twin.kernel.cosim.port import Port
 from twin.kernel.errors import InputRefused
-from twin.kernel.fmi.variable import TURN, Conversion, Variable
-from twin.kernel.units import NUMBER, weight_hint
+from twin.kernel.fmi.variable import TURN, Conversion, Variable, meant
+from twin.kernel.units import NUMBER, known_unit, weight_hint
 from twin.robot.drive.contract import COMMANDS, LOAD, OPTIONAL_INPUTS, TAU_MOTOR, THETA_M, Command, Role, contract
 
 ANGLE_FACTORS = (1.0, TURN / 360.0, TURN)
@@ -156,7 +156,8 @@ class Wiring:
         command: what it is commanded with.
         sign: -1 if the FMU turns the other way.
         gear_ratio: turns of its shaft per turn of the motor shaft theta_m.
-        inputs, outputs: role -> the FMU's variable; "-name" if that one alone counts the other way.
+        inputs, outputs: role -> the FMU's variable; "-name" if that one alone counts the other way, "name[rpm]" if its
+            FMU states no unit.
         rotor: whether the shaft is ours.
     """
 
@@ -204,6 +205,53 @@ class Binding:
         return f"{self.port.name} {arrow} {self.mapped_name}{unit}"
 
 
+_IN_UNIT = re.compile(r"(?P<name>.*\S)\s*\[(?P<unit>[^\[\]]*[^\[\]\d][^\[\]]*)\]")
+
+
+def split_mapped(text: str) -> tuple[str, str]:
+    """Split `speed_cmd[rpm]` of a mapping into the variable's name and its unit, "" without one."""
+    found = _IN_UNIT.fullmatch(text)
+    return (found["name"], found["unit"]) if found else (text, "")
+
+
+def with_units(
+    file: str, variables: Mapping[str, Variable], mappings: Sequence[Mapping[str, Any]]
+) -> tuple[dict[str, Variable], list[dict[str, Any]]]:
+    """Give variables whose FMU states no unit those of the `mappings`, and return the mappings without them.
+
+    A whole name of a variable, as `x[2]`, is no name with a unit. A mapping has a name, or several, by role.
+
+    Raises:
+        InputRefused: a unit is unknown, or the FMU states another one.
+    """
+    known = dict(variables)
+
+    def bare(text: str) -> str:
+        sign = "-" * (text.startswith("-") and text not in known)
+        plain = text[len(sign) :].strip()
+        name, spelled = split_mapped(plain)
+        alike = [n for n in known if n == name or n.startswith(f"{name}[")]
+        if not spelled or plain in known or not alike:
+            return text
+        # what the contract has no name for may be a unit of a log
+        other = known_unit(spelled)
+        read = meant(spelled) or (Conversion(other.dimension._replace(rad=0), other.scale) if other else None)
+        if read is None:
+            raise InputRefused(
+                f"{file}: '{text}': the unit '{spelled}' is unknown; expected one such as rad/s, rpm or N.m"
+            )
+        for n in alike:
+            if known[n].unit and known[n].conversion != read:
+                raise InputRefused(f"{file}: '{text}': '{n}' is in '{known[n].unit}' by its FMU; leave the unit out")
+            known[n] = replace(known[n], unit=spelled, conversion=read)
+        return sign + name
+
+    def entry(of: str | Sequence[str]) -> str | tuple[str, ...]:
+        return bare(of) if isinstance(of, str) else tuple(map(bare, of))
+
+    return known, [{role: entry(of) for role, of in one.items()} for one in mappings]
+
+
 class Choice(NamedTuple):
     """Who plays which role.
 
@@ -229,6 +277,8 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
     Raises:
         InputRefused: unknown role or variable, wrong causality or unit, or a required role with no or several answers.
     """
+    variables, (inputs, outputs) = with_units(file, variables, (wiring.inputs, wiring.outputs))
+    wiring = replace(wiring, inputs=inputs, outputs=outputs)
     roles = contract(wiring.command, wiring.rotor)
     _refuse_unknown_roles(file, wiring, roles, "drive")
     chosen, turned, unsure = choice(file, variables, wiring, roles)

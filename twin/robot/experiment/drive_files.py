@@ -367,7 +367,7 @@ def _with_file(role: str, own: Mapping[str, Any], folder: Path) -> dict[str, Any
     if isinstance(python := table.get("python"), str) and ":" in python:
         file, _, name = python.rpartition(":")
         path = located(file, folder)
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise InputRefused(f'python = "{python}": no file {path}; expected "FILE:CLASS"')
         table["python"] = f"{path.absolute()}:{name}"
     if isinstance(table.get("fmu"), str):

@@ -172,6 +172,11 @@ NEGLIGIBLE_DROOP = RESOLUTION / LOAD_IN_USE
 """rad/s per N m. One encoder count per second of averaging: less than this counts as none."""
 
 
+OFF = 100.0
+"""So many times off the drives of fmus/, a drive's load is likely to be in another unit."""
+DROOP_MOST, STALLS = 0.6, (0.378, 2.94)
+"""Of the drives of fmus/ but the ideal one: largest droop (rad/s per N m), smallest and largest stall torque (N m)."""
+
 Verdict = Literal["ok", "FAIL", "note"]
 
 

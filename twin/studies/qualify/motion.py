@@ -240,14 +240,14 @@ def held_torque(found: float, carries: Callable[[float], bool]) -> float:
     return 0.5 * (low + high)
 
 
-def carried(plan: DrivePlan, load: float) -> bool:
-    """Whether a drive, commanded with the speed in use, still turns when `load` (N m) has been held.
+def carried(plan: DrivePlan, load: float, rate: float = RATE) -> bool:
+    """Whether a drive, commanded with the speed in use, still turns when `load` (N m), grown by `rate`, has been held.
 
     Raises:
         ComponentFailed: the drive failed.
     """
-    t = TICK * np.arange(round((START + load / RATE + HOLD) / TICK))
-    tau_load = np.clip(RATE * (t - START), 0.0, load)
+    t = TICK * np.arange(round((START + load / rate + HOLD) / TICK))
+    tau_load = np.clip(rate * (t - START), 0.0, load)
     return not _stalled(response(plan, np.full(len(t), SPEED_IN_USE), tau_load).theta_m)
 
 

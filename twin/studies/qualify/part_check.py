@@ -1,5 +1,6 @@
 """A third-party part: whether it can take its place in the robot, called with what twin's own gets."""
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -247,7 +248,7 @@ def contracts() -> Result:
 def _absolute(part: str) -> str:
     """`part` as seen from the current folder, if it is there: an experiment looks beside itself."""
     file, colon, name = part.rpartition(":") if ".py:" in part else (part, "", "")
-    return f"{Path(file).absolute()}{colon}{name}" if Path(file).exists() else part
+    return f"{Path(file).absolute()}{colon}{name}" if os.path.exists(file) else part
 
 
 def checked_result(done: Checked) -> Result:

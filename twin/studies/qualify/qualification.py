@@ -1,8 +1,8 @@
 """The qualification run: every check and measure of one drive."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -15,6 +15,7 @@ from twin.kernel.fmi.variable import Setting, Setup, Variable
 from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
 from twin.kernel.process.reporter import Reporter
 from twin.robot.assembly.drives import DrivePlan, belongs, planned
+from twin.robot.drive.contract import LOAD
 from twin.robot.experiment.schema import Drive
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify import motion
@@ -22,10 +23,13 @@ from twin.studies.qualify.bench import Response, response
 from twin.studies.qualify.definitions import (
     AVERAGE,
     CHECKS,
+    DROOP_MOST,
     LOAD_IN_USE,
     LOADED,
     MEASURES,
+    OFF,
     SPEED_IN_USE,
+    STALLS,
     TICK,
     Check,
     Finding,
@@ -35,6 +39,8 @@ from twin.studies.qualify.definitions import (
 )
 from twin.studies.qualify.motion import overload
 
+AT_ONCE = 1e4
+"""N m/s. A load that nobody waits for."""
 JOB = "twin.studies.qualify.qualification:examined"
 TICKS, LONGER = 50, 500
 """Long enough for every sampled loop inside to have come round; and how long a state is looked at."""
@@ -220,12 +226,14 @@ class Qualification:
         plan: the drive.
         checks, measures: all of `definitions.CHECKS` that could be made, and all of `definitions.MEASURES`.
         curves: behind them.
+        doubts: sentences on measures that suggest another unit of the load.
     """
 
     plan: DrivePlan
     checks: tuple[Check, ...]
     measures: tuple[Measure, ...]
     curves: BenchCurves
+    doubts: tuple[str, ...] = ()
 
     @property
     def failed(self) -> tuple[str, ...]:
@@ -264,7 +272,7 @@ class Qualification:
                 measure.name: {"value": measure.value, "remark": measure.remark, **MEASURES[measure.name]._asdict()}
                 for measure in self.measures
             },
-            "warnings": self.plan.warnings(),
+            "warnings": [*self.plan.warnings(), *self.doubts],
         }
 
 
@@ -296,7 +304,31 @@ def qualified(table: Drive, apart: bool = False) -> Qualification:
             attempts.findings.append(motion.bandwidth(*swept, steady_gain))
         if stalled:
             attempts.found(lambda: [motion.stall_torque(plan, stalled)])
-        return _judged(plan, attempts, BenchCurves(cycle, stalled, *(swept or ())))
+        done = _judged(plan, attempts, BenchCurves(cycle, stalled, *(swept or ())))
+        return replace(done, doubts=tuple(attempts.made(lambda: list(_unit_doubts(done))) or ()))
+
+
+def _unit_doubts(done: Qualification) -> Iterator[str]:
+    """Sentences on droop and stall torque that are not of the size of a drive's: its load may be in another unit.
+
+    Raises:
+        ComponentFailed: the drive failed under a load that was held.
+    """
+    load = next((b for b in done.plan.bindings if b.port.name == LOAD.port.name), None)
+    if load is None:
+        return
+    unit = f"in {load.variable.unit}" if load.variable.unit else "without a unit"
+    cure = f'; if it is in N mm, map {LOAD.port.name} = "{load.mapped_name}[N.mm]"'
+    droop, stall = done.value("droop"), done.value("stall_torque")
+    if droop is not None and abs(droop) > OFF * DROOP_MOST:
+        most = f"of the drives of fmus/ at most {DROOP_MOST:g}"
+        yield f"its droop is {droop:.3g} rad/s per N m, {most}; its load is {unit}{cure}"
+    if stall is not None and stall < STALLS[0] / OFF:
+        yield f"it stalls at {stall:.3g} N m, the drives of fmus/ from {STALLS[0]:g} N m on; its load is {unit}{cure}"
+    heavy, known = OFF * STALLS[1], done.curves.overload is not None and not load.variable.unit
+    if stall is None and known and motion.carried(done.plan, heavy, AT_ONCE):
+        most = f"the drives of fmus/ stall by {STALLS[1]:g} N m"
+        yield f"it turns against {heavy:g} N m, {most}; its load is {unit}{cure}"
 
 
 class Attempts:

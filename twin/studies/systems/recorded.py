@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
@@ -27,6 +28,7 @@ from twin.kernel.process.states import (
 from twin.kernel.recording.folder import RECORDING, claim_run_folder, create_run_folder, recording_in
 from twin.kernel.recording.recorder import BLOCK_TICKS, Recorder, versions
 from twin.kernel.recording.writer import Writer
+from twin.kernel.ssp.package import Package
 from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.coupling import Host, PreparedSystem, unvarying
@@ -35,7 +37,8 @@ from twin.kernel.systems.plan import SystemPart, SystemPlan
 from twin.kernel.systems.reading import read_system
 from twin.kernel.systems.topics import streams
 from twin.kernel.writing import made_folder, write_bytes, write_json
-from twin.studies.result import Result, counted, note, some
+from twin.studies.result import Note, Result, counted, note, some
+from twin.studies.systems.joined import joined
 
 MOST = 6
 """The most rows of a list in the text; JSON has all."""
@@ -95,6 +98,7 @@ def facts(
         "kept": unfed,
         "ignored": list(plan.ignored),
         "overruled": list(plan.overruled),
+        "unreadable": list(plan.unreadable),
         "without_effect": list(_without_effect(plan, made, state_every)),
         "steps": _steps(plan, done),
         "settled": made.settled,
@@ -171,6 +175,7 @@ def system_result(came: Mapping[str, Any]) -> Result:
         *([note("not fed", some(unfed, MOST), True)] if unfed else []),
         *([note("ignored", ignored, True)] if came["ignored"] else []),
         *([note("overruled", f"{some(came['overruled'], MOST)}, by connections", True)] if came["overruled"] else []),
+        *([note("unreadable", some(came["unreadable"], MOST), True)] if came["unreadable"] else []),
         *(note("no effect", sentence, True) for sentence in came["without_effect"]),
         *(note("unsaid", sentence) for sentence in came["unsaid"]),
         *([] if came["settled"] else [note("start", UNSETTLED)]),
@@ -261,18 +266,19 @@ def recorded_system(
         NotWritten: the disk is full; likewise.
     """
     reporter.loading()
+    # before an FMU is loaded, which may change the working directory
+    here = Path.cwd()
     package, state = read_system(system), _state(start_from)
     with (
         elsewhere(choice.remote, limit_step) as hosts,
         opened(package, choice, compiled, additions, hosts=hosts) as (plan, made),
     ):
-        folder = _folder(package.file, out)
-        # absolute: an FMU may change the working directory
-        path = folder.absolute() / RECORDING
+        folder = _folder(package.file, here, out)
+        path = here / folder / RECORDING
         reporter.note(experiment=package.file.stem, folder=str(path.parent), duration=plan.timing.duration)
         done, events, writing = _recorded(plan, made, path, reporter, state_every, state)
         came = facts(plan, made, done, events, writing, folder / RECORDING, state_every)
-    write_json(folder / SUMMARY, came)
+    write_json(here / folder / SUMMARY, came)
     return system_result(came)
 
 
@@ -292,8 +298,6 @@ def written_system(
         InputRefused: the system cannot be run, SSP has no word for what is asked, or the file is there already.
         NotWritten: the disk refuses.
     """
-    from twin.kernel.systems.to_ssp import ssp_of
-
     for option, asked in (
         ("--record", additions.recorded),
         ("--solver", choice.solver),
@@ -304,13 +308,7 @@ def written_system(
         if asked:
             raise InputRefused(f"{option}: an SSP archive has no word for it; choose when it is run")
     package = read_system(system)
-    file = out or Path(f"{package.structure.system.name}.ssp")
-    if file.exists():
-        raise InputRefused(f"{file}: is there already; name another file with --out")
-    with drawn_up(package, choice, compiled, additions) as plan:
-        content = ssp_of(plan)
-    made_folder(file.parent)
-    write_bytes(file, content)
+    plan, file = write_ssp(package, choice, out, compiled, additions)
     rows = [
         note(
             "system",
@@ -320,6 +318,43 @@ def written_system(
     rows += [note("unsaid", sentence) for sentence in package.unsaid]
     found = {"system": str(package.file), "unsaid": list(package.unsaid), "ssp": str(file)}
     return Result(f"{package.file.stem} written as SSP 1.0", rows, found, {"ssp": str(file)})
+
+
+def write_ssp(
+    package: Package, choice: MasterChoice, out: Path | None, compiled: bool, additions: Additions
+) -> tuple[SystemPlan, Path]:
+    """Write a system as an SSP archive and return its plan and the file; see `written_system`."""
+    from twin.kernel.systems.to_ssp import ssp_of
+
+    file = out or Path(f"{package.structure.system.name}.ssp")
+    if os.path.exists(file):
+        raise InputRefused(f"{file}: is there already; run it, or name another file with --out")
+    with drawn_up(package, choice, compiled, additions) as plan:
+        content = ssp_of(plan)
+    made_folder(file.parent)
+    write_bytes(file, content)
+    return plan, file
+
+
+def joined_system(
+    fmus: Sequence[Path], choice: MasterChoice, out: Path | None, compiled: bool
+) -> tuple[Path, list[Note]]:
+    """Write the system of several FMUs, with guessed wires, as an SSP archive in this folder, or at `out`.
+
+    Returns:
+        The archive, and what there is to say of its wires.
+
+    Raises:
+        InputRefused: see `joined` and `written_system`.
+    """
+    package, doubtful = joined(fmus, choice.lenient)
+    _, file = write_ssp(package, choice, out, compiled, Additions())
+    wires = [f"{'.'.join(one.start)} -> {'.'.join(one.end)}" for one in package.structure.system.connections]
+    left = [f"{one.source} -> {one.target}" for one in doubtful]
+    return file, [
+        note("wires", f"guessed from names and units: {', '.join(wires)}", True),
+        *([note("in doubt", f"left out: {some(left, MOST)}", True)] if left else []),
+    ]
 
 
 @contextmanager
@@ -338,8 +373,12 @@ def elsewhere(remote: Mapping[str, str], limit: float) -> Iterator[Mapping[str, 
         yield hosts
 
 
-def _folder(file: Path, out: Path | None) -> Path:
-    return claim_run_folder(out) if out else create_run_folder(HOME, file.stem, datetime.now())
+def _folder(file: Path, here: Path, out: Path | None) -> Path:
+    """The run's folder, made in the folder `here` and named as seen from there."""
+    if out:
+        claim_run_folder(here / out)
+        return out
+    return create_run_folder(here / HOME, file.stem, datetime.now()).relative_to(here)
 
 
 def _state(start_from: str | None) -> StoredState | None:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -63,9 +64,13 @@ def _check_writing(asked: Asked) -> None:
 
 @study(isolated=True, limited=True, before=[_check_times, _check_master, _check_writing])
 def cosim(
-    system: Annotated[
-        Path,
-        Argument("An SSP archive (1.0, 2.0), an FMU, an OspSystemStructure.xml, or a multi-model (JSON).", "SYSTEM"),
+    systems: Annotated[
+        Sequence[Path],
+        Argument(
+            "An SSP archive (1.0, 2.0), an FMU, an OspSystemStructure.xml, or a multi-model (JSON). Several FMUs are "
+            "joined by guessed wires.",
+            "SYSTEM",
+        ),
     ],
     reporter: "Reporter",
     settings: Annotated[
@@ -120,7 +125,10 @@ def cosim(
     order: Annotated[str, Option("Components that step first; the others follow.", "A,B")] = "",
     lenient: Annotated[
         bool,
-        Option("Let through, and list: enumerations by number, units in brackets, missing functions."),
+        Option(
+            "Let through, and list: enumerations by number, units in brackets, missing functions, FMUs that need their "
+            "tool; round a step that does not divide the run."
+        ),
     ] = False,
     remote: Annotated[
         Sequence[str],
@@ -143,6 +151,9 @@ def cosim(
 ) -> Result:
     """Run one FMU, or a system of FMUs (SSP), and record the outputs of each.
 
+    Of several FMUs it writes a system, NAME_NAME.ssp, with wires guessed from
+    names and units, and runs that.
+
     Exit code: 0 done, 2 input refused, 3 a component failed while running
     (error, crash, hang), 130 interrupted, 143 terminated.
 
@@ -153,9 +164,16 @@ def cosim(
     """
     from twin.kernel.systems.additions import Additions
     from twin.kernel.systems.choice import chosen
-    from twin.studies.systems.recorded import recorded_system, written_system
+    from twin.studies.result import Note
+    from twin.studies.systems.recorded import joined_system, recorded_system, written_system
 
     choice, added = chosen(locals()), Additions(settings, parameters, inputs, records)
+    (system, *others), wires = systems, list[Note]()
+    if others:
+        system, wires = joined_system(systems, choice, out if to is not None else None, compiled)
+        if to is not None:
+            return Result(f"{system.stem} written as SSP 1.0", wires, {"ssp": str(system)}, {"ssp": str(system)})
     if to is not None:
         return written_system(system, choice, out, compiled, added)
-    return recorded_system(reporter, system, choice, out, compiled, state_every_s, start_from, added, limit_step)
+    done = recorded_system(reporter, system, choice, out, compiled, state_every_s, start_from, added, limit_step)
+    return replace(done, body=[*wires, *done.body], files={"system": system, **done.files}) if others else done

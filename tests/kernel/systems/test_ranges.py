@@ -1,0 +1,201 @@
+"""A value reaches a variable as it was given, or it is refused by name: every type, every way in."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, example, given, settings
+from hypothesis import strategies as st
+
+from tests.kernel.fmi.odd import FMI2, FMI3, RANGES, odd_fmu
+from twin.kernel.cosim.port import Port
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.systems.additions import Additions
+from twin.kernel.systems.choice import MasterChoice
+from twin.kernel.systems.opening import opened
+from twin.kernel.systems.reading import read_system
+from twin.kernel.systems.session import Cosimulation
+
+REALS = ("Real", "Float64", "Float32")
+TYPES = (*(one for one in FMI2 if one != "Boolean"), *(one for one in FMI3 if one != "Boolean"))
+STOP = 0.3
+
+
+class Value:
+    """A component in Python that gives a value from its second step on, first 1."""
+
+    inputs, outputs, sampled = (), (Port("y"),), True
+
+    def __init__(self, value: float):
+        self.value = value
+
+    def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:
+        y[0] = self.value if t > 0.05 else 1.0
+
+
+def one_fmu(fmu: Path, **more: list) -> float | int:
+    """What out_TYPE is at the end of a run of that FMU alone."""
+    name = next(v for v in (f"out_{one}" for one in TYPES) if v.encode() in _description(fmu))
+    with opened(read_system(fmu), MasterChoice(stop=STOP), additions=Additions(**more)) as (plan, made):
+        rows = Simulation(made.system, plan.timing.ticks).run()
+        return float(rows[-1, made.system.columns(f"{plan.parts[0].name}.{name}")][0])
+
+
+def _description(fmu: Path) -> bytes:
+    import zipfile
+
+    with zipfile.ZipFile(fmu) as archive:
+        return archive.read("modelDescription.xml")
+
+
+def by_set(fmu: Path, name: str, value: float) -> float:
+    return one_fmu(fmu, settings=[f"in_{name}={value!r}"])
+
+
+def by_ssv(fmu: Path, name: str, value: float) -> float:
+    kind = "Integer" if isinstance(value, int) else "Real"
+    file = fmu.with_suffix(".ssv")
+    file.write_text(
+        '<ssv:ParameterSet xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues" version="1.0" '
+        f'name="x"><ssv:Parameters><ssv:Parameter name="in_{name}"><ssv:{kind} value="{value!r}"/></ssv:Parameter>'
+        "</ssv:Parameters></ssv:ParameterSet>"
+    )
+    return one_fmu(fmu, parameters=[file])
+
+
+def by_input(fmu: Path, name: str, value: float) -> float:
+    return one_fmu(fmu, inputs=[f"in_{name}=1 - step(0.1) + {value!r} * step(0.1)"])
+
+
+def by_wire(fmu: Path, name: str, value: float) -> float:
+    """From an FMU whose output has the value, of the widest type that may be connected."""
+    source = "Float64" if name in REALS else "Int64"
+    start = odd_fmu(fmu.with_name(f"source_{source}.fmu"), types=[source])
+    with Cosimulation(0.1, STOP) as made:
+        made.load("a", start, **{f"in_{source}": 1})
+        made.load("b", fmu)
+        made.wire(f"a.out_{source}", f"b.in_{name}")
+        made.step()
+        made.set(f"a.in_{source}", value)
+        made.step(2)
+        return made.get(f"b.out_{name}")
+
+
+def by_component(fmu: Path, name: str, value: float) -> float:
+    with Cosimulation(0.1, STOP) as made:
+        made.add("a", Value(float(value)))
+        made.load("b", fmu)
+        made.wire("a.y", f"b.in_{name}")
+        made.run()
+        return made.get(f"b.out_{name}")
+
+
+def by_start(fmu: Path, name: str, value: float) -> float:
+    with Cosimulation(0.1, STOP) as made:
+        made.load("b", fmu, **{f"in_{name}": value})
+        made.run()
+        return made.get(f"b.out_{name}")
+
+
+def by_python(fmu: Path, name: str, value: float) -> float:
+    with Cosimulation(0.1, STOP) as made:
+        made.load("b", fmu)
+        made.step()
+        made.set(f"b.in_{name}", value)
+        made.step()
+        return made.get(f"b.out_{name}")
+
+
+WAYS: dict[str, Callable[[Path, str, float], float]] = {
+    "--set": by_set, "SSV": by_ssv, "--input": by_input, "wire": by_wire, "component": by_component, "start": by_start,
+    "Python": by_python,
+}  # fmt: skip
+EDGES = sorted({edge + d for pair in RANGES.values() for edge in pair for d in (-1, 0, 1)} | {3 * 10**9, 2**60, 2**64})
+NUMBERS = st.one_of(
+    st.sampled_from(EDGES),
+    st.integers(-(2**65), 2**65),
+    st.sampled_from([math.nan, math.inf, -math.inf, 1e39, -1e300, 2.0**53, 3.5e38]),
+)
+
+
+def fits(name: str, value: float) -> bool:
+    if name in REALS:
+        most = float(np.finfo(np.float32).max) if name == "Float32" else math.inf
+        return math.isfinite(value) and abs(value) <= most
+    low, high = RANGES["Integer" if name == "Enumeration" else name]
+    return low <= value <= high
+
+
+@pytest.fixture(scope="module")
+def fmus(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("odd")
+    return {one: odd_fmu(folder / f"{one}.fmu", types=[one]) for one in TYPES}
+
+
+@pytest.mark.parametrize("way", WAYS)
+@settings(max_examples=20, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(name=st.sampled_from(TYPES), value=NUMBERS)
+@example(name="Integer", value=3 * 10**9)
+@example(name="UInt8", value=300)
+@example(name="UInt8", value=-1)
+@example(name="Int64", value=2**53)
+@example(name="Int64", value=2**53 + 1)
+@example(name="Float32", value=1e39)
+@example(name="Float64", value=math.nan)
+def test_a_value_arrives_as_it_was_given_or_is_refused_by_name(
+    way: str, name: str, value: float, fmus: dict[str, Path]
+):
+    if name == "Enumeration" and way != "wire" and way != "component" and way != "--input":
+        # only its items can be set
+        possible = value in (1, 2, 3)
+    else:
+        possible = fits(name, value)
+    if way == "component":
+        # a signal of Python is a double
+        value = float(value)
+        possible = fits(name, value)
+    if name not in REALS and way == "--input" and abs(value) >= 2**53:
+        # a constant in an expression may have been rounded
+        possible = False
+    try:
+        came = WAYS[way](fmus[name], name, value)
+    except (InputRefused, ComponentFailed) as refusal:
+        assert not possible, refusal
+        assert (
+            f"in_{name}" in str(refusal)
+            or (way in ("wire", "component") and "Int64" in str(refusal))
+            or (way in ("wire", "component", "--input") and ("returned" in str(refusal) or "finite" in str(refusal)))
+        )
+    else:
+        assert possible, came
+        assert came == (float(np.float32(value)) if name == "Float32" else float(value) if name in REALS else value)
+
+
+@pytest.mark.parametrize(("given", "arrives"), [(2.6, 3), (-2.6, -3), (0.4, 0)])
+def test_what_is_not_whole_is_rounded_on_its_way_into_an_integer(given: float, arrives: int, fmus: dict[str, Path]):
+    assert by_component(fmus["Integer"], "Integer", given) == arrives
+
+
+@pytest.mark.parametrize("name", ["Int64", "UInt64"])
+def test_a_whole_number_beyond_what_a_double_holds_ends_the_run_by_name_and_is_exact_in_python(
+    name: str, tmp_path: Path
+):
+    more = f'<{name} name="large" valueReference="64" causality="local" variability="discrete"/>'
+    fmu = odd_fmu(tmp_path / "x.fmu", types=[name], more=more)
+    value = 2**50 + 1
+    with Cosimulation(0.1, STOP) as made:
+        made.load("x", fmu, **{f"in_{name}": value})
+        made.step()
+        assert made.get("x.large") == 1024 * value
+    with (
+        opened(read_system(fmu), additions=Additions([f"in_{name}=1"], recorded=["large"])) as (plan, made),
+        pytest.raises(ComponentFailed, match=rf"x.fmu \(x\) returned {2**61 + 1024} for large \({name}\)"),
+    ):
+        simulation = Simulation(made.system, plan.timing.ticks)
+        simulation.advance(1)
+        part = made.system.components[0]
+        part.instance.write([(part.instance.description.variables[f"in_{name}"], 2.0**51 + 1.0)])
+        simulation.run()
