@@ -3,8 +3,11 @@
 
 def main() -> None:
     """Entry point; ends the process with the exit code of what happened."""
+    import os
     import sys
 
+    # a notebook exports a backend that may be missing here; pictures are written without one
+    os.environ["MPLBACKEND"] = "agg"
     from twin.kernel.process.job import interruption, keep_interrupts, terminable
 
     keep_interrupts()
@@ -20,3 +23,9 @@ def main() -> None:
         code, word = interruption()
         print(word, file=sys.stderr)
         sys.exit(code)
+    except Exception:
+        # before a command is read, such as of a broken installation; `twin.cli.line` reports all others
+        from twin.kernel.errors import InternalError, internal_error
+
+        print(internal_error(), file=sys.stderr)
+        sys.exit(InternalError.exit_code)
