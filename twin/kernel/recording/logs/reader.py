@@ -1,8 +1,10 @@
 """Reading a log, whatever kind of file it is."""
 
+import math
 import os
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from enum import Enum, auto
 from pathlib import Path
@@ -18,17 +20,26 @@ from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
 from twin.kernel.recording.logs.topics import MAGIC, read_mcap, written_by_twin
 from twin.kernel.recording.reader import Recording, read
 
+WHOLE = (-math.inf, math.inf)
+"""The part that is all of a log."""
 WALL_CLOCK = 1e8
 """Later than three years (s) no log starts; such a time counts from 1970."""
 
 
-def read_log(path: str | Path, columns: Mapping[str, MappedColumn] | None = None) -> Log:
+def read_log(
+    path: str | Path,
+    columns: Mapping[str, MappedColumn] | None = None,
+    part: tuple[float, float] = WHOLE,
+    known: Mapping[str, str] | None = None,
+) -> Log:
     """The log in `path`.
 
     Args:
         path: a recording of twin (its file, its run's folder, results/EXPERIMENT), another MCAP file, a
             bag of ROS 2 (its folder or one of its files), or a CSV file.
         columns: by signal, from `column_map`; a recording of twin has names and units of its own and heeds none.
+        part: start and end (s) of the part to read, by the log's time; times of a wall clock count from its first one.
+        known: unit by name of signals that a CSV file's names may mean, see `read_csv`.
 
     Raises:
         LogRefused, RecordingRefused: missing, empty, damaged, foreign without a map, or of columns that are wrong.
@@ -36,12 +47,14 @@ def read_log(path: str | Path, columns: Mapping[str, MappedColumn] | None = None
     path = Path(path)
     match kind_of(path):
         case LogKind.RECORDING:
-            return recorded(read(recording_in(path)))
+            return _cut(recorded(read(recording_in(path))), part)
         case LogKind.BAG:
-            return _finished(read_bag(path, columns or {}))
+            log = read_bag(path, columns or {})
         case LogKind.MCAP:
-            return _finished(read_mcap(path, columns or {}))
-    return _finished(read_csv(path, columns or {}))
+            log = read_mcap(path, columns or {})
+        case LogKind.CSV:
+            log = read_csv(path, columns or {}, known)
+    return _finished(log, part)
 
 
 class LogKind(Enum):
@@ -107,23 +120,44 @@ def recorded(recording: Recording) -> Log:
     return Log(recording.path, series, (*filter(None, [recording.note]), *recording.deviations))
 
 
-def _finished(log: Log) -> Log:
-    """`log` with times of a wall clock counted from its first sample, and notes on missing samples."""
+def _cut(log: Log, part: tuple[float, float]) -> Log:
+    """The `part` of `log`; series with fewer than two samples in it are left out.
+
+    Raises:
+        LogRefused: no series has samples in it.
+    """
+    start, end = part
+    if part == WHOLE:
+        return log
+    if not start < end:
+        raise LogRefused(f"{log.path}: from {start:g} to {end:g} s: expected a start before the end")
+    series = {name: found for name, one in log.series.items() if len((found := one.between(start, end)).t) > 1}
+    if not series:
+        first, last = (f(float(one.t[k]) for one in log.series.values()) for f, k in ((min, 0), (max, -1)))
+        raise LogRefused(f"{log.path}: no samples from {start:g} to {end:g} s; it has {first:g} to {last:g} s")
+    return replace(log, series=series)
+
+
+def _finished(log: Log, part: tuple[float, float]) -> Log:
+    """The `part` of `log` with times of a wall clock counted from its first sample, and notes on missing samples."""
     notes = list(log.notes)
     series = log.series
     start = min(float(one.t[0]) for one in series.values())
     if start > WALL_CLOCK:
         # one array for all that share one, so that they still do
         shifted = {id(one.t): one.t - start for one in series.values()}
-        series = {name: LogSeries(shifted[id(one.t)], one.values, one.unit) for name, one in series.items()}
+        series = {name: replace(one, t=shifted[id(one.t)]) for name, one in series.items()}
         notes.append(f"times of a clock: they count from its {start:.3f} s, {_date(start)}")
+    series = _cut(replace(log, series=series), part).series
     missing: dict[str, list[str]] = {}
     for name, one in series.items():
-        if one.sampling.note:
-            missing.setdefault(one.sampling.note, []).append(name)
+        invalid = f"{one.invalid} of {len(one.t) + one.invalid} samples are not a number and are left out"
+        for note in (invalid if one.invalid else "", one.sampling.note):
+            if note:
+                missing.setdefault(note, []).append(name)
     for note, names in missing.items():
         notes.append(note if len(names) == len(series) else f"{', '.join(names)}: {note}")
-    return Log(log.path, series, tuple(notes), log.comments)
+    return replace(log, series=series, notes=tuple(notes))
 
 
 def _date(seconds: float) -> str:
