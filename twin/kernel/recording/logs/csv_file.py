@@ -15,7 +15,7 @@ import os
 import re
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain, islice
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -56,7 +56,8 @@ class WrongFields:
     Attributes:
         count: number of these fields.
         line, text: the first field with other text than `INVALID`, else the first field.
-        empty, invalid: number of empty fields, and of fields with NaN, infinity or another word of `INVALID`.
+        empty: number of empty fields.
+        invalid: line of each field with NaN, infinity or a word of `INVALID`.
         commas: whether a field is a number with a decimal comma.
     """
 
@@ -64,13 +65,13 @@ class WrongFields:
     line: int = 0
     text: str = ""
     empty: int = 0
-    invalid: int = 0
+    invalid: "array[int]" = field(default_factory=lambda: array("q"))
     commas: bool = False
 
     @property
     def texts(self) -> int:
         """Number of fields with any other text."""
-        return self.count - self.empty - self.invalid
+        return self.count - self.empty - len(self.invalid)
 
     def add(self, line: int, text: str) -> None:
         """Count one."""
@@ -79,7 +80,8 @@ class WrongFields:
             self.line, self.text = line, text
         self.count += 1
         self.empty += empty
-        self.invalid += invalid
+        if invalid:
+            self.invalid.append(line)
         self.commas |= bool(DECIMAL_COMMA.fullmatch(text))
 
 
@@ -160,7 +162,7 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
         if name == TIME:
             continue
         try:
-            values, factor, invalid = _values(table, column)
+            values, factor = _values(table, column)
             if not len(t):
                 continue
             values = column.sign * factor.in_si(values[rows])
@@ -170,6 +172,8 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
                 raise LogRefused(f"{path}: column '{column.name}' has {some}, expected at least 2")
             # columns of the same rows share their times
             own = (t, values) if np.all(use) else (t[use], values[use])
+            wrong = table.mistakes(column.name)
+            invalid = t[np.isin(table.lines[rows], wrong.invalid)] if wrong else t[:0]
             series[name] = LogSeries(*own, factor.si, invalid)
         except LogRefused as problem:
             if columns:
@@ -435,8 +439,8 @@ def heading(name: str, of_unit: str) -> str:
     return f"'{visible(name)}" if name.startswith(FORMULA) else visible(name)
 
 
-def _values(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64], Unit, int]:
-    """Numbers of a column (n,), NaN where it has no sample, its unit, and the number of invalid samples."""
+def _values(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64], Unit]:
+    """Numbers of a column (n,), not finite where it has no sample, and its unit."""
     factor = _unit_of(table.path, column)
     values = table.column(column.name)
     wrong = table.mistakes(column.name)
@@ -447,7 +451,7 @@ def _values(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64],
             f"{table.path} line {wrong.line}: column '{column.name}' holds '{wrong.text}', expected a number"
             f"{others}{hint}"
         )
-    return values, factor, wrong.invalid if wrong else 0
+    return values, factor
 
 
 def _times(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -462,7 +466,7 @@ def _times(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64], 
     if factor.dimension != _TIME_DIMENSION:
         what = f"unit '{column.unit}'" if column.unit else "no unit"
         raise LogRefused(f"{table.path}: time column '{column.name}' has {what}; expected s, ms, us, ns or min")
-    values, factor, _ = _values(table, column)
+    values, factor = _values(table, column)
     rows = np.isfinite(values)
     t = column.sign * factor.in_si(values[rows])
     if len(t) < 2:

@@ -87,13 +87,13 @@ class LogSeries:
         t: times of the samples, s, strictly ascending, (n,).
         values: in `unit`, (n,), or (n, k) from `Log.vector`.
         unit: SI, as recordings write it: `N`, `rad/s`, `1`.
-        invalid: number of further samples that were NaN, null or infinite.
+        invalid: times (s) of further samples, which were NaN, null or infinite, ascending.
     """
 
     t: NDArray[np.float64]
     values: NDArray[np.float64]
     unit: str
-    invalid: int = 0
+    invalid: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     @cached_property
     def sampling(self) -> Sampling:
@@ -103,7 +103,26 @@ class LogSeries:
     def between(self, start: float, end: float) -> "LogSeries":
         """The samples from `start` to `end` (s)."""
         use = (self.t >= start) & (self.t <= end)
-        return self if np.all(use) else LogSeries(self.t[use], self.values[use], self.unit, self.invalid)
+        invalid = self.invalid[(self.invalid >= start) & (self.invalid <= end)]
+        return self if np.all(use) else LogSeries(self.t[use], self.values[use], self.unit, invalid)
+
+
+def refuse_invalid(path: Path, name: str, invalid: int, samples: int) -> None:
+    """Check the share of invalid samples of a needed signal.
+
+    Args:
+        path: log.
+        name: signal.
+        invalid, samples: number of invalid samples, and of all.
+
+    Raises:
+        LogRefused: more than `MAX_INVALID` of them are invalid.
+    """
+    if invalid > MAX_INVALID * samples:
+        raise LogRefused(
+            f"{path}: {invalid} of {samples} samples of {name} are NaN, null or infinite, expected at most "
+            f"{MAX_INVALID:.0%}; repair the recorder, or choose a sound part with --from-s and --to-s"
+        )
 
 
 def rows_of(parts: Sequence[LogSeries]) -> LogSeries:
@@ -113,8 +132,10 @@ def rows_of(parts: Sequence[LogSeries]) -> LogSeries:
     if they are less than half a period apart. A time at which one of the series has no sample has no row.
     """
     t = parts[0].t
+    reach = 0.5 * float(np.median(np.diff(t)))
+    invalid = np.unique(np.concatenate([part.invalid for part in parts]))
+    invalid = invalid[np.diff(invalid, prepend=-np.inf) > reach]
     if any(len(part.t) != len(t) or np.any(part.t != t) for part in parts):
-        reach = 0.5 * float(np.median(np.diff(t)))
         places = np.stack([_nearest_index(part.t, t) for part in parts], axis=1)
         apart = np.stack([np.abs(part.t[k] - t) for part, k in zip(parts, places.T, strict=True)], axis=1)
         # of two times that are nearest to one sample only the nearer one has it
@@ -124,7 +145,7 @@ def rows_of(parts: Sequence[LogSeries]) -> LogSeries:
         t = t[rows]
     else:
         values = [part.values for part in parts]
-    return LogSeries(t, np.column_stack(values), parts[0].unit, max(part.invalid for part in parts))
+    return LogSeries(t, np.column_stack(values), parts[0].unit, invalid)
 
 
 def _nearest_index(of: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.intp]:

@@ -146,13 +146,16 @@ def _finished(log: Log, part: tuple[float, float]) -> Log:
     if start > WALL_CLOCK:
         # one array for all that share one, so that they still do
         shifted = {id(one.t): one.t - start for one in series.values()}
-        series = {name: replace(one, t=shifted[id(one.t)]) for name, one in series.items()}
+        series = {
+            name: replace(one, t=shifted[id(one.t)], invalid=one.invalid - start) for name, one in series.items()
+        }
         notes.append(f"times of a clock: they count from its {start:.3f} s, {_date(start)}")
     series = _cut(replace(log, series=series), part).series
     missing: dict[str, list[str]] = {}
     for name, one in series.items():
-        invalid = f"{one.invalid} of {len(one.t) + one.invalid} samples are not a number and are left out"
-        for note in (invalid if one.invalid else "", one.sampling.note):
+        few = len(one.invalid)
+        invalid = f"{few} of {len(one.t) + few} samples are not a number and are left out" if few else ""
+        for note in (invalid, one.sampling.note):
             if note:
                 missing.setdefault(note, []).append(name)
     for note, names in missing.items():
