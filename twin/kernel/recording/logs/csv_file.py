@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from twin.kernel.errors import nearest, visible
 from twin.kernel.files import foreign_kind, open_regular
 from twin.kernel.recording.logs.column_map import TIME, TIME_NAMES, MappedColumn, split_unit, unit
-from twin.kernel.recording.logs.log import LARGEST, Log, LogRefused, LogSeries
+from twin.kernel.recording.logs.log import LARGEST, Log, LogRefused, LogSeries, NoNumbers
 from twin.kernel.units import FORCE, Dimension, Unit, known_unit
 from twin.kernel.writing import write_text
 
@@ -169,14 +169,14 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
             use = np.isfinite(values)
             if np.sum(use) < 2:
                 some = "1 number" if np.any(use) else "no numbers"
-                raise LogRefused(f"{path}: column '{column.name}' has {some}, expected at least 2")
+                raise NoNumbers(f"{path}: column '{column.name}' has {some}, expected at least 2")
             # columns of the same rows share their times
             own = (t, values) if np.all(use) else (t[use], values[use])
             wrong = table.mistakes(column.name)
             invalid = t[np.isin(table.lines[rows], wrong.invalid)] if wrong else t[:0]
             series[name] = LogSeries(*own, factor.si, invalid)
         except LogRefused as problem:
-            if columns:
+            if columns and not isinstance(problem, NoNumbers):
                 mistakes.append(str(problem))
             else:
                 left_out[name] = str(problem)

@@ -29,6 +29,10 @@ class LogRefused(InputRefused):
     """A log or its column map cannot be used: which file, where in it, what was found, what was expected."""
 
 
+class NoNumbers(LogRefused):
+    """A signal is in the log, but with fewer than two numbers."""
+
+
 class Sampling(NamedTuple):
     """How a series is sampled.
 
