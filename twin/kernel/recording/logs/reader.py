@@ -20,8 +20,6 @@ from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
 from twin.kernel.recording.logs.topics import MAGIC, read_mcap, written_by_twin
 from twin.kernel.recording.reader import Recording, read
 
-WHOLE = (-math.inf, math.inf)
-"""The part that is all of a log."""
 WALL_CLOCK = 1e8
 """Later than three years (s) no log starts; such a time counts from 1970."""
 
@@ -29,7 +27,7 @@ WALL_CLOCK = 1e8
 def read_log(
     path: str | Path,
     columns: Mapping[str, MappedColumn] | None = None,
-    part: tuple[float, float] = WHOLE,
+    part: tuple[float | None, float | None] = (None, None),
     known: Mapping[str, str] | None = None,
 ) -> Log:
     """The log in `path`.
@@ -38,7 +36,8 @@ def read_log(
         path: a recording of twin (its file, its run's folder, results/EXPERIMENT), another MCAP file, a
             bag of ROS 2 (its folder or one of its files), or a CSV file.
         columns: by signal, from `column_map`; a recording of twin has names and units of its own and heeds none.
-        part: start and end (s) of the part to read, by the log's time; times of a wall clock count from its first one.
+        part: start and end (s) of the part to read, by the log's time, None for its own; times of a wall clock count
+            from the first one.
         known: unit by name of signals that a CSV file's names may mean, see `read_csv`.
 
     Raises:
@@ -120,15 +119,15 @@ def recorded(recording: Recording) -> Log:
     return Log(recording.path, series, (*filter(None, [recording.note]), *recording.deviations))
 
 
-def _cut(log: Log, part: tuple[float, float]) -> Log:
+def _cut(log: Log, part: tuple[float | None, float | None]) -> Log:
     """The `part` of `log`; series with fewer than two samples in it are left out.
 
     Raises:
         LogRefused: no series has samples in it.
     """
-    start, end = part
-    if part == WHOLE:
+    if part == (None, None):
         return log
+    start, end = -math.inf if part[0] is None else part[0], math.inf if part[1] is None else part[1]
     if not start < end:
         raise LogRefused(f"{log.path}: from {start:g} to {end:g} s: expected a start before the end")
     series = {name: found for name, one in log.series.items() if len((found := one.between(start, end)).t) > 1}
@@ -138,7 +137,7 @@ def _cut(log: Log, part: tuple[float, float]) -> Log:
     return replace(log, series=series)
 
 
-def _finished(log: Log, part: tuple[float, float]) -> Log:
+def _finished(log: Log, part: tuple[float | None, float | None]) -> Log:
     """The `part` of `log` with times of a wall clock counted from its first sample, and notes on missing samples."""
     notes = list(log.notes)
     series = log.series
