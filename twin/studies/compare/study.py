@@ -72,7 +72,8 @@ def compare(
             raise InputRefused(f"--paper {paper}: expected one of {', '.join(FIGURES)}")
         if signals or tolerances or maps or partial or align != "none" or (from_s, to_s) != (None, None):
             raise InputRefused(
-                f"--paper {paper}: takes no --signal, --tol, --map, --align, --partial, --from-s, --to-s; claims have bounds"
+                f"--paper {paper}: takes no --signal, --tol, --map, --align, --partial, --from-s, --to-s; claims have "
+                "bounds"
             )
         from twin.studies.paper.study import score_fig4, score_fig5
 
@@ -84,6 +85,7 @@ def compare(
     from twin.studies.compare.comparison import both, compared, comparison_result, draw_comparison, experiments_differ
     from twin.studies.compare.tolerance import alignment, rules
 
-    found = compared(*both(runs[0], runs[1], maps, (from_s, to_s)), rules(tolerances), signals, alignment(align, by, max_shift))
+    logs = both(runs[0], runs[1], maps, (from_s, to_s))
+    found = compared(*logs, rules(tolerances), signals, alignment(align, by, max_shift))
     result = comparison_result(found, partial, experiments_differ(found.a, found.b))
     return judged("compare", out or HOME, result, lambda path: draw_comparison(found, path))

@@ -15,7 +15,7 @@ import os
 import re
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -162,7 +162,10 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
         if name == TIME:
             continue
         try:
-            values, factor = _values(table, column)
+            exported = (known or {}).get(name, "")
+            # what was exported has the numbers and the unit of its source, which may be one that is not known here
+            as_is = not columns and bool(exported) and heading(name, exported) == column.name
+            values, factor = _values(table, replace(column, unit="1") if as_is else column)
             if not len(t):
                 continue
             values = column.sign * factor.in_si(values[rows])
@@ -174,7 +177,7 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
             own = (t, values) if np.all(use) else (t[use], values[use])
             wrong = table.mistakes(column.name)
             invalid = t[np.isin(table.lines[rows], wrong.invalid)] if wrong else t[:0]
-            series[name] = LogSeries(*own, factor.si, invalid)
+            series[name] = LogSeries(*own, exported if as_is else factor.si, invalid)
         except LogRefused as problem:
             if columns and not isinstance(problem, NoNumbers):
                 mistakes.append(str(problem))
@@ -470,7 +473,9 @@ def _times(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64], 
     rows = np.isfinite(values)
     t = column.sign * factor.in_si(values[rows])
     if len(t) < 2:
-        raise LogRefused(f"{table.path}: time column '{column.name}' has {len(t)} time{'s' * (len(t) != 1)}, expected at least 2")
+        raise LogRefused(
+            f"{table.path}: time column '{column.name}' has {len(t)} time{'s' * (len(t) != 1)}, expected at least 2"
+        )
     _check_times(table, column.name, t, table.lines[rows])
     return t, rows
 

@@ -125,7 +125,7 @@ def refuse_invalid(path: Path, name: str, invalid: int, samples: int) -> None:
     if invalid > MAX_INVALID * samples:
         raise LogRefused(
             f"{path}: {invalid} of {samples} samples of {name} are NaN, null or infinite, expected at most "
-            f"{MAX_INVALID:.0%}; repair the recorder, or choose a sound part with --from-s and --to-s"
+            f"{100 * MAX_INVALID:g} %; repair the recorder, or choose a sound part with --from-s and --to-s"
         )
 
 

@@ -145,9 +145,7 @@ def _finished(log: Log, part: tuple[float | None, float | None]) -> Log:
     if start > WALL_CLOCK:
         # one array for all that share one, so that they still do
         shifted = {id(one.t): one.t - start for one in series.values()}
-        series = {
-            name: replace(one, t=shifted[id(one.t)], invalid=one.invalid - start) for name, one in series.items()
-        }
+        series = {name: replace(one, t=shifted[id(one.t)], invalid=one.invalid - start) for name, one in series.items()}
         notes.append(f"times of a clock: they count from its {start:.3f} s, {_date(start)}")
     series = _cut(replace(log, series=series), part).series
     missing: dict[str, list[str]] = {}
