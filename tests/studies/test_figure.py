@@ -88,7 +88,7 @@ def test_the_settings_of_the_user_change_no_picture(tmp_path: Path):
         "savefig.dpi": 30,
         "axes.grid": False,
     }
-    with rc_context(own):
+    with rc_context(own):  # type: ignore[arg-type]
         with picture(tmp_path / "b.png", 4, 3, "title") as figure:
             figure.subplots().plot([0, 1], [0, 1])
         assert rcParams["lines.linewidth"] == 9.0

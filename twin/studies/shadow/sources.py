@@ -77,10 +77,10 @@ def opened(
             f"{source}: has {there}; name its joints with --map robot.toml, where\n{proposed_map(next(iter(topics)))}"
         )
     columns = followed_columns(source, columns, wanted)
-    for name, topic in topics.items():
+    for name, messages in topics.items():
         paths = {s: c.name.removeprefix(f"{name}.") for s, c in columns.items() if topic_of(c, topics) == name}
         needed = [path for signal, path in paths.items() if signal in wanted and wanted[signal].column in NEEDED]
-        for found in numbers_of(Path(source), name, topic, needed).values() if needed else ():
+        for found in numbers_of(Path(source), name, messages, needed).values() if needed else ():
             if isinstance(found, Numbers):
                 count = len(found.invalid)
                 refuse_invalid(Path(source), "an encoder", count, count + len(found.rows))

@@ -2,13 +2,16 @@
 
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import Writer
+from numpy.typing import NDArray
 
 from tests.conftest import examples
 from tests.kernel.recording.logs.bags import bag, joints, logged, refusal, wrench
@@ -146,7 +149,7 @@ def test_a_share_of_invalid_samples_up_to_the_limit_is_read():
     late=st.floats(-0.49, 0.49), jitter=st.floats(0.0, 0.004), lost=st.sets(st.integers(0, 49)), seed=st.integers(0, 99)
 )
 def test_samples_less_than_half_a_period_apart_make_one_row(late: float, jitter: float, lost: set[int], seed: int):
-    t = 0.01 * np.arange(50)
+    t: NDArray[np.float64] = 0.01 * np.arange(50)
     noise = jitter * (np.random.default_rng(seed).uniform(size=50) - 0.5) * (1.0 - 2.0 * abs(late))
     keep = np.array([k not in lost for k in range(50)])
     if keep.sum() < 2:
@@ -171,6 +174,9 @@ def test_a_part_of_a_log_is_read_by_its_own_time(tmp_path: Path):
 
 def test_force_that_is_never_measured_is_left_out_and_named(tmp_path: Path):
     times = [1.0 + 0.01 * k for k in range(30)]
-    said = {"/js": [(t, joints(t, m=1.0)) for t in times], "/ft": [(t, wrench(t, math.nan)) for t in times]}
+    said: dict[str, Sequence[tuple[float, Any]]] = {
+        "/js": [(t, joints(t, m=1.0)) for t in times],
+        "/ft": [(t, wrench(t, math.nan)) for t in times],
+    }
     log = logged(bag(tmp_path / "b", said), "m=/js.position.m", "scale.F_z=/ft.wrench.force.z")
     assert list(log.series) == ["m"] and "left out: /ft.wrench.force.z is nan in all messages" in log.notes[0]
