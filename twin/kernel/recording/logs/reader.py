@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.kernel.errors import InputRefused
 from twin.kernel.files import open_regular
 from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.logs.bag import SQLITE, is_bag, read_bag
@@ -56,6 +57,10 @@ def read_log(
     return _finished(log, part)
 
 
+MOST_BAGS = 5
+"""Maximum number of bags that are named in a sentence."""
+
+
 class LogKind(Enum):
     """What kinds of logs there are: a recording of twin, a bag of ROS 2, another MCAP file, a table."""
 
@@ -90,10 +95,19 @@ def kind_of(path: Path) -> LogKind:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether `path` means a recording of twin, which heeds no column map."""
+    """Whether `path` means a recording of twin, which heeds no column map.
+
+    Raises:
+        LogRefused: a folder without a recording, but with bags in it.
+    """
     # not Path.exists, which raises for a name that is too long
     if is_bag(path):
         return False
+    if os.path.isdir(path) and (bags := [str(one) for one in sorted(path.iterdir()) if one.is_dir() and is_bag(one)]):
+        try:
+            recording_in(path)
+        except InputRefused:
+            raise LogRefused(f"{path}: no recording, but the bag {', '.join(bags[:MOST_BAGS])}; name it") from None
     if os.path.isdir(path) or (not os.path.lexists(path) and not path.suffix):
         return True
     return os.path.isfile(path) and written_by_twin(path)
