@@ -34,7 +34,10 @@ def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
     assert path.read_text() == "good"
     assert [file.name for file in tmp_path.iterdir()] == ["page.html"]
     with pytest.raises(NotWritten, match="cannot be written"):
-        write_text(tmp_path / "nowhere" / "x", "")
+        write_text(path / "x", "")
+    # folders that are missing are made
+    write_text(tmp_path / "new" / "er" / "x", "")
+    assert (tmp_path / "new" / "er" / "x").read_text() == ""
 
 
 def test_a_device_or_a_folder_is_never_replaced_by_a_file(tmp_path: Path) -> None:

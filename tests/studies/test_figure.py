@@ -3,15 +3,17 @@
 Pictures for a paper have the width of its columns, its letters and lines, and stand beside those for the screen.
 """
 
+import os
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib import colormaps
+from matplotlib import colormaps, rc_context, rcParams
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
+from tests.command_line import twin_process
 from twin.studies.analyse.text import SHADES
 from twin.studies.figure import COLUMNS, LESS_IS_BETTER, LETTERS, for_paper, picture
 
@@ -74,3 +76,42 @@ def test_the_picture_for_the_screen_is_what_it_is_without(tmp_path: Path):
     with for_paper(["svg"]):
         drawn(tmp_path / "b.png")
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_the_settings_of_the_user_change_no_picture(tmp_path: Path):
+    with picture(tmp_path / "a.png", 4, 3, "title") as figure:
+        figure.subplots().plot([0, 1], [0, 1])
+    own = {
+        "text.usetex": True,
+        "font.family": "NoSuchFont",
+        "lines.linewidth": 9.0,
+        "savefig.dpi": 30,
+        "axes.grid": False,
+    }
+    with rc_context(own):  # type: ignore[arg-type]
+        with picture(tmp_path / "b.png", 4, 3, "title") as figure:
+            figure.subplots().plot([0, 1], [0, 1])
+        assert rcParams["lines.linewidth"] == 9.0
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+SETTINGS = "text.usetex: True\nfont.family: NoSuchFont\nbackend: no_such\naxes.titlesize: 40\n"
+
+
+@pytest.mark.parametrize("where", ["of the folder", "of the environment"])
+def test_a_command_draws_the_same_in_a_notebook_and_beside_a_matplotlibrc(tmp_path: Path, where: str):
+    rows = "t_s,F_z_N\n" + "".join(f"{k / 100},{k % 7}\n" for k in range(200))
+    own = {**os.environ, "MPLBACKEND": "module://no_such.backend", "MATPLOTLIBRC": str(tmp_path / "settings")}
+    drawn = []
+    for name in ("plain", "own"):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "a.csv").write_text(rows)
+        (folder / "b.csv").write_text(rows.replace(",3\n", ",4\n"))
+        if name == "own":
+            (folder / "matplotlibrc" if where == "of the folder" else tmp_path / "settings").write_text(SETTINGS)
+        command = ["compare", "a.csv", "b.csv", "--tol", "10N", "--out", "out"]
+        done = twin_process(*command, cwd=folder, env=own if name == "own" else None)
+        assert done.returncode == 0, done.stderr
+        drawn.append((folder / "out" / "compare.png").read_bytes())
+    assert drawn[0] == drawn[1]

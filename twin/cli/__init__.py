@@ -3,6 +3,11 @@
 
 def main() -> None:
     """Entry point; ends the process with the exit code of what happened."""
+    import os
+    import sys
+
+    # a notebook exports a backend that may be missing here; pictures are written without one
+    os.environ["MPLBACKEND"] = "agg"
     try:
         from twin.kernel.process.job import keep_interrupts, terminable
 
@@ -15,10 +20,14 @@ def main() -> None:
             main()
     except KeyboardInterrupt:
         # while the commands themselves are being imported, or at the very end
-        import sys
-
         code, word = 130, "interrupted"
         if job := sys.modules.get("twin.kernel.process.job"):
             code, word = getattr(job, "interruption", lambda: (code, word))()
         print(word, file=sys.stderr)
         sys.exit(code)
+    except Exception:
+        # before a command is read, such as of a broken installation; `twin.cli.line` reports all others
+        from twin.kernel.errors import InternalError, internal_error
+
+        print(internal_error(), file=sys.stderr)
+        sys.exit(InternalError.exit_code)

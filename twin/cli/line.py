@@ -11,7 +11,15 @@ from functools import partial
 
 from twin.cli.streams import READER_GONE, Unread, guard_terminal, show, standard_streams
 from twin.kernel.cache_folder import cached_answer
-from twin.kernel.errors import InputRefused, NotWritten, TwinError, plain, system_sentence
+from twin.kernel.errors import (
+    InputRefused,
+    InternalError,
+    NotWritten,
+    TwinError,
+    internal_error,
+    plain,
+    system_sentence,
+)
 from twin.kernel.process.job import INTERRUPTED, function_called, interruption
 
 ROOMS = ("cli", "studies")
@@ -45,6 +53,8 @@ def _ended() -> tuple[int | str | None, str]:
         return error.exit_code, str(error)
     except OSError as problem:
         return NotWritten.exit_code, system_sentence(problem)
+    except Exception:
+        return InternalError.exit_code, str(internal_error())
 
 
 def _carried_out(words: list[str]) -> int | str | None:

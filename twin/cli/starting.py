@@ -1,5 +1,6 @@
 """Files to start from: an experiment, its schema for editors, the column map of a robot's log."""
 
+import os
 import shlex
 from pathlib import Path
 from typing import Annotated
@@ -61,6 +62,38 @@ def schema(
 
     write_text(out, text)
     return Answer(str(out), {})
+
+
+@study("drive copy", json=False)
+def drive_copy(
+    name: Annotated[str, Argument("A drive of fmus/.", "NAME", complete="drive")],
+    folder: Annotated[Path, Argument("The folder to create.", "FOLDER")],
+) -> Answer:
+    """Copy a drive that comes with twin, with its FMU, mapping and sources.
+
+    Exit code: 0 copied, 2 no such drive, or the folder exists.
+
+    Example: twin drive copy pmsm_foc my_drive
+    """
+    import shutil
+
+    from twin.kernel.errors import InputRefused, NotWritten, disk_refusals, nearest
+    from twin.kernel.places import located
+    from twin.kernel.writing import made_folder
+
+    shelf = located("fmus", Path.cwd())
+    known = sorted({path.parent.name for path in (*shelf.glob("*/*.fmu"), *shelf.glob("*/mapping.toml"))})
+    if name not in known:
+        raise InputRefused(f"{name}: no such drive in {shelf}; {nearest(name, known)}")
+    if os.path.lexists(folder):
+        raise InputRefused(f"{folder}: exists; name a new folder")
+    made_folder(folder.absolute().parent)
+    with disk_refusals(folder, kind=NotWritten):
+        shutil.copytree(shelf / name, folder)
+    files = [str(path) for path in sorted(folder.rglob("*")) if path.is_file()]
+    fmus = [file for file in files if file.endswith(".fmu") and str(folder / "mapping.toml") not in files]
+    following = shlex.join(["twin", "drive", "info", *(fmus or [str(folder)])[:1]])
+    return Answer("\n".join([*files, f"next: {following}"]), files)
 
 
 @study("log new", json=False, before=[find_logs])

@@ -47,6 +47,20 @@ class SafetyTrip(TwinError):
     exit_code = 4
 
 
+class InternalError(TwinError):
+    """An exception that no code foresaw, of this process or of a worker: a defect of twin."""
+
+    exit_code = 70
+
+
+def internal_error() -> InternalError:
+    """Return the error for the exception that is being handled, with its traceback."""
+    # most commands never need it
+    import traceback
+
+    return InternalError(f"{traceback.format_exc()}internal error of twin; please report it with the lines above")
+
+
 class Unreachable(InputRefused, ValueError):
     """No pose or no joint angles exist for what was asked.
 

@@ -27,7 +27,7 @@ def made_folder(folder: Path) -> Path:
 def written(path: Path) -> Iterator[Path]:
     """A file beside `path` to write to, which takes the place of `path` when the block is done, and not before.
 
-    A link is followed: what it points to is replaced, the link stays.
+    Folders that are missing are created. A link is followed: what it points to is replaced, the link stays.
 
     Raises:
         InputRefused: there is a folder, a pipe or a device at `path`, which a file must not replace.
@@ -38,6 +38,7 @@ def written(path: Path) -> Iterator[Path]:
         if target.exists() and not target.is_file():
             kind = "a folder" if target.is_dir() else "a pipe or device"
             raise InputRefused(f"{path}: {kind}; expected the name of a file, which is replaced if it is there")
+        target.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{target.stem[:60]}.", suffix=target.suffix, dir=target.parent)
         os.close(handle)
     beside = Path(name)

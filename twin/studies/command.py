@@ -154,6 +154,8 @@ Settings = Annotated[
 ColumnMaps = Annotated[
     Sequence[str], Option("Column of a signal; or a TOML file of such.", "NAME=COLUMN[UNIT]", "--map")
 ]
+FromS = Annotated[float | None, Option("Start of the part of the log to use, in s.", "S")]
+ToS = Annotated[float | None, Option("End of the part of the log to use, in s.", "S")]
 PORT = 8765
 """Where `--live` serves; viewers propose it, too."""
 LivePort = Annotated[int, Option("With --live: port; 0: any free one.", "N", flags="--port", least=0, most=65535)]

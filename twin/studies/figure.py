@@ -150,6 +150,10 @@ MAP: Look = {"axes.grid": False, "axes.spines.top": True, "axes.spines.right": T
 """Of a panel that is filled."""
 
 
+OF_PROCESS = ("backend", "interactive", "toolbar", "timezone", "date.epoch")
+"""Settings of matplotlib that belong to the process and have no effect on a picture in a file."""
+
+
 @contextmanager
 def picture(
     path: Path, width: float, height: float, title: str = "", by_hand: bool = False, look: Look = LOOK
@@ -168,10 +172,12 @@ def picture(
     Raises:
         NotWritten: the folder or the disk refuses.
     """
-    from matplotlib import rc_context
+    from matplotlib import rc_context, rcParamsDefault
     from matplotlib.figure import Figure
 
-    with rc_context({**LOOK, **look}):
+    # whatever the user's matplotlibrc says
+    defaults = {key: value for key, value in rcParamsDefault.items() if key not in OF_PROCESS}
+    with rc_context({**defaults, **LOOK, **look}):
         figure = Figure(figsize=(width, height), layout=None if by_hand else "constrained")
         if title:
             figure.suptitle(title, x=0.01, ha="left", fontweight="bold")

@@ -38,8 +38,9 @@ class EnginesPlant:
 
     def __init__(self, mechanism: Mechanism, parameters: PlantParameters, x: Numbers, theta_m: Numbers):
         self._mechanism, self._x = mechanism, x.copy()
-        # a record is handed to compiled code faster than a tuple
-        self._parameters: Any = memory_of(PARAMETERS, **parameters._asdict())[0]
+        self._parameters = parameters
+        # a record is handed to compiled code faster than a tuple, but has no attributes in Python
+        self._record: Any = memory_of(PARAMETERS, **parameters._asdict())[0]
         self._apex = apex_frame(parameters)
         self.first = np.concatenate(self._answer(theta_m))
 
@@ -52,7 +53,7 @@ class EnginesPlant:
         k_3 = self._moved(x + 0.5 * h * k_2, theta_m)
         k_4 = self._moved(x + h * k_3, theta_m)
         x += h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
-        settle.compiled(self._parameters, self._apex, x, STILL, STILL)
+        settle.compiled(self._record, self._apex, x, STILL, STILL)
         y[:] = np.concatenate(self._answer(theta_m))
 
     def _moved(self, x: Numbers, theta_m: Numbers) -> Numbers:
@@ -65,7 +66,7 @@ class EnginesPlant:
     def _rate(self, x: Numbers, theta_m: Numbers, bodies: Constrained) -> Numbers:
         """dx/dt of the state `x` (8,), in which the mechanism is."""
         mechanism = self._mechanism
-        contact = touch.compiled(self._parameters, self._apex, *x)
+        contact = touch.compiled(self._record, self._apex, *x)
         forces = mechanism.on_arms(spring_torques(self._parameters, theta_m, mechanism.theta_l, mechanism.omega_l))
         forces[mechanism.platform] = [-force for force in contact[:3]]
         return np.concatenate([x[3:6], bodies.acceleration(forces)[mechanism.platform], contact[4:]])
@@ -79,7 +80,7 @@ class EnginesPlant:
             motor_load_torque(spring_stiffness(c, leg), spring_deflection(c, leg, theta_m[leg], theta_l[leg]))
             for leg in range(3)
         ]
-        contact = touch.compiled(c, self._apex, *x)
+        contact = touch.compiled(self._record, self._apex, *x)
         tau_l = spring_torques(c, theta_m, theta_l, omega_l)
         return x[:3], x[3:6], theta_l, omega_l, tau_l, load, contact[:3], contact[3:4], x[6:]
 

@@ -45,7 +45,7 @@ def test_arguments_keep_their_types():
 def test_a_mistake_of_ours_shows_its_traceback():
     with pytest.raises(TwinError, match=r"(?s)Traceback.*in blunder.*a mistake of ours") as failed:
         guarded(f"{JOBS}:blunder", {})
-    assert failed.value.exit_code == 1
+    assert failed.value.exit_code == 70
 
 
 def test_exit_code_0_without_a_result_is_a_death():

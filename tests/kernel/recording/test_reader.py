@@ -190,3 +190,13 @@ def test_a_recording_without_a_chunk_reaches_nowhere(force_position: Recording, 
     torn = tmp_path / "run.mcap.partial"
     torn.write_bytes(force_position.path.read_bytes()[:100])
     assert last_time(torn) is None
+
+
+def test_a_recording_is_read_like_a_dictionary(finished: Path, truth: dict[str, np.ndarray]) -> None:
+    recording = read(finished)
+    assert "plant.p_B" in recording and "plant.q" not in recording and 0 not in recording
+    assert list(recording) == list(recording.keys()) == list(recording.fields())
+    whole = dict(recording)
+    assert set(whole) == set(truth) and all(np.array_equal(whole[name], truth[name]) for name in truth)
+    with pytest.raises(UnknownSeries, match="no series 0; it holds"):
+        recording[0]  # type: ignore[index]

@@ -86,7 +86,7 @@ def test_the_map_that_lies_beside_or_that_of_twin_log_new_is_proposed(robot_csv:
     [
         ({"log": "/etc/passwd"}, "no such log below the current folder"),
         ({"log": "logs/../../x.csv"}, "no such log below"),
-        ({"log": ["x"]}, "no such log below"),
+        ({"log": ["x"]}, "log: expected the path of a log"),
         ({"map": 'time = "clok (s)"'}, "clok"),
         ({"map": "/etc/passwd"}, "not valid TOML"),
         ({"map": "x" * 9000}, "at most 8000 characters"),

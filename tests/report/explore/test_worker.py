@@ -171,7 +171,7 @@ def test_every_panel_that_shows_something_can_be_chosen():
         ("show", {"width": 10**9}, "width: expected"),
         ("show", {"width": 1.5}, "width: expected"),
         ("recorded", {"run": "/etc"}, "no such run in results/"),
-        ("recorded", {"run": None}, "no such run in results/"),
+        ("recorded", {"run": None}, "run: expected a run of results/"),
         ("save", {"name": "../x"}, "expected a name"),
         ("loops", {"state": {"set": {GAIN: "x"}}}, "expected a number"),
     ],

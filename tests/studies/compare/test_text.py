@@ -33,7 +33,8 @@ def comparison(tmp_path: Path) -> Comparison:
 def test_the_answer_comes_first_and_everything_fits_80_columns(comparison: Comparison):
     lines = comparison_result(comparison).text.splitlines()
     first = comparison.outside[0]
-    answer = f"{len(comparison.outside)} of 15 signals leave the tube around A (first: {first.signal}, at 0 s), "
+    answer = f"15 of 16 signals in common: {len(comparison.outside)} of 15 signals leave the tube around A "
+    answer += f"(first: {first.signal}, at 0 s), "
     assert " ".join([lines[0], lines[1].strip()]) == f"{answer}compared over 94.8 % of A"
     # names of files are not broken
     assert max(len(line) for line in lines if "rather_long" not in line) <= 80

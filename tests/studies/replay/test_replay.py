@@ -1,5 +1,7 @@
 """What says what is normal may begin later than the log."""
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,10 +10,11 @@ import pytest
 from tests.studies.replay.logs import ANGLES, FIG4, NOISE, drifting, healthy, judged, ran, softened, write_log
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.column_map import column_map
+from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.logs.reader import read_log, recorded
 from twin.kernel.recording.reader import read
 from twin.studies.replay.model import recorded_model
-from twin.studies.replay.replay import _indicator, normal_time, replayed
+from twin.studies.replay.replay import _indicator, normal_time, replayed, robot_log
 from twin.studies.replay.text import record
 
 
@@ -265,3 +268,47 @@ def test_a_log_whose_clock_is_uneven_is_recorded_sample_by_sample(tmp_path: Path
 def test_what_cannot_be_judged_is_refused_with_the_remedy(arguments: dict[str, float], said: str):
     with pytest.raises(InputRefused, match=said):
         replayed(recorded(ran(FIG4)), healthy(), **arguments)  # type: ignore[arg-type]
+
+
+def with_invalid(text: str, columns: Sequence[int], rows: Sequence[int], cell: str) -> str:
+    lines = [line.split(",") for line in text.splitlines()]
+    for row in rows:
+        for column in columns:
+            lines[row + 1][column] = cell
+    return "\n".join(map(",".join, lines)) + "\n"
+
+
+@pytest.mark.parametrize("cell", ["nan", "inf", "null"])
+@pytest.mark.parametrize("columns", [(1,), (4, 5, 6), (1, 2, 3, 4, 5, 6)])
+def test_up_to_5_percent_of_invalid_counts_are_left_out_and_more_are_refused(
+    tmp_path: Path, text: str, cell: str, columns: tuple[int, ...]
+):
+    count = len(text.splitlines()) - 1
+    few = range(100, 100 + count // 20)
+    path = tmp_path / "a.csv"
+    path.write_text(with_invalid(text, columns, few, cell))
+    log = robot_log(read_log(path), healthy().belief)
+    assert len(log.t) == count - len(few)
+    assert any(f"{len(few)} of {count} samples are not a number" in note for note in log.notes)
+    said = refused(path, with_invalid(text, columns, range(100, 102 + count // 20), cell))
+    assert f"{count // 20 + 2} of {count} samples of an encoder are NaN, null or infinite" in said
+    # a sound part of it is read
+    sound = read_log(path, part=(10.0, None))
+    assert len(robot_log(sound, healthy().belief).t) == count // 2 + 1
+
+
+@pytest.mark.parametrize("seconds", [40e-6, -40e-6, 0.9e-3])
+def test_joints_that_are_stamped_a_little_apart_from_the_motors_belong_to_them(
+    tmp_path: Path, text: str, seconds: float
+):
+    (tmp_path / "a.csv").write_text(text)
+    log = read_log(tmp_path / "a.csv")
+    apart = {
+        name: replace(one, t=one.t + seconds * ("count_l" in name) + 1.0 * (seconds < 0))
+        for name, one in log.series.items()
+    }
+    whole, found = (robot_log(one, healthy().belief) for one in (log, replace(log, series=apart)))
+    assert np.array_equal(found.count_m, whole.count_m) and np.array_equal(found.count_l, whole.count_l)
+    half = {name: replace(one, t=one.t + 50.0 * ("count_l" in name)) for name, one in log.series.items()}
+    with pytest.raises(LogRefused, match="motor and joint encoders have different times"):
+        robot_log(replace(log, series=half), healthy().belief)

@@ -172,6 +172,7 @@ def test_a_limit_that_is_exceeded_is_said_unless_the_table_states_it(lines):
 def test_the_page_is_one_file_that_says_first_what_it_is_not(lines):
     (line,), folder = lines
     page = (folder / "safety.html").read_text()
+    assert """Content-Security-Policy" content="default-src 'none';""" in page and "<script" not in page
     assert page.index("complies with no standard by itself") < page.index("H1")
     assert "What a reviewer still has to do" in page
     assert "<script" not in page and "http" not in page.replace("http-equiv", "")

@@ -11,13 +11,12 @@ import os
 import signal
 import sys
 import threading
-import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twin.kernel.errors import NotWritten, TwinError, system_sentence
+from twin.kernel.errors import NotWritten, TwinError, internal_error, system_sentence
 
 
 def function_called(name: str) -> Callable[..., Any]:
@@ -76,7 +75,7 @@ def failure_report(problem: Exception) -> list[Any]:
     if isinstance(problem, OSError):
         return failure_report(NotWritten(system_sentence(problem)))
     if not isinstance(problem, TwinError):
-        return failure_report(TwinError(traceback.format_exc()))
+        return failure_report(internal_error())
     kind = type(problem)
     return [kind.__module__, kind.__qualname__, str(problem), problem.exit_code]
 

@@ -5,7 +5,7 @@ What a recording says of its origin, read without its samples.
 
 import os
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, KeysView, Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -87,9 +87,22 @@ class Recording:
             UnknownSeries: no such topic or field; it names the nearest ones.
         """
         if key not in self.fields():
-            raise UnknownSeries(f"{self.path}: no series {key!r}; {nearest(key, self.fields(), 'it holds {}', 3)}", key)
+            hint = nearest(str(key), self.fields(), "it holds {}", 3)
+            raise UnknownSeries(f"{self.path}: no series {key!r}; {hint}", key)
         topic, _, name = key.rpartition(".")
         return np.ascontiguousarray(self.streams[topic].values[name])
+
+    def __contains__(self, key: object) -> bool:
+        """Whether there is a series `topic.field`."""
+        return key in self.fields()
+
+    def __iter__(self) -> Iterator[str]:
+        """Names of the series, `topic.field`, in the order of the file."""
+        return iter(self.fields())
+
+    def keys(self) -> KeysView[str]:
+        """Names of the series, so that `dict(recording)` has the values of all."""
+        return self.fields().keys()
 
     def time(self, topic: str) -> np.ndarray:
         """Simulation times of the messages of `topic`, s, (n,).

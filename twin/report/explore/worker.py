@@ -21,6 +21,7 @@ from twin.report.explore.brought import inspected, settled
 from twin.report.explore.figures import SIGNALS, claims, fig4_panels, fig4_runs, fig5_panels, figure_of
 from twin.report.explore.logs import known_logs, log_run, proposed_map, stored
 from twin.report.explore.picture import AT_FIRST, EXPLORED, MemoryRun, Tile, drawn, poses, shown_panels, tiles
+from twin.report.explore.request import checked_request
 from twin.report.page.markup import DataBlock
 from twin.report.page.panels import PanelRun
 from twin.report.page.run import report_runs
@@ -60,7 +61,8 @@ def answered(reporter: Reporter, here: str, base: dict[str, Any], ask: dict[str,
     reporter.loading()
     os.chdir(here)
     try:
-        return ANSWERS[ask["op"]](Base(**base | {"settings": tuple(base["settings"])}), ask)
+        request = checked_request(ask)
+        return ANSWERS[request["op"]](Base(**base | {"settings": tuple(base["settings"])}), request)
     except InputRefused as refusal:
         return {"refused": str(refusal)}
     except ComponentFailed as failure:

@@ -18,7 +18,7 @@ import numpy as np
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import Log, LogSeries, in_gap, sampling
-from twin.kernel.recording.logs.reader import is_recording, read_log
+from twin.kernel.recording.logs.reader import LogKind, is_recording, kind_of, read_log
 from twin.kernel.recording.reader import origin
 from twin.kernel.writing import finite
 from twin.robot.assembly.declared import DECLARED
@@ -32,6 +32,7 @@ from twin.studies.compare.tolerance import (
     TimeShift,
     Tube,
     allowance,
+    matches,
     no_overlap,
     paired,
     reach,
@@ -45,8 +46,16 @@ from twin.studies.paper.digitised.provenance import provenance
 from twin.studies.result import Block, Cell, Column, Note, Result, Table, counted, cut, some
 
 
-def both(a: Path, b: Path, maps: Sequence[str] = ()) -> tuple[Log, Log]:
-    """The logs in `a` and `b`; `maps` are entries of a column map for those that twin did not record.
+def both(
+    a: Path, b: Path, maps: Sequence[str] = (), part: tuple[float | None, float | None] = (None, None)
+) -> tuple[Log, Log]:
+    """The logs in `a` and `b`.
+
+    Names in a CSV file may mean signals of the other log, see `read_csv`.
+
+    Args:
+        maps: entries of a column map for logs that twin did not record.
+        part: start and end (s) of the part to compare.
 
     Raises:
         ComparisonRefused: a map, but nothing to map.
@@ -55,7 +64,12 @@ def both(a: Path, b: Path, maps: Sequence[str] = ()) -> tuple[Log, Log]:
     columns = column_map(maps)
     if columns and is_recording(a) and is_recording(b):
         raise ComparisonRefused("--map: both are recordings of twin, whose signals have their names; leave it out")
-    return read_log(a, columns), read_log(b, columns)
+    found: dict[int, Log] = {}
+    known: dict[str, str] = {}
+    for place, path in sorted(enumerate((a, b)), key=lambda one: kind_of(one[1]) is LogKind.CSV):
+        log = found[place] = read_log(path, columns, part, known)
+        known = {name: series.unit for name, series in log.series.items()}
+    return found[0], found[1]
 
 
 LOST_SAMPLE = 2.0
@@ -242,6 +256,7 @@ class Comparison:
         curves: by signal.
         apart: signals of both that have no instant in common.
         only_a, only_b: signals that the other has not.
+        most: number of signals to compare of the log that has more of them.
         identical: whether the two files hold the same bytes.
         notes: sentences on what is doubtful.
     """
@@ -254,6 +269,7 @@ class Comparison:
     apart: tuple[str, ...]
     only_a: tuple[str, ...]
     only_b: tuple[str, ...]
+    most: int
     identical: bool
     notes: tuple[str, ...]
 
@@ -343,6 +359,7 @@ def compared(
         apart=tuple(apart),
         only_a=only_a,
         only_b=only_b,
+        most=max(sum(not signals or any(matches(p, n) for p in signals) for n in log.series) for log in (a, b)),
         identical=same,
         notes=tuple(dict.fromkeys(notes)),
     )
@@ -380,7 +397,9 @@ def comparison_result(comparison: Comparison, partial: bool = False, differences
         *differences_lines(differences),
     ]
     facts = comparison.facts() | {"experiments": differences}
-    answer = Note(_answer(comparison, partial), later=2, whole=True)
+    common = len(comparison.rows) + len(comparison.apart)
+    share = f"{common} of {comparison.most} signals in common: " if common < comparison.most else ""
+    answer = Note(share + _answer(comparison, partial), later=2, whole=True)
     return Result(answer, parts, facts, exit_code=0 if covered and not comparison.outside else 1)
 
 

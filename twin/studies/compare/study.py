@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from twin.kernel.errors import InputRefused
-from twin.studies.command import Argument, Asked, Option, Say, judged, study
+from twin.studies.command import Argument, Asked, FromS, Option, Say, ToS, judged, study
 from twin.studies.first_look import find_logs, print_latest
 from twin.studies.result import Result
 
@@ -47,6 +47,8 @@ def compare(
     by: Annotated[str, Option("Signal to align by, for event and fit.", "NAME")] = "",
     max_shift: Annotated[float, Option("Largest shift of fit, in s.", "S")] = 1.0,
     partial: Annotated[bool, Option("Allow B to cover only a part of A's time.")] = False,
+    from_s: FromS = None,
+    to_s: ToS = None,
     out: Annotated[Path | None, Option("Folder; default: results/compare, or results/FIGURE.", "DIR")] = None,
 ) -> Result:
     """Compare B with A within a tolerance tube, or runs with a figure of the paper.
@@ -68,9 +70,10 @@ def compare(
     if paper is not None:
         if paper not in FIGURES:
             raise InputRefused(f"--paper {paper}: expected one of {', '.join(FIGURES)}")
-        if signals or tolerances or maps or partial or align != "none":
+        if signals or tolerances or maps or partial or align != "none" or (from_s, to_s) != (None, None):
             raise InputRefused(
-                f"--paper {paper}: takes no --signal, --tol, --map, --align, --partial; claims have bounds"
+                f"--paper {paper}: takes no --signal, --tol, --map, --align, --partial, --from-s, --to-s; claims have "
+                "bounds"
             )
         from twin.studies.paper.study import score_fig4, score_fig5
 
@@ -82,6 +85,7 @@ def compare(
     from twin.studies.compare.comparison import both, compared, comparison_result, draw_comparison, experiments_differ
     from twin.studies.compare.tolerance import alignment, rules
 
-    found = compared(*both(runs[0], runs[1], maps), rules(tolerances), signals, alignment(align, by, max_shift))
+    logs = both(runs[0], runs[1], maps, (from_s, to_s))
+    found = compared(*logs, rules(tolerances), signals, alignment(align, by, max_shift))
     result = comparison_result(found, partial, experiments_differ(found.a, found.b))
     return judged("compare", out or HOME, result, lambda path: draw_comparison(found, path))

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.command import Argument, ColumnMaps, Option, Say, Settings, silent, study
+from twin.studies.command import Argument, ColumnMaps, FromS, Option, Say, Settings, ToS, silent, study
 from twin.studies.first_look import find_experiments, find_logs, print_latest
 from twin.studies.result import Result
 
@@ -21,6 +21,8 @@ def identify(
     settings: Settings = (),
     height: Annotated[float | None, Option("Measured height of a level scale, for the encoder zeros.", "MM")] = None,
     motor_torque: Annotated[bool, Option("Use the measured drive/n.tau_motor to separate k_s from eta.")] = False,
+    from_s: FromS = None,
+    to_s: ToS = None,
     out: Annotated[Path | None, Option("Folder; default: results/identify/NAME/TIME.", "DIR")] = None,
     say: Say = silent,
 ) -> Result:
@@ -55,7 +57,7 @@ def identify(
     from twin.studies.replay.model import model_for
 
     say("reading", 0.0)
-    curves = read_log(log, column_map(maps))
+    curves = read_log(log, column_map(maps), (from_s, to_s))
     model, own = model_for(curves.path, experiment, settings), is_recording(curves.path)
     one = identified(curves, model, None if height is None else 1e-3 * height, motor_torque, say)
     # only a run of the twin that is taken for what it was has a truth to be scored by

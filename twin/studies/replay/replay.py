@@ -27,7 +27,7 @@ How far two courses of one quantity are apart: bias, spread, when, how late one 
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from twin.kernel.cosim.delay import columns, play
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.column_map import refuse_unit
-from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries, in_gap
+from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries, in_gap, refuse_invalid, rows_of
 from twin.robot.controller.controller import Belief, Estimator
 from twin.robot.mechanism.statics import load_torque
 from twin.studies.replay.model import RobotModel, motions
@@ -367,20 +367,30 @@ def robot_log(log: Log, belief: Belief) -> RobotLog:
 
     Encoders: `encoder.count_m[0..2]`, `encoder.count_l[0..2]` (1), or `estimator.theta_m`, `estimator.theta_l` (rad)
     in the place of either. Of a recording with faulty encoders, what the computer received: the last /fault/n that
-    carries counts. Measured force: `scale.F_z` (N), pressing positive.
+    carries counts. Measured force: `scale.F_z` (N), pressing positive. Samples of the encoders belong together as
+    `rows_of` has it; a time at which one of the six has none is left out.
 
     Args:
         log: as `read_log` gives it.
         belief: turns angles into counts.
 
     Raises:
-        LogRefused: no encoders, other units, motor and joint encoders at different times, or times before 0.
+        LogRefused: no encoders, other units, motor and joint encoders at different times, times before 0, or more than
+            `MAX_INVALID` of the samples of an encoder are invalid.
     """
-    count_m, count_l = (_counts_in(log, name, belief) for name in COUNTS)
-    if not np.array_equal(count_m.t, count_l.t):
+    sides = [_counts_in(log, name, belief) for name in COUNTS]
+    counts = rows_of(sides)
+    if 2 * len(counts.t) < min(len(one.t) for one in sides) or len(counts.t) < 2:
         raise LogRefused(
-            f"{log.path}: motor and joint encoders have different times; expected one sample of both at each"
+            f"{log.path}: motor and joint encoders have different times; expected one sample of both at each, less "
+            "than half a period apart"
         )
+    refuse_invalid(log.path, "an encoder", len(counts.invalid), len(counts.invalid) + len(counts.t))
+    lost = max(len(one.t) for one in sides) - len(counts.t)
+    notes = log.notes
+    if lost:
+        notes = (*notes, f"{lost} samples without all six encoders are left out")
+    count_m, count_l = (replace(counts, values=values) for values in (counts.values[:, :3], counts.values[:, 3:]))
     measured = _in_unit(log, SCALE, log[SCALE], "N") if SCALE in log.series else None
     if count_m.t[0] < 0.0:
         raise LogRefused(f"{log.path}: begins at {count_m.t[0]:g} s, before 0; count its time from its first sample")
@@ -393,7 +403,7 @@ def robot_log(log: Log, belief: Belief) -> RobotLog:
     first = int(np.argmax(there))
     gaps, missing = count_m.sampling.gaps, count_m.sampling.missing
     return RobotLog(
-        log.path, count_m.t[first:], count_m.values[first:], count_l.values[first:], gaps, missing, measured, log.notes
+        log.path, count_m.t[first:], count_m.values[first:], count_l.values[first:], gaps, missing, measured, notes
     )
 
 
@@ -402,9 +412,10 @@ def _counts_in(log: Log, name: str, belief: Belief) -> LogSeries:
     angle = f"estimator.{COUNTS[name]}"
     faults = [int(m[1]) for key in log.series if (m := re.fullmatch(rf"fault/(\d+)\.{name}\[0\]", key))]
     counts = f"fault/{max(faults)}.{name}" if faults else f"encoder.{name}"
-    if f"{counts}[0]" in log.series:
+    there = {name.rpartition("[")[0] for name in (*log.series, *log.left_out)}
+    if counts in there:
         return _three(log, counts, "1")
-    if f"{angle}[0]" not in log.series:
+    if angle not in there:
         has = list(log.series)
         raise LogRefused(
             f"{log.path}: neither {counts}[0..2] nor {angle}[0..2] is there; it has {', '.join(has[:MANY])}"
@@ -413,7 +424,7 @@ def _counts_in(log: Log, name: str, belief: Belief) -> LogSeries:
     series = _three(log, angle, "rad")
     # what `estimator.angle` takes off again
     zero, per_rad = as_counts(name, belief)
-    return LogSeries(series.t, (series.values + np.array(zero)) * per_rad, "1")
+    return replace(series, values=(series.values + np.array(zero)) * per_rad, unit="1")
 
 
 def as_counts(name: str, belief: Belief) -> tuple[tuple[float, float, float], float]:

@@ -4,7 +4,7 @@ import shlex
 from pathlib import Path
 from typing import Annotated
 
-from twin.studies.command import Argument, Asked, ColumnMaps, Option, Say, Settings, Steps, silent, study
+from twin.studies.command import Argument, Asked, ColumnMaps, FromS, Option, Say, Settings, Steps, ToS, silent, study
 from twin.studies.first_look import find_experiments, find_logs, print_latest
 from twin.studies.result import Result
 
@@ -33,6 +33,8 @@ def replay(
     tolerance: Annotated[
         float | None, Option("Force change that does not count; default: the effect of rounding.", "N")
     ] = None,
+    from_s: FromS = None,
+    to_s: ToS = None,
     out: Annotated[Path | None, Option("Folder; default: results/replay/NAME/TIME.", "DIR")] = None,
     say: Say = silent,
 ) -> Result:
@@ -61,7 +63,7 @@ def replay(
 
     steps = Steps(say, 3)
     steps.next("reading")
-    curves = read_log(log, column_map(maps))
+    curves = read_log(log, column_map(maps), (from_s, to_s))
     model = model_for(curves.path, experiment, settings)
     steps.next("estimating, and the plant model" if plant else "estimating")
     done = replayed(curves, model, plant, normal_time(baseline), tolerance)
@@ -73,6 +75,7 @@ def replay(
     draw_replay(done, name, files["picture"])
     write_json(files["facts"], replay_facts(done))
     options = {"--experiment": [experiment] if experiment else [], "--map": maps, "--set": settings}
+    options |= {"--from-s": [] if from_s is None else [from_s], "--to-s": [] if to_s is None else [to_s]}
     words = [word for option, values in options.items() for value in values for word in (option, str(value))]
     first = next_command(done, str(log))
     following = shlex.join([*first, *words]) if first else ""

@@ -37,6 +37,8 @@ img{max-height:24cm}.runs table,.runs td code{font-size:.5rem}.runs td,.runs th{
 """
 PUBLISHED = 2
 """So many published thresholds of pain a table has at least."""
+POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+"""The Content-Security-Policy of pages without scripts."""
 CLASSES = {"kept": "kept", "exceeded": "exceeded", "exceeded as stated": "stated", "failed": "failed"}
 
 
@@ -50,7 +52,9 @@ def page(table: SafetyTable, lines: Sequence[HazardLine], pictures: Sequence[tup
     return "\n".join(
         [
             "<!doctype html>",
-            f'<html lang="en"><head><meta charset="utf-8"><title>{escape(table.head.title)}: hazards</title>',
+            '<html lang="en"><head><meta charset="utf-8">',
+            f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">',
+            f"<title>{escape(table.head.title)}: hazards</title>",
             f"<style>{STYLE}</style></head><body>",
             f"<h1>{escape(table.head.title)}: hazards and the runs behind them</h1>",
             f'<p class="notice">{escape(NOTICE)}</p>',

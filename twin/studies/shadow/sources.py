@@ -5,13 +5,14 @@ from pathlib import Path
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.column_map import TIME, MappedColumn
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.log import LogRefused, refuse_invalid
 from twin.kernel.recording.logs.reader import LogKind, kind_of, read_log
+from twin.kernel.recording.logs.topics import Numbers, numbers_of, topic_of
 from twin.kernel.recording.sources.arrival import RobotSource
 from twin.kernel.recording.sources.playback import Playback, logged_topics
 from twin.kernel.recording.sources.signals import WantedSignal
 from twin.robot.controller.controller import Belief
-from twin.studies.shadow.mapping import followed_columns, readings_of
+from twin.studies.shadow.mapping import NEEDED, followed_columns, readings_of
 
 TRANSPORTS = ("ros2", "zenoh")
 PROPOSED = ("m1", "m2", "m3", "l1", "l2", "l3")
@@ -76,6 +77,13 @@ def opened(
             f"{source}: has {there}; name its joints with --map robot.toml, where\n{proposed_map(next(iter(topics)))}"
         )
     columns = followed_columns(source, columns, wanted)
+    for name, messages in topics.items():
+        paths = {s: c.name.removeprefix(f"{name}.") for s, c in columns.items() if topic_of(c, topics) == name}
+        needed = [path for signal, path in paths.items() if signal in wanted and wanted[signal].column in NEEDED]
+        for found in numbers_of(Path(source), name, messages, needed).values() if needed else ():
+            if isinstance(found, Numbers):
+                count = len(found.invalid)
+                refuse_invalid(Path(source), "an encoder", count, count + len(found.rows))
     return Playback(source, topics, speed=speed), columns, False
 
 

@@ -111,7 +111,7 @@ def test_a_joint_is_found_by_its_name_whatever_its_place_in_the_message(tmp_path
     assert "1 sample missing in a gap of 0.02 s" in log.notes[-1]
     assert "there are" in refusal(tmp_path / "b", "x=/j.position.elbow")
     assert "did you mean 'knee'" in refusal(tmp_path / "b", "x=/j.position.kneee")
-    assert "no element [1]" in refusal(tmp_path / "b", "x=/j.position[1]")
+    assert "no element [5]" in refusal(tmp_path / "b", "x=/j.position[5]")
 
 
 def test_times_are_log_times_or_stamps_and_topics_without_stamps_keep_log_times(lab: Path):
@@ -161,11 +161,10 @@ def test_stamps_that_nobody_sets_are_told(tmp_path: Path):
     assert "header.stamp is 0 in all messages" in refusal(folder, "F=/ft.wrench.force.z", "time=header.stamp")
 
 
-def test_stamps_that_are_not_numbers_are_refused(tmp_path: Path):
+def test_a_message_whose_stamp_is_not_a_number_is_left_out(tmp_path: Path):
     said = [(t, own(t, 1.0, stamp=np.nan if k == 3 else t)) for k, t in enumerate(TICKS)]
-    assert "/tool.stamp is nan in message 4 of 20" in refusal(
-        bag(tmp_path / "b", {"/tool": said}), "F=/tool.F_N", "time=stamp"
-    )
+    log = logged(bag(tmp_path / "b", {"/tool": said}), "F=/tool.F_N", "time=stamp")
+    assert len(log["F"].t) == N - 1 and "1 sample missing" in log.notes[-1]
 
 
 def test_a_bag_without_a_map_names_topics_and_types(lab: Path):

@@ -93,13 +93,17 @@ def test_a_motor_angle_without_unit_is_not_taken_for_metres(tmp_path: Path):
             "t_s;F_N\n0;3,14\n1;2\n",
             "a.csv line 2: column 'F_N' holds '3,14', expected a number; decimal commas? Export with points",
         ),
-        ("# a\nt_s,F_N\n0,1\n1,nan\n", "a.csv line 4: column 'F_N' holds 'nan', expected a number"),
+        ("# a\nt_s,F_N\n0,1\n1,nan\n", "a.csv: column 'F_N' has 1 number, expected at least 2"),
+        ("t_s,F_N\n0,1\n1,inf\n2,-inf\n", "a.csv: column 'F_N' has 1 number, expected at least 2"),
+        ("t_s,F_N\n0,\n1,2\n", "a.csv: column 'F_N' has 1 number, expected at least 2"),
+        ("t_s,F_N\n0,1\n1,off\n2,on\n", "a.csv line 3: column 'F_N' holds 'off', expected a number (and 1 more"),
+        ("t_s,F_N\n0,1\n,2\n", "a.csv: time column 't_s' has 1 time, expected at least 2"),
         (
-            "t_s,F_N\n0,1\n1,inf\n2,-inf\n",
-            "a.csv line 3: column 'F_N' holds 'inf', expected a number (and 1 more such field)",
+            "time,F_N\n2025-05-01 12:00:00.1,1\n2025-05-01 12:00:00.2,2\n",
+            "a.csv line 2: time column 'time' holds the date or time of day '2025-05-01 12:00:00.1'; expected seconds",
         ),
-        ("t_s,F_N\n0,\n1,2\n", "a.csv line 2: column 'F_N' holds nothing, expected a number"),
-        ("t_s,F_N\n0,1\n1,n/a\n", "a.csv line 3: column 'F_N' holds 'n/a', expected a number"),
+        ("t_s,F_N\n12:00:00,1\n12:00:01,2\n", "a.csv line 2: time column 't_s' holds the date or time of day '12:00"),
+        ("stamp,F_N\n01.05.2025 12:00,1\n", "a.csv: 1 row of numbers, expected at least 2"),
         ("t_s,F_N\n0,1\n0,2\n", "a.csv line 3: time 't_s' repeats 0 s, expected ascending times"),
         ("t_s,F_N\n1,1\n\n0,2\n", "a.csv line 4: time 't_s' runs backwards from 1 s to 0 s, expected ascending times"),
         ("t,F_N\n0,1\n1,2\n", "a.csv: time column 't' has no unit; expected s, ms, us, ns or min"),
@@ -132,7 +136,7 @@ def test_a_log_without_a_signal_is_refused(tmp_path: Path):
 
 
 def test_every_mistake_is_told_at_once(tmp_path: Path):
-    found = refusal(tmp_path, "t_s,a_N,b_N\n0,1,x\n0,2,3\n1,nan,4\n")
+    found = refusal(tmp_path, "t_s,a_N,b_N\n0,1,x\n0,2,3\n1,off,4\n")
     assert [line.partition(":")[0] for line in found.splitlines()] == ["a.csv line 3", "a.csv line 4", "a.csv line 2"]
 
 

@@ -196,9 +196,15 @@ def test_an_encoding_that_is_not_read_is_named(tmp_path: Path):
     assert "encoded as cbor; protobuf, json and cdr are read" in refusal(path, "F=/wrench.force.z[N]")
 
 
-def test_values_that_are_no_numbers_are_refused(tmp_path: Path):
+def test_values_that_are_no_numbers_are_left_out_and_refused_if_there_are_no_others(tmp_path: Path):
     path = json_log(tmp_path / "a.mcap", wrenches([4.0, float("nan")]))
-    assert "force.z is nan in message 2 of 2" in refusal(path, "F=/wrench.force.z[N]")
+    assert "force.z is in 1 message, expected at least 2" in refusal(path, "F=/wrench.force.z[N]")
+    path = json_log(tmp_path / "b.mcap", wrenches([float("nan")] * 3))
+    assert "force.z is nan in all messages" in refusal(path, "F=/wrench.force.z[N]")
+    log = read_log(path, column_map(["F=/wrench.force.z[N]", "q=/wrench.q[0]"]))
+    assert list(log.series) == ["q"] and "left out: /wrench.force.z is nan in all messages" in log.notes[0]
+    with pytest.raises(LogRefused, match="is nan in all messages"):
+        log["F"]
 
 
 def test_a_log_without_messages_is_refused(tmp_path: Path):
@@ -233,7 +239,7 @@ def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path: Path, compression: st
     [
         ("[" * 100_000, "nested too deeply"),
         (f'{{"z": {10**400}}}', "a number of more than 300 digits"),
-        ('{"z": 1e308}', r"is 1e\+308 in message 1 of 3, expected numbers"),
+        ('{"z": 1e308}', r"is 1e\+308 in all messages, expected numbers"),
     ],
 )
 def test_json_that_means_harm_is_refused_in_a_sentence(tmp_path: Path, text: str, said: str):

@@ -416,9 +416,10 @@ def export_recording(
 
 
 def _recording(run: Path, maps: Sequence[str]) -> Recording:
+    own = is_recording(run)
     if not maps and not is_bag(run):
         return read(recording_in(run))
-    if is_recording(run):
+    if own:
         raise InputRefused(f"--map: {run} is a recording of twin, whose names and units are known")
     return recording_of(read_log(run, column_map(maps)))
 

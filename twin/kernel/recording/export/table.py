@@ -7,6 +7,7 @@ import csv
 import io
 import json
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.kernel.errors import InputRefused, visible
+from twin.kernel.recording.logs.csv_file import heading
 from twin.kernel.recording.reader import Recording
 from twin.kernel.writing import write_bytes, written
 
@@ -27,8 +29,6 @@ MOST_NUMBERS = 200_000_000
 FEW_ROWS, MOST_REPEATED = 100_000, 1000
 """More rows than `FEW_ROWS` have to come from samples: with each of them repeated more than `MOST_REPEATED` times, a
 time in the file is wrong or the rate is. Such a table is of no use, and it fills the memory."""
-FORMULA = ("=", "+", "-", "@", "\t", "\r")
-"""What a cell begins with that spreadsheets take for a formula."""
 ROWS_AT_ONCE = 10_000
 HEADER_BYTES = 116
 """Of descriptive text at the front of the file; scipy would write the date into it."""
@@ -145,22 +145,19 @@ def write_csv(path: Path, table: SignalTable) -> None:
     Truth values are 0 and 1. Not a number is `nan`.
 
     Raises:
+        InputRefused: two columns would have one name.
         NotWritten: it cannot be written.
     """
+    heads = ["t_s", *(heading(column.name, column.unit) for column in table.columns)]
+    if twice := [head for head, count in Counter(heads).items() if count > 1]:
+        raise InputRefused(f"{path}: two columns would be named {visible(twice[0])}; leave one out with --signals")
     columns = [table.t, *(column.values for column in table.columns)]
     with written(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
-        csv.writer(file, lineterminator="\n").writerow(["t_s", *(_harmless(heading(c)) for c in table.columns)])
+        csv.writer(file, lineterminator="\n").writerow(heads)
         # a number takes eight times the memory as a text
         for start in range(0, len(table.t), ROWS_AT_ONCE):
             texts = [_texts(values[start : start + ROWS_AT_ONCE]) for values in columns]
             file.writelines(",".join(row) + "\n" for row in zip(*texts, strict=True))
-
-
-def heading(column: SignalColumn) -> str:
-    """`plant.p_B[0]_m`, `plant.tau_l[0]_Nm`, `drive/1.omega_m_rad_per_s`: name and unit, like keys of TOML."""
-    if column.unit == "1":
-        return column.name
-    return f"{column.name}_{column.unit.replace('N m', 'Nm').replace('/', '_per_').replace(' ', '_')}"
 
 
 def write_parquet(path: Path, table: SignalTable, metadata: Mapping[str, Mapping[str, str]]) -> None:
@@ -223,11 +220,6 @@ def write_matlab(path: Path, recording: Recording, signals: Sequence[str], rate:
     text = f"MATLAB 5.0 MAT-file, written by twin from {recording.path.name}".encode("ascii", "replace")
     write_bytes(path, text[:HEADER_BYTES].ljust(HEADER_BYTES) + file.getvalue()[HEADER_BYTES:])
     return len(common)
-
-
-def _harmless(name: str) -> str:
-    """`name` as a cell that no spreadsheet calculates and no terminal obeys: names may be another tool's."""
-    return f"'{visible(name)}" if name.startswith(FORMULA) else visible(name)
 
 
 def _texts(values: np.ndarray) -> list[str]:

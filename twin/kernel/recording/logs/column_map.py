@@ -16,7 +16,7 @@ name must carry it. A file that is read with a map gives the mapped signals and 
 import difflib
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -42,11 +42,13 @@ class MappedColumn:
         name: of the column.
         unit: as the user wrote it; empty: the column's name carries it.
         sign: 1 or -1.
+        text: name, unit and sign as one text, if written so: a column may have that very name.
     """
 
     name: str
     unit: str = ""
     sign: int = 1
+    text: str = field(default="", compare=False)
 
 
 def column_map(entries: Sequence[str | Path]) -> dict[str, MappedColumn]:
@@ -147,12 +149,12 @@ def refuse_unit(where: str, name: str, got: str, wanted: str, column: str = "COL
 
 def _column(source: str) -> MappedColumn:
     """`-Fz[N]` -> Fz, N, -1; an index stays with the name."""
-    sign = -1 if source.startswith("-") else 1
+    sign, text = (-1 if source.startswith("-") else 1), source
     source = source.removeprefix("-")
     match = re.fullmatch(r"(.+)\[([^\[\]]+)\]", source)
     if match and not match[2].isdigit():
-        return MappedColumn(match[1].strip(), match[2], sign)
-    return MappedColumn(source, "", sign)
+        return MappedColumn(match[1].strip(), match[2], sign, text)
+    return MappedColumn(source, "", sign, text)
 
 
 def _file(path: Path, mistakes: list[str]) -> dict[str, MappedColumn]:

@@ -15,7 +15,7 @@ import os
 import re
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -26,10 +26,12 @@ from numpy.typing import NDArray
 from twin.kernel.errors import nearest, visible
 from twin.kernel.files import foreign_kind, open_regular
 from twin.kernel.recording.logs.column_map import TIME, TIME_NAMES, MappedColumn, split_unit, unit
-from twin.kernel.recording.logs.log import LARGEST, Log, LogRefused, LogSeries
+from twin.kernel.recording.logs.log import LARGEST, Log, LogRefused, LogSeries, NoNumbers
 from twin.kernel.units import FORCE, Dimension, Unit, known_unit
 from twin.kernel.writing import write_text
 
+FORMULA = ("=", "+", "-", "@", "\t", "\r")
+"""First characters of a cell that spreadsheets take for a formula."""
 LARGEST_FILE = 2**30
 """Bytes; four hours of 36 columns at 200 Hz, and about as much memory."""
 SEPARATORS = ",;\t"
@@ -38,32 +40,49 @@ _BLOCK = 2**20
 ROWS_AT_ONCE = 200
 """Rows whose numbers are converted together, so that their texts are not all in memory."""
 _TIME_DIMENSION = Dimension(s=1)
+INVALID = frozenset({"null", "none", "na", "n/a", "#n/a", "<na>", "nil"})
+"""What tools write for a value that is not a number, beside the spellings of NaN and infinity that float() reads."""
+DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}(\D.*)?|\d{1,2}:\d{2}(:\d{2}.*)?")
+"""A date, a date with a time of day, or a time of day."""
+SEPARATOR_LINE = re.compile(r'"?sep=([^\s\w"]|\t)"?\s*', re.IGNORECASE)
+"""First line of a file for Excel."""
 
 
 @dataclass
 class WrongFields:
-    """Fields of one column that are no numbers.
+    """Fields of one column that are not finite numbers.
 
     Attributes:
-        count: how many.
-        line, text: of the first.
-        texts: whether any is not empty.
-        commas: whether any has a comma.
+        count: number of these fields.
+        line, text: the first field with other text than `INVALID`, else the first field.
+        empty: number of empty fields.
+        invalid: line of each field with NaN, infinity or a word of `INVALID`.
+        commas: whether a field is a number with a decimal comma.
     """
 
     count: int = 0
     line: int = 0
     text: str = ""
-    texts: bool = False
+    empty: int = 0
+    invalid: "array[int]" = field(default_factory=lambda: array("q"))
     commas: bool = False
 
+    @property
+    def texts(self) -> int:
+        """Number of fields with any other text."""
+        return self.count - self.empty - len(self.invalid)
+
     def add(self, line: int, text: str) -> None:
-        """Take note of one."""
-        if not self.count:
+        """Count one."""
+        empty, invalid = not text, text.lower() in INVALID or _is_float(text)
+        if not self.count or not (empty or invalid or self.texts):
             self.line, self.text = line, text
         self.count += 1
-        self.texts |= bool(text)
-        self.commas |= "," in text
+        self.empty += empty
+        if invalid:
+            self.invalid.append(line)
+        self.commas |= bool(DECIMAL_COMMA.fullmatch(text))
 
 
 @dataclass(frozen=True)
@@ -77,6 +96,7 @@ class CsvTable:
         values: (rows, columns); NaN where a field is no finite number.
         wrong: of the columns that have such fields, by position.
         lines: line number of each row, from 1.
+        notes: what is missing of the file.
     """
 
     path: Path
@@ -85,49 +105,94 @@ class CsvTable:
     values: NDArray[np.float64]
     wrong: dict[int, WrongFields]
     lines: NDArray[np.int64]
+    notes: tuple[str, ...] = ()
 
     def column(self, name: str) -> NDArray[np.float64]:
-        """The numbers of the column `name`."""
+        """The numbers of the column `name`.
+
+        Raises:
+            LogRefused: two columns have that name.
+        """
+        if self.head.count(name) > 1:
+            raise LogRefused(f"{self.path}: two columns are named '{name}'; expected different names")
         return self.values[:, self.head.index(name)]
 
     def mistakes(self, name: str) -> WrongFields | None:
         """What of the column `name` is no number; None: nothing."""
         return self.wrong.get(self.head.index(name))
 
-    def is_words(self, name: str) -> bool:
-        """Whether no field of the column `name` is a number, so that it says something else."""
+    def is_numbers(self, name: str) -> bool:
+        """Whether the column `name` has numbers, and fields without text where it has none."""
         wrong = self.mistakes(name)
-        return wrong is not None and wrong.count == len(self.values) and wrong.texts and not wrong.commas
+        return wrong is None or (not wrong.texts and wrong.count < len(self.values))
+
+    def is_words(self, name: str) -> bool:
+        """Whether no field of the column `name` is a number, and some are text."""
+        wrong = self.mistakes(name)
+        return wrong is not None and wrong.count == len(self.values) and wrong.texts > 0 and not wrong.commas
 
 
-def read_csv(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
+def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str, str] | None = None) -> Log:
     """The log in the CSV file `path`.
+
+    An empty field means that its column has no sample in that row; a field with NaN is an invalid sample. A column that
+    cannot be read is left out, and refused if it is asked for.
 
     Args:
         columns: by signal; empty: every column that holds numbers, named as its head says.
+        known: unit by name of signals that a name in the head may mean, such as those of the log to compare with.
 
     Raises:
-        LogRefused: no text, no rows, rows of different lengths, a column that is not there, a unit that is none, a
-            field that is no finite number, times that do not ascend; every mistake of a kind, each in one sentence.
+        LogRefused: no text, no rows, rows of different lengths, a column of the map that is not there or cannot be
+            read, times that do not ascend; every mistake of a kind, each in one sentence.
     """
     table = read_table(path)
     mistakes: list[str] = []
-    sources, notes = _sources(table, columns, mistakes)
-    t = _values(table, TIME, sources[TIME], mistakes) if TIME in sources else None
-    if t is not None:
-        _check_times(table, sources[TIME].name, t, mistakes)
+    sources, left_out = _sources(table, columns, known or {}, mistakes)
+    t, rows, notes = np.empty(0), np.empty(0, dtype=bool), list(table.notes)
+    if TIME in sources:
+        try:
+            t, rows = _times(table, sources[TIME])
+        except LogRefused as problem:
+            mistakes.append(str(problem))
+    if len(rows) > len(t) > 0:
+        notes.append(f"rows without a time are left out: {len(rows) - len(t)}")
     series = {}
     for name, column in sources.items():
-        if name != TIME:
-            values = _values(table, name, column, mistakes)
-            if t is not None and values is not None:
-                series[name] = LogSeries(t, values, _unit_of(table.path, column).si)
-    if mistakes:
-        raise LogRefused("\n".join(mistakes))
+        if name == TIME:
+            continue
+        try:
+            exported = (known or {}).get(name, "")
+            # what was exported has the numbers and the unit of its source, which may be one that is not known here
+            as_is = not columns and bool(exported) and heading(name, exported) == column.name
+            values, factor = _values(table, replace(column, unit="1") if as_is else column)
+            if not len(t):
+                continue
+            values = column.sign * factor.in_si(values[rows])
+            use = np.isfinite(values)
+            if np.sum(use) < 2:
+                some = "1 number" if np.any(use) else "no numbers"
+                raise NoNumbers(f"{path}: column '{column.name}' has {some}, expected at least 2")
+            # columns of the same rows share their times
+            own = (t, values) if np.all(use) else (t[use], values[use])
+            wrong = table.mistakes(column.name)
+            invalid = t[np.isin(table.lines[rows], wrong.invalid)] if wrong else t[:0]
+            series[name] = LogSeries(*own, exported if as_is else factor.si, invalid)
+        except LogRefused as problem:
+            if columns and not isinstance(problem, NoNumbers):
+                mistakes.append(str(problem))
+            else:
+                left_out[name] = str(problem)
+    words = [name for name in left_out if name in table.head and table.is_words(name)]
+    others = [text for name, text in left_out.items() if name not in words]
+    if mistakes or (others and not series):
+        raise LogRefused("\n".join(dict.fromkeys([*mistakes, *others])))
     if not series:
         why = "the map names no signal besides the time" if columns else "no column of numbers besides the time"
         raise LogRefused(f"{path}: {why}; expected at least one")
-    return Log(path, series, notes, table.comments)
+    notes += [f"columns of words are left out: {', '.join(words)}"] if words else []
+    notes += [f"left out: {text.removeprefix(str(path)).strip(': ')}" for text in others]
+    return Log(path, series, tuple(notes), table.comments, left_out)
 
 
 def read_table(path: Path) -> CsvTable:
@@ -144,16 +209,19 @@ def read_table(path: Path) -> CsvTable:
 def table_of(path: Path, file: BinaryIO) -> CsvTable:
     """The CSV in `file`; `path` is what sentences call it. Errors as of `read_table`."""
     _refuse_foreign(path, file)
+    file.seek(-1, os.SEEK_END)
+    ended = file.read() in (b"\n", b"\r")
     file.seek(0)
     text = io.TextIOWrapper(file, encoding="utf-8-sig", newline="")
     comments, head, separator, rows = _head(path, text)
     values, lines, wrong = array("d"), array("q"), dict[int, WrongFields]()
-    ragged, first = 0, (0, 0)
+    ragged, first, last = 0, (0, 0), (0, 0)
     while block := list(islice(rows, ROWS_AT_ONCE)):
         fitting = [(row, line) for row, line in block if len(row) == len(head)]
         if len(fitting) < len(block):
             first = first if ragged else next((line, len(row)) for row, line in block if len(row) != len(head))
             ragged += len(block) - len(fitting)
+        last = block[-1][1], len(block[-1][0])
         if fitting:
             texts, numbers = zip(*fitting, strict=True)
             lines.extend(numbers)
@@ -163,6 +231,14 @@ def table_of(path: Path, file: BinaryIO) -> CsvTable:
             values.frombytes(np.stack(parts, axis=1).tobytes())
     # so that the file stays open
     text.detach()
+    notes: tuple[str, ...] = ()
+    end = wrong.get(len(head) - 1)
+    broken = not ended and last[1] == len(head) and end is not None and (end.texts, end.line) == (1, last[0])
+    if broken or (ragged == 1 and last[1] < len(head)):
+        # a logger that was killed leaves half a line
+        ragged, notes = 0 if not broken else ragged, (f"line {last[0]}, the last one, is cut short and left out",)
+    if broken:
+        del values[-len(head) :], lines[-1:], wrong[len(head) - 1]
     if ragged:
         line, fields = first
         # 3,14 in a file separated by commas gives twice as many fields
@@ -174,9 +250,8 @@ def table_of(path: Path, file: BinaryIO) -> CsvTable:
         )
     if (many := len(lines)) < 2:
         raise LogRefused(f"{path}: {many} row{'s' * (many != 1)} of numbers, expected at least 2")
-    return CsvTable(
-        path, comments, head, np.frombuffer(values).reshape(many, len(head)), wrong, np.frombuffer(lines, np.int64)
-    )
+    numbers = np.frombuffer(values).reshape(many, len(head))
+    return CsvTable(path, comments, head, numbers, wrong, np.frombuffer(lines, np.int64), notes)
 
 
 def _refuse_foreign(path: Path, file: BinaryIO) -> None:
@@ -223,13 +298,12 @@ def _head(path: Path, text: Iterator[str]) -> tuple[tuple[str, ...], list[str], 
     else:
         raise LogRefused(f"{path}: only comments; expected a line of names, then rows of numbers")
     separator = max(SEPARATORS, key=line.count)
+    if declared := SEPARATOR_LINE.fullmatch(line):
+        separator, line, before = declared[1], next(text, ""), before + 1
     rows = _rows(path, chain([line], text), separator, before)
-    names = [name.strip() for name in next(rows)[0]]
+    names = [name.strip() for name in next(rows, ([""], 0))[0]]
     if len(names) > MOST_COLUMNS:
         raise LogRefused(f"{path}: {len(names):,} columns, expected at most {MOST_COLUMNS:,}")
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise LogRefused(f"{path}: two columns are named '{twice}'; expected different names")
     if all(_number(name) is not None for name in names):
         raise LogRefused(f"{path} line {before + 1}: numbers where the names of the columns are expected")
     if len(names) < 2:
@@ -247,6 +321,15 @@ def _rows(path: Path, lines: Iterator[str], separator: str, before: int) -> Iter
                 yield row, reader.line_num + before
     except csv.Error as problem:
         raise LogRefused(f"{path} line {reader.line_num + before}: not CSV: {problem}") from None
+
+
+def _is_float(text: str) -> bool:
+    """Whether `text` spells a number for Python, also NaN, infinity or one that no quantity has."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _number(text: str) -> float | None:
@@ -282,20 +365,27 @@ def _more(others: int, what: str) -> str:
 
 
 def _sources(
-    table: CsvTable, columns: Mapping[str, MappedColumn], mistakes: list[str]
-) -> tuple[dict[str, MappedColumn], tuple[str, ...]]:
-    """The columns to read, each with its unit; and what is left out."""
-    head = {split_unit(name)[0]: name for name in reversed(table.head)}
+    table: CsvTable, columns: Mapping[str, MappedColumn], known: Mapping[str, str], mistakes: list[str]
+) -> tuple[dict[str, MappedColumn], dict[str, str]]:
+    """The columns to read, each with its unit; and signals that are left out -> error message."""
     sources = {}
     for signal, column in columns.items():
-        # `Fz` finds `Fz_N`, too
-        name = column.name if column.name in table.head else head.get(column.name)
-        if name is None:
+        # the whole name as it is written, then without unit and sign, then `Fz` finds `Fz_N`, too
+        found = [name for name in (column.text, column.name) if name in table.head][:1]
+        found = found or [name for name in table.head if split_unit(name)[0] == column.name]
+        if len(found) > 1:
+            mistakes.append(
+                f"{table.path}: column '{column.name}' for {signal} could be {' or '.join(found)}; expected one of them"
+            )
+        elif not found:
             hint = nearest(column.name, table.head, "it has {}")
             mistakes.append(f"{table.path}: column '{column.name}' for {signal} is not there; {hint}")
+        elif found[0] == column.text:
+            sources[signal] = MappedColumn(found[0], split_unit(found[0])[1])
         else:
-            sources[signal] = MappedColumn(name, column.unit or split_unit(name)[1], column.sign)
+            sources[signal] = MappedColumn(found[0], column.unit or split_unit(found[0])[1], column.sign)
     if TIME not in columns:
+        head = {split_unit(name)[0]: name for name in reversed(table.head)}
         time = next((head[name] for name in TIME_NAMES if name in head), None)
         if time is None:
             mistakes.append(
@@ -304,49 +394,100 @@ def _sources(
         else:
             sources[TIME] = MappedColumn(time, split_unit(time)[1])
     if columns:
-        return sources, ()
-    words = []
-    for name in table.head:
+        return sources, {}
+    left_out: dict[str, str] = {}
+    for name, (signal, of_unit) in meanings(table.head, known).items():
         if TIME in sources and name == sources[TIME].name:
             continue
         if table.is_words(name):
-            words.append(name)
-        elif (signal := split_unit(name)[0]) in sources:
-            mistakes.append(f"{table.path}: columns '{sources[signal].name}' and '{name}' are both {signal}; use --map")
+            left_out[name] = f"{table.path}: column '{name}' holds words"
+        elif signal in sources or signal in left_out:
+            others = [sources.pop(signal).name] if signal in sources else []
+            twice = " and ".join(f"'{one}'" for one in [*others, name])
+            left_out[signal] = f"{table.path}: columns {twice} are both {signal}; use --map"
         else:
-            sources[signal] = MappedColumn(name, split_unit(name)[1])
-    return sources, (f"columns of words are left out: {', '.join(words)}",) if words else ()
+            sources[signal] = MappedColumn(name, of_unit)
+    return sources, left_out
 
 
-def _values(table: CsvTable, signal: str, column: MappedColumn, mistakes: list[str]) -> NDArray[np.float64] | None:
-    """A column in SI (n,); None after adding what is wrong to `mistakes`."""
-    try:
-        factor = _unit_of(table.path, column)
-    except LogRefused as problem:
-        mistakes.append(str(problem))
-        return None
-    if signal == TIME and factor.dimension != _TIME_DIMENSION:
+def meanings(head: Sequence[str], known: Mapping[str, str]) -> dict[str, tuple[str, str]]:
+    """Signal and unit that each name of the head means; empty names are none.
+
+    A name that `twin export` writes for one of the `known` signals (unit by name) means it, then a name that is one of
+    them as a whole: `i_A` is then no current `i`. Every other name carries its unit, as `split_unit` has it.
+    """
+    exported: dict[str, list[tuple[str, str]]] = {}
+    for signal, of_unit in known.items():
+        exported.setdefault(heading(signal, of_unit), []).append((signal, of_unit))
+    found = {}
+    for name in head:
+        signals = exported.get(name, [])
+        if name:
+            found[name] = signals[0] if len(signals) == 1 else split_unit(name)
+    taken = {signal for signal, _ in found.values()}
+    for name in found:
+        if name in known and name not in taken:
+            same = known_unit(split_unit(name)[1]), known_unit(known[name])
+            found[name] = name, split_unit(name)[1] if same[0] and same[1] and same[0][0] == same[1][0] else "1"
+    return found
+
+
+def heading(name: str, of_unit: str) -> str:
+    """The name of a column in a CSV file of `twin export`: `plant.p_B[0]_m`, `drive/1.omega_m_rad_per_s`.
+
+    A name that spreadsheets would take for a formula begins with an apostrophe.
+    """
+    if of_unit != "1":
+        name = f"{name}_{of_unit.replace('N m', 'Nm').replace('/', '_per_').replace(' ', '_')}"
+    return f"'{visible(name)}" if name.startswith(FORMULA) else visible(name)
+
+
+def _values(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64], Unit]:
+    """Numbers of a column (n,), not finite where it has no sample, and its unit."""
+    factor = _unit_of(table.path, column)
+    values = table.column(column.name)
+    wrong = table.mistakes(column.name)
+    if wrong and wrong.texts:
+        hint = "; decimal commas? Export with points" if wrong.commas else ""
+        others = _more(wrong.texts - 1, "field")
+        raise LogRefused(
+            f"{table.path} line {wrong.line}: column '{column.name}' holds '{wrong.text}', expected a number"
+            f"{others}{hint}"
+        )
+    return values, factor
+
+
+def _times(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Times (s) of the rows that have one, ascending, and which rows these are."""
+    wrong = table.mistakes(column.name)
+    if wrong and DATE.fullmatch(wrong.text):
+        raise LogRefused(
+            f"{table.path} line {wrong.line}: time column '{column.name}' holds the date or time of day "
+            f"'{wrong.text}'; expected seconds: write them to the file, counted from its first row"
+        )
+    factor = _unit_of(table.path, column)
+    if factor.dimension != _TIME_DIMENSION:
         what = f"unit '{column.unit}'" if column.unit else "no unit"
-        mistakes.append(f"{table.path}: time column '{column.name}' has {what}; expected s, ms, us, ns or min")
-        return None
-    if wrong := table.mistakes(column.name):
-        got = f"'{wrong.text}'" if wrong.text else "nothing"
-        hint = "; decimal commas? Export with points" if wrong.text.count(",") == 1 else ""
-        where = f"{table.path} line {wrong.line}"
-        others = _more(wrong.count - 1, "field")
-        mistakes.append(f"{where}: column '{column.name}' holds {got}, expected a number{others}{hint}")
-        return None
-    return column.sign * factor.in_si(table.column(column.name))
+        raise LogRefused(f"{table.path}: time column '{column.name}' has {what}; expected s, ms, us, ns or min")
+    values, factor = _values(table, column)
+    rows = np.isfinite(values)
+    t = column.sign * factor.in_si(values[rows])
+    if len(t) < 2:
+        raise LogRefused(
+            f"{table.path}: time column '{column.name}' has {len(t)} time{'s' * (len(t) != 1)}, expected at least 2"
+        )
+    _check_times(table, column.name, t, table.lines[rows])
+    return t, rows
 
 
-def _check_times(table: CsvTable, name: str, t: NDArray[np.float64], mistakes: list[str]) -> None:
+def _check_times(table: CsvTable, name: str, t: NDArray[np.float64], lines: NDArray[np.int64]) -> None:
     backwards = np.flatnonzero(np.diff(t) <= 0.0) + 1
     if len(backwards):
         k = backwards[0]
         others = _more(len(backwards) - 1, "time")
         what = "repeats" if t[k] == t[k - 1] else "runs backwards from"
-        mistakes.append(
-            f"{table.path} line {table.lines[k]}: time '{name}' {what} {t[k - 1]:.9g} s"
+        raise LogRefused(
+            f"{table.path} line {lines[k]}: time '{name}' {what} {t[k - 1]:.9g} s"
             f"{'' if t[k] == t[k - 1] else f' to {t[k]:.9g} s'}, expected ascending times{others}"
         )
 
@@ -403,7 +544,7 @@ def propose(log: Path) -> Proposal:
 
 def proposal(table: CsvTable) -> tuple[str, bool]:
     """(text of the map, whether nothing in it is in doubt)."""
-    numbers = [name for name in table.head if not table.mistakes(name)]
+    numbers = [name for name in table.head if table.head.count(name) == 1 and table.is_numbers(name)]
     sections = [_time(table, numbers), *_angles(table, numbers), _force(table, numbers)]
     taken = {name for lines in sections for name in numbers if any(_quoted(name) in line for line in lines)}
     lines = [f"# Which column of {visible(table.path.name)} is which signal, for twin replay and twin identify."]
@@ -465,7 +606,7 @@ def _force(table: CsvTable, numbers: Sequence[str]) -> list[str]:
         # what a scale shows in grams is a weight
         unit = units[name] if forces else f"{units[name]}f"
         values = table.column(name)
-        sign = -1 if abs(float(values.min())) > abs(float(values.max())) else 1
+        sign = -1 if abs(float(np.nanmin(values))) > abs(float(np.nanmax(values))) else 1
         return [_line(f"scale.{LAST}", name, unit, sign)]
     offered = [*forces, *weights] or [name for name in numbers if not units[name] and _words(name) & set(FORCES)]
     if not offered:
@@ -489,7 +630,8 @@ def triples_of(table: CsvTable, numbers: Sequence[str]) -> list[Triple]:
         numbered: Mapping[int, str] = columns
         if sorted(numbered) in ([0, 1, 2], [1, 2, 3]):
             three = [numbered[joint] for joint in sorted(numbered)]
-            whole = all(bool(np.all(table.column(name) == np.rint(table.column(name)))) for name in three)
+            values = [table.column(name) for name in three]
+            whole = all(np.array_equal(one, np.rint(one), equal_nan=True) for one in values)
             found.append(Triple((three[0], three[1], three[2]), _words(stem), unit, whole and unit in ("", "1")))
     return found
 

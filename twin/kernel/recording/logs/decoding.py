@@ -6,6 +6,7 @@ definition may ask of them is bounded here. Units are those of REP 103.
 
 import json
 import keyword
+import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import is_dataclass
@@ -235,47 +236,65 @@ def _why(data: bytes) -> str:
 
 
 class UnknownElement(LookupError):
-    """A message has no element of that name; another one of the topic may have."""
+    """A message has no such element; another one of the topic may have."""
+
+
+PART = re.compile(r'"([^"]+)"|([^.\[\]"][^.\[\]]*)|\[(\d+)\]')
 
 
 def path_parts(path: str) -> tuple[str | int, ...]:
-    """`joints.position[2]` -> joints, position, 2."""
-    return tuple(int(index) if index else name for name, index in re.findall(r"([^.\[\]]+)|\[(\d+)\]", path))
+    """`joints.position[2]` -> joints, position, 2; a name with dots may stand in quotes: `position."arm.knee"`."""
+    return tuple(int(index) if index else quoted or name for quoted, name, index in PART.findall(path))
+
+
+def path_text(parts: Sequence[str | int]) -> str:
+    """`joints.position[2]` of its parts."""
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).removeprefix(".")
 
 
 def field(message: Any, parts: Sequence[str | int]) -> float:
     """The number (or stamp, in s) of a message at `force.z`, `position[2]`, `header.stamp`, as `path_parts` has it.
 
-    `position.knee` is the element of an array that stands where 'knee' stands in the names beside it.
+    `position.knee` is the element of an array that stands where 'knee' stands in the names beside it. What is left of
+    the path may be one name, such as `arm.knee`.
 
     Raises:
-        LookupError: there is no such field; its text says what is there. `UnknownElement`: no such name.
-        ValueError: what is there is neither a number nor a stamp.
+        LookupError: no message of this type has such a field; its text says what is there. `UnknownElement`: this
+            message has none.
+        ValueError: what is there is neither a number nor a stamp; null is NaN.
     """
     around: list[Any] = []
     value = message
-    for part in parts:
+    for k, part in enumerate(parts):
+        if value is None:
+            break
         if isinstance(part, str) and _is_array(value):
-            part = _index_of(part, around)
+            value, last = _named_element(value, path_text(parts[k:]), part, around)
+            if last:
+                break
+            continue
         if isinstance(part, int):
-            try:
-                value = value[part]
-            except (TypeError, IndexError, KeyError):
-                raise LookupError(f"no element [{part}]") from None
+            value = _element(value, part)
             continue
         around.append(value)
         names = _names(value)
+        if isinstance(value, Mapping) and len(parts) > k + 1 and (rest := path_text(parts[k:])) in value:
+            value = value[rest]
+            break
         # what Python keeps for itself is spelt with a dash below in a dataclass
         part = f"{part}_" if keyword.iskeyword(part) and f"{part}_" in names else part
         if part not in names:
-            where = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in parts)[1:]
-            raise LookupError(f"it has {', '.join(names)}" if names else f"nothing lies below '{where}'")
+            text = f"it has {', '.join(names)}" if names else f"nothing lies below '{path_text(parts)}'"
+            # the next JSON object may have other fields
+            raise (UnknownElement if isinstance(value, Mapping) else LookupError)(text)
         value = _member(value, part)
     if isinstance(value, bool | int | float | np.number | np.bool_):
         try:
             return float(value)
         except OverflowError:
             raise ValueError("a number of more than 300 digits") from None
+    if value is None:
+        return math.nan
     names = _names(value)
     stamp = [next((name for name in words if name in names), None) for words in (SECONDS, NANOSECONDS)]
     if all(stamp):
@@ -289,16 +308,33 @@ def _is_array(value: Any) -> bool:
     return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str | bytes)
 
 
-def _index_of(name: str, around: Sequence[Any]) -> int:
-    """Where `name` stands among the names in the nearest of the messages `around` an array."""
+def _element(value: Any, index: int) -> Any:
+    try:
+        return value[index]
+    except (TypeError, KeyError):
+        raise LookupError(f"no element [{index}]") from None
+    except IndexError:
+        raise UnknownElement(f"no element [{index}]") from None
+
+
+def _named_element(value: Any, rest: str, name: str, around: Sequence[Any]) -> tuple[Any, bool]:
+    """Element of the array `value` named `rest`, else `name`, by the names in the nearest message `around` it.
+
+    Returns:
+        The element, and whether its name is `rest`.
+    """
+    choice = f"choose an element with [0] instead of .{name}"
     for message in reversed(around):
         for label in set(_names(message)).intersection(LABELS):
             labels = _member(message, label)
-            if _is_array(labels) and len(labels) and isinstance(labels[0], str):
-                if name in labels:
-                    return list(labels).index(name)
-                raise UnknownElement(nearest(name, labels, "there are {}"))
-    raise LookupError(f"an array without names beside it; choose an element with [0] instead of .{name}")
+            if _is_array(labels) and not len(labels):
+                raise UnknownElement(f"its {label} is empty; {choice}")
+            if _is_array(labels) and isinstance(labels[0], str):
+                found = next((one for one in (rest, name) if one in labels), None)
+                if found is None:
+                    raise UnknownElement(nearest(name, labels, "there are {}"))
+                return _element(value, list(labels).index(found)), found == rest
+    raise LookupError(f"an array without names beside it; {choice}")
 
 
 def _names(value: Any) -> Collection[str]:

@@ -1,7 +1,8 @@
 """A log in memory: series in SI units by the product's own names, and where samples of them are missing."""
 
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -20,8 +21,16 @@ REGULAR = 0.6
 at random keeps 0.7 of them; points placed at random have 0.35 (intervals of a Poisson process)."""
 
 
+MAX_INVALID = 0.05
+"""Largest share of the samples of a needed signal that may be NaN, null or infinite."""
+
+
 class LogRefused(InputRefused):
     """A log or its column map cannot be used: which file, where in it, what was found, what was expected."""
+
+
+class NoNumbers(LogRefused):
+    """A signal is in the log, but with fewer than two numbers."""
 
 
 class Sampling(NamedTuple):
@@ -82,16 +91,71 @@ class LogSeries:
         t: times of the samples, s, strictly ascending, (n,).
         values: in `unit`, (n,), or (n, k) from `Log.vector`.
         unit: SI, as recordings write it: `N`, `rad/s`, `1`.
+        invalid: times (s) of further samples, which were NaN, null or infinite, ascending.
     """
 
     t: NDArray[np.float64]
     values: NDArray[np.float64]
     unit: str
+    invalid: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     @cached_property
     def sampling(self) -> Sampling:
         """How it is sampled and what is missing; n >= 2."""
         return sampling(self.t)
+
+    def between(self, start: float, end: float) -> "LogSeries":
+        """The samples from `start` to `end` (s)."""
+        use = (self.t >= start) & (self.t <= end)
+        invalid = self.invalid[(self.invalid >= start) & (self.invalid <= end)]
+        return self if np.all(use) else LogSeries(self.t[use], self.values[use], self.unit, invalid)
+
+
+def refuse_invalid(path: Path, name: str, invalid: int, samples: int) -> None:
+    """Check the share of invalid samples of a needed signal.
+
+    Args:
+        path: log.
+        name: signal.
+        invalid, samples: number of invalid samples, and of all.
+
+    Raises:
+        LogRefused: more than `MAX_INVALID` of them are invalid.
+    """
+    if invalid > MAX_INVALID * samples:
+        raise LogRefused(
+            f"{path}: {invalid} of {samples} samples of {name} are NaN, null or infinite, expected at most "
+            f"{100 * MAX_INVALID:g} %; repair the recorder, or choose a sound part with --from-s and --to-s"
+        )
+
+
+def rows_of(parts: Sequence[LogSeries]) -> LogSeries:
+    """Put samples of several series that belong together into rows (n, k), at the times of the first series.
+
+    Sources stamp what they measure at one moment a little apart, so the samples nearest to each other belong together
+    if they are less than half a period apart. A time at which one of the series has no sample has no row.
+    """
+    t = parts[0].t
+    reach = 0.5 * float(np.median(np.diff(t)))
+    invalid = np.unique(np.concatenate([part.invalid for part in parts]))
+    invalid = invalid[np.diff(invalid, prepend=-np.inf) > reach]
+    if any(len(part.t) != len(t) or np.any(part.t != t) for part in parts):
+        places = np.stack([_nearest_index(part.t, t) for part in parts], axis=1)
+        apart = np.stack([np.abs(part.t[k] - t) for part, k in zip(parts, places.T, strict=True)], axis=1)
+        # of two times that are nearest to one sample only the nearer one has it
+        mutual = [_nearest_index(t, part.t)[k] == np.arange(len(t)) for part, k in zip(parts, places.T, strict=True)]
+        rows = np.flatnonzero(np.all(apart < reach, axis=1) & np.all(mutual, axis=0))
+        values = [part.values[k[rows]] for part, k in zip(parts, places.T, strict=True)]
+        t = t[rows]
+    else:
+        values = [part.values for part in parts]
+    return LogSeries(t, np.column_stack(values), parts[0].unit, invalid)
+
+
+def _nearest_index(of: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Index of the one of the ascending times `of` that is nearest to each of `t`."""
+    after = np.clip(np.searchsorted(of, t), 1, len(of) - 1)
+    return after - (t - of[after - 1] <= of[after] - t)
 
 
 @dataclass(frozen=True, repr=False)
@@ -103,19 +167,23 @@ class Log:
         series: scalar series by name; a component of a vector is `plant.p_B[2]`.
         notes: sentences on what is incomplete: samples that are missing, an end that is cut off.
         comments: lines of the file's head that start with #, without it.
+        left_out: signal that the file has but that cannot be read -> error message.
     """
 
     path: Path
     series: dict[str, LogSeries]
     notes: tuple[str, ...] = ()
     comments: tuple[str, ...] = ()
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> LogSeries:
         """The scalar series `name`.
 
         Raises:
-            LogRefused: there is none; it names the nearest ones.
+            LogRefused: there is none, or it cannot be read; it names the nearest ones.
         """
+        if name in self.left_out:
+            raise LogRefused(self.left_out[name])
         if name not in self.series:
             raise LogRefused(f"{self.path}: '{name}' is not there; {nearest(name, self.series, 'it has {}', 3)}")
         return self.series[name]
@@ -124,15 +192,17 @@ class Log:
         """The components `name[0]`, `name[1]`, ... as one series of values (n, k).
 
         Raises:
-            LogRefused: there are none, one is left out, or they differ in times or unit.
+            LogRefused: there are none, one is left out, or they differ in unit or have no times in common.
         """
-        indices = sorted(int(m[1]) for key in self.series if (m := re.fullmatch(re.escape(name) + r"\[(\d+)\]", key)))
+        names = [*self.series, *self.left_out]
+        indices = sorted(int(m[1]) for key in names if (m := re.fullmatch(re.escape(name) + r"\[(\d+)\]", key)))
         if not indices:
             # the sentence about the nearest names is the same as for a scalar
             self[f"{name}[0]"]
         if indices != list(range(len(indices))):
             raise LogRefused(f"{self.path}: '{name}' has components {indices}, expected all from 0 on")
-        parts = [self.series[f"{name}[{i}]"] for i in indices]
-        if any(part.unit != parts[0].unit or not np.array_equal(part.t, parts[0].t) for part in parts):
+        parts = [self[f"{name}[{i}]"] for i in indices]
+        rows = rows_of(parts)
+        if any(part.unit != parts[0].unit for part in parts) or len(rows.t) < 2:
             raise LogRefused(f"{self.path}: the components of '{name}' differ in unit or in times")
-        return LogSeries(parts[0].t, np.stack([part.values for part in parts], axis=1), parts[0].unit)
+        return rows

@@ -1,14 +1,17 @@
 """Reading a log, whatever kind of file it is."""
 
+import math
 import os
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from enum import Enum, auto
 from pathlib import Path
 
 import numpy as np
 
+from twin.kernel.errors import InputRefused
 from twin.kernel.files import open_regular
 from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.logs.bag import SQLITE, is_bag, read_bag
@@ -22,13 +25,21 @@ WALL_CLOCK = 1e8
 """Later than three years (s) no log starts; such a time counts from 1970."""
 
 
-def read_log(path: str | Path, columns: Mapping[str, MappedColumn] | None = None) -> Log:
+def read_log(
+    path: str | Path,
+    columns: Mapping[str, MappedColumn] | None = None,
+    part: tuple[float | None, float | None] = (None, None),
+    known: Mapping[str, str] | None = None,
+) -> Log:
     """The log in `path`.
 
     Args:
         path: a recording of twin (its file, its run's folder, results/EXPERIMENT), another MCAP file, a
             bag of ROS 2 (its folder or one of its files), or a CSV file.
         columns: by signal, from `column_map`; a recording of twin has names and units of its own and heeds none.
+        part: start and end (s) of the part to read, by the log's time, None for its own; times of a wall clock count
+            from the first one.
+        known: unit by name of signals that a CSV file's names may mean, see `read_csv`.
 
     Raises:
         LogRefused, RecordingRefused: missing, empty, damaged, foreign without a map, or of columns that are wrong.
@@ -36,12 +47,18 @@ def read_log(path: str | Path, columns: Mapping[str, MappedColumn] | None = None
     path = Path(path)
     match kind_of(path):
         case LogKind.RECORDING:
-            return recorded(read(recording_in(path)))
+            return _cut(recorded(read(recording_in(path))), part)
         case LogKind.BAG:
-            return _finished(read_bag(path, columns or {}))
+            log = read_bag(path, columns or {})
         case LogKind.MCAP:
-            return _finished(read_mcap(path, columns or {}))
-    return _finished(read_csv(path, columns or {}))
+            log = read_mcap(path, columns or {})
+        case LogKind.CSV:
+            log = read_csv(path, columns or {}, known)
+    return _finished(log, part)
+
+
+MOST_BAGS = 5
+"""Maximum number of bags that are named in a sentence."""
 
 
 class LogKind(Enum):
@@ -78,10 +95,19 @@ def kind_of(path: Path) -> LogKind:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether `path` means a recording of twin, which heeds no column map."""
+    """Whether `path` means a recording of twin, which heeds no column map.
+
+    Raises:
+        LogRefused: a folder without a recording, but with bags in it.
+    """
     # not Path.exists, which raises for a name that is too long
     if is_bag(path):
         return False
+    if os.path.isdir(path) and (bags := [str(one) for one in sorted(path.iterdir()) if one.is_dir() and is_bag(one)]):
+        try:
+            recording_in(path)
+        except InputRefused:
+            raise LogRefused(f"{path}: no recording, but the bag {', '.join(bags[:MOST_BAGS])}; name it") from None
     if os.path.isdir(path) or (not os.path.lexists(path) and not path.suffix):
         return True
     return os.path.isfile(path) and written_by_twin(path)
@@ -107,23 +133,45 @@ def recorded(recording: Recording) -> Log:
     return Log(recording.path, series, (*filter(None, [recording.note]), *recording.deviations))
 
 
-def _finished(log: Log) -> Log:
-    """`log` with times of a wall clock counted from its first sample, and notes on missing samples."""
+def _cut(log: Log, part: tuple[float | None, float | None]) -> Log:
+    """The `part` of `log`; series with fewer than two samples in it are left out.
+
+    Raises:
+        LogRefused: no series has samples in it.
+    """
+    if part == (None, None):
+        return log
+    start, end = -math.inf if part[0] is None else part[0], math.inf if part[1] is None else part[1]
+    if not start < end:
+        raise LogRefused(f"{log.path}: from {start:g} to {end:g} s: expected a start before the end")
+    series = {name: found for name, one in log.series.items() if len((found := one.between(start, end)).t) > 1}
+    if not series:
+        first, last = (f(float(one.t[k]) for one in log.series.values()) for f, k in ((min, 0), (max, -1)))
+        raise LogRefused(f"{log.path}: no samples from {start:g} to {end:g} s; it has {first:g} to {last:g} s")
+    return replace(log, series=series)
+
+
+def _finished(log: Log, part: tuple[float | None, float | None]) -> Log:
+    """The `part` of `log` with times of a wall clock counted from its first sample, and notes on missing samples."""
     notes = list(log.notes)
     series = log.series
     start = min(float(one.t[0]) for one in series.values())
     if start > WALL_CLOCK:
         # one array for all that share one, so that they still do
         shifted = {id(one.t): one.t - start for one in series.values()}
-        series = {name: LogSeries(shifted[id(one.t)], one.values, one.unit) for name, one in series.items()}
+        series = {name: replace(one, t=shifted[id(one.t)], invalid=one.invalid - start) for name, one in series.items()}
         notes.append(f"times of a clock: they count from its {start:.3f} s, {_date(start)}")
+    series = _cut(replace(log, series=series), part).series
     missing: dict[str, list[str]] = {}
     for name, one in series.items():
-        if one.sampling.note:
-            missing.setdefault(one.sampling.note, []).append(name)
+        few = len(one.invalid)
+        invalid = f"{few} of {len(one.t) + few} samples are not a number and are left out" if few else ""
+        for note in (invalid, one.sampling.note):
+            if note:
+                missing.setdefault(note, []).append(name)
     for note, names in missing.items():
         notes.append(note if len(names) == len(series) else f"{', '.join(names)}: {note}")
-    return Log(log.path, series, tuple(notes), log.comments)
+    return replace(log, series=series, notes=tuple(notes))
 
 
 def _date(seconds: float) -> str:

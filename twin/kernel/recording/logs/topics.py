@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from twin.kernel.errors import nearest
 from twin.kernel.recording.logs import decoding
 from twin.kernel.recording.logs.column_map import TIME, MappedColumn, split_unit, unit
-from twin.kernel.recording.logs.log import LARGEST, Log, LogRefused, LogSeries
+from twin.kernel.recording.logs.log import LARGEST, Log, LogRefused, LogSeries, NoNumbers
 from twin.kernel.recording.messages import RECORD_PREFIX
 from twin.kernel.recording.summary import allowance, unpacked
 from twin.kernel.units import Dimension, Unit
@@ -131,15 +131,19 @@ def log_of(
                 sources.setdefault(name, {})[signal] = column.name.removeprefix(f"{name}.")
     readings, remarks = _readings(path, topics, columns.get(TIME), sources, mistakes)
     series: dict[str, LogSeries] = {}
+    left_out: dict[str, str] = {}
     for name, reading in readings.items():
         for signal, field_path in sources[name].items():
             try:
                 series[signal] = reading.series(field_path, columns[signal])
+            except NoNumbers as problem:
+                left_out[signal] = str(problem)
             except LogRefused as problem:
                 mistakes.append(str(problem))
-    if mistakes:
-        raise LogRefused("\n".join(dict.fromkeys(mistakes)))
-    return Log(path, {name: series[name] for name in columns if name != TIME}, (*notes, *remarks))
+    if mistakes or not series:
+        raise LogRefused("\n".join(dict.fromkeys([*mistakes, *left_out.values()])))
+    remarks += [f"left out: {text.removeprefix(f'{path}: ')}" for text in left_out.values()]
+    return Log(path, {name: series[name] for name in columns if name in series}, (*notes, *remarks), (), left_out)
 
 
 def _readings(
@@ -214,7 +218,7 @@ class TopicReading:
         stamps = found[stamp_path]
         self.notes: list[str] = []
         self._by_stamp = time is not None
-        self._t = logged if time is None else self._stamped(time, stamps)
+        self._t = logged if time is None else self._stamped(time, stamps, len(logged))
         self.delay = 0.0
         if isinstance(stamps, Numbers) and len(stamps.rows) == len(logged) and np.any(stamps.values):
             stamped = stamps.values if time is None else self._t
@@ -226,33 +230,36 @@ class TopicReading:
         """What the messages say in a field, in SI and in order of time.
 
         Raises:
-            LogRefused: no such field or unit, not a finite number, times that are the same or start anew.
+            LogRefused: no such field or unit, no number, times that are the same or start anew.
         """
         where = f"{self._path}: {self._name}"
         numbers = self._found[field_path]
         if isinstance(numbers, LogRefused):
             raise numbers
         factor = factor_of(column, field_path, numbers.unit, self._path)
-        t = self._t[numbers.rows]
+        stamped = np.isfinite(self._t[numbers.rows])
+        rows, t = numbers.rows[stamped], self._t[numbers.rows[stamped]]
         if len(t) < 2:
-            raise LogRefused(f"{where}.{field_path} is in {len(t)} message, expected at least 2")
+            raise NoNumbers(f"{where}.{field_path} is in {len(t)} message, expected at least 2")
         if again := restart(t):
             instead = "leave out --map time=... to take log times" if self._by_stamp else "choose --map time=FIELD"
             raise LogRefused(
                 f"{where}: its {'stamps' if self._by_stamp else 'log times'} start anew at message "
-                f"{numbers.rows[again] + 1} of {len(self._t)}: from {t[again - 1]:.6f} s back to {t[again]:.6f} s; cut "
+                f"{rows[again] + 1} of {len(self._t)}: from {t[again - 1]:.6f} s back to {t[again]:.6f} s; cut "
                 f"the log there, or {instead}"
             )
         # writers need not order messages by time
         order = np.argsort(t, kind="stable")
-        t, values = t[order], column.sign * factor.in_si(numbers.values)[order]
+        t, values = t[order], column.sign * factor.in_si(numbers.values[stamped])[order]
         repeated = np.flatnonzero(np.diff(t) <= 0.0)
         if len(repeated):
             hint = "" if self._by_stamp else "; choose the messages' own stamp with --map time=FIELD"
             raise LogRefused(f"{where} has two messages at {t[repeated[0]] - t[0]:.9g} s after its first{hint}")
-        return LogSeries(t, values, factor.si)
+        invalid = self._t[numbers.invalid]
+        return LogSeries(t, values, factor.si, np.sort(invalid[np.isfinite(invalid)]))
 
-    def _stamped(self, time: MappedColumn, stamps: "Numbers | LogRefused") -> NDArray[np.float64]:
+    def _stamped(self, time: MappedColumn, stamps: "Numbers | LogRefused", count: int) -> NDArray[np.float64]:
+        """Times of the `count` messages by their stamps (s); NaN for one without a stamp."""
         if isinstance(stamps, LogRefused):
             raise stamps
         factor = unit(time.unit or split_unit(time.name)[1] or "s", f"{self._path}: {time.name}")
@@ -263,7 +270,9 @@ class TopicReading:
                 f"{self._path}: {self._name}.{time.name} is 0 in all messages: the publisher sets none; leave "
                 "out --map time=... to take log times"
             )
-        return factor.in_si(stamps.values)
+        t = np.full(count, np.nan)
+        t[stamps.rows] = factor.in_si(stamps.values)
+        return t
 
 
 @dataclass(frozen=True)
@@ -274,11 +283,13 @@ class Numbers:
         values: as they are there, (k,).
         rows: which of the messages have it, ascending, (k,).
         unit: that their type gives it; empty if none.
+        invalid: further messages in which it is NaN, null or infinite.
     """
 
     values: NDArray[np.float64]
     rows: NDArray[np.int64]
     unit: str
+    invalid: NDArray[np.int64]
 
 
 class NoField(LogRefused):
@@ -316,7 +327,7 @@ def numbers_of(
                 values[one].append(decoding.field(message, parts[one]))
                 rows[one].append(k)
             except decoding.UnknownElement as problem:
-                unnamed[one] = str(problem)
+                unnamed.setdefault(one, str(problem))
             except LookupError as problem:
                 found[one] = NoField(f"{path}: {name} has no field '{one}'; {problem.args[0]}")
             except ValueError as problem:
@@ -324,18 +335,15 @@ def numbers_of(
     for one in field_paths:
         if one in found:
             continue
-        numbers = np.array(values[one], dtype=np.float64)
-        # nan is no number either
-        wrong = np.flatnonzero(~(np.abs(numbers) <= LARGEST))
-        if len(wrong):
-            found[one] = LogRefused(
-                f"{path}: {name}.{one} is {numbers[wrong[0]]} in message {rows[one][wrong[0]] + 1} of "
-                f"{len(topic.data)}, expected numbers"
-            )
-        elif not len(numbers):
-            found[one] = LogRefused(f"{path}: {name} has no '{one}'; {unnamed.get(one, 'it has no messages')}")
+        numbers, there = np.array(values[one], dtype=np.float64), np.array(rows[one], dtype=np.int64)
+        # nan is not a number either
+        valid = np.abs(numbers) <= LARGEST
+        if not len(numbers):
+            found[one] = NoField(f"{path}: {name} has no field '{one}'; {unnamed.get(one, 'it has no messages')}")
+        elif not np.any(valid):
+            found[one] = NoNumbers(f"{path}: {name}.{one} is {numbers[0]} in all messages, expected numbers")
         else:
-            found[one] = Numbers(numbers, np.array(rows[one], dtype=np.int64), units[one])
+            found[one] = Numbers(numbers[valid], there[valid], units[one], there[~valid])
     return found
 
 

@@ -138,7 +138,8 @@ class MessageReader:
         except ValueError as problem:
             raise LogRefused(f"{self._where}: {problem}") from None
         if (known := self._places) and known.names == getattr(message, NAMES, None):
-            with suppress(IndexError):
+            # shorter arrays, or a stamp that is not a number
+            with suppress(IndexError, ValueError, OverflowError):
                 return Reading(
                     sum(round(float(get(message)) * scale) for get, scale in known.stamp) if self.stamped else arrived,
                     known.columns,
@@ -159,7 +160,11 @@ class MessageReader:
             self._found.add(one.signal)
             columns.append(one.column)
             values.append((value + one.offset) * one.gain)
-        stamp = sum(round(decoding.field(message, parts) * scale) for parts, scale in self._stamp)
+        try:
+            stamp = sum(round(decoding.field(message, parts) * scale) for parts, scale in self._stamp)
+        except (LookupError, ValueError, OverflowError):
+            # a message without a time is no sample
+            return Reading(arrived, (), ())
         if not self.stamped and self._undecided:
             # who sets no stamp leaves 0; a clock that begins at 0 does not stay there
             self.stamped = bool(self._stamp) and (stamp > 0 or stamp == arrived)

@@ -1,0 +1,129 @@
+"""Requests of a page: the fields of each operation, checked before anything is done with them.
+
+It depends on no server library. Whether a value names something that exists is left to the operation.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from twin.kernel.errors import InputRefused
+
+Check = Callable[[Any], bool]
+"""Whether a JSON value can be that of a field."""
+LONGEST_TEXT, MOST_ITEMS = 2**17, 1000
+LARGEST_INTEGER = 2**53
+"""Integers beyond it are not exact as numbers of a page."""
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str) and len(value) <= LONGEST_TEXT
+
+
+def _is_flag(value: Any) -> bool:
+    return isinstance(value, bool)
+
+
+def _is_number(value: Any) -> bool:
+    if isinstance(value, int) and not isinstance(value, bool):
+        return abs(value) <= LARGEST_INTEGER
+    return isinstance(value, float) and math.isfinite(value)
+
+
+def _is_index(value: Any) -> bool:
+    return isinstance(value, int) and _is_number(value) and value >= 0
+
+
+def _is_scalar(value: Any) -> bool:
+    return _is_text(value) or _is_flag(value) or _is_number(value)
+
+
+def _list_of(check: Check) -> Check:
+    return lambda value: isinstance(value, list) and len(value) <= MOST_ITEMS and all(map(check, value))
+
+
+def _table_of(check: Check) -> Check:
+    return lambda value: isinstance(value, dict) and len(value) <= MOST_ITEMS and all(map(check, value.values()))
+
+
+def _record_of(fields: Mapping[str, Check]) -> Check:
+    """A table of these fields, each of which may be missing or null."""
+    return lambda value: (
+        isinstance(value, dict)
+        and all(key in fields and (one is None or fields[key](one)) for key, one in value.items())
+    )
+
+
+STATE = _record_of(
+    {"set": _table_of(_is_scalar), "drive": _is_text, "body": _is_text, "faults": _list_of(_table_of(_is_scalar))}
+)
+HOW = _record_of({"command": _is_text, "roles": _table_of(_is_text), "loop": _table_of(_is_number)})
+ACCEPTED = _list_of(_table_of(_is_scalar))
+LOOK: Mapping[str, Check] = {
+    "panels": _list_of(_is_text),
+    "span": _list_of(_is_number),
+    "width": _is_index,
+    "robot": _is_flag,
+    "list": _is_flag,
+    "layout": _is_text,
+}
+OF_STATE: Mapping[str, Check] = {"state": STATE}
+FIELDS: Mapping[str, Mapping[str, Check]] = {
+    "begin": {"settings": _list_of(_is_text)},
+    "describe": OF_STATE,
+    "show": {**OF_STATE, **LOOK},
+    "recorded": {"run": _is_text, **LOOK},
+    "runs": {},
+    "save": {**OF_STATE, "name": _is_text},
+    "command": OF_STATE,
+    "adopt": {**OF_STATE, "accepted": ACCEPTED},
+    "columns": {"log": _is_text},
+    "log": {"log": _is_text, "map": _is_text, "shift_s": _is_number, **LOOK},
+    "store": {"file": _is_text},
+    "loops": {**OF_STATE, "point": _is_index},
+    "score": OF_STATE,
+    "map": OF_STATE,
+    "inspect": {"file": _is_text},
+    "settle": {"file": _is_text, "how": HOW},
+}
+"""Operation -> its fields."""
+NEEDED = ("state", "run", "log", "file", "settings", "name", "accepted", "how")
+"""Fields without which an operation that has them is refused; others may be missing or null."""
+
+
+EXPECTED = {
+    "state": "set, drive, body and faults",
+    "panels": "a list of titles",
+    "span": "two times in s",
+    "width": "a number of pixels",
+    "run": "a run of results/",
+    "log": "the path of a log",
+    "map": "text of at most 8000 characters",
+    "point": "a whole number",
+    "shift_s": "a time in s",
+    "how": "command, roles and loop",
+}
+"""What the fields are, where their names do not say it."""
+
+
+def checked_request(ask: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the operation and the fields of a request; other fields are dropped.
+
+    Args:
+        ask: a JSON object, whatever it holds.
+
+    Raises:
+        InputRefused: no such operation, a field that is missing, or one of another type.
+    """
+    op = ask.get("op")
+    if not isinstance(op, str) or op not in FIELDS:
+        raise InputRefused(f"op {str(op)[:80]!r}: no such operation")
+    found = {"op": op}
+    for name, check in FIELDS[op].items():
+        value = ask.get(name)
+        if value is None and name not in NEEDED:
+            continue
+        if value is None or not check(value):
+            raise InputRefused(f"{name}: expected {EXPECTED.get(name, 'another value')}, got {repr(value)[:80]}")
+        found[name] = value
+    return found
