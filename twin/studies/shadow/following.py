@@ -393,6 +393,10 @@ class AlarmWatch:
         levels[begin:] = self._level
         return {"alarm": levels}
 
+    def lose(self, t: float, why: str) -> None:
+        """Nothing is watched from `t` (s) on, until samples come again."""
+        self._watch.lose(t, why)
+
     @property
     def proposals(self) -> list[str]:
         """All so far, sentences."""

@@ -148,7 +148,7 @@ def shadow(
         ahead = ahead_of(loaded, changed, force_limit_N, notes.append)
         if ahead:
             stack.enter_context(ahead)
-        robot, columns, of_now = opened(source, column_map(maps), wanted, model.belief, speed)
+        robot, columns, of_now = opened(source, column_map(maps), wanted, model.belief, speed, notes)
         stack.callback(robot.close)
         watched = None
         if fleet:
