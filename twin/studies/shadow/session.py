@@ -384,23 +384,25 @@ class Session:
             self._happened(one, one.text[:20])
         with self._receiver.lock:
             gaps, self._aligner.gaps = self._aligner.gaps, []
-            before, now = self._noted, replace(self._aligner.counts)
+            noted, now = self._noted, replace(self._aligner.counts)
         for start, end in gaps:
             # single samples are counted; a network that loses some must not fill the list
             if end - start > LONGEST_GAP * 1e9:
                 self._happened(Happening(end / 1e9, f"no samples for {(end - start) / 1e9:.3g} s"), "gap")
-        if now.restarts > before.restarts:
+        if now.restarts > noted.restarts:
             step = self._aligner.clock_step
             what = f"was set by {step:+.3f} s" if abs(step) < LONGEST_STEP else "has started anew"
             self._happened(Happening(self._t, f"the robot's clock {what}; time goes on by arrivals"), "restart")
         period = self._aligner.period
-        if period < math.inf and abs(period - self._last_period) > RATE_CHANGE * self._last_period:
-            if self._last_period < math.inf:
-                what = f"the rate has changed from {1e9 / self._last_period:.4g} to {1e9 / period:.4g} Hz"
-                self._happened(Happening(self._t, what), "rate")
+        before = self._last_period
+        if period < math.inf == before:
             self._last_period = period
-        if now.invalid > before.invalid:
-            what = f"{now.invalid - before.invalid} samples with NaN or infinity in an encoder; they are left out"
+        elif period < math.inf and abs(period - before) >= RATE_CHANGE * before:
+            what = f"the rate has changed from {1e9 / before:.4g} to {1e9 / period:.4g} Hz"
+            self._happened(Happening(self._t, what), "rate")
+            self._last_period = period
+        if now.invalid > noted.invalid:
+            what = f"{now.invalid - noted.invalid} samples with NaN or infinity in an encoder; they are left out"
             self._happened(Happening(self._t, what), "invalid")
         self._noted = now
 
