@@ -92,6 +92,23 @@ class Tolerances:
     sigma: Mapping[str, float]
 
 
+RateTolerances = Mapping[float, Tolerances]
+"""Tolerances by sampling rate (Hz)."""
+RATE_ERROR = 0.1
+"""Relative difference of a measured rate to one that has tolerances."""
+
+
+def rate_of(t: NDArray[np.float64]) -> float:
+    """The sampling rate (Hz) of stamps `t` (n,), s: by the median interval; NaN if there is none."""
+    return 1.0 / float(np.median(np.diff(t))) if len(t) > 1 else math.nan
+
+
+def tolerances_at(limits: RateTolerances, rate: float) -> Tolerances | None:
+    """Tolerances for a measured rate (Hz); None if no rate is near."""
+    nearest = min(limits, key=lambda one: abs(one - rate), default=math.nan)
+    return limits[nearest] if abs(nearest - rate) <= RATE_ERROR * rate else None
+
+
 class WatchState(StrEnum):
     """What the watch is doing."""
 

@@ -482,7 +482,8 @@ class Session:
             one.notes.append(f"{counted(self._unread, 'message')} could not be read")
         one.measured = [name for name, place in SIGNALS.items() if self._there[place].any()]
         if self._watched:
-            one.changes = self._watched.changes
+            one.changes = None if self._watched.why_not else self._watched.changes
+            one.no_alarm = self._watched.why_not
             one.notes += self._watched.proposals
         one.notes += [
             f"{topic} has no stamps: its times of arrival are taken, so that their jitter is an error of time"
