@@ -36,7 +36,7 @@ def recorded_session(folder: Path) -> Path:
     log.write_text("\n".join([head, *lines[:2500], *lines[2750:3000], *lines[3002:3500]]))
     with pytest.MonkeyPatch.context() as patched:
         # of a fleet, which takes minutes
-        patched.setattr(study, "_limits", lambda *arguments: LIMITS)
+        patched.setattr(study, "_limits", lambda *arguments: (LIMITS, ""))
         study.shadow(
             EXPERIMENTS / f"{FIG4}.toml", str(log), [*ANGLES, "scale.F_z=scale.F_z"], speed=0.0, fleet=folder,
             false_alarms_per_hour=1.0, out=folder / "session",

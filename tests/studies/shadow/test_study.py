@@ -17,6 +17,7 @@ from twin.studies.replay.study import replay
 from twin.studies.shadow.study import shadow
 
 ROBOT = EXPERIMENTS / f"{FIG4}.toml"
+DEAD = "fault=[{kind='drive_dead', target='drive_2', onset_s=8.0}]"
 MAP = [
     f"estimator.theta_{side}[{i}]=/joint_states.position.{side}{i + 1}" for side in "ml" for i in range(3)
 ]  # fmt: skip
@@ -119,9 +120,41 @@ def test_a_session_ends_after_the_time_that_was_asked_for(tmp_path: Path):
     assert 2.0 <= read(tmp_path / "out").time("encoder")[-1] < 3.5
 
 
-def test_without_a_fleet_there_is_nothing_to_accept(tmp_path: Path):
-    with pytest.raises(InputRefused, match="--adapt: what has moved is looked for after an alarm"):
-        shadow(ROBOT, str(ran(FIG4).path), speed=0.0, adapt=True, out=tmp_path / "out")
+def test_without_an_alarm_there_is_nothing_to_accept(tmp_path: Path):
+    with pytest.raises(InputRefused, match="--adapt: needs the alarm; leave out --no-alarm"):
+        shadow(ROBOT, str(ran(FIG4).path), speed=0.0, adapt=True, no_alarm=True, out=tmp_path / "out")
+
+
+def test_a_session_ends_with_its_verdict_and_exit_code(tmp_path: Path):
+    healthy, dead = (ran(FIG4, *settings).path for settings in ((), (DEAD,)))
+    for log, options, kind, code in (
+        (healthy, {}, "match", 0), (dead, {}, "part", 1), (healthy, {"duration_s": 1.2}, "not watched", 0),
+        (healthy, {"no_alarm": True}, "not watched", 0),
+    ):  # fmt: skip
+        report = shadow(ROBOT, str(log), speed=0.0, out=tmp_path / f"{kind}{len(options)}{code}{len(str(options))}",
+                        **options)  # fmt: skip
+        assert (report.facts["verdict"], report.exit_code) == (kind, code), report.text
+        assert "  verdict    " in report.text
+
+
+def test_a_rate_without_tolerances_is_not_watched_and_says_why(tmp_path: Path):
+    log = write_log(tmp_path / "odd.csv", ran(FIG4), keep=np.arange(10001) % 3 == 0, angles=True)
+    report = shadow(ROBOT, str(log), ANGLES, speed=0.0, out=tmp_path / "out")
+    assert "not watched: the robot is sampled at 166.7 Hz; there are tolerances for" in " ".join(report.text.split())
+    assert report.exit_code == 0
+
+
+@pytest.mark.parametrize("step", [1e5, 1.7e9])
+def test_a_clock_that_steps_far_in_a_log_begins_anew_and_costs_no_memory(tmp_path: Path, step: float):
+    log = write_log(tmp_path / "log.csv", ran(FIG4), angles=True)
+    head, *lines = log.read_text().splitlines()
+    later = [f"{float(line.partition(',')[0]) + step!r},{line.partition(',')[2]}" for line in lines[5000:]]
+    log.write_text("\n".join([head, *lines[:5000], *later]) + "\n")
+    report = shadow(ROBOT, str(log), ANGLES, speed=0.0, no_alarm=True, out=tmp_path / "out")
+    assert report.facts["counts"]["samples"] == 10001 and report.facts["counts"]["gaps"] == 1
+    # predictions go on behind it
+    assert read(tmp_path / "out")["ahead.made"][-1] > step
+    assert any(event.text.startswith("no samples for ") for event in read(tmp_path / "out").events)
 
 
 @pytest.mark.parametrize(

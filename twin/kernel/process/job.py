@@ -103,7 +103,10 @@ _terminated: list[int] = []
 
 @contextlib.contextmanager
 def terminable() -> Iterator[None]:
-    """Within the block SIGTERM ends this process as Ctrl-C does, with another exit code; for a main thread."""
+    """Within the block SIGTERM and SIGHUP end this process as Ctrl-C does, with another exit code; for a main thread.
+
+    A SIGHUP that is ignored stays so: `nohup`.
+    """
 
     def end(number: int, frame: object) -> None:
         _terminated.append(number)
@@ -112,11 +115,14 @@ def terminable() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGTERM, end)
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    ending = [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, end) for number in ending}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def interruption() -> tuple[int, str]:

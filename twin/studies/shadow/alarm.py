@@ -92,6 +92,23 @@ class Tolerances:
     sigma: Mapping[str, float]
 
 
+RateTolerances = Mapping[float, Tolerances]
+"""Tolerances by sampling rate (Hz)."""
+RATE_ERROR = 0.1
+"""Relative difference of a measured rate to one that has tolerances."""
+
+
+def rate_of(t: NDArray[np.float64]) -> float:
+    """The sampling rate (Hz) of stamps `t` (n,), s: by the median interval; NaN if there is none."""
+    return 1.0 / float(np.median(np.diff(t))) if len(t) > 1 else math.nan
+
+
+def tolerances_at(limits: RateTolerances, rate: float) -> Tolerances | None:
+    """Tolerances for a measured rate (Hz); None if no rate is near."""
+    nearest = min(limits, key=lambda one: abs(one - rate), default=math.nan)
+    return limits[nearest] if abs(nearest - rate) <= RATE_ERROR * rate else None
+
+
 class WatchState(StrEnum):
     """What the watch is doing."""
 
@@ -100,6 +117,7 @@ class WatchState(StrEnum):
     GATHERING = "gathering"
     REIDENTIFYING = "re-identifying"
     COOLING_DOWN = "cooling down"
+    NOT_WATCHED = "not watched"
 
 
 WAITING = (WatchState.GATHERING, WatchState.REIDENTIFYING, WatchState.COOLING_DOWN)
@@ -267,6 +285,7 @@ class ShadowWatch:
         self._normal: list[NDArray[np.float64]] = []
         self._sums = {name: _Sum() for name in CHANNELS}
         self._compares, self._learns = True, False
+        self._interrupted = WatchState.LISTENING
         self._left, self._alarm = 0, WatchEvent(math.nan, WatchState.LISTENING)
 
     @property
@@ -277,6 +296,8 @@ class ShadowWatch:
     def take(self, t: float, means: Sequence[float] | NDArray[np.float64]) -> list[WatchEvent]:
         """A block that ended at `t` (s) with `means` by channel: what changes."""
         first = len(self.changes)
+        if self.state is WatchState.NOT_WATCHED:
+            self._go(WatchEvent(t, self._interrupted))
         means = np.asarray(means, dtype=float)
         if len(self._normal) < FIRST_BLOCKS:
             self._normal.append(means)
@@ -293,6 +314,11 @@ class ShadowWatch:
         if self._compares and self._normal[-1][list(CHANNELS).index(COMMAND)] > tolerance + self._H * sigma:
             self._compares = False
             self._go(WatchEvent(t, self.state, found=f"{APART}: it did not begin with the robot's, or is another"))
+
+    def lose(self, t: float, why: str) -> None:
+        """Nothing is watched from `t` (s) on, until the next block."""
+        self._interrupted = self.state
+        self._go(WatchEvent(t, WatchState.NOT_WATCHED, found=why))
 
     def listen_anew(self, t: float) -> None:
         """The twin has changed at `t` (s): what is normal for it is learnt anew, after cooling down."""

@@ -36,6 +36,8 @@ from twin.studies.shadow.surroundings import CLEAR, Surroundings
 
 HORIZON, SPACING = 1.0, 0.05
 """s ahead, and between two of the times that are looked at."""
+LONGEST_FOLLOWED = 1.0
+"""Longest gap (s) over which the drives are stepped; a longer one begins anew, so that it costs no memory."""
 LEADS = np.linspace(SPACING, HORIZON, round(HORIZON / SPACING))
 Native = TypeVar("Native", bound=NativeComponent)
 ENDLESS = 1 << 40
@@ -167,6 +169,7 @@ class Branching:
         self._now = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
         self._away: SystemState | None = None
         self._held: list[NDArray[np.float64]] = []
+        self._skipped, self._last = 0.0, -math.inf
 
     def _only(self, row: str, kind: type[Native]) -> Native:
         (component,) = self._assembly.made[row]
@@ -190,6 +193,13 @@ class Branching:
         Returns:
             The tick that they come to, one of those at which the controller is called.
         """
+        call = self.call
+        gaps = np.diff(t, prepend=max(self._at * self.tick + self._skipped, self._last))
+        # drives hold their state over a long gap: nothing is stepped, or stored, for it
+        skips = np.where(gaps > LONGEST_FOLLOWED, call * np.floor(gaps / call), 0.0)
+        t = t - self._skipped - np.cumsum(skips)
+        self._last = float(t[-1]) + self._skipped + float(np.sum(skips))
+        self._skipped += float(np.sum(skips))
         values = np.ones((len(t) + 1, 7))
         values[0], values[1:, :3], values[1:, 3:6] = self._now, omega_ref, tau_load
         self._now = values[-1]

@@ -29,7 +29,17 @@ from twin.robot.plant.encoder import SCALE_OUTPUTS
 from twin.studies.replay.model import LONGEST_GAP, PlantRun, RobotModel
 from twin.studies.replay.plausible import refusal
 from twin.studies.replay.text import ENCODER, FORCE_RESIDUAL, JOINT_RESIDUAL
-from twin.studies.shadow.alarm import Blocks, ShadowWatch, Tolerances, WatchEvent
+from twin.studies.shadow.alarm import (
+    FIRST_BLOCKS,
+    Blocks,
+    RateTolerances,
+    ShadowWatch,
+    Tolerances,
+    WatchEvent,
+    rate_of,
+    threshold,
+    tolerances_at,
+)
 from twin.studies.shadow.layout import INPUTS, OUTPUTS, STATES
 from twin.studies.shadow.mapping import COUNT_L, COUNT_M, F_Z, NANOSECONDS, TAU, RobotSamples
 from twin.studies.shadow.mapping import OMEGA_REF as OMEGA_REF_AT
@@ -360,13 +370,20 @@ class AlarmWatch:
     """Says when robot and twin have parted, with the rate of false alarms that was asked for.
 
     Args:
-        limits: what is no news.
+        limits: tolerances, or tolerances by sampling rate (Hz): those of the rate of the first second are used.
         per_hour: false alarms that the user bears.
         reidentifier: says which parameter has moved; None: nothing does.
+
+    Attributes:
+        why_not: why nothing is watched; "" if something is.
     """
 
-    def __init__(self, limits: Tolerances, per_hour: float, reidentifier: Reidentifier | None = None):
-        self._blocks, self._watch = Blocks(), ShadowWatch(limits, per_hour, reidentifier=reidentifier)
+    def __init__(self, limits: Tolerances | RateTolerances, per_hour: float, reidentifier: Reidentifier | None = None):
+        self._limits, self._per_hour, self._blocks = limits, per_hour, Blocks()
+        self._watch: ShadowWatch | None = None
+        self._first, self._count = list[NDArray[np.float64]](), 0
+        self.why_not = "fewer than 3 s of samples"
+        threshold(per_hour)
         self.reidentifier, self._t = reidentifier, 0.0
         self.topics: dict[str, tuple[Port, ...]] = {"alarm": (ALARM_LEVEL,)}
         self.happenings: list[Happening] = []
@@ -376,22 +393,50 @@ class AlarmWatch:
     @property
     def changes(self) -> list[WatchEvent]:
         """Of the state so far."""
-        return self._watch.changes
+        return self._watch.changes if self._watch else []
+
+    def _begin(self, end: float) -> None:
+        """Choose the tolerances at the end (s) of the first block."""
+        limits, t = self._limits, np.concatenate(self._first)
+        if not isinstance(limits, Tolerances):
+            rate = rate_of(t[t <= end])
+            known = ", ".join(f"{one:.4g}" for one in limits)
+            found = tolerances_at(limits, rate)
+            if found is None:
+                self.why_not = f"the robot is sampled at {rate:.4g} Hz; there are tolerances for {known} Hz"
+                self.happenings.append(Happening(end, f"no alarm: {self.why_not}"))
+                return
+            limits = found
+        self._watch = ShadowWatch(limits, self._per_hour, reidentifier=self.reidentifier)
 
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
         if self.reidentifier is not None:
             self.reidentifier.keep(samples.t, filter_inputs(samples, np.full(3, np.nan)))
         levels, begin, self._t = np.full((len(samples.t), 1), np.nan), 0, float(samples.t[-1])
+        if not self._count:
+            self._first.append(samples.t)
         residuals = named(OUTPUTS, rows["shadow"]) | farthest_command(rows)
         for end, means in self._blocks.take(samples.t, residuals):
             at = int(np.searchsorted(samples.t, end))
             levels[begin:at], begin = self._level, at
+            if not self._count:
+                self._begin(end)
+                self._first.clear()
+            self._count += 1
+            if self._watch is None:
+                continue
+            self.why_not = "" if self._count > FIRST_BLOCKS else self.why_not
             for change in self._watch.take(end, means):
                 self.happenings.append(Happening(end, str(change)))
                 self.alarms += [change] if change.alarm else []
             self._level = max(self._watch.levels.values())
         levels[begin:] = self._level
         return {"alarm": levels}
+
+    def lose(self, t: float, why: str) -> None:
+        """Nothing is watched from `t` (s) on, until samples come again."""
+        if self._watch:
+            self._watch.lose(t, why)
 
     @property
     def proposals(self) -> list[str]:
@@ -404,7 +449,7 @@ class AlarmWatch:
 
     def accept(self, proposal: Adaptation) -> PlantParameters:
         """What the robot is believed to be from now on; the alarm listens anew after cooling down."""
-        assert self.reidentifier is not None
+        assert self.reidentifier is not None and self._watch is not None
         self.reidentifier.accept(proposal)
         self._watch.listen_anew(self._t)
         self.happenings.append(Happening(self._t, f"accepted: {proposal}"))

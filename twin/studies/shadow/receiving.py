@@ -52,6 +52,7 @@ class Receiver:
         in_hand: from when a sample is due to its estimate; since there was none waiting for the first time.
         missed: estimates that came after their deadline.
         lock: holds the aligner and what it counts as they are.
+        heard: arrival of the last message of each topic, ns.
     """
 
     def __init__(
@@ -67,6 +68,7 @@ class Receiver:
         self._alive, self._thread = True, Thread(target=self._run, name="receiver", daemon=True)
         self.in_hand, self.missed, self.lock = Histogram(), 0, Lock()
         self._on_time = False
+        self.heard: dict[str, int] = {}
 
     @property
     def thread(self) -> int | None:
@@ -111,6 +113,7 @@ class Receiver:
         with self.lock:
             self._received.arrivals += arrivals
             for one in arrivals:
+                self.heard[one.topic] = one.arrived
                 reading = one.data if isinstance(one.data, Reading) else self._read(one)
                 self._hand_on(self._aligner.add(one.topic, one.arrived, reading))
             if self._estimate is not None:

@@ -29,20 +29,28 @@ from twin.studies.shadow.mapping import NEEDED, WIDTH, samples_of
 from twin.studies.shadow.receiving import SLICE, Receiver
 from twin.studies.shadow.recording import ShadowRecording
 from twin.studies.shadow.seen import ShadowViewer
-from twin.studies.shadow.text import shadow_facts, status_line
+from twin.studies.shadow.sources import waiting_hint
+from twin.studies.shadow.text import COLUMNS, shadow_facts, status_line
+from twin.studies.shadow.verdict import SIGNALS, gross_disagreement
 
 LINE_PERIOD = 0.25
 """s between two lines."""
 FLUSH_PERIOD = 0.5
 """s after which what was recorded is with the operating system."""
-SILENT = 1.0
-"""s without a message that are said."""
+SILENT = 2.0
+"""Time without a sample (s) after which the session reports it."""
+HINT_AFTER = 10.0
+"""Time of waiting for a topic (s) after which the usual causes are printed."""
 PATIENT = 200
 """Messages after which a joint that none of them names is said to be lacking."""
 FEWEST = 100
 """Samples that have a period, if they are regular."""
 MANY = 6
 """Topics that are listed."""
+RATE_CHANGE = 0.1
+"""Relative change of the period that is an event."""
+LONGEST_STEP = 1e6
+"""s. A clock that jumps further was not set, but counts from another beginning."""
 MOST_EVENTS = 1000
 """Of one kind; a stream of bad samples must not fill the disk with sentences."""
 
@@ -59,6 +67,7 @@ class Running:
         largest, at: the largest by size, and when (s).
         recent: mean over the last second.
         last: when the last value was (s).
+        worst, worst_at: the largest mean over a second by size, and when that second began (s).
     """
 
     count: int = 0
@@ -69,6 +78,8 @@ class Running:
     _block: list[float] = field(default_factory=lambda: [0.0, 0.0, -math.inf])
     recent: float = math.nan
     last: float = -math.inf
+    worst: float = 0.0
+    worst_at: float = math.nan
 
     def add(self, t: NDArray[np.float64], r: NDArray[np.float64]) -> None:
         """Values r (n,) at t (n,), s; NaN are none."""
@@ -86,6 +97,8 @@ class Running:
         if t[-1] - self._block[2] >= 1.0:
             if self._block[1]:
                 self.recent = self._block[0] / self._block[1]
+                if abs(self.recent) > abs(self.worst):
+                    self.worst, self.worst_at = self.recent, self._block[2]
             self._block = [0.0, 0.0, float(t[-1])]
         self._block[0] += float(np.sum(r))
         self._block[1] += len(r)
@@ -115,8 +128,11 @@ class Followed:
         residuals: `force` (N), `joint 1` .. `joint 3` (rad), `command 1` .. (rad/s); `NIS` per count while it moves.
         dropped: messages that the transport or we lost knowingly.
         notes: sentences.
-        changes: of the alarm's state; None: there was no fleet to compare with.
+        changes: of the alarm's state; None: there was no alarm.
+        no_alarm: why there was none.
         ahead: how predictions compare with what came; None: there were none.
+        measured: names of the `SIGNALS` that came.
+        silent: what was missing when the session ended; "" if samples came to the end.
     """
 
     source: str
@@ -133,7 +149,10 @@ class Followed:
     dropped: int = 0
     notes: list[str] = field(default_factory=list)
     changes: list[WatchEvent] | None = None
+    no_alarm: str = ""
     ahead: Foreseen | None = None
+    measured: list[str] = field(default_factory=list)
+    silent: str = ""
 
     @property
     def alarms(self) -> list[str] | None:
@@ -188,9 +207,14 @@ class Session:
         self._before: list[Arrival] = []
         self._events: dict[str, int] = {}
         self._several: dict[str, int] = {}
+        self._unread = 0
         self._noted = Counts()
         self._announced = ""
         self._t, self._level = 0.0, math.nan
+        self._newest: int | None = None
+        self._last_period = math.inf
+        self._there = np.zeros(WIDTH, dtype=bool)
+        self._gross = ""
         self.followed = Followed(source.name)
 
     def wait(self) -> None:
@@ -204,6 +228,7 @@ class Session:
             if signal != TIME:
                 by_topic.setdefault(column.name.partition(".")[0], {})[signal] = column
         missing = dict.fromkeys(by_topic)
+        begun, hinted = time.monotonic(), False
         while missing:
             seen = self._source.seen()
             for topic in [one for one in missing if one in seen]:
@@ -216,6 +241,9 @@ class Session:
                     )
             if missing:
                 self._refuse_or_say(list(missing), seen)
+                if not hinted and time.monotonic() - begun > HINT_AFTER:
+                    hinted = True
+                    self._announce(waiting_hint(self._source.name, list(missing)))
 
     def _refuse_or_say(self, missing: list[str], seen: Mapping[str, str]) -> None:
         there = ", ".join(f"{name} ({kind})" for name, kind in list(seen.items())[:MANY])
@@ -266,9 +294,8 @@ class Session:
 
     def _loop(self, path: Callable[[], Path]) -> None:
         self._path = path
-        shown = flushed = heard = time.monotonic()
-        silent, next_slice = False, 0.0
-        begun = math.inf
+        shown = flushed = time.monotonic()
+        next_slice, begun = 0.0, math.inf
         # of a robot that has fallen silent the time goes on, too
         while not self._source.ended and self._t < self._duration > time.monotonic() - begun - SILENT:
             if self._live:
@@ -277,19 +304,14 @@ class Session:
                 time.sleep(max(0.0, next_slice - time.monotonic()))
             else:
                 self._receiver.turn()
-            came, now = self._take(), time.monotonic()
+            sampled, now = self._take(), time.monotonic()
             if self._live and self._recording is not None:
                 begun = min(begun, now)
-            if came:
-                heard, silent = now, False
-            elif self._live and not silent and now - heard > SILENT:
-                silent = True
-                self._happened(Happening(self._t, f"nothing has come for {SILENT:g} s"), "silence")
-                self._announce(f"{self._source.name}: nothing has come for {SILENT:g} s; {self._whereabouts()}")
+            self._note_silence(sampled)
             if now - shown >= LINE_PERIOD:
                 shown = now
                 self._watch_publishers()
-                line = self.line(now - heard)
+                line = self.line()
                 self._say(line)
                 if self._viewer:
                     self._viewer.say(line)
@@ -298,17 +320,16 @@ class Session:
                 self._recording.flush()
 
     def _take(self, end: bool = False) -> bool:
-        """One slice: samples to rows, both sides to the file and to who looks on; whether messages have come."""
+        """One slice: samples to rows, both sides to the file and to who looks on; whether samples have come."""
         if self._viewer and (text := self._viewer.press()):
             self._happened(Happening(self._t, text), "accepted")
         received = self._receiver.take(end)
         arrivals, samples = received.arrivals, received.samples
-        came = bool(arrivals)
         if self._recording is None:
             self._before += arrivals
             if not samples:
                 self._refuse_lacking()
-                return came
+                return False
             arrivals, self._before = self._before, []
         times, values = rows_of(samples) if samples else (np.empty(0, dtype=np.int64), np.empty((0, WIDTH)))
         rows: Rows = {}
@@ -316,6 +337,7 @@ class Session:
             found = samples_of(times, values)
             rows = self._twin.feed(found)
             self._t = float(found.t[-1])
+            self._there |= np.isfinite(values).any(axis=0)
             self._add_residuals(found.t, rows)
         if self._recording is None:
             first = samples[0]
@@ -323,8 +345,12 @@ class Session:
                 self._path(), self._twin.topics, self._others, self._model, self._source.name,
                 (self._aligner.base, first.arrived),
             )  # fmt: skip
-        for text in received.unread:
-            self._happened(Happening(self._t, text), "message")
+        if received.unread:
+            count = counted(len(received.unread), "message")
+            self._happened(Happening(self._t, f"{count} unreadable: {received.unread[-1]}"), "message")
+            if not self._unread:
+                self._announce(received.unread[0])
+            self._unread += len(received.unread)
         self._recording.write(arrivals, times, rows)
         if received.late:
             late = counted(len(received.late), "estimate")
@@ -334,7 +360,7 @@ class Session:
         if self._viewer:
             self._viewer.show(times, rows, self._happenings)
             self._happenings = []
-        return came
+        return bool(samples)
 
     def _add_residuals(self, t: NDArray[np.float64], rows: Rows) -> None:
         for topic, name in (("residual/force", "force"), ("residual/joints", "joint"), ("residual/command", "command")):
@@ -346,6 +372,10 @@ class Session:
         y = named(OUTPUTS, rows["shadow"])
         NIS = np.where(y["moves"] > 0.0, nis_per_count(y["NIS"], y["used"]), math.nan)
         self.followed.residuals.setdefault("NIS", Running()).add(t, NIS)
+        if not self._gross and (found := gross_disagreement(self.followed.residuals)):
+            self._gross = found.text
+            self._happened(Happening(float(t[-1]), found.text), "gross")
+            self._announce(f"{self._source.name}: {found.text}")
         if "alarm" in rows and np.any(there := np.isfinite(rows["alarm"])):
             self._level = float(rows["alarm"][there][-1])
 
@@ -354,25 +384,59 @@ class Session:
             self._happened(one, one.text[:20])
         with self._receiver.lock:
             gaps, self._aligner.gaps = self._aligner.gaps, []
-            before, now = self._noted, replace(self._aligner.counts)
+            noted, now = self._noted, replace(self._aligner.counts)
         for start, end in gaps:
             # single samples are counted; a network that loses some must not fill the list
             if end - start > LONGEST_GAP * 1e9:
                 self._happened(Happening(end / 1e9, f"no samples for {(end - start) / 1e9:.3g} s"), "gap")
-        if now.restarts > before.restarts:
-            self._happened(
-                Happening(self._t, "the robot's clock has started anew; time goes on by arrivals"), "restart"
-            )
-        if now.invalid > before.invalid:
-            what = f"{now.invalid - before.invalid} samples with NaN or infinity in an encoder; they are left out"
+        if now.restarts > noted.restarts:
+            step = self._aligner.clock_step
+            what = f"was set by {step:+.3f} s" if abs(step) < LONGEST_STEP else "has started anew"
+            self._happened(Happening(self._t, f"the robot's clock {what}; time goes on by arrivals"), "restart")
+        period = self._aligner.period
+        before = self._last_period
+        if period < math.inf == before:
+            self._last_period = period
+        elif period < math.inf and abs(period - before) >= RATE_CHANGE * before:
+            what = f"the rate has changed from {1e9 / before:.4g} to {1e9 / period:.4g} Hz"
+            self._happened(Happening(self._t, what), "rate")
+            self._last_period = period
+        if now.invalid > noted.invalid:
+            what = f"{now.invalid - noted.invalid} samples with NaN or infinity in an encoder; they are left out"
             self._happened(Happening(self._t, what), "invalid")
         self._noted = now
 
-    def _whereabouts(self) -> str:
-        """Half a sentence on who publishes the topics that are silent."""
-        return ", ".join(
-            f"{topic} has {counted(self._source.publishers(topic), 'publisher')}" for topic in self._readers
-        )
+    def _note_silence(self, sampled: bool) -> None:
+        """Report that no sample has come for `SILENT`, with the missing topic or joint, and stop the watch."""
+        if sampled or self._newest is None:
+            if sampled or self._live or self._receiver.heard:
+                self._newest, self.followed.silent = self._source.now(), ""
+            return
+        if self.followed.silent or self._source.now() - self._newest <= SILENT * 1e9:
+            return
+        self.followed.silent = self._why_silent()
+        text = f"no sample for {SILENT:g} s: {self.followed.silent}"
+        self._happened(Happening(self._t, text), "silence")
+        self._announce(f"{self._source.name}: {text}")
+        if self._watched:
+            self._watched.lose(self._t, text)
+
+    def _why_silent(self) -> str:
+        """What is missing: a topic, a joint that messages do not name any more, or numbers."""
+        since = self._source.now() - SILENT * 1e9
+        columns = {signal: column.name for signal, column in self._columns.items() if signal != TIME}
+        for topic in sorted({columns[signal].partition(".")[0] for signal in columns if self._is_needed(signal)}):
+            if self._receiver.heard.get(topic, 0) < since:
+                count = counted(self._source.publishers(topic), "publisher")
+                return f"nothing has come of {topic}, which has {count}" if self._live else f"nothing comes of {topic}"
+        lacking = self._aligner.lacking
+        names = [name for signal, name in columns.items() if self._wanted[signal].column in lacking]
+        if names:
+            return f"no message has {', '.join(names[:MANY])}"
+        return "the encoders' values are not finite" if self._receiver.heard else "nothing has come"
+
+    def _is_needed(self, signal: str) -> bool:
+        return self._wanted[signal].column in NEEDED
 
     def _watch_publishers(self) -> None:
         """Say if more than one publishes a topic: they may contradict each other."""
@@ -414,8 +478,12 @@ class Session:
         one.lateness, one.offset, one.drift = aligner.clocks.lateness, aligner.clocks.offset, aligner.clocks.drift
         one.in_hand, one.missed = self._receiver.in_hand, self._receiver.missed
         one.dropped = self._source.dropped
+        if self._unread:
+            one.notes.append(f"{counted(self._unread, 'message')} could not be read")
+        one.measured = [name for name, place in SIGNALS.items() if self._there[place].any()]
         if self._watched:
-            one.changes = self._watched.changes
+            one.changes = None if self._watched.why_not else self._watched.changes
+            one.no_alarm = self._watched.why_not
             one.notes += self._watched.proposals
         one.notes += [
             f"{topic} has no stamps: its times of arrival are taken, so that their jitter is an error of time"
@@ -426,11 +494,12 @@ class Session:
             one.notes.append("stamps come at no regular intervals; what is missing cannot be counted")
         one.notes += [f"{count} publishers on {topic}" for topic, count in self._several.items()]
 
-    def line(self, quiet: float) -> str:
-        """How it goes, in less than 80 columns. quiet: since the last message, s."""
+    def line(self) -> str:
+        """How it goes, in less than 80 columns."""
         counts, period = self._aligner.counts, self._aligner.period
-        if self._live and quiet > SILENT:
-            return f"{self._t:.1f} s  silent for {quiet:.0f} s; waiting for messages"
+        if self.followed.silent and self._newest is not None:
+            quiet = (self._source.now() - self._newest) / 1e9
+            return f"{self._t:.1f} s  no sample for {quiet:.0f} s: {self.followed.silent}"[:COLUMNS]
         NIS = self.followed.residuals.get("NIS")
         # a robot that stands still has none
         recent = NIS.recent if NIS and self._t - NIS.last < 1.0 else math.nan

@@ -1,5 +1,6 @@
 """What `--source` names: topics of a robot that runs, or a log."""
 
+import socket
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -41,7 +42,12 @@ def refuse_source(source: str) -> None:
 
 
 def opened(
-    source: str, columns: Mapping[str, MappedColumn], wanted: Mapping[str, WantedSignal], belief: Belief, speed: float
+    source: str,
+    columns: Mapping[str, MappedColumn],
+    wanted: Mapping[str, WantedSignal],
+    belief: Belief,
+    speed: float,
+    notes: list[str],
 ) -> tuple[RobotSource, Mapping[str, MappedColumn], bool]:
     """The source, the columns of its messages (none: it gives readings), and whether it is of now.
 
@@ -51,6 +57,7 @@ def opened(
         wanted: signals that a map may name.
         belief: turns angles of a log into counts.
         speed: of a log.
+        notes: what is missing of a log is added to it.
 
     Raises:
         InputRefused: no such source, or the map does not fit.
@@ -69,8 +76,10 @@ def opened(
     kind = kind_of(Path(source))
     if kind in (LogKind.RECORDING, LogKind.CSV):
         log = read_log(source, columns)
+        notes += log.notes
         return Playback(source, readings=readings_of(log, belief), speed=speed), {}, False
-    topics = logged_topics(Path(source), kind, columns)
+    topics, found = logged_topics(Path(source), kind, columns)
+    notes += found
     if not set(columns) - {TIME}:
         there = ", ".join(f"{name} ({one.kind})" for name, one in topics.items())
         raise LogRefused(
@@ -100,6 +109,20 @@ def live_source(transport: str, name: str) -> RobotSource:
     from twin.kernel.recording.sources.dds import DdsSource
 
     return DdsSource(name)
+
+
+def waiting_hint(source: str, topics: list[str]) -> str:
+    """A sentence on why `topics` may not be seen for long: domain, network interfaces, the usual causes."""
+    from twin.kernel.recording.sources.dds import domain_id
+
+    names = ", ".join(name for _, name in socket.if_nameindex()) if hasattr(socket, "if_nameindex") else "not known"
+    causes = "another ROS_DOMAIN_ID on the robot, ROS_LOCALHOST_ONLY, a network that drops multicast, a firewall"
+    if transport_of(source) == "zenoh":
+        causes = "another ROS_DOMAIN_ID on the robot, or a router that is not that of ZENOH_SESSION_CONFIG_URI"
+    return (
+        f"{source}: nobody publishes {', '.join(topics)} on domain {domain_id()}, interfaces {names}; usual causes: "
+        f"{causes}"
+    )
 
 
 def proposed_map(topic: str) -> str:

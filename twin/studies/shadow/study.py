@@ -24,7 +24,7 @@ from twin.studies.first_look import find_experiments, print_latest
 from twin.studies.result import Result
 
 if TYPE_CHECKING:
-    from twin.studies.shadow.alarm import Tolerances
+    from twin.studies.shadow.alarm import RateTolerances, Tolerances
 
 HOME = Path("results") / "shadow"
 FACTS = "shadow.json"
@@ -36,19 +36,25 @@ def _find_source(asked: Asked) -> None:
     refuse_source(asked["source"])
 
 
-def _limits(fleet: Path, experiment: Path, settings: Sequence[str], say: Say) -> "Tolerances":
-    """What is no news of robots like those of `fleet` that do what `experiment` says.
+def _limits(
+    fleet: Path | None, experiment: Path, settings: Sequence[str], say: Say
+) -> "tuple[Tolerances | RateTolerances | None, str]":
+    """Return the alarm's tolerances for an experiment, or why there are none.
 
     Raises:
-        InputRefused: with every mistake of the file.
+        InputRefused: `fleet` is given and cannot be used; with every mistake of the file.
     """
-    from dataclasses import replace
-
+    from twin.kernel.errors import TwinError
     from twin.robot.experiment.drive_files import experiment_file
-    from twin.studies.shadow.fleet import fleet_limits, read_fleet
+    from twin.studies.shadow.tolerances import FLEET, shipped_fleet, tolerances_of
 
-    found = read_fleet(fleet, Path(experiment_file(experiment)))
-    return fleet_limits(replace(found, settings=(*found.settings, *settings)), say=say)
+    try:
+        robots = shipped_fleet(Path(experiment_file(experiment)), tuple(settings), fleet or FLEET)
+        return tolerances_of(robots, say)[0], ""
+    except TwinError as problem:
+        if fleet:
+            raise
+        return None, f"its healthy robots cannot be simulated: {problem}"
 
 
 def _announce(text: str) -> None:
@@ -77,10 +83,11 @@ def shadow(
     ] = None,
     fleet: Annotated[
         Path | None,
-        Option("Raise alarms, with tolerances of these healthy robots (a sweep file); takes a second a robot.", "FILE"),
+        Option("Healthy robots that the alarm's tolerances come from (a sweep file); default: the shipped.", "FILE"),
     ] = None,
-    false_alarms_per_hour: Annotated[float, Option("With --fleet: how many false alarms to bear.", "N")] = 0.01,
-    adapt: Annotated[bool, Option("With --fleet: accept what has moved after an alarm, and go on with it.")] = False,
+    no_alarm: Annotated[bool, Option("Raise no alarm, and compute no tolerances.", flags="--no-alarm")] = False,
+    false_alarms_per_hour: Annotated[float, Option("How many false alarms to accept.", "N")] = 0.01,
+    adapt: Annotated[bool, Option("Accept what has moved after an alarm, and continue with it.")] = False,
     what_if: Annotated[
         Sequence[str],
         Option(
@@ -107,7 +114,11 @@ def shadow(
     Beside a robot it goes before other work (SCHED_FIFO), where it may.
     Domain of DDS and zenoh: ROS_DOMAIN_ID.
 
-    Exit code: 0 done, 1 an alarm, 2 input refused.
+    The alarm's tolerances are shipped for the experiments of twin at their own
+    rates; for others they are computed once, for up to three minutes.
+
+    Exit code: 0 robot and twin match, or nothing could be watched; 1 they part;
+    2 input refused.
 
     Example: twin shadow fig4_force_position --source results/fig4_force_position --speed 0
 
@@ -133,10 +144,9 @@ def shadow(
     from twin.studies.shadow.sources import opened
     from twin.studies.shadow.text import shadow_facts, shadow_result
 
-    if adapt and not fleet:
-        raise InputRefused(
-            "--adapt: what has moved is looked for after an alarm, and there is none without --fleet FILE"
-        )
+    if no_alarm and (adapt or fleet):
+        other = "--adapt" if adapt else "--fleet"
+        raise InputRefused(f"{other}: needs the alarm; leave out --no-alarm")
     if duration_s is not None and not duration_s > 0.0:
         raise InputRefused(f"--duration-s {duration_s:g}: expected a time > 0 s")
     loaded = load_experiment(experiment, settings)
@@ -148,11 +158,13 @@ def shadow(
         ahead = ahead_of(loaded, changed, force_limit_N, notes.append)
         if ahead:
             stack.enter_context(ahead)
-        robot, columns, of_now = opened(source, column_map(maps), wanted, model.belief, speed)
+        robot, columns, of_now = opened(source, column_map(maps), wanted, model.belief, speed, notes)
         stack.callback(robot.close)
-        watched = None
-        if fleet:
-            limits = _limits(fleet, experiment, settings, say)
+        watched, why = None, "--no-alarm"
+        if not no_alarm:
+            limits, why = _limits(fleet, experiment, settings, say)
+        if not why:
+            assert limits is not None
             watched = AlarmWatch(limits, false_alarms_per_hour, Reidentifier(loaded, wait=not of_now))
         twin, viewer = twin_of(loaded, model, robot.name, watched, adapt, ahead.beside if ahead else None), None
         if live:
@@ -166,6 +178,7 @@ def shadow(
             robot, columns, wanted, twin, model, 1e-3 * lateness_ms, duration, of_now, say, _announce, watched, viewer
         )
         session.followed.notes += notes
+        session.followed.no_alarm = why
         session.followed.ahead = ahead.foreseen if ahead else None
         session.wait()
         claimed = claim_run_folder(out) if out else None

@@ -11,6 +11,7 @@ from twin.kernel.writing import finite
 from twin.studies.result import Block, Column, Result, Table, counted, note
 from twin.studies.shadow.ahead import Foreseen
 from twin.studies.shadow.alarm import CHANNELS, WatchEvent
+from twin.studies.shadow.verdict import SIGNALS, verdict_of
 
 if TYPE_CHECKING:
     from twin.studies.shadow.session import Followed, Running
@@ -80,11 +81,15 @@ def shadow_result(followed: "Followed", name: str, files: Mapping[str, Path]) ->
         body += [note("ahead", text, True) for text in _ahead(followed.ahead)]
     if followed.alarms is not None:
         body += [note("alarm", text, True) for text in followed.alarms or ["none"]]
+    missing = [name for name in SIGNALS if name not in followed.measured]
+    body.append(note("watched", ", ".join(followed.measured) + (f"; no {', no '.join(missing)}" if missing else "")))
+    verdict = verdict_of(followed)
+    body.append(note("verdict", verdict.text, True))
     body += [note("note", text) for text in followed.notes]
     head = f"{name}: followed {followed.source} for {followed.seconds:.2f} s"
     paths = {kind: str(path) for kind, path in files.items()}
     facts = shadow_facts(followed, name) | paths
-    return Result(head, body, facts, paths, exit_code=1 if followed.alarms else 0)
+    return Result(head, body, facts, paths, exit_code=1 if verdict.kind == "part" else 0)
 
 
 def _row(key: str, one: "Running") -> list[str | float]:
@@ -153,7 +158,7 @@ def shadow_facts(followed: "Followed", name: str) -> dict[str, object]:
         for key, one in followed.residuals.items()
         if one.count and one is not NIS
     }  # fmt: skip
-    lateness = followed.lateness
+    lateness, verdict = followed.lateness, verdict_of(followed)
     return finite(
         {
             "experiment": name,
@@ -176,6 +181,10 @@ def shadow_facts(followed: "Followed", name: str) -> dict[str, object]:
             "residuals": residuals,
             "nis_per_count": NIS.mean if NIS else math.nan,
             "alarms": followed.alarms,
+            "verdict": verdict.kind,
+            "verdict_text": verdict.text,
+            "parted_s": verdict.since,
+            "measured": followed.measured,
             "alarm_states": None if followed.changes is None else [_change(one) for one in followed.changes],
             "ahead": _ahead_facts(followed.ahead) if followed.ahead else None,
             "notes": followed.notes,

@@ -201,3 +201,68 @@ def test_a_sample_is_due_with_the_message_that_completes_it_or_when_what_may_com
     budget = round(BUDGET * 1e9)
     assert waited[lost - 1] == 0 and waited[lost + 1] == budget and waited[lost + 2] == budget - PERIOD
     assert waited[lost + 20] == 0 and aligner.due is None
+
+
+def sent(stamps: list[float]) -> list[Arrived]:
+    """Messages stamped when they were sent, `stamps` in periods; each arrives at once."""
+    whole = [10**18 + round(k * PERIOD) for k in stamps]
+    return [(stamp, Reading(stamp, NEEDED, (1.0, 2.0))) for stamp in whole]
+
+
+def test_readings_beside_that_no_sample_takes_push_out_the_oldest_and_the_newest_go_with_the_next_sample():
+    aligner, _ = aligned(on_time(100))
+    for k in range(100, 1600):
+        assert aligner.add("/force", reading(k).stamp, Reading(reading(k).stamp, (2,), (float(k),))) == []
+    found = aligner.add("/joints", reading(1600).stamp, reading(1600)) + aligner.ready(10**19, end=True)
+    assert [sample.row[2] for sample in found] == [1599.0]
+
+
+@pytest.mark.parametrize("late", [0.5, 0.9])
+def test_one_late_message_of_a_robot_that_stamps_when_it_sends_changes_neither_period_nor_loss(late: float):
+    aligner, samples = aligned(sent([k + late * (k == 700) for k in range(5000)]))
+    assert (len(samples), aligner.counts.missing, aligner.counts.gaps) == (5000, 0, 0)
+    assert aligner.period == PERIOD
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("jitter", [0.01, 0.05])
+def test_a_robot_that_makes_up_for_stalls_of_up_to_10_ms_has_lost_nothing_and_what_is_lost_is_counted(
+    seed: int, jitter: float
+):
+    drawn, free, stamps = random.Random(seed), 0.0, []
+    for k in range(3000):
+        # a loop that is late runs at once until it has caught up; 5 periods are 10 ms
+        free = max(k + drawn.gauss(0.0, jitter), free + 0.02) + (drawn.uniform(0.0, 5.0) if k % 400 == 399 else 0.0)
+        stamps.append(free)
+    whole, _ = aligned(sent(stamps))
+    assert whole.period == pytest.approx(PERIOD, rel=0.02)
+    assert whole.counts.missing <= 1
+    kept, _ = aligned(sent([stamp for k, stamp in enumerate(stamps) if k % 10]))
+    assert kept.counts.missing == pytest.approx(300, abs=6)
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0, 1.1])
+def test_a_rate_that_changes_is_learnt_and_costs_no_sample(factor: float):
+    stamps = [float(k) for k in range(1000)] + [999.0 + factor * k for k in range(1, 1001)]
+    aligner, _ = aligned(sent(stamps))
+    assert aligner.period == pytest.approx(factor * PERIOD)
+    assert (aligner.counts.missing, aligner.counts.gaps) == (0, 0)
+
+
+@pytest.mark.parametrize("step", [-0.05, -3.0, 1.0, 20.0])
+def test_a_clock_that_is_set_is_a_restart_and_no_loss(step: float):
+    arrivals = [(stamp, one if k < 1000 else one._replace(stamp=one.stamp + round(step * 1e9)))
+                for k, (stamp, one) in enumerate(on_time(2000))]  # fmt: skip
+    aligner, samples = aligned(arrivals)
+    assert aligner.counts.restarts == 1 and aligner.clock_step == pytest.approx(step, abs=1e-3)
+    assert (aligner.counts.missing, aligner.counts.late, aligner.counts.duplicates) == (0, 0, 0)
+    assert len(samples) == 2000
+    assert set(np.diff(rows_of(samples)[0])) == {PERIOD}
+
+
+def test_a_burst_that_comes_too_late_is_counted_and_is_no_clock_that_was_set():
+    late = [(arrived + 45 * MS if 500 <= k < 520 else arrived, one) for k, (arrived, one) in enumerate(on_time(1000))]
+    aligner, samples = aligned(late)
+    assert aligner.counts.restarts == 0
+    assert (len(samples), aligner.counts.missing) == (1000 - aligner.counts.late, aligner.counts.late)
+    assert aligner.counts.late > 0

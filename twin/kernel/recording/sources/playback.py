@@ -16,16 +16,22 @@ AT_ONCE = 512
 """Arrivals that are taken together as fast as possible."""
 
 
-def logged_topics(path: Path, kind: LogKind, columns: Mapping[str, MappedColumn]) -> dict[str, LoggedTopic]:
-    """Topics of a bag or of an MCAP file that is none of twin's, with the messages of those in `columns`.
+def logged_topics(
+    path: Path, kind: LogKind, columns: Mapping[str, MappedColumn]
+) -> tuple[dict[str, LoggedTopic], list[str]]:
+    """Topics of a bag or of a foreign MCAP file, with the messages of those in `columns`; notes on missing data.
 
     Raises:
         LogRefused: damaged, or without messages.
     """
-    topics = bag_topics(path, columns)[0] if kind == LogKind.BAG else merged(topics_in(path, columns)[0])
+    if kind == LogKind.BAG:
+        topics, notes = bag_topics(path, columns)
+    else:
+        found, note = topics_in(path, columns)
+        topics, notes = merged(found), [note] if note else []
     if not any(topic.times for topic in topics.values()):
         raise LogRefused(f"{path}: no messages; expected a log")
-    return topics
+    return topics, notes
 
 
 class Playback:

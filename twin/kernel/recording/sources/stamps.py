@@ -31,10 +31,17 @@ LEARNT, REMEMBERED = 20, 101
 """Intervals after which a period is known, and of which it is the median."""
 WHOLE, MOST = 0.1, 0.9
 """Multiples of an interval are whole to so much of it, if so large a share of all is; placed at random 0.2 would be."""
-SURE = 3
-"""Messages in a row that have to be of another time before the robot has started anew."""
+SINGLE, USUAL = 0.2, 0.5
+"""The period is shorter than the median interval only if so large a share of all intervals are single periods, or less
+than `USUAL` of them are like the median."""
+CHANGED = 0.1
+"""Relative change of the period from which on earlier losses are counted again with the new period."""
+SURE, SURELY_BACK = 3, 10
+"""Consecutive messages of another time after which the clock has started anew, or was set back by less than `BACK`."""
 AHEAD = 10.0
-"""s by which stamps run ahead of arrivals when a clock was set; what was delayed comes in seconds."""
+"""Minimum advance of stamps against arrivals (s) for a clock that was set while its delay is not known yet."""
+SET_AHEAD = 0.1
+"""The same once the least delay is known: a delay may grow, but cannot fall below its least value by this much (s)."""
 MOST_BESIDE = 1000
 """Readings that wait for a sample which they belong to."""
 FLOORS = 5
@@ -164,7 +171,6 @@ class _ReadingStream:
         self.stamps.append(stamp)
         self.newest = max(self.newest, stamp)
         self.since += 1
-        # seldom: a robot's rate does not change
         if self.since > LEARNT and (math.isinf(self.period) or self.since > REMEMBERED):
             self.since = 0
             self.period = _period(b - a for a, b in pairwise(sorted(self.stamps)))
@@ -174,23 +180,39 @@ def _period(intervals: Iterable[int]) -> float:
     """The interval (ns) from one sample to the next, if none is missing; infinite if they are not regular.
 
     It is the median; where most intervals are several times as long, since so much is lost, what all are whole
-    multiples of. Stamps that jitter are no multiples of their shortest interval; two publishers make no double ones.
+    multiples of. One late message makes a long interval and a short one, and is no reason. Stamps that jitter are no
+    multiples of their shortest interval; two publishers make no double ones.
     """
     lengths = sorted(intervals)
-    median = 0.5 * (lengths[(len(lengths) - 1) // 2] + lengths[len(lengths) // 2])
+    median = _median(lengths)
     if 0 < lengths[0] < median / LONGEST:
         single = _divisor(lengths[: bisect_right(lengths, 3.5 * lengths[0])], lengths[0])
         times = [round(one / single) for one in lengths]
         whole = sum(abs(one - k * single) <= WHOLE * single for one, k in zip(lengths, times, strict=True))
-        if whole >= MOST * len(lengths) and 2 in times:
+        usual = bisect_right(lengths, 1.25 * median) - bisect_left(lengths, 0.75 * median)
+        often = times.count(1) >= SINGLE * len(lengths) or usual < USUAL * len(lengths)
+        if whole >= MOST * len(lengths) and 2 in times and often:
             return _divisor(lengths, single)
-    near = bisect_right(lengths, 1.5 * median) - bisect_left(lengths, 0.5 * median)
-    return median if near / len(lengths) >= REGULAR else math.inf
+    near = lengths[bisect_left(lengths, 0.5 * median) : bisect_right(lengths, 1.5 * median)]
+    # gaps among the intervals move the median of all
+    return _median(near) if len(near) >= REGULAR * len(lengths) else math.inf
+
+
+def _median(lengths: Sequence[int]) -> float:
+    return 0.5 * (lengths[(len(lengths) - 1) // 2] + lengths[len(lengths) // 2])
 
 
 def _divisor(lengths: Sequence[int], single: float) -> float:
     """What `lengths` (ns) are whole multiples of, about `single`."""
     return sum(lengths) / sum(round(one / single) for one in lengths)
+
+
+@dataclass(slots=True)
+class _Interval:
+    """An interval between two samples (ns), and the number counted as missing in it; None if no period was known."""
+
+    length: int
+    missing: int | None
 
 
 class Aligner:
@@ -201,6 +223,8 @@ class Aligner:
         clocks: of stamps and arrivals of the needed columns.
         gaps: (start, end) of those since it was last asked, ns since the first sample.
         period: of the samples, ns; infinite while it is not known, or not regular.
+        clock_step: by how much stamps went ahead of arrivals at the last restart, s.
+        lacking: needed columns that the last incomplete sample was without; empty after a complete one.
     """
 
     def __init__(self, width: int, needed: Sequence[int], lateness: float):
@@ -219,7 +243,9 @@ class Aligner:
         self._base: int | None = None
         self._after_restart: int | None = None
         self._suspects: list[tuple[str, int, Reading]] = []
-        self._intervals: deque[int] = deque(maxlen=REMEMBERED)
+        self._intervals: deque[_Interval] = deque(maxlen=REMEMBERED)
+        self._gap_start, self._after_gap, self._watched_after_gap = 0, 0, 0
+        self.clock_step, self.lacking = 0.0, NONE
         self._recent: deque[int] = deque(maxlen=REMEMBERED)
         self._learnt = 0
         self.period = math.inf
@@ -247,12 +273,16 @@ class Aligner:
             side = self._sides.get(key)
             if side is None:
                 side = self._sides[key] = deque(maxlen=MOST_BESIDE)
+            if len(side) == side.maxlen:
+                # no sample takes them: those that wait longest go
+                side.popleft()
             # two publishers, or a network, mix up the order
             insort(side, reading)  # type: ignore[arg-type]
             return self.ready(arrived) if self._pending else []
-        if self._is_of_another_time(reading.stamp, arrived):
+        if enough := self._messages_to_restart(reading.stamp, arrived):
             self._suspects.append((topic, arrived, reading))
-            if len(self._suspects) < SURE:
+            self._count_late(reading.stamp)
+            if len(self._suspects) < enough:
                 return []
             return self._restarted(arrived)
         self._suspects.clear()
@@ -277,6 +307,7 @@ class Aligner:
             if not complete:
                 # at the beginning one has to learn first what belongs together
                 self.counts.incomplete += self._base is not None
+                self.lacking = self._needed - head.there
             elif not all(map(math.isfinite, map(head.row.__getitem__, self._needed))):
                 self.counts.invalid += 1
             else:
@@ -293,10 +324,6 @@ class Aligner:
         self.clocks.add(reading.stamp, arrived)
         there = stream.there
         partial = self._partial(reading.stamp, there, stream.period) if self._pending else None
-        if reading.stamp <= self._last:
-            self.counts.duplicates += reading.stamp in self._recent
-            self.counts.late += reading.stamp not in self._recent
-            return
         if partial is not None and partial.there & there:
             self.counts.duplicates += 1
             return
@@ -356,45 +383,76 @@ class Aligner:
         self._last, self._last_arrived = head.stamp, head.arrived
         self._recent.append(head.stamp)
         self.counts.samples += 1
+        self.lacking = NONE
         return Sample(head.stamp - self._base, head.row, head.arrived, self._due)
 
     def _note_interval(self, stamp: int) -> None:
-        interval = stamp - self._last
         assert self._base is not None
-        if interval > LONGEST * self.period:
-            self.counts.gaps += 1
-            self.counts.missing += max(1, round(interval / self.period) - 1)
+        length = stamp - self._last
+        self._intervals.append(_Interval(length, None if math.isinf(self.period) else 0))
+        if length > LONGEST * self.period:
+            self._count(self._intervals[-1], self._missing_in(length))
             self.gaps.append((self._last - self._base, stamp - self._base))
-            return
-        self._intervals.append(interval)
+            self._gap, self._gap_start, self._after_gap = self._intervals[-1], self._last, 0
+            self._watched_after_gap = 2 * self._missing_in(length) + 2
+        elif self._after_gap < self._watched_after_gap:
+            # a robot that stamps when it sends makes up for a stall: nothing was lost
+            self._after_gap += 1
+            lost = round((stamp - self._gap_start) / self.period) - 1 - self._after_gap
+            self._count(self._gap, max(0, min(lost, self._gap.missing or 0)))
         self._learnt += 1
         if self._learnt % LEARNT == 0:
-            first = math.isinf(self.period)
-            self.period = _period(self._intervals)
-            if first and self.period < math.inf:
-                # what was missing before one could know
-                wide = [one for one in self._intervals if one > LONGEST * self.period]
-                self.counts.gaps += len(wide)
-                self.counts.missing += sum(round(one / self.period) - 1 for one in wide)
-                # it may be unknown again, and must not count them twice
-                single = [one for one in self._intervals if one <= LONGEST * self.period]
-                self._intervals = deque(single, maxlen=REMEMBERED)
+            self._learn_period()
 
-    def _is_of_another_time(self, stamp: int, arrived: int) -> bool:
-        """Whether a stamp is further back than messages overtake each other, or runs ahead of arrivals."""
+    def _learn_period(self) -> None:
+        before, self.period = self.period, _period(one.length for one in self._intervals)
+        if math.isinf(self.period) or abs(self.period - before) <= CHANGED * before < math.inf:
+            return
+        for one in self._intervals:
+            # what was missing before one could know; and what only seemed to be, by the period of before
+            missing = self._missing_in(one.length)
+            self._count(one, missing if one.missing is None else min(one.missing, missing))
+
+    def _missing_in(self, length: int) -> int:
+        """Samples missing in an interval of `length` (ns)."""
+        return max(1, round(length / self.period) - 1) if length > LONGEST * self.period else 0
+
+    def _count(self, interval: _Interval, missing: int) -> None:
+        before = interval.missing or 0
+        self.counts.missing += missing - before
+        self.counts.gaps += (missing > 0) - (before > 0)
+        interval.missing = missing
+
+    def _messages_to_restart(self, stamp: int, arrived: int) -> int:
+        """Consecutive messages like this one after which the clock has started anew; 0 if it is of this clock."""
         if self._last < 0:
-            return False
-        if stamp >= self._last:
-            return (stamp - self._last) - (arrived - self._last_arrived) > AHEAD * SECOND
+            return 0
+        if stamp > self._last:
+            known = self._learnt >= LEARNT and arrived - stamp < (self.clocks.offset - SET_AHEAD) * SECOND
+            jumped = (stamp - self._last) - (arrived - self._last_arrived) > AHEAD * SECOND
+            return SURE if known or jumped else 0
         back = max(BACK * SECOND, PERIODS * self.period if self.period < math.inf else 0.0)
         # a message that is late by so much is no message of this clock
-        late = arrived - stamp > (self.clocks.offset + SAME_CLOCK) * SECOND
-        return stamp < self._last - back and late
+        if stamp < self._last - back and arrived - stamp > (self.clocks.offset + SAME_CLOCK) * SECOND:
+            return SURE
+        # what was overtaken comes between newer ones, and not in its order
+        return SURELY_BACK if not self._suspects or stamp > self._suspects[-1][2].stamp else 2 * SURELY_BACK
+
+    def _count_late(self, stamp: int, by: int = 1) -> None:
+        """Count a message that is not later than the last sample."""
+        if stamp <= self._last:
+            known = stamp in self._recent
+            self.counts.duplicates += by * known
+            self.counts.late += by * (not known)
 
     def _restarted(self, arrived: int) -> list[Sample]:
         """Hand on what is left of the old clock, then begin with the messages of the new one."""
         found = self.ready(arrived, end=True)
         suspects, self._suspects = self._suspects, []
+        for _, _, reading in suspects:
+            # they were not late, but of another time
+            self._count_late(reading.stamp, -1)
+        self.clock_step = self.clocks.offset - (suspects[0][1] - suspects[0][2].stamp) / SECOND
         assert self._base is not None
         passed = max(suspects[0][1] - self._last_arrived, 1)
         self._after_restart = self._last - self._base + passed

@@ -1,0 +1,180 @@
+"""A session whose topics begin and end apart, lose a joint, contradict each other; what it says, and its verdict."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.kernel.recording.logs.bags import NS
+from tests.studies.replay.logs import FIG4, ran
+from tests.studies.shadow.test_following import EXPERIMENT, MODEL, N, said
+from tests.studies.shadow.test_study import MAP, ROBOT, bag
+from twin.kernel.recording.logs.column_map import column_map
+from twin.kernel.recording.reader import read
+from twin.kernel.recording.sources.arrival import Arrival
+from twin.kernel.recording.sources.signals import Reading
+from twin.studies.shadow.alarm import CHANNELS, Tolerances, WatchState
+from twin.studies.shadow.following import AlarmWatch, twin_of
+from twin.studies.shadow.mapping import wanted_signals
+from twin.studies.shadow.session import Followed, Session
+from twin.studies.shadow.study import shadow
+from twin.studies.shadow.text import shadow_result
+from twin.studies.shadow.verdict import verdict_of
+
+START = 10**18
+JOINTS, COMMANDS = tuple(range(6)), (7, 8, 9)
+COMMANDED = [f"controller.omega_ref[{i}]=/commands.velocity.m{i + 1}" for i in range(3)]
+
+
+class Topics:
+    """A log with /joint_states and /commands, each arrival at its time.
+
+    Args:
+        arrivals: of both.
+    """
+
+    name, dropped, ended = "robot", 0, False
+
+    def __init__(self, arrivals: list[Arrival]):
+        self.arrivals = sorted(arrivals, key=lambda one: one.arrived)
+        self.at = self.next = 0
+
+    def seen(self) -> dict[str, str]:
+        return {"/joint_states": "sensor_msgs/msg/JointState", "/commands": "sensor_msgs/msg/JointState"}
+
+    def subscribe(self, topic: str) -> None:
+        """Readings."""
+
+    def publishers(self, topic: str) -> int:
+        return 1
+
+    def take(self, wait: float) -> list[Arrival]:
+        taken = self.arrivals[self.next : self.next + 50]
+        self.next, self.ended = self.next + 50, not taken
+        self.at = taken[-1].arrived if taken else self.at
+        return taken
+
+    def now(self) -> int:
+        return self.at
+
+    def close(self) -> None:
+        """Nothing to leave."""
+
+
+def joints(begin: int = 0, end: int = N, lacking: int | None = None, after: int = N) -> list[Arrival]:
+    """Messages of the robot of Fig. 4; joint `lacking` is not in those from `after` on."""
+    robot, found = said(ran(FIG4)), []
+    for k, row in enumerate(np.hstack([robot.count_m, robot.count_l]).tolist()):
+        columns = tuple(c for c in JOINTS if k < after or c != lacking)
+        reading = Reading(START + 2_000_000 * k, columns, tuple(row[c] for c in columns))
+        found.append(Arrival("/joint_states", reading.stamp, reading))
+    return found[begin:end]
+
+
+def commands(begin: int = 0, end: int = N) -> list[Arrival]:
+    speeds = np.nan_to_num(said(ran(FIG4)).omega_ref).tolist()
+    readings = [Reading(START + 2_000_000 * k, COMMANDS, tuple(row)) for k, row in enumerate(speeds)]
+    return [Arrival("/commands", one.stamp, one) for one in readings[begin:end]]
+
+
+def followed(arrivals: list[Arrival], folder: Path, watched: AlarmWatch | None = None) -> Followed:
+    """A session beside them."""
+    twin = twin_of(EXPERIMENT, MODEL, "robot", watched)
+    columns, wanted = column_map([*MAP, *COMMANDED]), wanted_signals(MODEL.belief)
+    session = Session(
+        Topics(arrivals), columns, wanted, twin, MODEL, 0.03, np.inf, False, lambda text: None, watched=watched
+    )
+    session.wait()
+    return session.follow(lambda: folder / "run.mcap")
+
+
+def events(folder: Path) -> list[str]:
+    return [event.text for event in read(folder / "run.mcap").events]
+
+
+WIDE = Tolerances(dict.fromkeys(CHANNELS, 1e9), dict.fromkeys(CHANNELS, 1.0))
+
+
+def test_commands_that_go_on_without_joints_are_a_silence_and_no_error(tmp_path: Path):
+    watched = AlarmWatch(WIDE, 1.0)
+    told = followed([*joints(end=1000), *commands()], tmp_path, watched)
+    assert told.counts.samples == 1000
+    assert "no sample for 2 s: nothing comes of /joint_states" in events(tmp_path)
+    assert watched.changes[-1].state is WatchState.NOT_WATCHED
+    assert verdict_of(told).text.startswith("robot and twin match until 2.0 s, then not watched: nothing comes of")
+
+
+def test_commands_that_begin_before_the_joints_or_end_before_them_are_no_error(tmp_path: Path):
+    told = followed([*joints(begin=1200), *commands(end=2200)], tmp_path)
+    assert told.counts.samples == N - 1200 and not told.silent
+
+
+def test_a_joint_that_messages_name_no_longer_is_named_and_nothing_is_watched_from_then_on(tmp_path: Path):
+    watched = AlarmWatch(WIDE, 1.0)
+    told = followed([*joints(lacking=1, after=1000), *commands()], tmp_path, watched)
+    assert "no sample for 2 s: no message has /joint_states.position.m2" in events(tmp_path)
+    assert watched.changes[-1].state is WatchState.NOT_WATCHED
+    text = shadow_result(told, FIG4, {}).text
+    assert "then not watched: no" in text and shadow_result(told, FIG4, {}).exit_code == 0
+
+
+def test_after_a_silence_the_watch_goes_on(tmp_path: Path):
+    watched = AlarmWatch(WIDE, 1.0)
+    late = [Arrival(one.topic, one.arrived, one.data) for one in joints(begin=2250)]
+    told = followed([*joints(end=1000), *late, *commands()], tmp_path, watched)
+    assert not told.silent
+    assert [one.state for one in watched.changes][:1] == [WatchState.NOT_WATCHED]
+
+
+def test_the_summary_says_what_was_watched_and_what_was_not(tmp_path: Path):
+    told = followed(joints(), tmp_path)
+    assert told.measured == ["motor angles", "joint angles"]
+    text = " ".join(shadow_result(told, FIG4, {}).text.split())
+    assert "watched motor angles, joint angles; no force, no commands, no torques" in text
+    assert "verdict not watched: " in text
+
+
+@pytest.mark.parametrize("what", ["motors exchanged", "publishers"])
+def test_gross_disagreement_parts_robot_and_twin_without_tolerances(tmp_path: Path, what: str):
+    arrivals = joints()
+    if what == "motors exchanged":
+        order = (1, 2, 0, 3, 4, 5)
+        arrivals = [
+            one._replace(data=one.data._replace(values=tuple(one.data.values[k] for k in order))) for one in arrivals
+        ]
+    else:
+        # another robot stands where this one was at first
+        other = arrivals[0].data.values
+        arrivals += [Arrival("/joint_states", one.arrived + 10**6, Reading(one.arrived + 10**6, JOINTS, other))
+                     for one in arrivals]  # fmt: skip
+    told = followed(arrivals, tmp_path)
+    verdict = verdict_of(told)
+    assert verdict.kind == "part" and any(text.startswith("robot and twin part: ") for text in events(tmp_path))
+    assert shadow_result(told, FIG4, {}).exit_code == 1
+
+
+def test_a_healthy_robot_is_in_no_gross_disagreement(tmp_path: Path):
+    told = followed([*joints(), *commands()], tmp_path)
+    assert verdict_of(told).kind == "not watched" and shadow_result(told, FIG4, {}).exit_code == 0
+
+
+def test_a_clock_that_is_set_and_a_rate_that_changes_are_events(tmp_path: Path):
+    set_ahead = [
+        one._replace(data=one.data._replace(stamp=one.data.stamp + NS)) if k >= 1000 else one
+        for k, one in enumerate(joints())
+    ]
+    told = followed(set_ahead, tmp_path)
+    assert "the robot's clock was set by +1.000 s; time goes on by arrivals" in events(tmp_path)
+    assert told.counts.missing == 0
+    slower = [one for k, one in enumerate(joints()) if k < 1000 or k % 2]
+    followed(slower, tmp_path)
+    assert "the rate has changed from 500 to 250 Hz" in events(tmp_path)
+
+
+def test_a_truncated_bag_is_reported(tmp_path: Path):
+    path = bag(tmp_path / "bag", ran(FIG4), slice(1000))
+    (path / "metadata.yaml").unlink()
+    report = shadow(ROBOT, str(path), MAP, speed=0.0, out=tmp_path / "out")
+    assert "no metadata.yaml: the recorder was stopped before it wrote one" in " ".join(report.text.split())
+
+

@@ -1,0 +1,61 @@
+"""Tolerances of the alarm: the shipped files belong to their experiments, and are computed the same again."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from tests.studies.shadow.robots import EXPERIMENTS
+from twin.robot.assembly.load import load_experiment
+from twin.studies.shadow.alarm import CHANNELS, RateTolerances, Tolerances, tolerances_at
+from twin.studies.shadow.fleet import fleet_limits
+from twin.studies.shadow.tolerances import (
+    SHIPPED,
+    fleet_digest,
+    read_tolerances,
+    shipped_fleet,
+    tolerances_of,
+    write_tolerances,
+)
+
+NAMES = sorted(path.stem for path in SHIPPED.glob("*.json"))
+
+
+def shipped(name: str) -> RateTolerances:
+    found, where = tolerances_of(shipped_fleet(EXPERIMENTS / f"{name}.toml"))
+    assert where == "shipped"
+    return found
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_shipped_file_belongs_to_its_experiment_and_has_the_controllers_rate(name: str):
+    assert 500.0 in shipped(name)
+    assert "fig4_force_position" in NAMES and "massage" in NAMES
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["fig4_force_position", "pressing"])
+def test_shipped_tolerances_are_computed_the_same_again(name: str):
+    again, stored = fleet_limits(shipped_fleet(EXPERIMENTS / f"{name}.toml"), 2), shipped(name)[500.0]
+    for kind, values in dataclasses.asdict(again).items():
+        assert values == pytest.approx(getattr(stored, kind), rel=1e-6, nan_ok=True)
+
+
+def test_another_experiment_or_fleet_has_another_digest():
+    fleet = shipped_fleet(EXPERIMENTS / "pressing.toml")
+    others = (
+        shipped_fleet(EXPERIMENTS / "pressing.toml", ("plant.k_s_Nm_per_rad=1.01",)),
+        shipped_fleet(EXPERIMENTS / "tapping.toml"),
+        dataclasses.replace(fleet, seed=1),
+    )
+    assert len({fleet_digest(one) for one in (fleet, *others)}) == 4
+    assert load_experiment(EXPERIMENTS / "pressing.toml").name == "pressing"
+
+
+def test_tolerances_are_of_the_nearest_rate_and_of_none_that_is_far(tmp_path: Path):
+    one = Tolerances(dict.fromkeys(CHANNELS, 1.0), dict.fromkeys(CHANNELS, float("nan")))
+    other = Tolerances(dict.fromkeys(CHANNELS, 2.0), dict.fromkeys(CHANNELS, 0.5))
+    write_tolerances(tmp_path / "a.json", "digest", {500.0: one, 250.0: other})
+    assert read_tolerances(tmp_path / "a.json", "another") is None
+    found = read_tolerances(tmp_path / "a.json", "digest")
+    assert found is not None and tolerances_at(found, 253.0) == other and tolerances_at(found, 333.0) is None

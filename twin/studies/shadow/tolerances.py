@@ -1,0 +1,121 @@
+"""Tolerances of the alarm by sampling rate: shipped for known experiments, else computed once and cached.
+
+A file has the digest of the experiment and of the fleet that its tolerances were computed from.
+"""
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from twin.kernel.cache_folder import cache_folder
+from twin.kernel.errors import TwinError
+from twin.kernel.places import HOME
+from twin.kernel.writing import json_text, write_text
+from twin.robot.experiment.experiment import Experiment
+from twin.studies.command import Say, silent
+from twin.studies.shadow.alarm import RateTolerances, ShadowWatch, Tolerances
+from twin.studies.shadow.fleet import LATE, LOST, MARGIN, ZERO, Fleet, block_means, fleet_limits, read_fleet, watched
+
+SHIPPED = HOME / "tests" / "baselines" / "shadow"
+FLEET = HOME / "experiments" / "sweeps" / "healthy_fleet.toml"
+SLOWER = (1, 2, 5, 10)
+"""Sampling periods that have tolerances, by the controller's; and half of it, where the tick allows."""
+CHECKED_RATE = 1.0
+"""False alarms per hour at which a rate must find the `FAULTS` that the controller's rate finds."""
+FAULTS = (
+    "kind = 'spring_softened', target = 'joint_2', magnitude_factor = 0.8",
+    "kind = 'drive_dead', target = 'drive_2'",
+)
+LATER = 10.0
+"""Time (s) within which it must find them."""
+
+
+def tolerances_of(fleet: Fleet, say: Say = silent) -> tuple[RateTolerances, str]:
+    """Tolerances of a fleet by rate, and where they come from: shipped, cached, or computed now.
+
+    Raises:
+        TwinError: a robot of the fleet cannot be simulated.
+    """
+    twin, digest = fleet.twin(), fleet_digest(fleet)
+    cached = cache_folder("shadow") / f"{digest}.json"
+    for path in (SHIPPED / f"{twin.name}.json", cached):
+        found = read_tolerances(path, digest)
+        if found is not None:
+            return found, "shipped" if path != cached else "cached"
+    limits = rate_limits(fleet, say)
+    write_tolerances(cached, digest, limits)
+    return limits, "computed"
+
+
+def shipped_fleet(experiment: Path, settings: tuple[str, ...] = (), path: Path = FLEET) -> Fleet:
+    """The fleet of `path` around an experiment with `settings`."""
+    found = read_fleet(path, experiment)
+    return replace(found, settings=(*found.settings, *settings))
+
+
+def fleet_digest(fleet: Fleet) -> str:
+    """SHA-256 of all that tolerances are computed from, but for twin's own code."""
+    facts = [fleet.twin().values, fleet.robots, fleet.corners, fleet.seed, ZERO, LOST, LATE, MARGIN, SLOWER, FAULTS]
+    return hashlib.sha256(json.dumps(facts, sort_keys=True, default=str).encode()).hexdigest()
+
+
+def read_tolerances(path: Path, digest: str) -> RateTolerances | None:
+    """Tolerances of a file; None if there is none, or if it belongs to another experiment or fleet."""
+    try:
+        facts = json.loads(path.read_text(encoding="utf-8"))
+        if facts["digest"] != digest:
+            return None
+        return {float(rate): _with_nan(one) for rate, one in facts["rates_Hz"].items()}
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def write_tolerances(path: Path, digest: str, limits: RateTolerances) -> None:
+    """Write tolerances to `path`; SI units."""
+    rates = {f"{rate:g}": asdict(one) for rate, one in limits.items()}
+    write_text(path, json_text({"digest": digest, "rates_Hz": rates}, indent=1) + "\n")
+
+
+def _with_nan(facts: Mapping[str, Mapping[str, float | None]]) -> Tolerances:
+    return Tolerances(*({name: math.nan if value is None else value for name, value in facts[key].items()}
+                        for key in ("tolerance", "sigma")))  # fmt: skip
+
+
+def rate_limits(fleet: Fleet, say: Say = silent) -> RateTolerances:
+    """Tolerances for each rate at which the alarm finds the faults that it finds at the controller's rate."""
+    twin = fleet.twin()
+    own = twin.controller_ticks
+    periods = [*([own // 2] if own % 2 == 0 else []), *(own * k for k in SLOWER)]
+    found: dict[float, Tolerances] = {}
+    for k, every in enumerate([own, *(one for one in periods if one != own)]):
+        rate = 1.0 / (every * twin.cosim.tick)
+
+        def progress(what: str, share: float | None = None, k: int = k, rate: float = rate) -> None:
+            say(f"tolerances of the alarm at {rate:.4g} Hz: {what}", (k + (share or 0.0)) / len(periods))
+
+        limits = fleet_limits(fleet, every, progress)
+        faults = found_faults(twin, fleet, limits, every)
+        if every == own:
+            wanted = faults
+        if wanted <= faults:
+            found[rate] = limits
+    return dict(sorted(found.items(), reverse=True))
+
+
+def found_faults(twin: Experiment, fleet: Fleet, limits: Tolerances, every: int) -> set[str]:
+    """Which of the `FAULTS` the alarm finds in the first robot of a fleet, sampled once in `every` ticks."""
+    onset = twin.duration_ticks * twin.cosim.tick / 3.0
+    found = set()
+    for fault in FAULTS:
+        try:
+            samples = fleet.samples(0, every, [f"fault=[{{{fault}, onset_s = {onset}}}]"])
+        except TwinError:
+            # the run ended: there is no robot any more
+            continue
+        alarms = watched(*block_means(twin, samples), ShadowWatch(limits, CHECKED_RATE))
+        if any(onset < one.t <= onset + LATER for one in alarms):
+            found.add(fault)
+    return found
