@@ -187,6 +187,74 @@ def test_a_runaway_is_a_motor_that_does_not_follow_and_loses_its_power_at_once()
     assert run.F_z[: trip.tick].max() < 10.5
 
 
+def lost_for_a_while(message, k):
+    if k < FAULT + 20:
+        message[6] = FAULT // 2
+
+
+class Creep:
+    """All motors turn down at `speed` (rad/s), whatever is commanded, from `since` (ticks) on until they lose power."""
+
+    def __init__(self, speed: float, since: int = 500):
+        self.speed, self.since = speed, since
+
+    def __call__(self, omega, k):
+        if k >= self.since and np.any(omega != 0.0):
+            omega[:] = self.speed
+
+
+@pytest.mark.parametrize("speed", [0.2, 0.3, 0.4])
+def test_no_motor_goes_down_past_its_angle_at_the_trip_by_more_than_three_degrees(speed):
+    ticks = 700 + round((LIMITS.retract + 0.5) / speed / TICK)
+    run = Pressing(PRESSES[4], counts=lost_for_a_while, motors=Creep(speed), ticks=ticks)
+    trip, off = latched(run.monitor.trip), run.monitor.power_off_tick
+    assert trip.reason is Reason.STALE and off is not None
+    # the motor's angle is that of its count: a hundredth of what is left of the 5 N, and 3.4 N of 3 degrees
+    assert run.F_z[trip.tick :].max() < 5.0 + 4.0
+    old = Pressing(PRESSES[4], counts=lost_for_a_while, motors=Creep(speed), ticks=ticks, limits=WAITING)
+    assert old.monitor.power_off_tick is None and old.F_z.max() > 12.0
+
+
+@pytest.mark.parametrize("broken", [dead_motor_encoder, dead_joint_encoder])
+def test_an_encoder_that_is_doubted_leaves_the_other_drives_their_rules(broken):
+    run = Pressing(PRESSES[4], counts=broken, motors=runaway)
+    trip, off = latched(run.monitor.trip), run.monitor.power_off_tick
+    # drive 3 runs away; the encoder is that of joint 2
+    assert trip.reason is Reason.JUMP and trip.joint == 2
+    assert off is not None and TICK * (off - trip.tick) < 0.03
+    assert run.F_z[:off].max() < 6.0
+
+
+@pytest.mark.parametrize("broken", [dead_motor_encoder, dead_joint_encoder])
+def test_a_drive_is_judged_by_the_encoder_that_is_left(broken):
+    run = Pressing(PRESSES[4], counts=broken, motors=lambda omega, k: omega.__setitem__(1, 4.0))
+    trip, off = latched(run.monitor.trip), run.monitor.power_off_tick
+    assert off is not None and TICK * (off - trip.tick) < 0.08
+    assert run.F_z[:off].max() < 7.0
+
+
+def test_an_unusable_count_leaves_the_sound_encoders_of_its_message():
+    def no_number(message, k):
+        message[1] = np.nan
+
+    sound = Pressing(PRESSES[4], counts=no_number)
+    assert latched(sound.monitor.trip).reason is Reason.INVALID_SAMPLE
+    assert sound.monitor.power_off_tick is None and sound.F_z[-1] == 0.0
+    run = Pressing(PRESSES[4], counts=no_number, motors=runaway)
+    assert run.monitor.power_off_tick is not None
+    assert TICK * (run.monitor.power_off_tick - latched(run.monitor.trip).tick) < 0.03
+
+
+def test_a_drive_without_a_sound_encoder_loses_its_power_when_the_retraction_is_over():
+    def none_left(message, k):
+        message[[1, 4]] = np.nan
+
+    run = Pressing(PRESSES[4], counts=none_left)
+    trip, off = latched(run.monitor.trip), run.monitor.power_off_tick
+    assert off is not None
+    assert TICK * (off - trip.tick) == pytest.approx(LIMITS.retract / LIMITS.retract_speed, abs=0.002)
+
+
 @pytest.mark.parametrize("lag", [0.002, 0.02, 0.04, 0.1])
 def test_a_drive_of_a_lag_up_to_the_stated_one_keeps_its_power(lag):
     assert lag <= LIMITS.obey_lag

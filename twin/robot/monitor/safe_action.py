@@ -214,7 +214,7 @@ def supervise(limits, seen, retraction, lines, ticks, tick, now, since):
     """Take the power if a joint does not do what the retraction commands for `follow_time`.
 
     Only a joint whose motor and joint encoder both deny it is at fault: a motor that turns moves its joint, so one of
-    the two encoders may be the failure. Of a doubted joint encoder nothing is asked.
+    the two encoders may be the failure. A doubted joint encoder is not asked; where both are, nothing is judged.
 
     Args:
         lines: whether each drive has a line of power of its own.
@@ -227,8 +227,8 @@ def supervise(limits, seen, retraction, lines, ticks, tick, now, since):
     for i in range(3):
         error_m = abs(seen.omega_cmd[i] - seen.omega_m[i])
         error_l = abs(seen.omega_cmd[i] - seen.omega_l[i])
-        if limits.disobeyed and retraction.doubt_l[i] and not retraction.doubt_m[i]:
-            error_l = error_m
+        if limits.disobeyed and retraction.doubt_l[i]:
+            error_l = 0.0 if retraction.doubt_m[i] else error_m
         astray = min(error_m, error_l) >= limit
         retraction.unfollowed[i] = retraction.unfollowed[i] + ticks if astray else 0
         if retraction.unfollowed[i] * tick >= limits.follow_time * (1.0 - 1e-9) and retraction.off[i] == 0:

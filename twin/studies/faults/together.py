@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
-from itertools import product
+from itertools import permutations, product
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from twin.kernel.errors import InputRefused
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE, Fault, checked_faults
-from twin.robot.experiment.together import COMMON_CAUSES, PAIRS, CommonCause, expects, table
+from twin.robot.experiment.together import COMMON_CAUSES, PAIRS, CommonCause, PairPart, expects, table
 from twin.robot.monitor.component import own_monitor
 from twin.studies.faults.trials import TrialRun, Trials
 
@@ -89,6 +89,15 @@ class FeltRuns(Trials):
 
     def __init__(self, experiment: Experiment, share: bool = True):
         super().__init__(experiment, share, SIGNALS)
+        self._trips: dict[tuple[Fault, ...], float] = {}
+
+    def delayed(self, faults: Sequence[Fault], delay: float) -> tuple[Fault, ...]:
+        """`faults`, the last of them `delay` (s) after the trip that the first one causes; see `Together.delay`."""
+        first = tuple(fault for fault in faults if fault.table == 1)
+        if first not in self._trips:
+            self._trips[first] = self.felt(first).seen or 0.0
+        later = round((self._trips[first] + delay) / self._experiment.cosim.tick)
+        return (*first, *(replace(fault, onset=fault.onset + later) for fault in faults if fault.table != 1))
 
     def felt(self, faults: Sequence[Fault], watched: bool = True, since: int | None = None) -> Felt:
         """The run with `faults`, with the monitor or without.
@@ -150,7 +159,7 @@ def felt(experiment: Experiment, faults: Sequence[Fault], watched: bool = True) 
 
 
 class Together(NamedTuple):
-    """Faults that begin together.
+    """Faults that begin together, or one after the other.
 
     Attributes:
         kind: which of the lists it is from.
@@ -158,6 +167,8 @@ class Together(NamedTuple):
         tables: of the [[fault]]s.
         cause: of a common cause.
         magnitude: of a common cause, as the catalogue has it.
+        delay: of the last fault (s), from the trip that the first one causes, or from its onset where it causes none;
+            None: all begin together.
     """
 
     kind: FaultSet
@@ -165,6 +176,7 @@ class Together(NamedTuple):
     tables: tuple[dict[str, Any], ...]
     cause: CommonCause | None = None
     magnitude: float | None = None
+    delay: float | None = None
 
 
 def has_two_ways(kind: str) -> bool:
@@ -288,6 +300,40 @@ def pairs(onset: float, kinds: Sequence[str] = ()) -> Iterator[Together]:
                 yield Together(FaultSet.PAIRS, " + ".join(part.kind for part in pair), tables)
 
 
+DELAYS = (0.0, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0, 3.0)
+"""Delays (s) of a second fault after the trip of the first: within the retraction of 0.26 s, and after it."""
+ONE_DELAY = (1.0,)
+"""The one that `twin faults` tries."""
+SLOW = {"drive_runaway": (0.05, 0.1, 0.2, 0.4)}
+"""Magnitudes of a second fault besides that of its pair: motors that creep, which no limit of speed shows."""
+ALL_DRIVES = PairPart("drives", "drive_runaway", "all drives", 4.0)
+"""A second fault that presses harder than that of one drive."""
+
+
+def _sizes(part: PairPart, second: bool) -> list[float | None]:
+    """Magnitudes of a fault of an ordered pair, in each of its directions."""
+    sizes = (part.magnitude, *(SLOW.get(part.kind, ()) if second else ()))
+    return [size and sign * size for size in sizes for sign in directions(part.kind)]
+
+
+def ordered_pairs(
+    onset: float, kinds: Sequence[str] = (), delays: Sequence[float] = DELAYS
+) -> Iterator[Together]:
+    """Every pair in both orders: one fault at `onset` (s), the other after the trip; of `kinds` only, if some are named.
+
+    Of a drive that runs away second there are slow magnitudes, too, and all drives at once.
+    """
+    both = [pair for one in PAIRS for pair in permutations(one)]
+    both += [(first, ALL_DRIVES) for first, second in both if second.kind == ALL_DRIVES.kind]
+    for first, second in both:
+        if kinds and not {first.kind, second.kind} <= set(kinds):
+            continue
+        for size, later, delay in product(_sizes(first, False), _sizes(second, True), delays):
+            tables = (table(first.kind, first.target, size, onset), table(second.kind, second.target, later, onset))
+            name = f"{first.kind}, then {second.kind}"
+            yield Together(FaultSet.PAIRS, name, tables, delay=delay)
+
+
 GLITCHES = 0.02
 """Of the samples, as in the matrix."""
 
@@ -377,6 +423,7 @@ class TogetherRow:
             "offset_m": list(self.stage.offset),
             "onset_s": self.onset,
             "in_contact": self.in_contact,
+            "after_trip_s": self.faults.delay,
             "limit_N": self.limit,
             "bound_N": self.bound,
             "ideal_peak_N": self.ideal,
@@ -406,8 +453,9 @@ class Stage(NamedTuple):
 
 def together_of(kind: FaultSet, onset: float, kinds: Sequence[str]) -> list[Together]:
     """Those of one list; of single faults none."""
-    lists = {FaultSet.COMMON: common_causes, FaultSet.PAIRS: pairs}
-    return list(lists[kind](onset, kinds)) if kind in lists else []
+    if kind is FaultSet.PAIRS:
+        return [*pairs(onset, kinds), *ordered_pairs(onset, kinds, ONE_DELAY)]
+    return list(common_causes(onset, kinds)) if kind is FaultSet.COMMON else []
 
 
 def together_rows(stage: Stage, wanted: Sequence[FaultSet], kinds: Sequence[str]) -> Iterator[TogetherRow]:
@@ -428,6 +476,10 @@ def together_row(stage: Stage, runs: FeltRuns, one: Together, onset: float, in_c
     experiment = stage.experiment
     assert experiment.monitor is not None
     faults = faults_of(experiment, one.tables)
+    if one.delay is not None:
+        faults = runs.delayed(faults, one.delay)
+        last = round((faults[-1].onset - faults[0].onset) * experiment.cosim.tick, 9)
+        one = one._replace(tables=(one.tables[0], one.tables[1] | {"onset_s": round(onset + last, 9)}))
     watched, unwatched = runs.both(faults)
     ideal = None if watched.seen is None else runs.ideal_peak(faults, watched.seen)
     return TogetherRow(one, stage, onset, in_contact, experiment.monitor.force_limit, watched, unwatched, ideal)
