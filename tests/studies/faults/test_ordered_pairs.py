@@ -24,7 +24,7 @@ from twin.studies.faults.together import (
 
 BODIES = ("scale", "back", "shoulder", "belly", "upper_arm", "forearm", "thigh", "calf")
 SEED = 50
-FIRST_TIER, SECOND_TIER = 5, 25
+FIRST_TIER, SECOND_TIER = 12, 50
 """Pairs drawn for each body: at most 20 s and 3 min of processor time."""
 LONG = "duration_s=60"
 """Motors that creep take long."""

@@ -294,8 +294,7 @@ def pairs(onset: float, kinds: Sequence[str] = ()) -> Iterator[Together]:
     """Pairs at `onset` (s), each fault in each of its directions; of `kinds` only, if some are named."""
     for pair in PAIRS:
         if not kinds or {part.kind for part in pair} <= set(kinds):
-            each = [[part.magnitude and sign * part.magnitude for sign in directions(part.kind)] for part in pair]
-            for sizes in product(*each):
+            for sizes in product(*map(_signed, pair)):
                 tables = tuple(table(p.kind, p.target, size, onset) for p, size in zip(pair, sizes, strict=True))
                 yield Together(FaultSet.PAIRS, " + ".join(part.kind for part in pair), tables)
 
@@ -304,34 +303,34 @@ DELAYS = (0.0, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0, 3.0)
 """Delays (s) of a second fault after the trip of the first: within the retraction of 0.26 s, and after it."""
 ONE_DELAY = (1.0,)
 """The one that `twin faults` tries."""
-SLOW = {"drive_runaway": (0.05, 0.1, 0.2, 0.4)}
-"""Magnitudes of a second fault besides that of its pair: motors that creep, which no limit of speed shows."""
-ALL_DRIVES = PairPart("drives", "drive_runaway", "all drives", 4.0)
+SLOW, ONE_SLOW = (0.05, 0.1, 0.2, 0.4), (0.4,)
+"""Speeds (rad/s) of a second drive fault besides that of its pair: motors that creep, which no limit of speed shows;
+and the one that `twin faults` tries."""
+RUNAWAY = "drive_runaway"
+ALL_DRIVES = PairPart("drives", RUNAWAY, "all drives", 4.0)
 """A second fault that presses harder than that of one drive."""
 
 
-def _sizes(part: PairPart, second: bool) -> list[float | None]:
-    """Magnitudes of a fault of an ordered pair, in each of its directions."""
-    sizes = (part.magnitude, *(SLOW.get(part.kind, ()) if second else ()))
-    return [size and sign * size for size in sizes for sign in directions(part.kind)]
+def _signed(part: PairPart) -> list[float | None]:
+    return [part.magnitude and sign * part.magnitude for sign in directions(part.kind)]
 
 
 def ordered_pairs(
-    onset: float, kinds: Sequence[str] = (), delays: Sequence[float] = DELAYS
+    onset: float, kinds: Sequence[str] = (), delays: Sequence[float] = DELAYS, slow: Sequence[float] = SLOW
 ) -> Iterator[Together]:
     """Every pair in both orders: one fault at `onset` (s), the other after the trip; of `kinds` only, if some are named.
 
-    Of a drive that runs away second there are slow magnitudes, too, and all drives at once.
+    Where a drive runs away second, all drives do, too, and each also at the speeds `slow` (rad/s) downwards.
     """
     both = [pair for one in PAIRS for pair in permutations(one)]
-    both += [(first, ALL_DRIVES) for first, second in both if second.kind == ALL_DRIVES.kind]
+    both += [(first, ALL_DRIVES) for first, second in both if second.kind == RUNAWAY]
     for first, second in both:
         if kinds and not {first.kind, second.kind} <= set(kinds):
             continue
-        for size, later, delay in product(_sizes(first, False), _sizes(second, True), delays):
+        sizes = [*_signed(second), *(slow if second.kind == RUNAWAY else ())]
+        for size, later, delay in product(_signed(first), sizes, delays):
             tables = (table(first.kind, first.target, size, onset), table(second.kind, second.target, later, onset))
-            name = f"{first.kind}, then {second.kind}"
-            yield Together(FaultSet.PAIRS, name, tables, delay=delay)
+            yield Together(FaultSet.PAIRS, f"{first.kind}, then {second.kind}", tables, delay=delay)
 
 
 GLITCHES = 0.02
@@ -451,10 +450,11 @@ class Stage(NamedTuple):
     offset: tuple[float, float] = HERE
 
 
-def together_of(kind: FaultSet, onset: float, kinds: Sequence[str]) -> list[Together]:
-    """Those of one list; of single faults none."""
+def together_of(kind: FaultSet, onset: float, in_contact: bool, kinds: Sequence[str]) -> list[Together]:
+    """Those of one list; of single faults none. Ordered pairs begin in contact, where they are worse."""
     if kind is FaultSet.PAIRS:
-        return [*pairs(onset, kinds), *ordered_pairs(onset, kinds, ONE_DELAY)]
+        ordered = ordered_pairs(onset, kinds, ONE_DELAY, ONE_SLOW) if in_contact else ()
+        return [*pairs(onset, kinds), *ordered]
     return list(common_causes(onset, kinds)) if kind is FaultSet.COMMON else []
 
 
@@ -467,7 +467,7 @@ def together_rows(stage: Stage, wanted: Sequence[FaultSet], kinds: Sequence[str]
     with FeltRuns(stage.experiment) as runs:
         for kind in (FaultSet.COMMON, FaultSet.PAIRS):
             for onset, in_contact in stage.onsets:
-                for one in together_of(kind, onset, kinds) if kind in wanted else ():
+                for one in together_of(kind, onset, in_contact, kinds) if kind in wanted else ():
                     yield together_row(stage, runs, one, onset, in_contact)
 
 
