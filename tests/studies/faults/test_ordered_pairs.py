@@ -93,7 +93,9 @@ def test_a_second_fault_begins_after_the_trip_of_the_first():
         (table("encoder_stuck", "all joint encoders", None, 1.0), 2.0, 7.0),
     ],
 )  # fmt: skip
-def test_the_force_after_a_trip_is_kept_as_an_ideal_monitor_keeps_it(body: str, first: dict, speed: float, onset: float):
+def test_the_force_after_a_trip_is_kept_as_an_ideal_monitor_keeps_it(
+    body: str, first: dict, speed: float, onset: float
+):
     tables = [first, table("drive_runaway", "all drives", speed, onset)]
     now, then = pressing(body), pressing(body, "monitor.disobeyed=wait")
     faults = faults_of(now, tables)

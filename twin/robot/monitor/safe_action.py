@@ -187,9 +187,7 @@ def enforce(limits, seen, retraction, lines, now, since, age, unseen):
         if unseen or (retraction.doubt_m[i] and retraction.doubt_l[i]):
             failed = not retracting
         else:
-            failed = sinks(limits, retraction, i) or (
-                retracting and disobeys(limits, seen, retraction, i, since - age)
-            )
+            failed = sinks(limits, retraction, i) or (retracting and disobeys(limits, seen, retraction, i, since - age))
         if failed and retraction.off[i] == 0:
             cut(retraction, i, lines, now)
     if not unseen and stands(limits, since) and presses(limits, seen, retraction):
