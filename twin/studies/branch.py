@@ -149,8 +149,8 @@ def branch(
         raise InputRefused(f"--fault: onset at {late[0].onset * tick:g} s is before the branch at {start * tick:g} s")
     if any(have_lines(one) != have_lines(base) for one in experiments):
         raise InputRefused(
-            "[drive.unpowered] cannot change in mid-run: the safety monitor has a line of power for each drive from the "
-            "start, or none; run the experiment again with it"
+            "[drive.unpowered] cannot change in mid-run: the safety monitor has a line of power for each drive from "
+            "the start, or none; run the experiment again with it"
         )
     home = made_folder((out or HOME / base.name).absolute())
     say("coming to the branch", 0.0)

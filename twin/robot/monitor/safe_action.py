@@ -81,8 +81,7 @@ def doubt(limits, seen, timers, retraction, reason, count_m, count_l, ticks, tic
             retraction.doubt_m[i] = 1
         if (
             not abs(count_l[i]) < LARGEST_COUNT
-            or reason == NO_POSE
-            or reason == HIDDEN_FORCE
+            or reason in (NO_POSE, HIDDEN_FORCE)
             or (reason == DEFLECTION and deflected)
             or (reason == FROZEN_JOINT and stuck)
             or (jumped and l >= min(m, limits.jump_limit))
@@ -196,14 +195,14 @@ def enforce(limits, seen, retraction, lines, now, since, age, unseen):
 
 @njit(cache=True)
 def stands(limits, since):
-    """Whether, `since` (s) the trip, the slowest drive that obeys the end of the retraction has come down to `SLACK`."""
+    """Whether the slowest drive that obeys stands still, to `SLACK`, `since` (s) the trip: the retraction is over."""
     ended = since - limits.retract / limits.retract_speed - limits.obey_delay
     return limits.retract_speed * math.exp(-max(0.0, ended) / limits.obey_lag) <= SLACK * limits.follow_limit
 
 
 @njit(cache=True)
 def tolerated(limits, since):
-    """Speed (rad/s) by which a motor may be off its command, `since` (s) the trip: less once all of them stand still."""
+    """Tolerated difference (rad/s) of a motor from its command, `since` (s) the trip: less once all stand still."""
     return SLACK * limits.follow_limit if limits.disobeyed and stands(limits, since) else limits.follow_limit
 
 

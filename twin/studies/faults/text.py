@@ -129,8 +129,8 @@ def together_blocks(rows: Sequence[TogetherRow]) -> list[Block]:
         text = (
             f"{len(of_kind)} {title}: {count['kept']} below their limit, {count['beyond']} above (!), "
             f"{count['missed']} not detected although expected (!); {sum(row.detected for row in of_kind)} of "
-            f"{len(of_kind)} detected. Limit: {REACHABLE * of_kind[0].limit:g} N, {REACHABLE:g} times the monitor's, or "
-            f"(~) {OF_IDEAL:g} times the peak with an ideal monitor, which cuts all power when this one trips."
+            f"{len(of_kind)} detected. Limit: {REACHABLE * of_kind[0].limit:g} N, {REACHABLE:g} times the monitor's, "
+            f"or (~) {OF_IDEAL:g} times the peak with an ideal monitor, which cuts all power when this one trips."
         )
         # of equal names the worst comes first
         worst = {row.faults.name: row for row in reversed(of_kind)}

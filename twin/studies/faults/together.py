@@ -318,7 +318,7 @@ def _signed(part: PairPart) -> list[float | None]:
 def ordered_pairs(
     onset: float, kinds: Sequence[str] = (), delays: Sequence[float] = DELAYS, slow: Sequence[float] = SLOW
 ) -> Iterator[Together]:
-    """Every pair in both orders: one fault at `onset` (s), the other after the trip; of `kinds` only, if some are named.
+    """Every pair in both orders: one fault at `onset` (s), the other after the trip; of `kinds` only, if any are given.
 
     Where a drive runs away second, all drives do, too, and each also at the speeds `slow` (rad/s) downwards.
     """
