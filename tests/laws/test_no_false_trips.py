@@ -1,5 +1,7 @@
 """The safety monitor of every task, on every drive, with noisy encoders: no fault, no trip."""
 
+import random
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from tests.laws.runs import EXPERIMENTS
 from twin.kernel.cosim.observers import simulate
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
 from twin.robot.monitor.component import own_monitor, trip_reason
 from twin.robot.run.trace import Trace
 
@@ -25,7 +28,11 @@ Four times as much trips nothing in massage.toml either, eight times trips JUMP 
 
 def use(name: str, drive: str, body: str | None, seed: int) -> float:
     """Largest share of any limit that a run without faults has in use."""
-    experiment = load_experiment(EXPERIMENTS / f"{name}.toml", (*NOISE, f"seed={seed}"), drive, body)
+    return utilisation(load_experiment(EXPERIMENTS / f"{name}.toml", (*NOISE, f"seed={seed}"), drive, body))
+
+
+def utilisation(experiment: Experiment) -> float:
+    """The same of one experiment, which is not to trip."""
     run = Trace(only=["monitor.utilisation"])
     with assemble(experiment) as assembly:
         done = simulate(assembly, experiment.duration_ticks, [run])
@@ -49,3 +56,30 @@ def test_no_fault_no_trip_on_the_scale(name, drive):
 @pytest.mark.parametrize("name", TASKS)
 def test_no_fault_no_trip_on_a_thigh(name, drive):
     assert use(name, drive, "thigh", seed=2) < 0.9
+
+
+BODIES = ("scale", "back", "shoulder", "belly", "upper_arm", "forearm", "thigh", "calf")
+
+
+def healthy(draw: int) -> Experiment:
+    """A press of 2 to 8 N with the shipped gains, friction and noise as in healthy_fleet.toml, a drive and a body."""
+    rng = random.Random(f"healthy {draw}")
+    settings = (
+        f"task.1.force_N={rng.uniform(2.0, 8.0):.3f}",
+        f"plant.joint_friction_Nm={rng.uniform(0.0, 0.02):.4f}",
+        f"plant.motor_noise_deg={rng.uniform(0.0, 0.05):.4f}",
+        f"plant.joint_noise_deg={rng.uniform(0.0, 0.02):.4f}",
+        f"seed={draw}",
+    )
+    return load_experiment(EXPERIMENTS / "pressing.toml", settings, rng.choice(DRIVES), rng.choice(BODIES))
+
+
+@pytest.mark.slow
+def test_a_few_drawn_healthy_presses_do_not_trip():
+    assert max(utilisation(healthy(draw)) for draw in range(12)) < 1.0
+
+
+@pytest.mark.endurance
+@pytest.mark.parametrize("hundred", range(10))
+def test_no_drawn_healthy_press_trips(hundred: int):
+    assert max(utilisation(healthy(draw)) for draw in range(100 * hundred, 100 * (hundred + 1))) < 1.0

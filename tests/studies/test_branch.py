@@ -206,3 +206,15 @@ def test_another_third_party_part_is_refused_in_mid_run(pressing: Path, tmp_path
     file = Path(twin.__file__).parents[1] / "examples" / "my_controller.py"
     with pytest.raises(InputRefused, match="controller cannot change in mid-run: what a third-party part holds"):
         branch(pressing, silent, AT, [f"controller.python={file}:Controller"], out=tmp_path)
+
+
+@pytest.mark.slow
+def test_a_drive_whose_current_the_monitor_switches_takes_over_in_mid_run(pressing: Path, tmp_path: Path):
+    done = branch(pressing, silent, AT, drives=["torque_motor_fmi3"], out=tmp_path)
+    assert done.facts["branches"][1]["peak"] == pytest.approx(8.0, abs=0.2)
+
+
+@pytest.mark.slow
+def test_lines_of_power_that_the_run_did_not_have_are_refused_in_a_plain_sentence(pressing: Path, tmp_path: Path):
+    with pytest.raises(InputRefused, match=r"^\[drive.unpowered\] cannot change in mid-run: the safety monitor"):
+        branch(pressing, silent, AT, drives=["velocity_servo;drive.unpowered.holding_Nm=0.02"], out=tmp_path)

@@ -121,6 +121,7 @@ def branch(
     """
     from twin.kernel.recording.folder import recording_in
     from twin.kernel.writing import made_folder
+    from twin.robot.assembly.build import have_lines
     from twin.robot.run.branch import branched_experiment
     from twin.robot.run.handover import BranchPoint
     from twin.robot.run.run import execute
@@ -146,6 +147,11 @@ def branch(
     experiments = [branched_experiment(recording, one.settings, one.faults, one.body, one.drive) for one in asked]
     if late := [fault for one in experiments for fault in one.faults[len(base.faults) :] if fault.onset < start]:
         raise InputRefused(f"--fault: onset at {late[0].onset * tick:g} s is before the branch at {start * tick:g} s")
+    if any(have_lines(one) != have_lines(base) for one in experiments):
+        raise InputRefused(
+            "[drive.unpowered] cannot change in mid-run: the safety monitor has a line of power for each drive from "
+            "the start, or none; run the experiment again with it"
+        )
     home = made_folder((out or HOME / base.name).absolute())
     say("coming to the branch", 0.0)
     point = BranchPoint(base, recording, start)

@@ -127,7 +127,7 @@ def test_a_retraction_that_no_message_shows_ends_without_power():
     run = felt(there.experiment, faults_of(there.experiment, tables))
     monitor = there.experiment.monitor
     assert monitor is not None and run.seen is not None and run.power_off is not None
-    blind = monitor.retract / monitor.retract_speed + monitor.follow_time
+    blind = monitor.retract / monitor.retract_speed
     assert run.power_off - run.seen == pytest.approx(blind, abs=0.003)
     assert run.peak < 10.0
 

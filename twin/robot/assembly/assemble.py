@@ -134,12 +134,16 @@ def connected(made: Mapping[str, list[Component]]) -> Feeds:
     for row in ROBOT:
         for port, sources in row.inputs.items():
             targets = ends(made[row.name], "input", port)
-            there = [source for source in sources if made[source[0]]]
-            # a line of its own, or the one of all
-            there = [source for source in there if ends(made[source[0]], "output", source[1])] or there
+            there = _present(sources, made)
             if targets and there:
                 feeds.update(zip(targets, _values(there[0], made, targets), strict=True))
     return feeds
+
+
+def _present(sources: Sequence[Source], made: Mapping[str, list[Component]]) -> list[Source]:
+    """Sources of an input in this robot: of power the drive's own line, or the one of all drives."""
+    there = [source for source in sources if made[source[0]]]
+    return [source for source in there if ends(made[source[0]], "output", source[1])] or there
 
 
 def _values(source: Source, made: Mapping[str, list[Component]], targets: list[End]) -> list[End]:
@@ -299,9 +303,8 @@ def joined(experiment: Experiment, made: Mapping[str, list[Component]], beside: 
     components, feeds = broken(experiment, components, connected(made))
     for port, sources in next(row for row in ROBOT if row.name == "drive").inputs.items():
         if targets := ends(beside, "input", port):
-            there = [source for source in sources if made[source[0]]]
             own = [feeds[end] for end in ends(made["drive"], "input", port)]
-            feeds.update(zip(targets, own or _values(there[0], made, targets), strict=True))
+            feeds.update(zip(targets, own or _values(_present(sources, made)[0], made, targets), strict=True))
     cosim = experiment.cosim
     pairs = wires(feeds | _at_end(feeds, components), components)
     system = System(components, pairs, cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)

@@ -49,7 +49,16 @@ from twin.robot.monitor.checks import (
     value_command,
     value_sample,
 )
-from twin.robot.monitor.safe_action import RETRACTION, enforce, release, remember, retraction_speed, supervise
+from twin.robot.monitor.safe_action import (
+    RETRACTION,
+    doubt,
+    enforce,
+    follow_travel,
+    release,
+    remember,
+    retraction_speed,
+    supervise,
+)
 
 
 class MonitorBelief(
@@ -139,7 +148,7 @@ SEEN = record(
         started="i8",
         **alike("3f8", "theta_m theta_l"),
         **alike("3i8", "moved_m moved_l"),
-        **alike("3f8", "deflection tau_l fastest omega_m omega_l omega_cmd p_B v_B F_ee_B"),
+        **alike("3f8", "rate_m rate_l deflection tau_l fastest omega_m omega_l omega_cmd p_B v_B F_ee_B"),
         **alike("f8", "speed force force_rate"),
         touching="i8",
         **alike("f8", "z_touch depth"),
@@ -148,7 +157,8 @@ SEEN = record(
         hidden_ticks="i8",
     ),
 )
-"""The last observation: angles (rad), whether an encoder moved a count, deflection (rad), joint torques (N m), fastest
+"""The last observation: angles (rad), whether an encoder moved a count, speeds of the two angles since the sample
+before (rad/s, the joint's on the motor's side), deflection (rad), joint torques (N m), fastest
 change since the sample before on the motor's side (rad/s); low-passed: motor speed, joint speed on the motor's side and
 commanded speed (rad/s), velocity (m/s), speed (m/s), force (N) and the growth of its length (N/s); position (m); the
 contact: height where it began (m), depth below that (m), duration (ticks); motor speed that the
@@ -172,17 +182,25 @@ def low_pass_share(corner, dt):
 def observe_joints(belief, seen, share, dt, count_m, count_l, sent):
     """Angles, speeds and torques of the three joints from counts (3,) each, `dt` (s) after the sample before.
 
+    An unusable count leaves its angle where it was; it matters after a trip only, since the first one trips.
+
     Args:
         sent: commanded motor speeds since the sample before (3,), rad/s.
     """
     for i in range(3):
         theta_m = angle(count_m[i], belief.motor_counts, belief.motor_zero[i])
         theta_l = angle(count_l[i], belief.joint_counts, belief.joint_zero[i])
+        # not >=: that would let NaN pass
+        if not abs(count_m[i]) < LARGEST_COUNT:
+            theta_m = seen.theta_m[i]
+        if not abs(count_l[i]) < LARGEST_COUNT:
+            theta_l = seen.theta_l[i]
         if seen.started:
             rate_m = (theta_m - seen.theta_m[i]) / dt
             rate_l = belief.N * (theta_l - seen.theta_l[i]) / dt
             seen.moved_m[i] = theta_m != seen.theta_m[i]
             seen.moved_l[i] = theta_l != seen.theta_l[i]
+            seen.rate_m[i], seen.rate_l[i] = rate_m, rate_l
             seen.fastest[i] = max(abs(rate_m), abs(rate_l), abs(rate_m - rate_l))
             seen.omega_m[i] += share * (rate_m - seen.omega_m[i])
             seen.omega_l[i] += share * (rate_l - seen.omega_l[i])
@@ -322,7 +340,8 @@ def receive(m, u, tick):
     # not >=: that would let NaN pass
     lost = 0 if abs(u.sample) < LARGEST_SAMPLE else 1
     m.values[INVALID_SAMPLE] = unusable(u.count_m, LARGEST_COUNT) + unusable(u.count_l, LARGEST_COUNT) + lost
-    if m.values[INVALID_SAMPLE] > 0.0:
+    # after a trip the sound encoders of such a message are judged
+    if m.values[INVALID_SAMPLE] > 0.0 and (m.reason == 0 or lost):
         return 0
     sample = int(u.sample)
     if not m.seen.started:
@@ -355,13 +374,17 @@ def step_over(lines):
         if m.reason == 0 and reason != 0:
             m.reason, m.trip_tick, m.trip_value, m.trip_joint = reason, m.tick, m.values[reason], m.joints[reason]
         elif m.reason != 0 and ticks > 0:
+            follow_travel(m.limits, m.seen, m.retraction, ticks * tick)
             supervise(m.limits, m.seen, m.retraction, lines, ticks, tick, m.tick, since)
+        if m.reason != 0:
+            first = m.reason if m.trip_tick == m.tick else 0
+            doubt(m.limits, m.seen, m.timers, m.retraction, first, u.count_m, u.count_l, ticks, tick)
         since = (m.tick - m.trip_tick) * tick
         if m.reason != 0:
             m.retraction.blind = 0 if ticks > 0 else m.retraction.blind + m.period
             unseen = m.retraction.blind * tick >= REACHED * m.limits.stale_time
             if ticks > 0 or unseen:
-                enforce(m.limits, m.seen, m.retraction, m.reason, lines, m.tick, since, unseen)
+                enforce(m.limits, m.seen, m.retraction, lines, m.tick, since, m.values[STALE], unseen)
             release(m.limits, m.seen, m.retraction, tick, m.tick)
         for i in range(3):
             m.sent[i] = u.omega_ref[i]

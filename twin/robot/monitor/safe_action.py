@@ -17,20 +17,34 @@ from twin.kernel.cosim.port import record, states
 from twin.kernel.settings import alike
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import joint_angles, position
-from twin.robot.monitor.checks import FROZEN_JOINT
+from twin.robot.monitor.checks import (
+    DEFLECTION,
+    FROZEN_JOINT,
+    FROZEN_MOTOR,
+    HIDDEN_FORCE,
+    LARGEST_COUNT,
+    NO_POSE,
+)
 
 STEPS = 101
 
 _FLAGS = "power power_off_tick brake blind"
-RETRACTION = record(**states(**alike("3i8", "unfollowed off"), **alike("3f8", "most least"), **alike("i8", _FLAGS)))
+_ENCODERS = {**alike("3i8", "doubt_m doubt_l"), **alike("3f8", "travel_m travel_l")}
+RETRACTION = record(
+    **states(**alike("3i8", "unfollowed off"), **alike("3f8", "most least"), **alike("i8", _FLAGS), **_ENCODERS)
+)
 """Ticks for which each joint has not followed the retraction; whether its drive's power is cut; the most and the least
 that it was commanded of late (rad/s); whether any drive has power; the tick at which one lost it, -1: none; whether
-brakes may close; ticks without a valid encoder message."""
+brakes may close; ticks without a valid encoder message; whether the motor and the joint encoder of each drive are
+doubted; angle of the motor and, on the motor's side, of the joint since the trip (rad), positive downwards."""
+SINK_LIMIT = math.radians(3.0)
+"""Largest angle (rad) of a motor below that at the trip, beyond what the slowest drive that obeys still travels down:
+less than 4 N on a rigid body."""
+HALF = 0.5
+"""Share of the limit of a frozen encoder from which another one is doubted, too, once one of them trips."""
 SLACK = 0.25
 """Share of `follow_limit` by which a retracting motor may be slower than the slowest drive that obeys: above the ripple
 of its low-passed speed, 0.33 rad/s."""
-DOUBTED = FROZEN_JOINT
-"""Reasons up to this one doubt encoders: then no speed that they tell is taken for disobedience."""
 
 
 @njit(cache=True)
@@ -38,6 +52,51 @@ def retraction_speed(limits, retraction, since):
     """Speed (rad/s) of every motor that has power, `since` (s) the trip."""
     turning = retraction.power == 1 and since < (limits.retract - 1e-9) / limits.retract_speed
     return -limits.retract_speed if turning else 0.0
+
+
+@njit(cache=True)
+def doubt(limits, seen, timers, retraction, reason, count_m, count_l, ticks, tick):
+    """Mark the encoders that are doubted: those of the trip's `reason`, and each that later jumps or is unusable.
+
+    A deflection and a hidden force doubt the joint encoders alone: the motors' own still tell whether drives obey.
+
+    Args:
+        reason: of the trip, in its tick; later 0.
+        count_m, count_l: of the encoder message (3,).
+        ticks: since the message before; 0: no new one.
+        tick: in s.
+    """
+    for i in range(3):
+        m, l = abs(seen.rate_m[i]), abs(seen.rate_l[i])
+        jumped = ticks > 0 and seen.fastest[i] >= limits.jump_limit
+        still = tick * abs(timers.still[i]) >= HALF * limits.frozen_time
+        stuck = abs(seen.theta_m[i] - timers.anchor[i]) >= HALF * limits.frozen_travel
+        deflected = abs(seen.deflection[i]) >= limits.deflection_limit
+        # not >=: that would let NaN pass
+        if (
+            not abs(count_m[i]) < LARGEST_COUNT
+            or (reason == FROZEN_MOTOR and still)
+            or (jumped and m >= min(l, limits.jump_limit))
+        ):
+            retraction.doubt_m[i] = 1
+        if (
+            not abs(count_l[i]) < LARGEST_COUNT
+            or reason in (NO_POSE, HIDDEN_FORCE)
+            or (reason == DEFLECTION and deflected)
+            or (reason == FROZEN_JOINT and stuck)
+            or (jumped and l >= min(m, limits.jump_limit))
+        ):
+            retraction.doubt_l[i] = 1
+
+
+@njit(cache=True)
+def follow_travel(limits, seen, retraction, dt):
+    """Add up how far each shaft has turned since the trip, `dt` (s) after the sample before; jumps are no travel."""
+    for i in range(3):
+        if abs(seen.rate_m[i]) < limits.jump_limit:
+            retraction.travel_m[i] += dt * seen.rate_m[i]
+        if abs(seen.rate_l[i]) < limits.jump_limit:
+            retraction.travel_l[i] += dt * seen.rate_l[i]
 
 
 @njit(cache=True)
@@ -58,14 +117,41 @@ def disobeys(limits, seen, retraction, i, since):
     """Whether drive `i`, `since` (s) the trip, does what no drive does that obeys.
 
     It turns faster than anything that it was commanded of late, either way, by `follow_limit`; or it is later in
-    turning back than the slowest drive that obeys, by its joint, too: one of the two encoders may be the failure.
+    turning back than the slowest drive that obeys, by its joint, too, unless that is doubted. Where the motor's
+    encoder is doubted the joint is not to turn down: it swings, and turns back once its spring is unwound.
     """
     speed, least = seen.omega_m[i], min(retraction.least[i], -limits.retract_speed)
-    if speed >= retraction.most[i] + limits.follow_limit or speed <= least - limits.follow_limit:
-        return True
     left = math.exp(-max(0.0, since - limits.obey_delay) / limits.obey_lag)
     slowest = (retraction.most[i] + limits.retract_speed) * left - limits.retract_speed
-    return min(speed, seen.omega_l[i]) >= slowest + SLACK * limits.follow_limit
+    if retraction.doubt_m[i]:
+        return seen.omega_l[i] >= max(0.0, slowest) + limits.follow_limit
+    if speed >= retraction.most[i] + limits.follow_limit or speed <= least - limits.follow_limit:
+        return True
+    late = speed if retraction.doubt_l[i] else min(speed, seen.omega_l[i])
+    return late >= slowest + SLACK * limits.follow_limit
+
+
+@njit(cache=True)
+def sinks(limits, retraction, i):
+    """Whether drive `i` is below its angle at the trip by more than `SINK_LIMIT` and what the slowest one travels.
+
+    The joint tells it where the motor's encoder is doubted, or has not moved a count since the trip.
+    """
+    unmoved = retraction.doubt_m[i] or retraction.travel_m[i] == 0.0
+    if unmoved and retraction.doubt_l[i]:
+        return False
+    most, back = max(0.0, retraction.most[i]), limits.retract_speed
+    # integral of the speed in `disobeys` down to 0
+    coasting = most * (limits.obey_delay + limits.obey_lag) - back * limits.obey_lag * math.log(1.0 + most / back)
+    return (retraction.travel_l[i] if unmoved else retraction.travel_m[i]) >= SINK_LIMIT + coasting
+
+
+@njit(cache=True)
+def presses(limits, seen, retraction):
+    """Whether force or depth are at their limits, by encoders that are not doubted."""
+    doubted_m, doubted_l = retraction.doubt_m.sum() > 0, retraction.doubt_l.sum() > 0
+    deep, strong = seen.depth >= limits.penetration_limit, seen.force >= limits.force_limit
+    return not doubted_l and (deep or (strong and not doubted_m))
 
 
 @njit(cache=True)
@@ -81,39 +167,43 @@ def cut(retraction, i, lines, now):
 
 
 @njit(cache=True)
-def enforce(limits, seen, retraction, reason, lines, now, since, unseen):
-    """Cut at once the drives that do not obey the retraction, `since` (s) the trip.
+def enforce(limits, seen, retraction, lines, now, since, age, unseen):
+    """Cut at once the drives that do not obey the retraction, `since` (s) the trip, or sink below where they tripped.
 
-    All of them, once it is over by `follow_time` and no encoder message has said that it was done.
+    Those that no sound encoder shows lose their power when the retraction is over. Once all of them stand still, force
+    or depth at a limit cut all.
 
     Args:
-        reason: of the trip.
         lines: whether each drive has a line of power of its own.
         now: in ticks.
+        age: of the encoder message, in s.
         unseen: whether no encoder message says what the motors do.
     """
     if limits.disobeyed == 0 or retraction.power == 0:
         return
-    if unseen and since >= limits.retract / limits.retract_speed + limits.follow_time:
-        cut(retraction, 0, False, now)
-    if unseen or reason <= DOUBTED or retraction_speed(limits, retraction, since) == 0.0:
-        return
+    retracting = retraction_speed(limits, retraction, since) != 0.0
     for i in range(3):
-        if retraction.off[i] == 0 and disobeys(limits, seen, retraction, i, since):
+        if unseen or (retraction.doubt_m[i] and retraction.doubt_l[i]):
+            failed = not retracting
+        else:
+            failed = sinks(limits, retraction, i) or (retracting and disobeys(limits, seen, retraction, i, since - age))
+        if failed and retraction.off[i] == 0:
             cut(retraction, i, lines, now)
+    if not unseen and stands(limits, since) and presses(limits, seen, retraction):
+        cut(retraction, 0, False, now)
+
+
+@njit(cache=True)
+def stands(limits, since):
+    """Whether the slowest drive that obeys stands still, to `SLACK`, `since` (s) the trip: the retraction is over."""
+    ended = since - limits.retract / limits.retract_speed - limits.obey_delay
+    return limits.retract_speed * math.exp(-max(0.0, ended) / limits.obey_lag) <= SLACK * limits.follow_limit
 
 
 @njit(cache=True)
 def tolerated(limits, since):
-    """Speed (rad/s) by which a motor may be off its command, `since` (s) the trip: less once all of them stand still.
-
-    That is when the slowest drive that obeys the end of the retraction has come down to what is tolerated then.
-    """
-    if limits.disobeyed == 0:
-        return limits.follow_limit
-    ended = since - limits.retract / limits.retract_speed - limits.obey_delay
-    still = limits.retract_speed * math.exp(-max(0.0, ended) / limits.obey_lag) <= SLACK * limits.follow_limit
-    return SLACK * limits.follow_limit if still else limits.follow_limit
+    """Tolerated difference (rad/s) of a motor from its command, `since` (s) the trip: less once all stand still."""
+    return SLACK * limits.follow_limit if limits.disobeyed and stands(limits, since) else limits.follow_limit
 
 
 @njit(cache=True)
@@ -121,7 +211,7 @@ def supervise(limits, seen, retraction, lines, ticks, tick, now, since):
     """Take the power if a joint does not do what the retraction commands for `follow_time`.
 
     Only a joint whose motor and joint encoder both deny it is at fault: a motor that turns moves its joint, so one of
-    the two encoders may be the failure.
+    the two encoders may be the failure. A doubted joint encoder is not asked; where both are, nothing is judged.
 
     Args:
         lines: whether each drive has a line of power of its own.
@@ -134,6 +224,8 @@ def supervise(limits, seen, retraction, lines, ticks, tick, now, since):
     for i in range(3):
         error_m = abs(seen.omega_cmd[i] - seen.omega_m[i])
         error_l = abs(seen.omega_cmd[i] - seen.omega_l[i])
+        if limits.disobeyed and retraction.doubt_l[i]:
+            error_l = 0.0 if retraction.doubt_m[i] else error_m
         astray = min(error_m, error_l) >= limit
         retraction.unfollowed[i] = retraction.unfollowed[i] + ticks if astray else 0
         if retraction.unfollowed[i] * tick >= limits.follow_time * (1.0 - 1e-9) and retraction.off[i] == 0:

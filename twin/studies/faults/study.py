@@ -74,9 +74,10 @@ def faults(
 
     The catalogue of faults states beforehand which ones the monitor detects,
     and which exceed the force limit by more than 20 % all the same. A common
-    cause breaks several parts at once, such as all drives. After it, and after
-    a pair, the force is to stay below 1.5 times the limit, or 1.2 times what an
-    ideal monitor reaches.
+    cause breaks several parts at once, such as all drives. Pairs begin together,
+    or, in contact, the second fault 1 s after the first trip. After a common
+    cause or a pair the force is to stay below 1.5 times the limit, or 1.2 times
+    what an ideal monitor reaches.
 
     Exit code: 0 as stated, 1 a fault is missed or exceeds the limit
     unexpectedly, 2 input refused, 3 a drive crashed or hung (the rows until
@@ -137,8 +138,8 @@ def faults(
             stages.append(Stage(body or "", loaded, inside, place))
         # single faults on the first body
         healthy, planned = of_bodies[0] if FaultSet.SINGLE in wanted else (of_bodies[0][0], ())
-        each = sum(len(together_of(kind, 0.0, kinds)) for kind in wanted)
-        total = len(planned) + each * sum(len(stage.onsets) for stage in stages)
+        begin = [at for stage in stages for at in stage.onsets]
+        total = len(planned) + sum(len(together_of(kind, *at, kinds)) for kind in wanted for at in begin)
         rows: list[FaultRow] = []
         for row in matrix_rows(stages[0].experiment, healthy, planned):
             rows.append(row)

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
-from itertools import product
+from itertools import permutations, product
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from twin.kernel.errors import InputRefused
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE, Fault, checked_faults
-from twin.robot.experiment.together import COMMON_CAUSES, PAIRS, CommonCause, expects, table
+from twin.robot.experiment.together import COMMON_CAUSES, PAIRS, CommonCause, PairPart, expects, table
 from twin.robot.monitor.component import own_monitor
 from twin.studies.faults.trials import TrialRun, Trials
 
@@ -89,6 +89,15 @@ class FeltRuns(Trials):
 
     def __init__(self, experiment: Experiment, share: bool = True):
         super().__init__(experiment, share, SIGNALS)
+        self._trips: dict[tuple[Fault, ...], float] = {}
+
+    def delayed(self, faults: Sequence[Fault], delay: float) -> tuple[Fault, ...]:
+        """`faults`, the last of them `delay` (s) after the trip that the first one causes; see `Together.delay`."""
+        first = tuple(fault for fault in faults if fault.table == 1)
+        if first not in self._trips:
+            self._trips[first] = self.felt(first).seen or 0.0
+        later = round((self._trips[first] + delay) / self._experiment.cosim.tick)
+        return (*first, *(replace(fault, onset=fault.onset + later) for fault in faults if fault.table != 1))
 
     def felt(self, faults: Sequence[Fault], watched: bool = True, since: int | None = None) -> Felt:
         """The run with `faults`, with the monitor or without.
@@ -150,7 +159,7 @@ def felt(experiment: Experiment, faults: Sequence[Fault], watched: bool = True) 
 
 
 class Together(NamedTuple):
-    """Faults that begin together.
+    """Faults that begin together, or one after the other.
 
     Attributes:
         kind: which of the lists it is from.
@@ -158,6 +167,8 @@ class Together(NamedTuple):
         tables: of the [[fault]]s.
         cause: of a common cause.
         magnitude: of a common cause, as the catalogue has it.
+        delay: of the last fault (s), from the trip that the first one causes, or from its onset where it causes none;
+            None: all begin together.
     """
 
     kind: FaultSet
@@ -165,6 +176,7 @@ class Together(NamedTuple):
     tables: tuple[dict[str, Any], ...]
     cause: CommonCause | None = None
     magnitude: float | None = None
+    delay: float | None = None
 
 
 def has_two_ways(kind: str) -> bool:
@@ -282,10 +294,43 @@ def pairs(onset: float, kinds: Sequence[str] = ()) -> Iterator[Together]:
     """Pairs at `onset` (s), each fault in each of its directions; of `kinds` only, if some are named."""
     for pair in PAIRS:
         if not kinds or {part.kind for part in pair} <= set(kinds):
-            each = [[part.magnitude and sign * part.magnitude for sign in directions(part.kind)] for part in pair]
-            for sizes in product(*each):
+            for sizes in product(*map(_signed, pair)):
                 tables = tuple(table(p.kind, p.target, size, onset) for p, size in zip(pair, sizes, strict=True))
                 yield Together(FaultSet.PAIRS, " + ".join(part.kind for part in pair), tables)
+
+
+DELAYS = (0.0, 0.1, 0.2, 0.3, 0.5, 1.0, 2.0, 3.0)
+"""Delays (s) of a second fault after the trip of the first: within the retraction of 0.26 s, and after it."""
+ONE_DELAY = (1.0,)
+"""The one that `twin faults` tries."""
+SLOW, ONE_SLOW = (0.05, 0.1, 0.2, 0.4), (0.4,)
+"""Speeds (rad/s) of a second drive fault besides that of its pair: motors that creep, which no limit of speed shows;
+and the one that `twin faults` tries."""
+RUNAWAY = "drive_runaway"
+ALL_DRIVES = PairPart("drives", RUNAWAY, "all drives", 4.0)
+"""A second fault that presses harder than that of one drive."""
+
+
+def _signed(part: PairPart) -> list[float | None]:
+    return [part.magnitude and sign * part.magnitude for sign in directions(part.kind)]
+
+
+def ordered_pairs(
+    onset: float, kinds: Sequence[str] = (), delays: Sequence[float] = DELAYS, slow: Sequence[float] = SLOW
+) -> Iterator[Together]:
+    """Every pair in both orders: one fault at `onset` (s), the other after the trip; of `kinds` only, if any are given.
+
+    Where a drive runs away second, all drives do, too, and each also at the speeds `slow` (rad/s) downwards.
+    """
+    both = [pair for one in PAIRS for pair in permutations(one)]
+    both += [(first, ALL_DRIVES) for first, second in both if second.kind == RUNAWAY]
+    for first, second in both:
+        if kinds and not {first.kind, second.kind} <= set(kinds):
+            continue
+        sizes = [*_signed(second), *(slow if second.kind == RUNAWAY else ())]
+        for size, later, delay in product(_signed(first), sizes, delays):
+            tables = (table(first.kind, first.target, size, onset), table(second.kind, second.target, later, onset))
+            yield Together(FaultSet.PAIRS, f"{first.kind}, then {second.kind}", tables, delay=delay)
 
 
 GLITCHES = 0.02
@@ -377,6 +422,7 @@ class TogetherRow:
             "offset_m": list(self.stage.offset),
             "onset_s": self.onset,
             "in_contact": self.in_contact,
+            "after_trip_s": self.faults.delay,
             "limit_N": self.limit,
             "bound_N": self.bound,
             "ideal_peak_N": self.ideal,
@@ -404,10 +450,12 @@ class Stage(NamedTuple):
     offset: tuple[float, float] = HERE
 
 
-def together_of(kind: FaultSet, onset: float, kinds: Sequence[str]) -> list[Together]:
-    """Those of one list; of single faults none."""
-    lists = {FaultSet.COMMON: common_causes, FaultSet.PAIRS: pairs}
-    return list(lists[kind](onset, kinds)) if kind in lists else []
+def together_of(kind: FaultSet, onset: float, in_contact: bool, kinds: Sequence[str]) -> list[Together]:
+    """Those of one list; of single faults none. Ordered pairs begin in contact, where they are worse."""
+    if kind is FaultSet.PAIRS:
+        ordered = ordered_pairs(onset, kinds, ONE_DELAY, ONE_SLOW) if in_contact else ()
+        return [*pairs(onset, kinds), *ordered]
+    return list(common_causes(onset, kinds)) if kind is FaultSet.COMMON else []
 
 
 def together_rows(stage: Stage, wanted: Sequence[FaultSet], kinds: Sequence[str]) -> Iterator[TogetherRow]:
@@ -419,7 +467,7 @@ def together_rows(stage: Stage, wanted: Sequence[FaultSet], kinds: Sequence[str]
     with FeltRuns(stage.experiment) as runs:
         for kind in (FaultSet.COMMON, FaultSet.PAIRS):
             for onset, in_contact in stage.onsets:
-                for one in together_of(kind, onset, kinds) if kind in wanted else ():
+                for one in together_of(kind, onset, in_contact, kinds) if kind in wanted else ():
                     yield together_row(stage, runs, one, onset, in_contact)
 
 
@@ -428,6 +476,10 @@ def together_row(stage: Stage, runs: FeltRuns, one: Together, onset: float, in_c
     experiment = stage.experiment
     assert experiment.monitor is not None
     faults = faults_of(experiment, one.tables)
+    if one.delay is not None:
+        faults = runs.delayed(faults, one.delay)
+        last = round((faults[-1].onset - faults[0].onset) * experiment.cosim.tick, 9)
+        one = one._replace(tables=(one.tables[0], one.tables[1] | {"onset_s": round(onset + last, 9)}))
     watched, unwatched = runs.both(faults)
     ideal = None if watched.seen is None else runs.ideal_peak(faults, watched.seen)
     return TogetherRow(one, stage, onset, in_contact, experiment.monitor.force_limit, watched, unwatched, ideal)
