@@ -20,7 +20,9 @@ def tune(
     experiment: ExperimentName,
     say: Say,
     margin: Annotated[float, Option("Largest |1/(1+L)| of any loop.", "M_S")] = 1.6,
-    overshoot: Annotated[float, Option("Largest overshoot of a step, and at touch-down.", "PERCENT", "--overshoot-percent")] = 5.0,
+    overshoot: Annotated[
+        float, Option("Largest overshoot of a step, and at touch-down.", "PERCENT", "--overshoot-percent")
+    ] = 5.0,
     bandwidth: Annotated[
         float | None, Option("Lowest bandwidth, of the force if it is controlled.", "HZ", "--bandwidth-Hz")
     ] = None,
