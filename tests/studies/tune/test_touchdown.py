@@ -95,6 +95,12 @@ def test_the_search_keeps_to_gains_that_the_co_simulation_confirms():
     assert len(asked) < 100
 
 
+def test_where_every_run_misses_the_gains_keep_the_goals_of_the_linear_model():
+    goals = Goals(law="position")
+    found = search.best_gains(fig4_corners()[1:2], goals, FIG4._replace(kp=60.0), simulated=lambda gains: 0.9)
+    assert not list(search.misses(search.predicted(fig4_corners()[1], found), goals))
+
+
 def test_gains_of_the_file_stay_where_none_better_are_found():
     start = FIG4._replace(kp=2.0)
     refused = search.best_gains(

@@ -62,8 +62,8 @@ BOUNDS = ((0.1, 200.0), (1e-6, 0.1), (1e-5, 1.0))
 ROUNDING = 1e-3
 """By how much a goal may be missed and count as met, relative; for the overshoot, as a share of the step."""
 PRICES = {"bandwidth": 1e2, "run": 5e3, "overshoot": 1e4, "margin": 1e4, "stability": 1e8}
-"""A missed goal costs more than any slowness; what keeps people safe comes before bandwidth. "run": the experiment itself;
-it is run only where the linear model meets the goals, so missing it has to cost less than missing those."""
+"""A missed goal costs more than any slowness; what keeps people safe comes before bandwidth. A run of the experiment is
+made only where the linear model meets its goals, so it costs less than those: else the search would avoid runs."""
 
 
 Progress = Callable[[float], None]
@@ -138,8 +138,8 @@ def best_gains(
     Args:
         laws: "both", or "force": kp of the position law stays as in `start`, too.
         allowed: which gains come into question at all.
-        simulated: how far gains miss their goals in the co-simulation, 0 .. 1, 0 if they meet them. Called only where the
-            linear model finds the goals met and less cost than with the best gains that meet both.
+        simulated: how far gains miss their goals in the co-simulation, 0 .. 1. Called only where the linear model finds
+            the goals met and less cost than with the best gains that meet both.
         progress: called after each generation with the finished share of the longest search, 0 .. 1.
     """
     force = any(corner.point.force_on for corner in corners)
