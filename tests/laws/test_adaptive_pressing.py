@@ -19,7 +19,7 @@ ONE_SET = (
     "controller.force.ki_mm_per_N_s=6.47",
 )  # fmt: skip
 POINTS = (300, 1.04, 29), (527, 1.28, 21.2), (924, 1.49, 15.6), (1620, 1.96, 13), (2850, 1.7, 7.79), (5000, 1.55, 5)
-"""What twin tune pressing --schedule has found."""
+"""A schedule and its one set, found by twin tune pressing --schedule for the goals of the linear model alone."""
 SCHEDULE = (
     *ONE_SET,
     "controller.tissue.tolerance=0.3",

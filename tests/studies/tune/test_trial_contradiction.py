@@ -43,9 +43,11 @@ def test_what_the_goals_forbid_and_the_model_does_not_foresee_is_a_contradiction
     assert sentence in contradiction(trial(**different), fast(), GOALS)
 
 
-def test_a_step_that_is_predicted_to_creep_may_creep():
-    creeping = replace(fast(), answers={"force": replace(linear(), settling=math.inf)})
-    assert contradiction(trial(settling=math.inf, bandwidth=math.nan), creeping, GOALS) == ""
+# 6.3 s and a third more, what backlash and counts add, is beyond the 8 s that are simulated
+@pytest.mark.parametrize(("settling", "doubted"), [(math.inf, False), (6.3, False), (5.5, True)])
+def test_a_step_that_is_predicted_to_creep_may_creep(settling: float, doubted: bool):
+    creeping = replace(fast(), answers={"force": replace(linear(), settling=settling)})
+    assert bool(contradiction(trial(settling=math.inf, bandwidth=math.nan), creeping, GOALS)) is doubted
 
 
 def test_a_bandwidth_that_only_the_model_has_is_a_contradiction():

@@ -103,8 +103,10 @@ def _verdict(done: Tuned) -> list[Block]:
     if done.met:
         confirmed = ", and the co-simulation agrees" if done.after.trials else ""
         where = "the one corner" if corners == 1 else f"all {corners} corners"
-        kept = ["  no better gains were found than those of the file"] if done.after.gains == done.before.gains else []
-        return [f"{name}  GOALS MET at {where}{confirmed}", *kept, *_beyond(done)]
+        remark = (
+            ["  no better gains were found than those of the file"] if done.after.gains == done.before.gains else []
+        )
+        return [f"{name}  GOALS MET at {where}{confirmed}", *remark, *_beyond(done)]
     missed = [*(_miss(done, miss) for miss in done.after.misses), *done.contradictions]
     return [f"{name}  GOALS NOT MET; this is the best that was found", *map(missed_note, missed)]
 

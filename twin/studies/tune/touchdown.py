@@ -120,9 +120,9 @@ def shortfalls(before: Whole, after: Whole, overshoot: float, than: str = "befor
 
 
 def price(before: Sequence[Whole], after: Iterator[Whole], overshoot: float) -> float:
-    """Return how far runs miss their goals; 0 if they meet all. Runs after the first that misses one are not made."""
+    """Return how far runs miss their goals, 0 .. 1; 0 if they meet all. No run follows the first that misses one."""
     for i, (old, new) in enumerate(zip(before, after, strict=True)):
-        missed = [one.by for one in shortfalls(old, new, overshoot)]
-        if missed:
-            return len(before) - i + sum(missed)
+        by = sum(one.by for one in shortfalls(old, new, overshoot))
+        if by:
+            return (len(before) - i - 1 + by / (1.0 + by)) / len(before)
     return 0.0
