@@ -71,7 +71,7 @@ def own(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, lis
     mapping = (root / "fmus/brushed_dc/mapping.toml").read_text()
     (lab / "units.toml").write_text(mapping.replace("brushed_dc.fmu", "dc motor.fmu"))
     shutil.copyfile(root / "experiments/bodies/back.toml", lab / "soft.toml")
-    (lab / "press here.toml").write_text(f'extends = "{root}/experiments/fig4_force_position.toml"\nduration_s = 0.1\n')
+    (lab / "press here.toml").write_text(f'extends = "{root}/experiments/fig4_force_position.toml"\nduration_s = 0.2\n')
     typed = ["my lab's/press here.toml", "--drive", "my lab's/units.toml", "--body", "my lab's/soft.toml",
              "--set", 'title="it\'s mine"', "--set", "controller.force.reference_N=4"]  # fmt: skip
     done = twin("run", *typed, cwd=home)
