@@ -6,6 +6,7 @@ import re
 import shlex
 import shutil
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +71,7 @@ def own(root: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, lis
     mapping = (root / "fmus/brushed_dc/mapping.toml").read_text()
     (lab / "units.toml").write_text(mapping.replace("brushed_dc.fmu", "dc motor.fmu"))
     shutil.copyfile(root / "experiments/bodies/back.toml", lab / "soft.toml")
-    (lab / "press here.toml").write_text(f'extends = "{root}/experiments/fig4_force_position.toml"\nduration_s = 0.1\n')
+    (lab / "press here.toml").write_text(f'extends = "{root}/experiments/fig4_force_position.toml"\nduration_s = 0.2\n')
     typed = ["my lab's/press here.toml", "--drive", "my lab's/units.toml", "--body", "my lab's/soft.toml",
              "--set", 'title="it\'s mine"', "--set", "controller.force.reference_N=4"]  # fmt: skip
     done = twin("run", *typed, cwd=home)
@@ -258,6 +259,30 @@ def test_a_command_that_takes_the_latest_run_says_which_and_what_it_was_made_wit
     stamp = runs[1].folder.name
     assert done.stderr == f"results/mine: the latest run, {stamp}, made with --drive pmsm_foc --set seed=3\n"
     assert twin("export", f"results/mine/{stamp}", "--csv", "--force", cwd=copied).stderr == ""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("compare", "results/mine", "{run}"),
+        ("report", "results/mine"),
+        ("shadow", "mine", "--source", "results/mine", "--speed", "0"),
+    ],
+)
+def test_json_names_the_run_that_was_read_as_the_latest_and_what_was_changed_in_it(copied: Path, words: Sequence[str]):
+    runs = stored_runs(copied / "results")
+    (copied / "results/mine/latest").unlink()
+    (copied / "results/mine/latest").symlink_to(runs[1].folder.name)
+    read_run = {"run": f"results/mine/{runs[1].folder.name}", "changed": ["--drive", "pmsm_foc", "--set", "seed=3"]}
+    done = twin(*(word.format(run=read_run["run"]) for word in words), "--json", cwd=copied)
+    assert json.loads(done.stdout)["read"] == [read_run] and ": the latest run, " in done.stderr
+
+
+def test_replay_names_the_run_as_it_was_typed(own: tuple[Path, list[str]]):
+    home, typed = own
+    run = recording_in(home / "results/press here").parent.resolve().name
+    done = twin("replay", "results/press here", "--baseline", "0.05", "--json", cwd=home)
+    assert json.loads(done.stdout)["read"] == [{"run": f"results/press here/{run}", "changed": typed[1:]}], done.stderr
 
 
 def test_what_is_read_without_samples_is_what_is_read_with_them(home: Path):

@@ -70,19 +70,8 @@ HEADERS = {
     "Cache-Control": "no-store",
 }
 FROM_PAGES = (
-    "describe",
-    "show",
-    "recorded",
-    "runs",
-    "columns",
-    "log",
-    "save",
-    "command",
-    "onset",
-    "loops",
-    "score",
-    "map",
-)
+    "describe", "show", "recorded", "runs", "columns", "log", "save", "command", "onset", "loops", "score", "map",
+)  # fmt: skip
 """What a page may ask a process for."""
 MOST_BYTES = 100_000_000
 """Of a file that is brought in."""
