@@ -23,9 +23,10 @@ from twin.robot.run.hold import HoldRequest
 from twin.robot.run.measures import HEADLINE, LARGE_OVERSHOOT, MEASURES, TABLE, Measured, Values, shown, unmeasured
 from twin.robot.run.view import BelievedRun, RunView, outcome_of, sample_and_hold
 from twin.studies.figure import Axes, picture
-from twin.studies.metrics.requirement import FIG5, standing
+from twin.studies.metrics.requirement import FIG5
 from twin.studies.metrics.requirement import MEASURES as SERIES_OF_MEASURES
 from twin.studies.metrics.response import Curve, first_time, rms
+from twin.studies.metrics.standing import one_run_each
 from twin.studies.paper import fig4_measures
 from twin.studies.paper.claim import ClaimFinding, judged
 from twin.studies.paper.fig4 import QUALITY, failed, fig4_score, tally
@@ -408,8 +409,12 @@ def _headline(runs: Sequence[ReportRun], findings: Sequence[ClaimFinding], alarm
 
 
 def beside(runs: Sequence[ReportRun]) -> list[str]:
-    """In what each run but the first is better or worse than the first; nothing of one run."""
-    return [standing(scored(run), scored(runs[0])).sentence(run.label, runs[0].label) for run in runs[1:]]
+    """Compare each run with the first, in a sentence; empty for one run."""
+    first = runs[0]
+    return [
+        one_run_each((run.label, first.label), (run.outcome, first.outcome), (run.values, first.values))
+        for run in runs[1:]
+    ]
 
 
 def not_scored(runs: Sequence[ReportRun]) -> list[str]:
