@@ -29,7 +29,7 @@ from twin.studies.metrics.response import Curve, first_time, rms
 from twin.studies.metrics.standing import one_run_each
 from twin.studies.paper import fig4_measures
 from twin.studies.paper.claim import ClaimFinding, judged
-from twin.studies.paper.fig4 import QUALITY, failed, fig4_score, tally
+from twin.studies.paper.fig4 import OWN, PAPERS, QUALITY, failed, fig4_score, tally
 from twin.studies.paper.fig4 import standing as claims_standing
 from twin.studies.paper.fig5 import Fig5Score, fig5_score
 from twin.studies.paper.fig5_measures import settings, trip_time
@@ -329,6 +329,7 @@ class RunGroup:
 
     title: str
     findings: tuple[ClaimFinding, ...]
+    name: str = PAPERS
 
 
 @dataclass(frozen=True)
@@ -360,10 +361,12 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
     if pair is not None:
         score = fig4_score(pair)
         groups.append(RunGroup("The paper's Fig. 4, judged as the paper does, on estimates", score.claims))
-        groups.append(RunGroup(ON_TRUTH, score.quality))
+        groups.append(RunGroup(ON_TRUTH, score.quality, OWN))
     elif len(runs) == 1 and (run := _force_position_run(runs[0])) is not None:
         # what we ask of the true force concerns this run alone
-        groups.append(RunGroup(ON_TRUTH, tuple(judged(claim, fig4_measures.Fig4Runs(run, run)) for claim in QUALITY)))
+        groups.append(
+            RunGroup(ON_TRUTH, tuple(judged(claim, fig4_measures.Fig4Runs(run, run)) for claim in QUALITY), OWN)
+        )
     if fig5 is not None:
         labels = {run.recording.path: run.label for run in runs}
         for task in fig5.tasks:
@@ -389,19 +392,21 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
         good = False
     elif of and holds == of:
         good = True
-    return PageVerdict(_headline(runs, findings, alarms), good, tuple(filter(None, remarks)), tuple(groups), pair, fig5)
+    return PageVerdict(_headline(runs, groups, alarms), good, tuple(filter(None, remarks)), tuple(groups), pair, fig5)
 
 
-def _headline(runs: Sequence[ReportRun], findings: Sequence[ClaimFinding], alarms: Sequence[str]) -> str:
+def _headline(runs: Sequence[ReportRun], groups: Sequence[RunGroup], alarms: Sequence[str]) -> str:
     # of more than two the page would begin with a paragraph: they are remarks
     clauses = [*alarms[:1], *not_scored(runs), *(beside(runs) if len(runs) == 2 else ())]
-    _, of = tally(findings)
-    failing = [finding.claim.text for finding in findings if finding.verdict == "fails"]
-    if failing:
-        named = f": {failing[0]}" if len(failing) == 1 else ""
-        clauses.append(f"{len(failing)} of {of} claims {'fails' if len(failing) == 1 else 'fail'}{named}")
-    elif of:
-        clauses.append(claims_standing(findings))
+    for name in dict.fromkeys(group.name for group in groups):
+        findings = [finding for group in groups if group.name == name for finding in group.findings]
+        _, of = tally(findings)
+        failing = [finding.claim.text for finding in findings if finding.verdict == "fails"]
+        if failing:
+            named = f": {failing[0]}" if len(failing) == 1 else ""
+            clauses.append(f"{len(failing)} of {of} {name} {'fails' if len(failing) == 1 else 'fail'}{named}")
+        elif of:
+            clauses.append(claims_standing(findings, name))
     if len(runs) == 1 and (held := outcome(runs[0])):
         return "; ".join([held, *clauses])
     who = "The run is" if len(runs) == 1 else f"All {len(runs)} runs are"

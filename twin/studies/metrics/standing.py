@@ -116,7 +116,7 @@ def judged_keys(runs: Sequence[Values]) -> list[str]:
     """
     keys: tuple[str, ...] = JUDGED
     if any(values["hold_error"].value is None for values in runs):
-        controlled = all(values["force_error"].value is not None for values in runs)
+        controlled = any(values["force_error"].value is not None for values in runs)
         # z minus its pre-defined reference includes the indentation if the force is controlled
         keys = ("force_error" if controlled else "z_error", "lateral_error", *EFFORT)
     # the load of the springs stands for the torque of drives that report none: two different quantities

@@ -259,7 +259,7 @@ def tally(findings: Iterable[ClaimFinding]) -> tuple[int, int]:
     return holds, len(verdicts) - verdicts.count("trivial") - verdicts.count("not scored")
 
 
-PAPERS, OWN = "of the paper's text", "of this run's own checks"
+PAPERS, OWN = "claims of the paper's text", "of this run's own checks"
 """Names of scores: of claims that the paper's text makes, and of what is asked of the true force."""
 
 

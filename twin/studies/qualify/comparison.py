@@ -69,7 +69,7 @@ COMPARED = {
     key: Definition(name, MEASURES[key].unit.SI or MEASURES[key].unit.text,
                     f"{MEASURES[key].meaning}; {MEASURES[key].interval}")
     for key, name in (
-        ("hold_error", "hold error"), ("hold_overshoot", "overshoot"), ("hold_settling_time", "settles"),
+        ("hold_error", "hold"), ("hold_overshoot", "over"), ("hold_settling_time", "settle"),
         ("chatter", "chatter"), ("held_lateral_error", "lateral"), ("held_z_error", "z"), ("torque", "torque"),
     )
 }  # fmt: skip
