@@ -131,7 +131,7 @@ def test_every_drive_has_the_same_draws_and_the_file_keeps_its_own_noise():
 
 def test_a_drive_that_trips_in_a_paired_run_is_not_judged(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(comparison, "trip_reason", lambda simulation: "FORCE")
-    (done,) = trials([PRESSING], ["velocity_servo", "pmsm_foc"], ["duration_s=10"])
+    (done,) = trials([PRESSING], ["velocity_servo", "pmsm_foc"])
     assert not done.differences()
     said = "pmsm_foc trips the safety monitor in pressing with seed 1, and is not judged there (FORCE)"
     assert said in verdict([done])

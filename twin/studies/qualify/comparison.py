@@ -5,7 +5,7 @@ and noise, the same for every drive, for the verdict. Most of the spread is due 
 so that differences of pairs show what unpaired runs would hide.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -232,7 +232,7 @@ def trials(
             steps.next(label)
             trial = _trial(one, drive)
             if each > 1 and not trial.failure:
-                trial = _repeated(trial, one, lambda seed, label=label: steps.next(f"{label}, seed {seed}"))
+                trial = _repeated(trial, one, steps, label)
             found.append(trial)
         done.append(DriveTrials(path.stem, tuple(found)))
     return tuple(done)
@@ -296,11 +296,11 @@ def disturbed(experiment: Experiment, seed: int) -> Experiment:
     return replace(noisy, seed=seed)
 
 
-def _repeated(trial: DriveTrial, experiment: Experiment, starting: Callable[[int], None]) -> DriveTrial:
+def _repeated(trial: DriveTrial, experiment: Experiment, steps: Steps, label: str) -> DriveTrial:
     """`trial` with its paired runs; they end with the first one that fails or trips."""
     found = []
     for seed in SEEDS:
-        starting(seed)
+        steps.next(f"{label}, seed {seed}")
         one = disturbed(experiment, seed)
         place = f"in {experiment.name} with seed {seed}, and is not judged there"
         try:
