@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from twin.kernel.errors import InputRefused
 from twin.studies.command import Argument, BodyName, Option, Say, study
 from twin.studies.first_look import print_latest
-from twin.studies.result import Column, Result, Table, note
+from twin.studies.result import Column, Note, Result, Table, note
 
 if TYPE_CHECKING:
     import numpy as np
@@ -191,6 +191,10 @@ def _outcome(one: Branch, run: "Run", other: BranchOutcome | None, jump: float |
 def _result(
     name: str, run: Path, outcomes: Sequence[BranchOutcome], at: float, point: "BranchPoint", home: Path
 ) -> Result:
+    from twin.kernel.recording.reader import read
+    from twin.studies.metrics.standing import one_run_each
+    from twin.studies.paper.fig5_measures import settings
+
     columns = [
         Column("branch", left=True),
         Column("leaves", form=".3f", unit="s", gap=3),
@@ -220,9 +224,23 @@ def _result(
     )
     approximate = [taken_over] if any(one.jump is not None for one in outcomes) else []
     lacking = [note("state", f"run again for each branch: {'; '.join(point.lacking)}")] if point.lacking else []
-    facts = {"at": at, "state": point.how, "branches": [one.facts for one in outcomes]}
+    first = outcomes[0]
+    compared = [
+        one_run_each(
+            (str(number), "0"),
+            (one.run.outcome.measures, first.run.outcome.measures),
+            (settings(read(one.run.recording)), settings(read(first.run.recording))),
+        )
+        for number, one in enumerate(outcomes[1:], start=1)
+    ]
+    facts = {"at": at, "verdict": compared, "state": point.how, "branches": [one.facts for one in outcomes]}
     files = {"picture": _seen(home / PICTURE), "next": f"twin report {run} {folders}"}
-    return Result(headline, [Table(columns, rows), *named, *approximate, *lacking, after], facts, files)
+    return Result(
+        headline,
+        [Table(columns, rows), *named, *(Note(text, later=2) for text in compared), *approximate, *lacking, after],
+        facts,
+        files,
+    )
 
 
 def _seen(path: Path) -> Path:

@@ -333,7 +333,7 @@ def events(run: ReportRun) -> Markup:
 
 def _claims(group: RunGroup) -> Markup:
     held, judged = tally(group.findings)
-    words = standing(group.findings).replace(" claims", "")
+    words = standing(group.findings, group.name)
     rows = [_claim(finding) for finding in group.findings]
     head = ("claim", "verdict", "measured", "expected", "why")
     summary = element("summary", f"{group.title}: {words}")

@@ -23,12 +23,13 @@ from twin.robot.run.hold import HoldRequest
 from twin.robot.run.measures import HEADLINE, LARGE_OVERSHOOT, MEASURES, TABLE, Measured, Values, shown, unmeasured
 from twin.robot.run.view import BelievedRun, RunView, outcome_of, sample_and_hold
 from twin.studies.figure import Axes, picture
-from twin.studies.metrics.requirement import FIG5, standing
+from twin.studies.metrics.requirement import FIG5
 from twin.studies.metrics.requirement import MEASURES as SERIES_OF_MEASURES
 from twin.studies.metrics.response import Curve, first_time, rms
+from twin.studies.metrics.standing import one_run_each
 from twin.studies.paper import fig4_measures
 from twin.studies.paper.claim import ClaimFinding, judged
-from twin.studies.paper.fig4 import QUALITY, failed, fig4_score, tally
+from twin.studies.paper.fig4 import OWN, PAPERS, QUALITY, failed, fig4_score, tally
 from twin.studies.paper.fig4 import standing as claims_standing
 from twin.studies.paper.fig5 import Fig5Score, fig5_score
 from twin.studies.paper.fig5_measures import settings, trip_time
@@ -328,6 +329,7 @@ class RunGroup:
 
     title: str
     findings: tuple[ClaimFinding, ...]
+    name: str = PAPERS
 
 
 @dataclass(frozen=True)
@@ -359,10 +361,12 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
     if pair is not None:
         score = fig4_score(pair)
         groups.append(RunGroup("The paper's Fig. 4, judged as the paper does, on estimates", score.claims))
-        groups.append(RunGroup(ON_TRUTH, score.quality))
+        groups.append(RunGroup(ON_TRUTH, score.quality, OWN))
     elif len(runs) == 1 and (run := _force_position_run(runs[0])) is not None:
         # what we ask of the true force concerns this run alone
-        groups.append(RunGroup(ON_TRUTH, tuple(judged(claim, fig4_measures.Fig4Runs(run, run)) for claim in QUALITY)))
+        groups.append(
+            RunGroup(ON_TRUTH, tuple(judged(claim, fig4_measures.Fig4Runs(run, run)) for claim in QUALITY), OWN)
+        )
     if fig5 is not None:
         labels = {run.recording.path: run.label for run in runs}
         for task in fig5.tasks:
@@ -388,19 +392,21 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
         good = False
     elif of and holds == of:
         good = True
-    return PageVerdict(_headline(runs, findings, alarms), good, tuple(filter(None, remarks)), tuple(groups), pair, fig5)
+    return PageVerdict(_headline(runs, groups, alarms), good, tuple(filter(None, remarks)), tuple(groups), pair, fig5)
 
 
-def _headline(runs: Sequence[ReportRun], findings: Sequence[ClaimFinding], alarms: Sequence[str]) -> str:
+def _headline(runs: Sequence[ReportRun], groups: Sequence[RunGroup], alarms: Sequence[str]) -> str:
     # of more than two the page would begin with a paragraph: they are remarks
     clauses = [*alarms[:1], *not_scored(runs), *(beside(runs) if len(runs) == 2 else ())]
-    _, of = tally(findings)
-    failing = [finding.claim.text for finding in findings if finding.verdict == "fails"]
-    if failing:
-        named = f": {failing[0]}" if len(failing) == 1 else ""
-        clauses.append(f"{len(failing)} of {of} claims {'fails' if len(failing) == 1 else 'fail'}{named}")
-    elif of:
-        clauses.append(claims_standing(findings))
+    for name in dict.fromkeys(group.name for group in groups):
+        findings = [finding for group in groups if group.name == name for finding in group.findings]
+        _, of = tally(findings)
+        failing = [finding.claim.text for finding in findings if finding.verdict == "fails"]
+        if failing:
+            named = f": {failing[0]}" if len(failing) == 1 else ""
+            clauses.append(f"{len(failing)} of {of} {name} {'fails' if len(failing) == 1 else 'fail'}{named}")
+        elif of:
+            clauses.append(claims_standing(findings, name))
     if len(runs) == 1 and (held := outcome(runs[0])):
         return "; ".join([held, *clauses])
     who = "The run is" if len(runs) == 1 else f"All {len(runs)} runs are"
@@ -408,8 +414,12 @@ def _headline(runs: Sequence[ReportRun], findings: Sequence[ClaimFinding], alarm
 
 
 def beside(runs: Sequence[ReportRun]) -> list[str]:
-    """In what each run but the first is better or worse than the first; nothing of one run."""
-    return [standing(scored(run), scored(runs[0])).sentence(run.label, runs[0].label) for run in runs[1:]]
+    """Compare each run with the first, in a sentence; empty for one run."""
+    first = runs[0]
+    return [
+        one_run_each((run.label, first.label), (run.outcome, first.outcome), (run.values, first.values))
+        for run in runs[1:]
+    ]
 
 
 def not_scored(runs: Sequence[ReportRun]) -> list[str]:

@@ -259,11 +259,15 @@ def tally(findings: Iterable[ClaimFinding]) -> tuple[int, int]:
     return holds, len(verdicts) - verdicts.count("trivial") - verdicts.count("not scored")
 
 
-def standing(findings: Sequence[ClaimFinding]) -> str:
-    """`25 of 31 claims hold, 5 not reproduced, 1 fails`."""
+PAPERS, OWN = "claims of the paper's text", "of this run's own checks"
+"""Names of scores: of claims that the paper's text makes, and of what is asked of the true force."""
+
+
+def standing(findings: Sequence[ClaimFinding], name: str) -> str:
+    """`25 of 31 claims of the paper's text hold, 5 not reproduced, 1 fails`."""
     (held, judged), missed, failing = tally(findings), with_verdict(findings, "not reproduced"), failed(findings)
     lost = f", {len(failing)} {'fails' if len(failing) == 1 else 'fail'}" if failing and missed else ""
-    return f"{held} of {judged} claims hold" + (f", {len(missed)} not reproduced" if missed else "") + lost
+    return f"{held} of {judged} {name} hold" + (f", {len(missed)} not reproduced" if missed else "") + lost
 
 
 def bound_used(finding: ClaimFinding) -> float:

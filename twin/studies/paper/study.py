@@ -20,7 +20,7 @@ from twin.studies.figure import GREEN, ORANGE, Axes, picture
 from twin.studies.metrics.response import along_and_off
 from twin.studies.paper import fig5
 from twin.studies.paper.claim import ClaimFinding
-from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, Score, bound_used, fig4_score, standing, tally
+from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, OWN, PAPERS, Score, bound_used, fig4_score, standing, tally
 from twin.studies.paper.fig4_measures import draw_fig4, fig4_runs
 from twin.studies.paper.fig5_measures import TaskRun, settings
 from twin.studies.result import WIDTH, Block, Column, Note, Result, Row, Table, counted
@@ -166,10 +166,14 @@ def fig4_result(score: Score) -> Result:
     if score.unscored:
         lines += [f"Not scored: {counted(len(score.unscored), 'claim')}, marked ?, for want of what a run lacks:"]
         lines += [f"  {run}: no {', '.join(series)}" for run, series in score.missing.items()]
-    lines += [_two("Fig. 4: force-position control", standing(score.claims)), _claims(score.claims)]
+    lines += [_two("Fig. 4: force-position control", standing(score.claims, PAPERS)), _claims(score.claims)]
     if not score.without_x:
         lines += ["  Imperfect: scale tilted, encoders off zero. All other rows: the ideal runs."]
-    lines += ["", "Judged on the true contact force, force-position run", _claims(score.quality)]
+    lines += [
+        "",
+        _two("Judged on the true force, force-position run", standing(score.quality, OWN)),
+        _claims(score.quality),
+    ]
     if score.reproduced_after_all:
         lines += [f"'ok !': known not to be reproduced, and reproduced here: {', '.join(score.reproduced_after_all)}."]
     lines += ["", "Tuned to meet the text: " + ", ".join(sorted(key.rpartition(".")[2] for key in score.tuned))]
@@ -180,7 +184,7 @@ def fig4_result(score: Score) -> Result:
 def fig5_result(score: fig5.Fig5Score) -> Result:
     """Fig. 5: every claim on every task of a few runs; of many runs a table, and what fails in them."""
     held, judged = tally(score.findings)
-    lines: list[Block] = [_two("Fig. 5: pressing, tapping, rolling, pushing", f"{held} of {judged} claims hold")]
+    lines: list[Block] = [_two("Fig. 5: pressing, tapping, rolling, pushing", f"{held} of {judged} {PAPERS} hold")]
     runs = {task.run.recording.path for task in score.tasks}
     if len(runs) > FEW:
         lines += ["", *_table(score.tasks), "", *_failures(score.tasks), "", *score.remarks]

@@ -1,12 +1,12 @@
-"""The same experiment with one drive after the other, judged on what is true.
+"""`twin drive compare`: one drive after the other in the same experiment, judged by the true signals of paired runs.
 
-What truly happened in an experiment, whatever the robot's controller believes of it, as curves and as numbers.
-
-Several drives in the same experiment, laid over each other.
+Each drive runs once as the experiment is, for the picture and the table, and in eight runs with random encoder zeros
+and noise, the same for every drive, for the verdict. Most of the spread is due to the zeros and common to all drives,
+so that differences of pairs show what unpaired runs would hide.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +16,24 @@ from twin.kernel.cosim.observers import simulate
 from twin.kernel.errors import ComponentFailed
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
-from twin.robot.controller.program import PhaseKind
-from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.experiment import Experiment, with_plant
+from twin.robot.monitor.component import trip_reason
+from twin.robot.run.hold import BAND, UNDER_FORCE, HoldRequest
+from twin.robot.run.measures import MEASURES, Values
+from twin.robot.run.outcome import Tally
 from twin.robot.run.trace import Trace
 from twin.studies.command import Say, Steps, silent
 from twin.studies.figure import BLUE, GREEN, GREY, INK, ORANGE, PINK, SKY, VERMILION, picture
-from twin.studies.metrics.requirement import Standing, overall, standing
 from twin.studies.metrics.response import Curve, first_time, overshoot, rms, settling_time
+from twin.studies.metrics.standing import Difference, Standing, overall, paired_differences, paired_standing
 from twin.studies.qualify.definitions import Definition, Measure
 
-BAND = 0.05
-"""Share of the reference (force) or of its last change (position) within which the robot has settled."""
+SEEDS = range(1, 9)
+"""Seeds of the paired runs."""
+MOTOR_ZERO, JOINT_ZERO = np.radians([0.088, 0.022])
+"""Largest error (rad) of an encoder's zero that is calibrated to one count: 360/4096 and 360/16384 deg."""
+MOTOR_NOISE, JOINT_NOISE = np.radians([0.05, 0.02])
+"""Standard deviation (rad) of the encoders' noise in paired runs, if the experiment has none."""
 STILL = 1e-9
 """m per tick. Rounding moves a reference that stands still by far less, any real motion by far more."""
 COMPARED = {
@@ -43,7 +50,7 @@ COMPARED = {
         "force beyond its largest reference, while the force loop is on",
     ),
     "rms_force_error": Definition(
-        "hold error", "N",
+        "rms F", "N",
         "root mean square of the true pressing force minus its reference, second half of the run, from the first touch "
         "on; in tasks while they hold, circle or push",
     ),
@@ -58,10 +65,18 @@ COMPARED = {
     ),
     "energy": Definition("energy", "J", "electrical energy the three drives draw, if they have an output for power"),
     "cost": Definition("cost", "s", "wall time in the step functions of the three drives, per tick"),
+} | {
+    key: Definition(name, MEASURES[key].unit.SI or MEASURES[key].unit.text,
+                    f"{MEASURES[key].meaning}; {MEASURES[key].interval}")
+    for key, name in (
+        ("hold_error", "hold"), ("hold_overshoot", "over"), ("hold_settling_time", "settle"),
+        ("chatter", "chatter"), ("held_lateral_error", "lateral"), ("held_z_error", "z"), ("torque", "torque"),
+    )
 }  # fmt: skip
-
-UNDER_FORCE = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
-"""Phases in which a task holds its force."""
+"""Numbers of the unperturbed run: those of a run in any mode, then those of the one table while a force is held."""
+OF_A_HOLD = ("hold_error", "hold_overshoot", "hold_settling_time", "chatter", "held_lateral_error", "held_z_error")
+OF_ANY_RUN = ("settling_time", "overshoot", "rms_force_error", "rms_z_error")
+OF_THE_DRIVES = ("peak_current", "shaft_work", "energy", "cost")
 
 
 class TrueRun:
@@ -82,11 +97,12 @@ class TrueRun:
         self.z: Curve = run["plant.p_B"][:, 2]
         self.z_ref: Curve = run.held("controller.p_cmd_B" if self._tasks else "controller.p_ref_B")[:, 2]
 
-    def measures(self, cost: float) -> tuple[Measure, ...]:
+    def measures(self, cost: float, values: Values) -> tuple[Measure, ...]:
         """All of `COMPARED`.
 
         Args:
             cost: wall time in the drives per tick (s).
+            values: measures of the run.
         """
         late = np.arange(len(self.t)) >= len(self.t) // 2
         pressing = np.isin(self.run.held("controller.phase"), UNDER_FORCE) if self._tasks else late
@@ -95,8 +111,6 @@ class TrueRun:
             pressing = late & (self.t >= first_time(self.t, self.F_z > 0.0))
         # taps are no holding, however hard
         unscored = "no contact" if np.any(pressing) else "no task holds a force"
-        shaft_power = self.run["plant.tau_load"] * self.run.of_drives("omega_m")
-        current, power = self.run.of_drives("current"), self.run.of_drives("power")
         return (
             *self._approach(),
             Measure(
@@ -105,10 +119,12 @@ class TrueRun:
                 "" if touching else unscored,
             ),
             Measure("rms_z_error", rms(self.z[late] - self.z_ref[late])),
-            _format_measure("peak_current", float(np.max(np.abs(current))) if current.size else None),
-            Measure("shaft_work", self._integral(np.maximum(0.0, shaft_power))),
-            _format_measure("energy", self._integral(power) if power.size else None),
+            *(
+                Measure(name, values[key].value, values[key].reason)
+                for name, key in (("peak_current", "current"), ("shaft_work", "shaft_work"), ("energy", "energy"))
+            ),
             Measure("cost", cost),
+            *(Measure(key, values[key].value, values[key].reason) for key in (*OF_A_HOLD, "torque")),
         )
 
     def _approach(self) -> tuple[Measure, Measure]:
@@ -144,14 +160,6 @@ class TrueRun:
             Measure("overshoot", 100.0 * overshoot(y[after], target)),
         )
 
-    def _integral(self, power: np.ndarray) -> float:
-        """Energy (J) of `power` (ticks, n), W, held from tick to tick."""
-        return float(np.sum(power[:-1]) * self.run.tick)
-
-
-def _format_measure(name: str, value: float | None) -> Measure:
-    return Measure(name, value, "" if value is not None else "not an output of this drive")
-
 
 @dataclass(frozen=True)
 class DriveTrial:
@@ -161,13 +169,17 @@ class DriveTrial:
         name: of the drive, as the user said it.
         run: what is true in it, up to the failure if there was one.
         measures: all of `COMPARED`.
-        failure: what ended the run early; empty if nothing did.
+        failure: error that ended the run early; empty if it completed.
+        repeats: measures of the paired runs, in the order of `SEEDS`; empty if one of them failed or tripped.
+        unjudged: why the drive is not judged; empty if it is.
     """
 
     name: str
     run: TrueRun
     measures: tuple[Measure, ...]
     failure: str = ""
+    repeats: tuple[Values, ...] = ()
+    unjudged: str = ""
 
 
 @dataclass(frozen=True)
@@ -182,13 +194,11 @@ class DriveTrials:
     name: str
     trials: tuple[DriveTrial, ...]
 
-    def standings(self) -> dict[str, Standing]:
-        """Each drive but the first beside the first, by name; none that failed, nor of a first that did."""
-        first = self.trials[0]
+    def differences(self) -> dict[str, list[Difference]]:
+        """Paired differences of each drive to the first, by name; only of drives that are judged."""
+        first, *others = self.trials
         return {
-            trial.name: standing(_judged(trial), _judged(first))
-            for trial in self.trials[1:]
-            if not trial.failure and not first.failure
+            one.name: paired_differences(one.repeats, first.repeats) for one in others if one.repeats and first.repeats
         }
 
 
@@ -213,47 +223,40 @@ def trials(
     loaded = [[load_experiment(path, settings, drive, body) for drive in drives] for path in experiments]
     for one in (one for row in loaded for one in row):
         assemble(one).close()
-    done, steps = [], Steps(say, len(experiments) * len(drives))
+    each = 1 + len(SEEDS) * (len(drives) > 1)
+    done, steps = [], Steps(say, len(experiments) * len(drives) * each)
     for path, row in zip(experiments, loaded, strict=True):
         found = []
         for one, drive in zip(row, drives, strict=True):
-            steps.next(f"{path.stem} with {drive}")
-            found.append(_trial(one, drive))
+            label = f"{path.stem} with {drive}"
+            steps.next(label)
+            trial = _trial(one, drive)
+            if each > 1 and not trial.failure:
+                trial = _repeated(trial, one, steps, label)
+            found.append(trial)
         done.append(DriveTrials(path.stem, tuple(found)))
     return tuple(done)
 
 
-def verdict(compared: Sequence[DriveTrials], shown: Callable[[str, float], str]) -> list[str]:
-    """A sentence for each drive but the first, over all experiments, and one for each that failed.
-
-    Args:
-        shown: a measure, by its key, and its value in the unit people read.
-    """
+def verdict(compared: Sequence[DriveTrials]) -> list[str]:
+    """A sentence for each drive but the first, over all experiments, and one for each that is not judged."""
     first = compared[0].trials[0].name
     by_drive: dict[str, list[Standing]] = {}
     for one in compared:
-        for name, its in one.standings().items():
-            by_drive.setdefault(name, []).append(its)
+        for name, found in one.differences().items():
+            by_drive.setdefault(name, []).append(paired_standing(found))
     # over several experiments a measure has several values: tables have them
-    values = _both_values(compared[0], shown) if len(compared) == 1 else {}
+    values = (
+        {name: {d.measure.text: d.text for d in found} for name, found in compared[0].differences().items()}
+        if len(compared) == 1
+        else {}
+    )
     verdicts = [overall(standings).sentence(name, first, values.get(name)) for name, standings in by_drive.items()]
+    unjudged = {f"{t.name} {t.unjudged}" for one in compared for t in one.trials if t.unjudged}
     failed = {
         f"{t.name} failed in {one.name}, and is not judged there" for one in compared for t in one.trials if t.failure
     }
-    return verdicts + sorted(failed)
-
-
-def _both_values(compared: DriveTrials, shown: Callable[[str, float], str]) -> dict[str, dict[str, str]]:
-    """`0.0074 N against 0.0091 N`, by drive but the first and by the measure's name in the table."""
-    first, *others = compared.trials
-    return {
-        trial.name: {
-            COMPARED[its.name].text: f"{shown(its.name, its.value)} against {shown(own.name, own.value)}"
-            for its, own in zip(trial.measures, first.measures, strict=True)
-            if its.value is not None and own.value is not None
-        }
-        for trial in others
-    }
+    return verdicts + sorted(failed | unjudged)
 
 
 def comparison_facts(compared: DriveTrials) -> dict[str, Any]:
@@ -269,25 +272,62 @@ def comparison_facts(compared: DriveTrials) -> dict[str, Any]:
             }
             for trial in done
         ],
+        "paired": {
+            "seeds": list(SEEDS),
+            "beside": done[0].name,
+            "drives": {
+                name: {one.measure.key: one.facts for one in found} for name, found in compared.differences().items()
+            },
+        },
     }
 
 
-def _judged(trial: DriveTrial) -> dict[str, float | None]:
-    """What a drive is judged by, by the name of the table; what its model costs this computer says nothing of it."""
-    return {COMPARED[m.name].text: m.value for m in trial.measures if m.name != "cost"}
+def disturbed(experiment: Experiment, seed: int) -> Experiment:
+    """The experiment with random encoder zeros added to its own, and with noise, drawn from `seed` alone."""
+    rng, plant = np.random.default_rng(seed), experiment.plant
+    motor, joint = (rng.uniform(-largest, largest, 3) for largest in (MOTOR_ZERO, JOINT_ZERO))
+    noisy = with_plant(
+        experiment,
+        motor_zero=tuple(np.add(plant.motor_zero, motor).tolist()),
+        joint_zero=tuple(np.add(plant.joint_zero, joint).tolist()),
+        motor_noise=plant.motor_noise or float(MOTOR_NOISE),
+        joint_noise=plant.joint_noise or float(JOINT_NOISE),
+    )
+    return replace(noisy, seed=seed)
+
+
+def _repeated(trial: DriveTrial, experiment: Experiment, steps: Steps, label: str) -> DriveTrial:
+    """`trial` with its paired runs; they end with the first one that fails or trips."""
+    found = []
+    for seed in SEEDS:
+        steps.next(f"{label}, seed {seed}")
+        one = disturbed(experiment, seed)
+        place = f"in {experiment.name} with seed {seed}, and is not judged there"
+        try:
+            with assemble(one) as assembly:
+                tally = Tally(assembly.system, HoldRequest.of(one))
+                done = simulate(assembly, one.duration_ticks, [tally]).completed()
+                trip = trip_reason(done.simulation)
+        except ComponentFailed as failure:
+            return replace(trial, failure=str(failure), unjudged=f"fails {place}")
+        if trip:
+            return replace(trial, unjudged=f"trips the safety monitor {place} ({trip})")
+        found.append(tally.outcome.measures)
+    return replace(trial, repeats=tuple(found))
 
 
 def _trial(experiment: Experiment, name: str) -> DriveTrial:
     trace = Trace()
     try:
         with assemble(experiment) as assembly:
-            done = simulate(assembly, experiment.duration_ticks, [trace], timed=True).completed()
+            tally = Tally(assembly.system, HoldRequest.of(experiment))
+            done = simulate(assembly, experiment.duration_ticks, [trace, tally], timed=True).completed()
     # also one that crashes when it is freed, if it has a process of its own
     except ComponentFailed as failure:
         lost = tuple(Measure(measure, None, "the run failed") for measure in COMPARED)
         return DriveTrial(name, TrueRun(trace), lost, str(failure))
-    run = TrueRun(trace)
-    return DriveTrial(name, run, run.measures(sum(cost for c, cost in done.costs.items() if c.startswith("drive"))))
+    run, cost = TrueRun(trace), sum(cost for c, cost in done.costs.items() if c.startswith("drive"))
+    return DriveTrial(name, run, run.measures(cost, tally.outcome.measures))
 
 
 COLORS = (BLUE, ORANGE, GREEN, PINK, SKY, VERMILION, "#6a3d9a", INK)

@@ -238,11 +238,11 @@ def compare_drives(
     from twin.kernel.writing import made_folder
     from twin.robot.experiment.drive_files import experiment_file
     from twin.studies.qualify.comparison import COMPARED, comparison_facts, draw_drive_compare, trials, verdict
-    from twin.studies.qualify.text import compare_blocks, tabled_value
+    from twin.studies.qualify.text import compare_blocks
 
     folder, files = made_folder(out), [experiment_file(experiment) for experiment in experiments]
     compared = trials(files, list(fmus), settings, body, say)
-    sentences = verdict(compared, tabled_value)
+    sentences = verdict(compared)
     facts: list[dict[str, Any]] = []
     blocks: list[Block] = [Note(sentence, later=2, whole=True) for sentence in sentences] or [""]
     for file, one in zip(files, compared, strict=True):

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from twin.robot.run.measures import MEASURES as MEASURES_OF_RUNS
 from twin.studies.figure import GREY, INK, PAPER_BLUE, Axes, picture
 from twin.studies.qualify.bench import Response
-from twin.studies.qualify.comparison import COMPARED, DriveTrials
+from twin.studies.qualify.comparison import COMPARED, OF_A_HOLD, OF_ANY_RUN, OF_THE_DRIVES, DriveTrials
 from twin.studies.qualify.definitions import COMMANDED, LOAD_IN_USE, LOAD_PEAK, LOADED, SPEED_IN_USE, TICK
 from twin.studies.qualify.motion import BAND, NOTHING
 from twin.studies.qualify.qualification import Qualification
@@ -69,28 +70,41 @@ def measures_table(checked: Sequence[Mapping[str, Any]]) -> str:
     return markdown(head, rows)
 
 
+PAIRED = (Column("", 32, left=True), Column("difference", 44, left=True, gap=2))
+
+
 def compare_blocks(compared: DriveTrials) -> list[Block]:
-    """One line per drive, and what there is to say about gaps."""
+    """One line per drive, reasons for gaps, and the paired differences to the first drive."""
     trials = compared.trials
-    shown = {name: _unit_shown(name) for name in COMPARED}
+    measures = [{one.name: one for one in trial.measures} for trial in trials]
+    held = any(its["hold_error"].value is not None for its in measures)
+    tabled = (*(OF_A_HOLD if held else OF_ANY_RUN), *OF_THE_DRIVES)
+    # a column of gaps is a note
+    shown = {name: _unit_shown(name) for name in tabled if any(its[name].value is not None for its in measures)}
     columns = [
         Column(COMPARED[name].text, max(6, len(COMPARED[name].text), len(unit)), unit=unit)
         for name, (_, unit) in shown.items()
     ]
     first = WIDTH - sum(1 + column.width for column in columns)
     rows = [
-        [_cut(trial.name, first - 1), *(_cell(one.value, shown[one.name][0]) for one in trial.measures)]
-        for trial in trials
+        [_cut(trial.name, first - 1), *(_cell(its[name].value, shown[name][0]) for name in shown)]
+        for trial, its in zip(trials, measures, strict=True)
     ]
     notes: dict[str, list[str]] = {}
-    for trial in trials:
-        for measure in trial.measures:
-            if measure.value is None and not trial.failure:
-                notes.setdefault(f"{COMPARED[measure.name].text}: {measure.remark}", []).append(trial.name)
+    for trial, its in zip(trials, measures, strict=True):
+        for name in tabled:
+            if its[name].value is None and not trial.failure:
+                notes.setdefault(f"{COMPARED[name].text}: {its[name].remark}", []).append(trial.name)
+    differences: list[Block] = []
+    for name, found in compared.differences().items():
+        head = f"{name} less {trials[0].name}, {len(trials[0].repeats)} paired runs, mean and 95 % interval"
+        lines = [(one.measure.text, f"{one.text}: {one.verdict}") for one in found]
+        differences += ["", head, Table(PAIRED, lines)]
     return [
         Table([Column("", first, unit=_cut(compared.name, first - 1), left=True), *columns], rows, indent=0),
         *(Note(f"- {note} ({', '.join(names)})", later=2) for note, names in notes.items()),
         *(Note(f"FAILED {trial.name}: {trial.failure}", later=2) for trial in trials if trial.failure),
+        *differences,
     ]
 
 
@@ -98,12 +112,6 @@ def shown_value(name: str, value: float) -> str:
     """A measure of `COMPARED` in the unit people read: `0.45 N`."""
     factor, unit = _unit_shown(name)
     return f"{_digits(value, factor)} {unit}"
-
-
-def tabled_value(name: str, value: float) -> str:
-    """The same with the digits of the table."""
-    factor, unit = _unit_shown(name)
-    return f"{_cell(value, factor)} {unit}"
 
 
 def _quantity(value: float | None, unit: str) -> tuple[str, str]:
@@ -138,6 +146,9 @@ def _table_cell(name: str, measure: Mapping[str, Any]) -> str:
 
 
 def _unit_shown(name: str) -> tuple[float, str]:
+    if name in MEASURES_OF_RUNS:
+        unit = MEASURES_OF_RUNS[name].unit
+        return unit.per_SI, unit.text
     if name == "settling_time":
         return 1.0, "s"
     return (1e6, "us/tick") if name == "cost" else SHOWN_IN.get(COMPARED[name].unit, (1.0, COMPARED[name].unit))

@@ -1,0 +1,221 @@
+"""Comparison of runs: better, worse or the same, measure by measure.
+
+A difference counts if it exceeds the floor of its measure (`twin.robot.run.measures`). Candidates that can be run again
+are compared by paired runs with the same random draws; there the 95 % interval of the mean difference must exclude 0,
+too: mean +- t s / sqrt(n), t the 97.5 % quantile of Student's distribution with n - 1 degrees of freedom (2.365 for 8).
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twin.robot.run.hold import GRACE
+from twin.robot.run.measures import HEADLINE, MEASURES, Measure, Values
+
+EFFORT = ("torque", "current", "shaft_work", "energy")
+JUDGED = (*HEADLINE, "held_lateral_error", "held_z_error", *EFFORT)
+"""Keys of the measures that runs are compared by; less is better."""
+T_QUANTILE = {8: 2.365}
+"""Number of paired runs -> 97.5 % quantile of Student's distribution."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Names of measures in which one candidate is better than another, worse, the same; `torn`: either."""
+
+    better: tuple[str, ...] = ()
+    worse: tuple[str, ...] = ()
+    same: tuple[str, ...] = ()
+    torn: tuple[str, ...] = ()
+
+    def sentence(self, one: str, other: str, values: Mapping[str, str] | None = None) -> str:
+        """`B beside A: better in ..., worse in ..., the same in ...`
+
+        Args:
+            values: text in brackets after a measure that is better or worse, by its name.
+        """
+        better, worse = (
+            [f"{name} ({values[name]})" if values and name in values else name for name in names]
+            for names in (self.better, self.worse)
+        )
+        lists = (("better in", better), ("worse in", worse), ("the same in", self.same))
+        parts = [
+            f"{how} {', '.join(names)}" for how, names in (*lists, ("now better, now worse in", self.torn)) if names
+        ]
+        return f"{one} beside {other}: {'; '.join(parts) or 'no measure that both have'}"
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Difference of a measure between two candidates, over paired runs.
+
+    Attributes:
+        measure: row of the table.
+        mean: mean of candidate minus reference, SI.
+        half_width: half width of its 95 % interval, SI.
+        agreeing, runs: number of runs whose difference has the sign of the mean, and number of runs.
+        rank: -1 better, 1 worse, 0 the same.
+    """
+
+    measure: Measure
+    mean: float
+    half_width: float
+    agreeing: int
+    runs: int
+    rank: int
+
+    @property
+    def verdict(self) -> str:
+        return {-1: "better", 0: "same", 1: "worse"}[self.rank]
+
+    @property
+    def text(self) -> str:
+        """`+0.4192 +- 0.0337 N, in 8 of 8`."""
+        per_SI, digits = self.measure.unit.per_SI, self.measure.digits + 1
+        # no minus before what rounds to nothing
+        mean = round(self.mean * per_SI, digits) + 0.0
+        interval = f"{mean:+.{digits}f} +- {self.half_width * per_SI:.{digits}f} {self.measure.unit.text}"
+        return f"{interval}, in {self.agreeing} of {self.runs}"
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Values for JSON, SI."""
+        return {
+            "mean": self.mean,
+            "half_width": self.half_width,
+            "agreeing": self.agreeing,
+            "runs": self.runs,
+            "verdict": self.verdict,
+        }
+
+
+def compared_value(key: str, values: Values) -> float | None:
+    """Value of a measure for a comparison; None if there is none.
+
+    Chatter too small to be reported is 0. A force that does not settle counts with the time until the hold ends, the
+    least that its settling time can be.
+    """
+    value = values[key].value
+    if value is not None or values["hold_error"].value is None:
+        return value
+    if key == "chatter":
+        return 0.0
+    begin, end = values["hold_begin"].value, values["hold_end"].value
+    if key == "hold_settling_time" and values[key].reason == MEASURES[key].missing and begin is not None and end:
+        return end - begin + GRACE
+    return None
+
+
+def judged_keys(runs: Sequence[Values]) -> list[str]:
+    """Keys of the measures that all of `runs` can be compared by.
+
+    Where a run holds no force, the errors of the whole run take the place of those while a force is held.
+    """
+    keys: tuple[str, ...] = JUDGED
+    if any(values["hold_error"].value is None for values in runs):
+        controlled = any(values["force_error"].value is not None for values in runs)
+        # z minus its pre-defined reference includes the indentation if the force is controlled
+        keys = ("force_error" if controlled else "z_error", "lateral_error", *EFFORT)
+    # the load of the springs stands for the torque of drives that report none: two different quantities
+    alike = {values["torque"].reason for values in runs}
+    return [
+        key
+        for key in keys
+        if all(compared_value(key, values) is not None for values in runs) and (key != "torque" or len(alike) == 1)
+    ]
+
+
+def standing(one: Values, other: Values) -> Standing:
+    """Compare two runs, one each, by the floors alone."""
+    ranks = {}
+    for key in judged_keys([one, other]):
+        value, beside = compared_value(key, one), compared_value(key, other)
+        assert value is not None and beside is not None
+        differs = MEASURES[key].differs(value, beside)
+        ranks[MEASURES[key].text] = (1 if value > beside else -1) if differs else 0
+    return _standing(ranks)
+
+
+def paired_differences(one: Sequence[Values], other: Sequence[Values]) -> list[Difference]:
+    """Compare two candidates by runs with the same random draws, measure by measure.
+
+    Args:
+        one, other: measures of each run, in the order of the draws.
+    """
+    found, n = [], len(one)
+    for key in judged_keys([*one, *other]):
+        measure = MEASURES[key]
+        a, b = (np.array([compared_value(key, values) for values in runs], dtype=float) for runs in (one, other))
+        d = a - b
+        mean, half_width = float(d.mean()), float(T_QUANTILE[n] * d.std(ddof=1) / math.sqrt(n))
+        counts = abs(mean) > half_width and measure.differs(float(a.mean()), float(b.mean()))
+        rank = (1 if mean > 0.0 else -1) if counts else 0
+        found.append(Difference(measure, mean, half_width, int(np.sum(d * mean > 0.0)), n, rank))
+    return found
+
+
+def paired_standing(differences: Iterable[Difference]) -> Standing:
+    """The standing of a candidate from its paired differences."""
+    return _standing({one.measure.text: one.rank for one in differences})
+
+
+def overall(standings: Sequence[Standing]) -> Standing:
+    """Combine several standings: better where better in at least one and worse in none, and so on."""
+    if len(standings) == 1:
+        return standings[0]
+    better = [name for one in standings for name in one.better]
+    worse = [name for one in standings for name in one.worse]
+    same = [name for one in standings for name in one.same]
+    return Standing(
+        better=_unique(name for name in better if name not in worse),
+        worse=_unique(name for name in worse if name not in better),
+        same=_unique(name for name in same if name not in better and name not in worse),
+        torn=_unique(name for name in better if name in worse),
+    )
+
+
+def _standing(ranks: Mapping[str, int]) -> Standing:
+    better, same, worse = (tuple(name for name, rank in ranks.items() if rank == wanted) for wanted in (-1, 0, 1))
+    return Standing(better, worse, same)
+
+
+def _unique(names: Iterable[str]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(names))
+
+
+DECISIVE = {
+    "reference": ("controller.mode", "controller.force.reference_N", "reference", "duration_s"),
+    "task": ("task",),
+    "body": ("contact",),
+}
+"""What has to be the same in two recorded experiments that are compared -> its keys."""
+
+
+def one_run_each(names: tuple[str, str], runs: tuple[Values, Values], experiments: tuple[Mapping, Mapping]) -> str:
+    """Compare two recorded runs in a sentence; without a verdict if reference, task or body differ.
+
+    Args:
+        names: candidate and reference.
+        runs: measures of each; empty if a run has none.
+        experiments: recorded values of each, keys with units.
+    """
+    one, other = names
+    differing = [
+        what
+        for what, keys in DECISIVE.items()
+        if any(len({repr(_at(e, key)) for e in experiments}) > 1 for key in keys)
+    ]
+    if differing:
+        return f"{one} beside {other}: no verdict, another {' and another '.join(differing)}"
+    found = standing(*runs) if all(runs) else Standing()
+    return f"{found.sentence(one, other)} (one run each)"
+
+
+def _at(values: Mapping, key: str) -> Any:
+    found: Any = values
+    for part in key.split("."):
+        found = found.get(part) if isinstance(found, Mapping) else None
+    return found
