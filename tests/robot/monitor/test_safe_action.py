@@ -221,7 +221,8 @@ def test_an_encoder_that_is_doubted_leaves_the_other_drives_their_rules(broken):
     trip, off = latched(run.monitor.trip), run.monitor.power_off_tick
     # drive 3 runs away; the encoder is that of joint 2
     assert trip.reason is Reason.JUMP and trip.joint == 2
-    assert off is not None and TICK * (off - trip.tick) < 0.03
+    # by its own motor's encoder; the joint's takes 24 ms
+    assert off is not None and TICK * (off - trip.tick) < 0.01
     assert run.F_z[:off].max() < 6.0
 
 

@@ -14,6 +14,7 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.experiment.together import table
 from twin.studies.faults.matrix import healthy_trial, onsets_of, touching
+from twin.studies.faults.text import together_result
 from twin.studies.faults.together import (
     FaultSet,
     FeltRuns,
@@ -241,3 +242,13 @@ def test_drives_that_keep_turning_away_slowly_after_the_retraction_lose_their_po
     still = monitor.obey_delay + monitor.obey_lag * math.log(monitor.retract_speed / slack)
     over = monitor.retract / monitor.retract_speed + still + monitor.follow_time
     assert run.power_off - run.seen == pytest.approx(over, abs=0.01)
+
+
+def test_the_table_prints_the_limit_of_each_row_and_how_many_were_detected():
+    row = row_of(stage("back"), "surface_jump", "drive_runaway")
+    text = together_result("pressing", [row], [FaultSet.PAIRS]).text
+    assert text.startswith("pressing  as stated: 1 of 1 case of pairs below their limits.")
+    assert f"{int(row.detected)} of 1 detected" in " ".join(text.split())
+    assert text.splitlines()[-1].endswith(f"{row.bound:.1f}")
+    above = replace(row, watched=replace(row.watched, peak=2.0 * row.bound))
+    assert together_result("pressing", [above], [FaultSet.PAIRS]).text.startswith("pressing  FAILED: 0 of 1")

@@ -23,7 +23,7 @@ from twin.studies.safety.evidence import CONFIDENCE, EvidenceRun, HazardLine, Ha
 from twin.studies.safety.hazards import read_hazards
 from twin.studies.safety.lines import drawn
 from twin.studies.safety.study import safety, written_page
-from twin.studies.safety.text import failures
+from twin.studies.safety.text import failures, lines_table
 
 EXPERIMENT = "experiments/pressing.toml"
 MORE = """
@@ -69,6 +69,15 @@ def test_a_line_is_kept_by_the_worst_of_its_runs_with_the_monitor(lines):
     assert ideal is not None and ideal.power_off == line.worst.watched.seen and ideal.peak <= line.value
     assert line.searched == 4 and sum(run.found == "search" for run in line.runs) == 4
     assert line.variants["clutch"] is not None and line.variants["clutch"][1] < line.worst.watched.left
+
+
+def test_the_terminal_prints_the_limit_and_where_the_monitor_detected_nothing(lines):
+    (line,), _ = lines
+    (row,) = lines_table([line]).rows
+    assert row[2] == "22.5 N" and row[-1] == "kept"
+    blind = [replace(run, watched=run.watched and replace(run.watched, reason="")) for run in line.runs]
+    (row,) = lines_table([replace(line, runs=tuple(blind))]).rows
+    assert row[-2].startswith("0/") and row[-1] == "kept unseen"
 
 
 def again(run: EvidenceRun, *settings: str) -> tuple[bool, float]:
