@@ -100,7 +100,7 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv --upgrade-deps $(VENV)
 
 $(VENV)/.run: $(VENV)/bin/python pyproject.toml constraints.txt
-	@$(VENV)/bin/python set_up.py
+	@$(VENV)/bin/python set_up.py explore
 	@touch $@
 
 $(VENV)/.test-%: $(VENV)/bin/python pyproject.toml constraints.txt

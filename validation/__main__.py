@@ -2,6 +2,7 @@
 
 import json
 import platform
+import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -30,6 +31,12 @@ def code(findings: Sequence[Finding]) -> int:
     return int(any(finding.verdict not in ("holds", "not run") for finding in findings))
 
 
+def commit() -> str:
+    """The commit of the working tree, with -dirty if files differ from it."""
+    command = ["git", "describe", "--always", "--dirty", "--exclude=*"]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+
+
 def main(wanted: Sequence[str]) -> int:
     """Run them, tell and, if these are all, write the page and its data; the exit code."""
     for name in wanted:
@@ -43,6 +50,7 @@ def main(wanted: Sequence[str]) -> int:
         print("\n".join(map(line, come)), flush=True)
     if not wanted:
         facts: dict[str, Any] = {
+            "commit": commit(),
             "platform": f"{platform.system()} {platform.machine()}, Python {platform.python_version()}",
             "findings": [finding.facts for finding in findings],
         }

@@ -19,7 +19,8 @@ def table(facts: Mapping[str, Any]) -> str:
     rows: Sequence[Mapping[str, Any]] = facts["findings"]
     verdicts = Counter(row["verdict"] for row in rows)
     others = "".join(f", {count} {verdict}" for verdict, count in sorted(verdicts.items()) if verdict != "holds")
-    lines = [f"On {facts['platform']}: {verdicts['holds']} of {len(rows)} hold{others}.", ""]
+    made = f"{facts['platform']}, at commit {facts['commit']}" if "commit" in facts else facts["platform"]
+    lines = [f"On {made}: {verdicts['holds']} of {len(rows)} hold{others}.", ""]
     lines += [markdown(HEAD, map(_cells, rows)), "", "Why these bounds, and where the differences come from:", ""]
     for reason in dict.fromkeys(row["reason"] for row in rows):
         bounds = {f"`{row['name']}`, {row['bound']:g}" for row in rows if row["reason"] == reason}

@@ -33,4 +33,4 @@ def test_the_makefile_sets_up_by_it_and_what_it_foretells_are_extras_of_the_make
     makefile = (root / "Makefile").read_text()
     assert len(re.findall(r"^\t@\$\(VENV\)/bin/python set_up\.py", makefile, re.MULTILINE)) == 2
     (usual,) = re.findall(r"^EXTRAS \?= (.*)$", makefile, re.MULTILINE)
-    assert EXPECTED.keys() == {"", usual}
+    assert EXPECTED.keys() == {"explore", usual}

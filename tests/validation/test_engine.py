@@ -5,12 +5,18 @@ from functools import cache
 import numpy as np
 import pytest
 
+from twin.kernel.cosim.observers import simulate
+from twin.kernel.cosim.python_class import PythonComponent
+from twin.robot.assembly.assemble import assemble
+from twin.robot.assembly.build import plant_parameters
 from twin.robot.assembly.load import load_experiment
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
+from twin.robot.plant.component import resting
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.run.trace import Trace, run_in_memory
 from validation.engine.constrained import Constrained, Numbers
+from validation.engine.plant import EnginesPlant
 from validation.engine.robots import State, TwinsRobot, differences, holding, states
 from validation.masters.robot import ROOT
 from validation.yardsticks.mujoco import ALIKE, HEAVIER, HOME, SAME_RUN, apart, experiment, parameters
@@ -159,3 +165,39 @@ def test_the_engines_plant_runs_as_the_twins_for_a_moment():
     assert max(apart(theirs, own, keys).values()) < SAME_RUN
     assert np.ptp(own["plant.p_B"]) > 0.0
     assert experiment().duration_ticks == 20_000
+
+
+class TwinsMechanism:
+    """The twin's own robot in the place of the engine's bodies, so that the plant around it runs without the engine."""
+
+    platform = slice(3, 6)
+
+    def __init__(self, c: PlantParameters):
+        self._c, self._geometry = c, Geometry(c.a, c.b, c.l_a, c.l_b)
+
+    def move(self, p_B: Numbers) -> None:
+        self._p_B, self.theta_l = p_B.copy(), joint_angles(self._geometry, p_B)
+
+    def equations(self, v_B: Numbers) -> "TwinsMechanism":
+        self.omega_l = jacobian(self._geometry, self._p_B) @ v_B
+        return self
+
+    def on_arms(self, tau_l: Numbers) -> Numbers:
+        return np.concatenate([tau_l, np.zeros(3)])
+
+    def acceleration(self, forces: Numbers) -> Numbers:
+        J = jacobian(self._geometry, self._p_B)
+        M = (self._c.m_p + 3.0 * self._c.m_b) * np.eye(3)
+        return np.concatenate([np.zeros(3), np.linalg.solve(M, J.T @ forces[:3] + forces[3:])])
+
+
+def test_the_plant_around_the_engines_robot_runs_and_is_pressed_by_its_springs():
+    found = load_experiment(ROOT / "experiments" / "fig4_force_position.toml", ["duration_s=0.2"])
+    own = plant_parameters(found.plant, found.contact)
+    x, theta_m = resting(own, found.start)
+    plant = EnginesPlant(TwinsMechanism(own), own, x, theta_m)  # type: ignore[arg-type]
+    trace = Trace()
+    component = PythonComponent("plant", plant, initial_outputs=plant.first.tolist())
+    with assemble(found, {"plant": component}) as assembly:
+        simulate(assembly, found.duration_ticks, [trace]).completed()
+    assert np.isfinite(trace["plant.p_B"]).all() and np.ptp(trace["plant.p_B"][:, 2]) > 0.0

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import Writer
-from numpy.typing import NDArray
 
 from tests.conftest import examples
 from tests.kernel.recording.logs.bags import bag, joints, logged, refusal, wrench
@@ -149,7 +148,7 @@ def test_a_share_of_invalid_samples_up_to_the_limit_is_read():
     late=st.floats(-0.49, 0.49), jitter=st.floats(0.0, 0.004), lost=st.sets(st.integers(0, 49)), seed=st.integers(0, 99)
 )
 def test_samples_less_than_half_a_period_apart_make_one_row(late: float, jitter: float, lost: set[int], seed: int):
-    t: NDArray[np.float64] = 0.01 * np.arange(50)
+    t = np.asarray(0.01 * np.arange(50), dtype=np.float64)
     noise = jitter * (np.random.default_rng(seed).uniform(size=50) - 0.5) * (1.0 - 2.0 * abs(late))
     keep = np.array([k not in lost for k in range(50)])
     if keep.sum() < 2:

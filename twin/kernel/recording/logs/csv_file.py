@@ -174,10 +174,10 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
                 some = "1 number" if np.any(use) else "no numbers"
                 raise NoNumbers(f"{path}: column '{column.name}' has {some}, expected at least 2")
             # columns of the same rows share their times
-            own = (t, values) if np.all(use) else (t[use], values[use])
+            of_rows, values = (t, values) if np.all(use) else (t[use], values[use])
             wrong = table.mistakes(column.name)
             invalid = t[np.isin(table.lines[rows], wrong.invalid)] if wrong else t[:0]
-            series[name] = LogSeries(*own, exported if as_is else factor.si, invalid)
+            series[name] = LogSeries(of_rows, values, exported if as_is else factor.si, invalid)
         except LogRefused as problem:
             if columns and not isinstance(problem, NoNumbers):
                 mistakes.append(str(problem))
@@ -250,8 +250,8 @@ def table_of(path: Path, file: BinaryIO) -> CsvTable:
         )
     if (many := len(lines)) < 2:
         raise LogRefused(f"{path}: {many} row{'s' * (many != 1)} of numbers, expected at least 2")
-    numbers = np.frombuffer(values).reshape(many, len(head))
-    return CsvTable(path, comments, head, numbers, wrong, np.frombuffer(lines, np.int64), notes)
+    array_of_rows = np.frombuffer(values).reshape(many, len(head))
+    return CsvTable(path, comments, head, array_of_rows, wrong, np.frombuffer(lines, np.int64), notes)
 
 
 def _refuse_foreign(path: Path, file: BinaryIO) -> None:

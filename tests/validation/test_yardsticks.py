@@ -1,0 +1,42 @@
+"""Every yardstick whose packages are installed here holds, so that a broken one is seen; the table says when it was made."""
+
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+
+from validation.__main__ import commit
+from validation.trial import names, of_file, tried
+
+LONG = ("descriptions", "ros2", "temporal_logic")
+"""They take minutes even where their packages are installed."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in names() if name not in LONG])
+def test_a_yardstick_that_can_be_run_here_holds(name: str):
+    assert [f"{one.name}: {one.remark}" for one in tried(name) if one.verdict not in ("holds", "not run")] == []
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_file_of_yardsticks_can_be_read(name: str):
+    assert of_file(name)
+
+
+def test_every_part_of_the_benchmarks_can_be_imported_and_called():
+    parts = importlib.import_module("benchmarks.__main__").PARTS
+    assert len(parts) > 20 and all(map(callable, parts.values()))
+
+
+def test_the_list_of_mutants_can_be_drawn(root: Path):
+    pytest.importorskip("cosmic_ray", reason="only make mutants installs it")
+    from tests.mutants.mutant import possible_mutants
+
+    assert len(list(possible_mutants(root))) > 1000
+
+
+def test_the_table_says_at_which_commit_it_was_made(root: Path):
+    assert re.fullmatch(r"[0-9a-f]{7,40}(-dirty)?", commit())
+    page = (root / "docs" / "validation.md").read_text()
+    assert re.search(r"^On .*, at commit [0-9a-f]{7,40}: \d+ of \d+ hold", page, re.MULTILINE)
