@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from twin.robot.run.measures import TABLE, Measure
+from twin.robot.run.measures import TABLE, MeasureRow
 
 
 def rows() -> list[str]:
@@ -13,7 +13,7 @@ def rows() -> list[str]:
     ]
 
 
-def floor(measure: Measure) -> str:
+def floor(measure: MeasureRow) -> str:
     """`0.05 N`, `5 %`, or "" where values are not compared."""
     if measure.share:
         return f"{100.0 * measure.share:g} %"

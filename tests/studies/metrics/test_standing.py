@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from twin.robot.run.measures import Measured, Values, unmeasured
+from twin.robot.run.measures import MeasuredValue, Values, unmeasured
 from twin.studies.metrics.standing import Standing, one_run_each, overall, paired_differences, paired_standing, standing
 
 
-def run(**found: float | Measured) -> Values:
-    values = unmeasured("not measured") | {"hold_begin": Measured(3.0), "hold_end": Measured(10.0)}
-    return values | {key: one if isinstance(one, Measured) else Measured(one) for key, one in found.items()}
+def run(**found: float | MeasuredValue) -> Values:
+    values = unmeasured("not measured") | {"hold_begin": MeasuredValue(3.0), "hold_end": MeasuredValue(10.0)}
+    return values | {key: one if isinstance(one, MeasuredValue) else MeasuredValue(one) for key, one in found.items()}
 
 
 def test_a_difference_within_the_floor_is_the_same():
@@ -20,13 +20,13 @@ def test_a_difference_within_the_floor_is_the_same():
 
 
 def test_a_force_that_does_not_settle_is_worse_than_one_that_does():
-    late = run(hold_error=0.2, hold_settling_time=Measured(None, "not within 5 %"))
+    late = run(hold_error=0.2, hold_settling_time=MeasuredValue(None, "not within 5 %"))
     assert "settling time" in standing(late, run(hold_error=0.2, hold_settling_time=0.8)).worse
     assert "settling time" in standing(late, late).same
 
 
 def test_a_load_is_not_compared_with_a_motor_torque():
-    load = run(hold_error=0.1, torque=Measured(0.5, "load of the springs; these drives report no motor torque"))
+    load = run(hold_error=0.1, torque=MeasuredValue(0.5, "load of the springs; these drives report no motor torque"))
     assert standing(load, run(hold_error=0.1, torque=0.1)) == Standing(same=("hold error", "chatter"))
 
 

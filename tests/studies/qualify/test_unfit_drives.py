@@ -74,7 +74,9 @@ def test_a_droop_of_the_size_of_no_drive_is_doubted(velocity_servo: Path):
     # the load in N mm at a servo in N m
     weak = lone_drive(str(velocity_servo), ROOT).model_copy(update={"parameters": {"tau_max": 0.6e-3}})
     droop, stall = qualified(weak).doubts
-    assert droop.startswith("its droop is 1.49e+04 rad/s per N m, of the drives of fmus/ at most 0.6; its load is in N.m")
+    assert droop.startswith(
+        "its droop is 1.49e+04 rad/s per N m, of the drives of fmus/ at most 0.6; its load is in N.m"
+    )
     assert stall.startswith("it stalls at 0.0018") and "the drives of fmus/ from 0.378 N m on" in stall
 
 

@@ -10,7 +10,7 @@ import pytest
 from tests.laws.runs import EXPERIMENTS
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.load import load_experiment
-from twin.robot.run.measures import Measured
+from twin.robot.run.measures import MeasuredValue
 from twin.studies.analyse.stability import stability
 from twin.studies.result import WIDTH, laid_out
 from twin.studies.tune import tuned as search
@@ -69,7 +69,7 @@ def test_a_schedule_that_is_worse_somewhere_is_told(over_two: Scheduled):
     assert fixed.outcome and fixed.outcome.force_error and followed.outcome
     fixed_hold = fixed.measures["hold_error"].value or 0.0
     slower = replace(followed.outcome, force_error=1.1 * WORSE * fixed.outcome.force_error)
-    looser = replace(followed.outcome, measures={**followed.measures, "hold_error": Measured(fixed_hold + 0.06)})
+    looser = replace(followed.outcome, measures={**followed.measures, "hold_error": MeasuredValue(fixed_hold + 0.06)})
     for outcome, sentence in ((slower, "error since the first touch is 116 % of that"), (looser, "hold error")):
         points = [replace(point, wholes=[(fixed, replace(followed, outcome=outcome))]), *over_two.points[1:]]
         told = replace(over_two, points=points)

@@ -11,7 +11,7 @@ import pytest
 from tests.laws.runs import EXPERIMENTS, FORCE, co_simulated, shipped
 from tests.studies.tune.corners import fig4_corners
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.run.measures import MEASURES, Measured, RunOutcome, unmeasured
+from twin.robot.run.measures import MEASURES, MeasuredValue, RunOutcome, unmeasured
 from twin.studies.command import silent
 from twin.studies.tune import tuned as search
 from twin.studies.tune.prediction import Goals, LawGains
@@ -31,7 +31,7 @@ def whole(
 ) -> Whole:
     values = {"hold_overshoot": over, "hold_settling_time": settling, "hold_error": hold}
     measures = unmeasured("none here") | {
-        key: Measured(value, "" if value is not None else MEASURES[key].missing) for key, value in values.items()
+        key: MeasuredValue(value, "" if value is not None else MEASURES[key].missing) for key, value in values.items()
     }
     return Whole("drive", RunOutcome(0, 0, 0, 0, 0, None, None, None, None, measures), trip, stiffness)
 

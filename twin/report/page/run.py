@@ -20,7 +20,7 @@ from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.reader import Recording, read
 from twin.robot.experiment.recorded import recorded_fmus, recorded_name
 from twin.robot.run.hold import HoldRequest
-from twin.robot.run.measures import HEADLINE, LARGE_OVERSHOOT, MEASURES, TABLE, Measured, Values, shown, unmeasured
+from twin.robot.run.measures import HEADLINE, LARGE_OVERSHOOT, MEASURES, TABLE, MeasuredValue, Values, shown, unmeasured
 from twin.robot.run.view import BelievedRun, RunView, outcome_of, sample_and_hold
 from twin.studies.figure import Axes, picture
 from twin.studies.metrics.requirement import FIG5
@@ -136,7 +136,11 @@ def _of_the_table(run: "ReportRun") -> list[RunMeasure]:
     found = []
     for measure in TABLE if run.outcome else ():
         one = run.outcome[measure.key]
-        own = run.believed_outcome.get(measure.key, Measured(None)) if measure.key in OF_THE_FORCE else Measured(None)
+        own = (
+            run.believed_outcome.get(measure.key, MeasuredValue(None))
+            if measure.key in OF_THE_FORCE
+            else MeasuredValue(None)
+        )
         if one.value is None and measure.key not in HEADLINE:
             continue
         true, believed = (math.nan if v is None else measure.unit.per_SI * v for v in (one.value, own.value))

@@ -13,7 +13,7 @@ from twin.kernel.writing import finite
 from twin.robot.run.hold import HoldSums
 
 
-class Unit(NamedTuple):
+class ShownUnit(NamedTuple):
     """A unit of numbers that people read.
 
     Attributes:
@@ -29,21 +29,25 @@ class Unit(NamedTuple):
     SI: str = ""
 
 
-N, S, HZ, NM, A, J = (Unit(text, text.replace(" ", "")) for text in ("N", "s", "Hz", "N m", "A", "J"))
-MM, PERCENT, N_PER_M = Unit("mm", "mm", 1e3, "m"), Unit("%", "percent", 100.0, "1"), Unit("N/m", "N_per_m")
+N, S, HZ, NM, A, J = (ShownUnit(text, text.replace(" ", "")) for text in ("N", "s", "Hz", "N m", "A", "J"))
+MM, PERCENT, N_PER_M = (
+    ShownUnit("mm", "mm", 1e3, "m"),
+    ShownUnit("%", "percent", 100.0, "1"),
+    ShownUnit("N/m", "N_per_m"),
+)
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredValue:
     """The value of a measure, SI, and a remark; None with the reason if it does not exist."""
 
     value: float | None
     reason: str = ""
 
 
-Value = float | Measured | None
-Values = Mapping[str, Measured]
-"""Measured values by the keys of `MEASURES`."""
+Value = float | MeasuredValue | None
+Values = Mapping[str, MeasuredValue]
+"""MeasuredValue values by the keys of `MEASURES`."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +80,7 @@ class RunOutcome:
 
 
 @dataclass(frozen=True)
-class Measure:
+class MeasureRow:
     """A number about a run.
 
     Attributes:
@@ -95,7 +99,7 @@ class Measure:
 
     key: str
     text: str
-    unit: Unit
+    unit: ShownUnit
     meaning: str
     interval: str
     value: Callable[[HoldSums, RunOutcome], Value]
@@ -142,7 +146,9 @@ NO_OUTPUT = "no output of these drives"
 def _overshoot(hold: HoldSums, run: RunOutcome) -> Value:
     if hold.request.forces:
         return max((one.overshoot for one in hold.tasks if one.overshoot is not None), default=None)
-    return hold["above"] / hold["R_0"] if hold["R_0"] > 0.0 else Measured(None, "the reference is 0 N at first touch")
+    return (
+        hold["above"] / hold["R_0"] if hold["R_0"] > 0.0 else MeasuredValue(None, "the reference is 0 N at first touch")
+    )
 
 
 def _overshoot_force(hold: HoldSums, run: RunOutcome) -> Value:
@@ -153,23 +159,23 @@ def _overshoot_force(hold: HoldSums, run: RunOutcome) -> Value:
 
 
 def _settling(hold: HoldSums, run: RunOutcome) -> Value:
-    return Measured(None, NOT_FOR_TASKS) if hold.request.forces else hold.settling
+    return MeasuredValue(None, NOT_FOR_TASKS) if hold.request.forces else hold.settling
 
 
 def _torque(hold: HoldSums, run: RunOutcome) -> Value:
     if hold["torque"] >= 0.0 or hold["load"] < 0.0:
         return _reported(hold["torque"])
-    return Measured(hold["load"], "load of the springs; these drives report no motor torque")
+    return MeasuredValue(hold["load"], "load of the springs; these drives report no motor torque")
 
 
 def _reported(largest: float) -> float | None:
     return largest if largest >= 0.0 else None
 
 
-def _chatter(which: int) -> Callable[[HoldSums, RunOutcome], float | Measured]:
-    def value(hold: HoldSums, run: RunOutcome) -> float | Measured:
+def _chatter(which: int) -> Callable[[HoldSums, RunOutcome], float | MeasuredValue]:
+    def value(hold: HoldSums, run: RunOutcome) -> float | MeasuredValue:
         found = hold.chatter
-        return found[which] if found[0] >= LEAST_CHATTER else Measured(None, f"below {LEAST_CHATTER:g} N")
+        return found[which] if found[0] >= LEAST_CHATTER else MeasuredValue(None, f"below {LEAST_CHATTER:g} N")
 
     return value
 
@@ -183,57 +189,57 @@ def _rms(name: str) -> Callable[[HoldSums, RunOutcome], float]:
 
 
 TABLE = (
-    Measure("hold_error", "hold error", N, "rms of the true pressing force minus its reference", HELD, _rms("squares"),
-            floor=FORCE_FLOOR),
-    Measure("hold_overshoot", "overshoot", PERCENT,
-            "largest true pressing force beyond its reference, as a share of it; of tasks the worst one",
-            "2 s from the first touch with the force loop on; in tasks until 1 s after they begin to hold", _overshoot,
-            1, 0.01),
-    Measure("hold_settling_time", "settling time", S,
-            "time until the true pressing force stays within 5 % of its reference; not for tasks",
-            "from the first touch with the force loop on until the first hold ends", _settling, 2, TIME_FLOOR,
-            missing="not within 5 %"),
-    Measure("chatter", "chatter", N, "amplitude of the force's swings above 2 Hz in the worst hold", HELD, _chatter(0),
-            2,
-            FORCE_FLOOR),
-    Measure("chatter_frequency", "chatter frequency", HZ, "frequency of these swings", HELD, _chatter(1), 1,
-            share=0.05),
-    Measure("held_lateral_error", "lateral error while held", MM,
-            "rms distance of the true position from the reference in x and y", HELD, _rms("lateral"), 2, LENGTH_FLOOR),
-    Measure("held_z_error", "z error while held", MM, "rms of the true z minus the commanded one", HELD, _rms("z"), 3,
-            LENGTH_FLOOR),
-    Measure("torque", "largest torque", NM, "largest motor torque of any drive", RUN, _torque, share=EFFORT_SHARE),
-    Measure("current", "largest current", A, "largest current of any drive", RUN,
-            lambda hold, run: _reported(hold["current"]), share=EFFORT_SHARE, missing=NO_OUTPUT),
-    Measure("shaft_work", "shaft work", J, "work of the three shafts on the springs where power is positive", RUN,
-            lambda hold, run: hold["work"], 4, share=EFFORT_SHARE, missing=NO_OUTPUT),
-    Measure("energy", "energy", J, "electrical energy that the drives draw", RUN, lambda hold, run: hold["energy"], 2,
-            share=EFFORT_SHARE, missing=NO_OUTPUT),
-    Measure("hold_mean_error", "mean force error while held", N, "mean of the true pressing force minus its reference",
-            HELD, _mean("error"), floor=FORCE_FLOOR),
-    Measure("hold_overshoot_force", "overshoot in force", N, "largest true pressing force beyond its reference",
-            "as the overshoot", _overshoot_force, 2, FORCE_FLOOR),
-    Measure("hold_begin", "held from", S, "first held tick", HELD, lambda hold, run: hold["first"] * hold["dt"]),
-    Measure("hold_end", "held until", S, "last held tick", HELD, lambda hold, run: hold["last"] * hold["dt"]),
-    Measure("felt_stiffness", "stiffness felt", N_PER_M,
-            "stiffness that the springs give the platform along z where it is held: z of J^T k_s N^2 eta J", HELD,
-            lambda hold, run: hold.felt_stiffness, 0, share=EFFORT_SHARE, missing="the robot is not known"),
-    Measure("force_error", "error since the first touch", N, "rms of the true pressing force minus its reference",
-            "from the first touch on, force loop on", lambda hold, run: run.force_error, 2, FORCE_FLOOR,
-            missing="no touch with the force loop on"),
-    Measure("peak", "largest force", N, "largest true pressing force", WHOLE, lambda hold, run: run.peak, 2,
-            FORCE_FLOOR),
-    Measure("peak_time", "time of the largest force", S, "time of the largest true pressing force", WHOLE,
-            lambda hold, run: run.peak_time, 2),
-    Measure("end", "force at the end", N, "mean true pressing force", "the last second", lambda hold, run: run.end, 2,
-            FORCE_FLOOR),
-    Measure("lateral_error", "lateral error", MM,
-            "rms distance of the true position from the pre-defined reference in x and y", WHOLE,
-            lambda hold, run: run.lateral_error, 2, LENGTH_FLOOR),
-    Measure("z_error", "z error", MM, "rms of the true z minus the pre-defined one, the indentation included", WHOLE,
-            lambda hold, run: run.z_error, 2, LENGTH_FLOOR),
-    Measure("early_trigger", "force loop on before the first touch", S, "time of the force loop in the air", WHOLE,
-            lambda hold, run: run.early_trigger, missing="the force loop is never on"),
+    MeasureRow("hold_error", "hold error", N, "rms of the true pressing force minus its reference", HELD,
+               _rms("squares"), floor=FORCE_FLOOR),
+    MeasureRow("hold_overshoot", "overshoot", PERCENT,
+               "largest true pressing force beyond its reference, as a share of it; of tasks the worst one",
+               "2 s from the first touch with the force loop on; in tasks until 1 s after they begin to hold",
+               _overshoot, 1, 0.01),
+    MeasureRow("hold_settling_time", "settling time", S,
+               "time until the true pressing force stays within 5 % of its reference; not for tasks",
+               "from the first touch with the force loop on until the first hold ends", _settling, 2, TIME_FLOOR,
+               missing="not within 5 %"),
+    MeasureRow("chatter", "chatter", N, "amplitude of the force's swings above 2 Hz in the worst hold", HELD,
+               _chatter(0), 2, FORCE_FLOOR),
+    MeasureRow("chatter_frequency", "chatter frequency", HZ, "frequency of these swings", HELD, _chatter(1), 1,
+               share=0.05),
+    MeasureRow("held_lateral_error", "lateral error while held", MM,
+               "rms distance of the true position from the reference in x and y", HELD, _rms("lateral"), 2,
+               LENGTH_FLOOR),
+    MeasureRow("held_z_error", "z error while held", MM, "rms of the true z minus the commanded one", HELD, _rms("z"),
+               3, LENGTH_FLOOR),
+    MeasureRow("torque", "largest torque", NM, "largest motor torque of any drive", RUN, _torque, share=EFFORT_SHARE),
+    MeasureRow("current", "largest current", A, "largest current of any drive", RUN, lambda hold,
+               run: _reported(hold["current"]), share=EFFORT_SHARE, missing=NO_OUTPUT),
+    MeasureRow("shaft_work", "shaft work", J, "work of the three shafts on the springs where power is positive", RUN,
+               lambda hold, run: hold["work"], 4, share=EFFORT_SHARE, missing=NO_OUTPUT),
+    MeasureRow("energy", "energy", J, "electrical energy that the drives draw", RUN, lambda hold, run: hold["energy"],
+               2, share=EFFORT_SHARE, missing=NO_OUTPUT),
+    MeasureRow("hold_mean_error", "mean force error while held", N,
+               "mean of the true pressing force minus its reference", HELD, _mean("error"), floor=FORCE_FLOOR),
+    MeasureRow("hold_overshoot_force", "overshoot in force", N, "largest true pressing force beyond its reference",
+               "as the overshoot", _overshoot_force, 2, FORCE_FLOOR),
+    MeasureRow("hold_begin", "held from", S, "first held tick", HELD, lambda hold, run: hold["first"] * hold["dt"]),
+    MeasureRow("hold_end", "held until", S, "last held tick", HELD, lambda hold, run: hold["last"] * hold["dt"]),
+    MeasureRow("felt_stiffness", "stiffness felt", N_PER_M,
+               "stiffness that the springs give the platform along z where it is held: z of J^T k_s N^2 eta J", HELD,
+               lambda hold, run: hold.felt_stiffness, 0, share=EFFORT_SHARE, missing="the robot is not known"),
+    MeasureRow("force_error", "error since the first touch", N, "rms of the true pressing force minus its reference",
+               "from the first touch on, force loop on", lambda hold, run: run.force_error, 2, FORCE_FLOOR,
+               missing="no touch with the force loop on"),
+    MeasureRow("peak", "largest force", N, "largest true pressing force", WHOLE, lambda hold, run: run.peak, 2,
+               FORCE_FLOOR),
+    MeasureRow("peak_time", "time of the largest force", S, "time of the largest true pressing force", WHOLE,
+               lambda hold, run: run.peak_time, 2),
+    MeasureRow("end", "force at the end", N, "mean true pressing force", "the last second", lambda hold, run: run.end,
+               2, FORCE_FLOOR),
+    MeasureRow("lateral_error", "lateral error", MM,
+               "rms distance of the true position from the pre-defined reference in x and y", WHOLE, lambda hold,
+               run: run.lateral_error, 2, LENGTH_FLOOR),
+    MeasureRow("z_error", "z error", MM, "rms of the true z minus the pre-defined one, the indentation included", WHOLE,
+               lambda hold, run: run.z_error, 2, LENGTH_FLOOR),
+    MeasureRow("early_trigger", "force loop on before the first touch", S, "time of the force loop in the air", WHOLE,
+               lambda hold, run: run.early_trigger, missing="the force loop is never on"),
 )  # fmt: skip
 """Every measure, the first ones first."""
 MEASURES = {measure.key: measure for measure in TABLE}
@@ -245,7 +251,7 @@ _OF_A_HOLD = (*HEADLINE, "chatter_frequency", "held_lateral_error", "held_z_erro
               "hold_overshoot_force", "hold_begin", "hold_end", "felt_stiffness")  # fmt: skip
 
 
-def measured(hold: HoldSums, run: RunOutcome) -> dict[str, Measured]:
+def measured(hold: HoldSums, run: RunOutcome) -> dict[str, MeasuredValue]:
     """Compute every measure of the table."""
     no_hold = "" if hold["count"] else _no_hold(hold, run)
     remark = ", ".join(
@@ -261,15 +267,15 @@ def measured(hold: HoldSums, run: RunOutcome) -> dict[str, Measured]:
     for measure in TABLE:
         of_a_hold = measure.key in _OF_A_HOLD
         if of_a_hold and no_hold:
-            found[measure.key] = Measured(None, no_hold)
+            found[measure.key] = MeasuredValue(None, no_hold)
             continue
         value = measure.value(hold, run)
-        if isinstance(value, Measured):
+        if isinstance(value, MeasuredValue):
             found[measure.key] = value
         elif finite(value) is None:
-            found[measure.key] = Measured(None, measure.missing)
+            found[measure.key] = MeasuredValue(None, measure.missing)
         else:
-            found[measure.key] = Measured(value, remark if of_a_hold else "")
+            found[measure.key] = MeasuredValue(value, remark if of_a_hold else "")
     return found
 
 
@@ -290,26 +296,26 @@ def _no_hold(hold: HoldSums, run: RunOutcome) -> str:
     return "the reference is 0 N" if hold["R_last"] <= 0.0 else "the run ends before a force was held for 2 s"
 
 
-def unmeasured(reason: str) -> dict[str, Measured]:
+def unmeasured(reason: str) -> dict[str, MeasuredValue]:
     """Every measure of a run that has none, for one reason."""
-    return {measure.key: Measured(None, reason) for measure in TABLE}
+    return {measure.key: MeasuredValue(None, reason) for measure in TABLE}
 
 
 def shown(key: str, values: Values) -> str:
     """`0.094 N`, or `none (no force loop)`; a remark follows in brackets."""
-    found = values.get(key, Measured(None, "not measured"))
+    found = values.get(key, MeasuredValue(None, "not measured"))
     if found.value is None:
         return f"none ({found.reason})"
     return MEASURES[key].shown(found.value) + (f" ({found.reason})" if found.reason else "")
 
 
-def measured_values(facts: Mapping[str, Mapping[str, Any]]) -> dict[str, Measured]:
-    """Measured values as a summary holds them."""
-    return {key: Measured(one["value"], one["reason"]) for key, one in facts.items()}
+def measured_values(facts: Mapping[str, Mapping[str, Any]]) -> dict[str, MeasuredValue]:
+    """MeasuredValue values as a summary holds them."""
+    return {key: MeasuredValue(one["value"], one["reason"]) for key, one in facts.items()}
 
 
 def with_units(values: Values) -> dict[str, Any]:
-    """Measured values for JSON: value in SI, unit, reason."""
+    """MeasuredValue values for JSON: value in SI, unit, reason."""
     return {
         key: {"value": one.value, "unit": unit.SI or unit.text, "reason": one.reason}
         for key, one in values.items()

@@ -11,7 +11,7 @@ from twin.kernel.cosim.observers import Observer, TickEvent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import InputRefused
 from twin.robot.plant.deviation import DeviationSums
-from twin.robot.run.hold import HeldForces, HoldRequest, HoldSums, Layout, signal_columns
+from twin.robot.run.hold import HeldForces, HoldRequest, HoldSums, RowLayout, signal_columns
 from twin.robot.run.measures import RunOutcome, measured
 
 END = 1.0
@@ -39,7 +39,7 @@ class Tally(Observer):
         "_touch_tick", "_trigger_tick", "_sums",
     )  # fmt: skip
 
-    def __init__(self, system: Layout, request: HoldRequest):
+    def __init__(self, system: RowLayout, request: HoldRequest):
         self._tick = system.tick
         self._hold = HoldSums(system, request)
         self._columns = np.concatenate([signal_columns(system, *signal) for signal in DEVIATION_SIGNALS.items()])

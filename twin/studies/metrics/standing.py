@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from twin.robot.run.hold import GRACE
-from twin.robot.run.measures import HEADLINE, MEASURES, Measure, Values
+from twin.robot.run.measures import HEADLINE, MEASURES, MeasureRow, Values
 
 EFFORT = ("torque", "current", "shaft_work", "energy")
 JUDGED = (*HEADLINE, "held_lateral_error", "held_z_error", *EFFORT)
@@ -60,7 +60,7 @@ class Difference:
         rank: -1 better, 1 worse, 0 the same.
     """
 
-    measure: Measure
+    measure: MeasureRow
     mean: float
     half_width: float
     agreeing: int
