@@ -117,7 +117,7 @@ class HeldForces:
     overshoot: float | None = None
 
 
-class Layout(Protocol):
+class RowLayout(Protocol):
     """Rows of signals: a system, or a run that is read."""
 
     @property
@@ -131,7 +131,7 @@ class Layout(Protocol):
         """Columns of a signal that a row has."""
 
 
-def signal_columns(layout: Layout, name: str, size: int) -> NDArray[np.int64]:
+def signal_columns(layout: RowLayout, name: str, size: int) -> NDArray[np.int64]:
     """Columns of a signal, or of what third-party parts have in its place, (size,); -1 where rows have neither."""
     if name.startswith("drive."):
         each = [name.replace("drive", f"drive_{joint}", 1) for joint in (1, 2, 3)]
@@ -152,7 +152,7 @@ class HoldSums:
         request: of the experiment.
     """
 
-    def __init__(self, layout: Layout, request: HoldRequest):
+    def __init__(self, layout: RowLayout, request: HoldRequest):
         self._tick, dt = layout.tick, layout.tick * request.every
         self._columns = np.concatenate([signal_columns(layout, *signal) for signal in SIGNALS.items()])
         self.request = request
