@@ -24,8 +24,8 @@ from twin.studies.faults.together import (
 
 BODIES = ("scale", "back", "shoulder", "belly", "upper_arm", "forearm", "thigh", "calf")
 SEED = 50
-FIRST_TIER, SECOND_TIER = 12, 50
-"""Pairs drawn for each body: at most 20 s and 3 min of processor time."""
+FIRST_TIER, SECOND_TIER = 6, 12
+"""Pairs drawn for each body: at most 20 s and 2 min of processor time."""
 LONG = "duration_s=60"
 """Motors that creep take long."""
 
