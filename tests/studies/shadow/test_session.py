@@ -177,5 +177,3 @@ def test_a_truncated_bag_is_reported(tmp_path: Path):
     (path / "metadata.yaml").unlink()
     report = shadow(ROBOT, str(path), MAP, speed=0.0, out=tmp_path / "out")
     assert "no metadata.yaml: the recorder was stopped before it wrote one" in " ".join(report.text.split())
-
-
