@@ -71,10 +71,11 @@ def joints(begin: int = 0, end: int = N, lacking: int | None = None, after: int 
     return found[begin:end]
 
 
-def commands(begin: int = 0, end: int = N) -> list[Arrival]:
+def commands(end: int = N + 900) -> list[Arrival]:
+    """Those of its controller, over and over."""
     speeds = np.nan_to_num(said(ran(FIG4)).omega_ref).tolist()
-    readings = [Reading(START + 2_000_000 * k, COMMANDS, tuple(row)) for k, row in enumerate(speeds)]
-    return [Arrival("/commands", one.stamp, one) for one in readings[begin:end]]
+    readings = [Reading(START + 2_000_000 * k, COMMANDS, tuple(speeds[k % N])) for k in range(end)]
+    return [Arrival("/commands", one.stamp, one) for one in readings]
 
 
 def followed(arrivals: list[Arrival], folder: Path, watched: AlarmWatch | None = None) -> Followed:
@@ -97,11 +98,11 @@ WIDE = Tolerances(dict.fromkeys(CHANNELS, 1e9), dict.fromkeys(CHANNELS, 1.0))
 
 def test_commands_that_go_on_without_joints_are_a_silence_and_no_error(tmp_path: Path):
     watched = AlarmWatch(WIDE, 1.0)
-    told = followed([*joints(end=1000), *commands()], tmp_path, watched)
-    assert told.counts.samples == 1000
+    told = followed([*joints(end=1800), *commands()], tmp_path, watched)
+    assert told.counts.samples == 1800
     assert "no sample for 2 s: nothing comes of /joint_states" in events(tmp_path)
     assert watched.changes[-1].state is WatchState.NOT_WATCHED
-    assert verdict_of(told).text.startswith("robot and twin match until 2.0 s, then not watched: nothing comes of")
+    assert verdict_of(told).text.startswith("robot and twin match until 3.6 s, then not watched: nothing comes of")
 
 
 def test_commands_that_begin_before_the_joints_or_end_before_them_are_no_error(tmp_path: Path):
@@ -111,7 +112,7 @@ def test_commands_that_begin_before_the_joints_or_end_before_them_are_no_error(t
 
 def test_a_joint_that_messages_name_no_longer_is_named_and_nothing_is_watched_from_then_on(tmp_path: Path):
     watched = AlarmWatch(WIDE, 1.0)
-    told = followed([*joints(lacking=1, after=1000), *commands()], tmp_path, watched)
+    told = followed([*joints(lacking=1, after=1800), *commands()], tmp_path, watched)
     assert "no sample for 2 s: no message has /joint_states.position.m2" in events(tmp_path)
     assert watched.changes[-1].state is WatchState.NOT_WATCHED
     text = shadow_result(told, FIG4, {}).text
@@ -121,7 +122,7 @@ def test_a_joint_that_messages_name_no_longer_is_named_and_nothing_is_watched_fr
 def test_after_a_silence_the_watch_goes_on(tmp_path: Path):
     watched = AlarmWatch(WIDE, 1.0)
     late = [Arrival(one.topic, one.arrived, one.data) for one in joints(begin=2250)]
-    told = followed([*joints(end=1000), *late, *commands()], tmp_path, watched)
+    told = followed([*joints(end=1000), *late, *commands(N)], tmp_path, watched)
     assert not told.silent
     assert [one.state for one in watched.changes][:1] == [WatchState.NOT_WATCHED]
 
@@ -154,7 +155,7 @@ def test_gross_disagreement_parts_robot_and_twin_without_tolerances(tmp_path: Pa
 
 
 def test_a_healthy_robot_is_in_no_gross_disagreement(tmp_path: Path):
-    told = followed([*joints(), *commands()], tmp_path)
+    told = followed([*joints(), *commands(N)], tmp_path)
     assert verdict_of(told).kind == "not watched" and shadow_result(told, FIG4, {}).exit_code == 0
 
 

@@ -120,7 +120,7 @@ def waiting_hint(source: str, topics: list[str]) -> str:
     if transport_of(source) == "zenoh":
         causes = "another ROS_DOMAIN_ID on the robot, or a router that is not that of ZENOH_SESSION_CONFIG_URI"
     return (
-        f"{source}: nobody publishes {', '.join(topics)} on domain {domain_id()}, interfaces {names}; usual causes: "
+        f"{source}: no publisher of {', '.join(topics)} on domain {domain_id()}, interfaces {names}; usual causes: "
         f"{causes}"
     )
 
