@@ -410,5 +410,5 @@ def of_plain(stated: Any, where: str) -> Any:
             raise ValueError(kind)
         data = np.frombuffer(base64.b64decode(stated["data"], validate=True), dtype=kind)
         return data.reshape([int(n) for n in stated["shape"]]).copy()
-    except (KeyError, TypeError, ValueError) as problem:
+    except (KeyError, TypeError, ValueError, OverflowError) as problem:
         raise InputRefused(f"{where}: not a state that twin saved: {problem}") from None

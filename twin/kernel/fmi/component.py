@@ -257,7 +257,7 @@ class FmuComponent(Component):
             keep=self._stepping.memory,
             unread=may if unread else None,
         )
-        self._unread_told: set[str] = set()
+        self._unread_reported: set[str] = set()
 
     def zero(self, name: str) -> float:
         """Value of the output port `name` where the FMU's own is 0."""
@@ -327,8 +327,8 @@ class FmuComponent(Component):
             text = f"it discards steps, which are then made in parts, since t = {since:g} s"
             messages.append((int(self.instance.clock[0]), text))
         for name, marks in by_port(self.outputs, self.unread).items() if self.unread is not None else ():
-            if marks.max(initial=0) > 1 and name not in self._unread_told:
-                self._unread_told.add(name)
+            if marks.max(initial=0) > 1 and name not in self._unread_reported:
+                self._unread_reported.add(name)
                 text = f"returns NaN for {name}, which nothing reads"
                 messages.append((int(marks[marks > 1].min()) - 2, text))
         return messages

@@ -109,7 +109,7 @@ def _number(text: str, type_: str, where: str) -> float:
             return float(ssp.TRUTH[text])
         value = float(int(text)) if type_ in ssp.WHOLES else float(text) if type_ in ssp.REALS else math.nan
         if type_ in ssp.WHOLES and value != int(text):
-            # whoever cannot take it sees it as it is
+            # exact, for a target that refuses it
             return int(text)
     except (KeyError, ValueError, OverflowError):
         value = math.nan

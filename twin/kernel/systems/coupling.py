@@ -215,16 +215,16 @@ def initialised(
 
 def _without_unreadable(part: SystemPart, instance: Instance, fed: Collection[str]) -> SystemPart:
     """A part without the locals that feed nothing and that its FMU does not return."""
-    kept = []
+    readable = []
     for port in part.outputs:
         try:
             if port.variable.causality != "output" and f"{part.name}.{port.port.name}" not in fed:
                 instance.values(port.variable)
         except ComponentFailed:
             continue
-        kept.append(port)
-    recorded = sum(port in kept for port in part.outputs[: part.recorded])
-    return replace(part, outputs=tuple(kept), recorded=recorded)
+        readable.append(port)
+    recorded = sum(port in readable for port in part.outputs[: part.recorded])
+    return replace(part, outputs=tuple(readable), recorded=recorded)
 
 
 def unvarying(plan: SystemPlan) -> str:

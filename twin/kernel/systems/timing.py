@@ -99,8 +99,7 @@ def timing(
         stated, length = length, (end - begin) / count
         rounded = f"the step of {1e3 * stated:g} ms rounded to {1e3 * length:g} ms, so that the run is {count} steps"
     first = _whole(begin, length, f"{package.file}: the start at {begin:g} s", "set --start-s or --tick-ms")
-    remedy = "set --stop-s or --tick-ms, or let --lenient round the step"
-    last = _whole(end, length, f"{package.file}: {end:g} s", remedy)
+    last = _whole(end, length, f"{package.file}: {end:g} s", "set --stop-s or --tick-ms, or add --lenient")
     if last <= first:
         raise InputRefused(f"{package.file}: from {begin:g} to {end:g} s, less than a step of {1e3 * length:g} ms")
     periods = dict.fromkeys(descriptions, 1)

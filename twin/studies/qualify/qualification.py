@@ -40,7 +40,7 @@ from twin.studies.qualify.definitions import (
 from twin.studies.qualify.motion import overload
 
 AT_ONCE = 1e4
-"""N m/s. A load that nobody waits for."""
+"""Rate of a load applied almost at once (N m/s)."""
 JOB = "twin.studies.qualify.qualification:examined"
 TICKS, LONGER = 50, 500
 """Long enough for every sampled loop inside to have come round; and how long a state is looked at."""
