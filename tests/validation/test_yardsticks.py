@@ -1,4 +1,4 @@
-"""Every yardstick whose packages are installed here holds, so that a broken one is seen; the table says when it was made."""
+"""Every yardstick whose packages are installed here holds; the table says at which commit it was made."""
 
 import importlib
 import re

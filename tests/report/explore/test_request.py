@@ -16,7 +16,8 @@ from twin.kernel.process.reporter import DirectReporter
 from twin.report.explore.request import FIELDS, NEEDED, checked_request
 from twin.report.explore.worker import ANSWERS, answered
 
-ODD: tuple[Any, ...] = (10**30, -(2**60), 1e308, float("nan"), float("inf"), None, True, "x", "", [], {}, [[]], [{}], {"set": []},
+ODD: tuple[Any, ...] = (
+       10**30, -(2**60), 1e308, float("nan"), float("inf"), None, True, "x", "", [], {}, [[]], [{}], {"set": []},
        {"set": {"duration_s": 10**400}}, {"set": {"controller.force.kp_mm_per_N": [1]}}, {"drive": []}, {"body": {}},
        {"faults": [{"kind": []}]}, {"faults": [{"kind": "belt_slip", "target": [], "onset_s": 10**400}]}, {"set": None},
        {"faults": {"a": 1}}, {"command": []}, {"command": "torque", "roles": {"a": []}}, [0, 10**400], -1)  # fmt: skip
