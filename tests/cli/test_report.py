@@ -37,7 +37,9 @@ def test_several_runs_share_a_page(force_position: Recording, position: Recordin
     facts = json.loads(done.stdout)
     assert "; fig4_position beside fig4_force_position: no verdict, another reference; " in facts["headline"]
     assert (
-        facts["headline"].endswith("; 23 of 29 claims of the paper's text hold, 6 not reproduced; 5 of 5 of this run's own checks hold")
+        facts["headline"].endswith(
+            "; 23 of 29 claims of the paper's text hold, 6 not reproduced; 5 of 5 of this run's own checks hold"
+        )
         and facts["page"] == "results/report/report.html"
     )
     assert (tmp_path / "results/report/report.html").exists()
