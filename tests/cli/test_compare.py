@@ -16,7 +16,7 @@ def test_the_scorecard_has_every_claim_and_the_picture_is_drawn(
     four = [recording.path for recording in (force_position, position, *imperfect)]
     done = twin("compare", "--paper", "fig4", *four, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[0].endswith("25 of 31 claims hold, 6 not reproduced")
+    assert done.stdout.splitlines()[0].endswith("25 of 31 claims of the paper's text hold, 6 not reproduced")
     assert "n/a  imperfect" not in done.stdout and "Imperfect: scale tilted" in done.stdout
     assert max(len(line) for line in done.stdout.splitlines()) <= 80
     facts = json.loads((tmp_path / "results/fig4/fig4.json").read_text())
@@ -37,7 +37,7 @@ def test_a_claim_that_fails_is_exit_code_1_and_named(position: Recording, tmp_pa
 def test_two_runs_are_scored_but_for_the_forces_in_x(force_position: Recording, position: Recording, tmp_path: Path):
     done = twin("compare", "--paper", "fig4", force_position.path.parent, position.path.parent, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[0].endswith("23 of 29 claims hold, 6 not reproduced")
+    assert done.stdout.splitlines()[0].endswith("23 of 29 claims of the paper's text hold, 6 not reproduced")
     assert done.stdout.count("\n  n/a ") == 2
     assert done.stdout.count("needs the runs of fig4_imperfect.toml and fig4_imperfect_position.toml") == 1
     assert "Imperfect: scale tilted" not in done.stdout
@@ -72,7 +72,7 @@ def test_fig5_takes_any_number_of_runs_and_says_the_verdict_first(tmp_path: Path
     tapped(runs[1])
     done = twin("compare", "--paper", "fig5", *runs, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[0].endswith("16 of 16 claims hold")
+    assert done.stdout.splitlines()[0].endswith("16 of 16 claims of the paper's text hold")
     assert max(len(line) for line in done.stdout.splitlines()) <= 80
     facts = json.loads((tmp_path / "results/fig5/fig5.json").read_text())
     assert [task["kind"] for task in facts["tasks"]] == ["press", "tap"]

@@ -15,7 +15,8 @@ from twin.report.page.run import report_runs
 def test_the_verdict_is_printed_first_then_where_the_page_is(force_position: Recording, tmp_path: Path):
     done = twin("report", force_position.path.parent, "--out", "page.html", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert done.stdout == "5 of 5 claims hold\n  page  page.html\n"
+    assert done.stdout.startswith("Hold error 0.094 N; ")
+    assert done.stdout.endswith("; 5 of 5 of this run's own checks hold\n  page  page.html\n")
     assert (tmp_path / "page.html").stat().st_size < 8e6
 
 
@@ -34,9 +35,11 @@ def test_a_page_is_the_same_whichever_process_drew_its_picture(
 def test_several_runs_share_a_page(force_position: Recording, position: Recording, tmp_path: Path):
     done = twin("report", force_position.path, position.path, "--json", cwd=tmp_path)
     facts = json.loads(done.stdout)
-    assert facts["headline"].startswith("fig4_position beside fig4_force_position: ")
+    assert "; fig4_position beside fig4_force_position: no verdict, another reference; " in facts["headline"]
     assert (
-        facts["headline"].endswith("; 28 of 34 claims hold, 6 not reproduced")
+        facts["headline"].endswith(
+            "; 23 of 29 claims of the paper's text hold, 6 not reproduced; 5 of 5 of this run's own checks hold"
+        )
         and facts["page"] == "results/report/report.html"
     )
     assert (tmp_path / "results/report/report.html").exists()

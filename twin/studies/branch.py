@@ -192,8 +192,9 @@ def _result(
     name: str, run: Path, outcomes: Sequence[BranchOutcome], at: float, point: "BranchPoint", home: Path
 ) -> Result:
     from twin.kernel.recording.reader import read
+    from twin.robot.assembly.declared import DECLARED
+    from twin.robot.experiment.recorded import recorded_values
     from twin.studies.metrics.standing import one_run_each
-    from twin.studies.paper.fig5_measures import settings
 
     columns = [
         Column("branch", left=True),
@@ -225,11 +226,15 @@ def _result(
     approximate = [taken_over] if any(one.jump is not None for one in outcomes) else []
     lacking = [note("state", f"run again for each branch: {'; '.join(point.lacking)}")] if point.lacking else []
     first = outcomes[0]
+
+    def experiment_of(one: BranchOutcome) -> dict[str, Any]:
+        return recorded_values(DECLARED, read(one.run.recording).metadata, one.run.recording)
+
     compared = [
         one_run_each(
             (str(number), "0"),
             (one.run.outcome.measures, first.run.outcome.measures),
-            (settings(read(one.run.recording)), settings(read(first.run.recording))),
+            (experiment_of(one), experiment_of(first)),
         )
         for number, one in enumerate(outcomes[1:], start=1)
     ]

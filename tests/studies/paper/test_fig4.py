@@ -226,7 +226,7 @@ def test_pages_state_the_count_and_the_reasons_of_the_scorecard(root: Path, runs
 def test_text_and_facts_of_the_scorecard_show_the_third_verdict_in_80_columns(runs: Fig4Runs):
     score = fig4_score(runs)
     lines = fig4_result(score).text.splitlines()
-    assert lines[0].endswith("25 of 31 claims hold, 6 not reproduced")
+    assert lines[0].endswith("25 of 31 claims of the paper's text hold, 6 not reproduced")
     assert max(map(len, lines)) <= 80
     assert sum(line.startswith("  miss ") for line in lines) == len(score.not_reproduced)
     assert "'ok !'" not in fig4_result(score).text
@@ -240,7 +240,7 @@ def test_a_claim_that_is_reproduced_after_all_is_said_and_counted_among_those_th
     assert (score.reproduced_after_all, score.failed) == (["z_lag"], [])
     text = fig4_result(score).text
     assert "  ok ! ... lag in time" in text and "reproduced here: z_lag." in text
-    assert "24 of 29 claims hold, 5 not reproduced" in text
+    assert "24 of 29 claims of the paper's text hold, 5 not reproduced" in text
     assert max(map(len, text.splitlines())) <= 80
 
 

@@ -166,12 +166,12 @@ def fig4_result(score: Score) -> Result:
     if score.unscored:
         lines += [f"Not scored: {counted(len(score.unscored), 'claim')}, marked ?, for want of what a run lacks:"]
         lines += [f"  {run}: no {', '.join(series)}" for run, series in score.missing.items()]
-    lines += [_two("Fig. 4: force-position control", standing(score.claims, PAPERS)), _claims(score.claims)]
+    lines += [_two("Fig. 4", standing(score.claims, PAPERS)), _claims(score.claims)]
     if not score.without_x:
         lines += ["  Imperfect: scale tilted, encoders off zero. All other rows: the ideal runs."]
     lines += [
         "",
-        _two("Judged on the true force, force-position run", standing(score.quality, OWN)),
+        _two("Judged on the true contact force", standing(score.quality, OWN)),
         _claims(score.quality),
     ]
     if score.reproduced_after_all:
