@@ -61,7 +61,8 @@ def test_a_load_without_a_unit_that_is_a_thousand_times_off_is_doubted_until_the
     drive = drive.model_copy(update=in_mm | {"inputs": {**drive.inputs, "tau_load": "tau_load"}})
     (doubt,) = qualified(drive).doubts
     assert doubt == (
-        "it turns against 294 N m, the drives of fmus/ stall by 2.94 N m; its load is without a unit; if it is in N mm, "
+        "it turns against 294 N m, the drives of fmus/ stall by 2.94 N m; its load is without a unit; if it is in "
+        "N mm, "
         'map tau_load = "tau_load[N.mm]"'
     )
     mended = qualified(drive.model_copy(update={"inputs": {**drive.inputs, "tau_load": "tau_load[N.mm]"}}))

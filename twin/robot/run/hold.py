@@ -56,7 +56,9 @@ class HoldRequest(NamedTuple):
     @staticmethod
     def of(experiment: Experiment) -> "HoldRequest":
         """The request of an experiment."""
-        asked = experiment.controller.force.reference
+        law = experiment.controller.force
+        # a third-party controller has no table of a force law
+        asked = law.reference if law else None
         thinned = experiment.recording.rate == "controller"
         return HoldRequest(
             experiment.controller.mode == "force_position",
