@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -66,6 +67,10 @@ def by_ssv(fmu: Path, name: str, value: float) -> float:
     return one_fmu(fmu, parameters=[file])
 
 
+def start_value(name: str, value: float) -> dict[str, Any]:
+    return {name: value}
+
+
 def by_input(fmu: Path, name: str, value: float) -> float:
     return one_fmu(fmu, inputs=[f"in_{name}=1 - step(0.1) + {value!r} * step(0.1)"])
 
@@ -75,13 +80,13 @@ def by_wire(fmu: Path, name: str, value: float) -> float:
     source = "Float64" if name in REALS else "Int64"
     start = odd_fmu(fmu.with_name(f"source_{source}.fmu"), types=[source])
     with Cosimulation(0.1, STOP) as made:
-        made.load("a", start, **{f"in_{source}": 1})
+        made.load("a", start, **start_value(f"in_{source}", 1))
         made.load("b", fmu)
         made.wire(f"a.out_{source}", f"b.in_{name}")
         made.step()
         made.set(f"a.in_{source}", value)
         made.step(2)
-        return made.get(f"b.out_{name}")
+        return cast(float, made.get(f"b.out_{name}"))
 
 
 def by_component(fmu: Path, name: str, value: float) -> float:
@@ -90,14 +95,14 @@ def by_component(fmu: Path, name: str, value: float) -> float:
         made.load("b", fmu)
         made.wire("a.y", f"b.in_{name}")
         made.run()
-        return made.get(f"b.out_{name}")
+        return cast(float, made.get(f"b.out_{name}"))
 
 
 def by_start(fmu: Path, name: str, value: float) -> float:
     with Cosimulation(0.1, STOP) as made:
-        made.load("b", fmu, **{f"in_{name}": value})
+        made.load("b", fmu, **start_value(f"in_{name}", value))
         made.run()
-        return made.get(f"b.out_{name}")
+        return cast(float, made.get(f"b.out_{name}"))
 
 
 def by_python(fmu: Path, name: str, value: float) -> float:
@@ -106,7 +111,7 @@ def by_python(fmu: Path, name: str, value: float) -> float:
         made.step()
         made.set(f"b.in_{name}", value)
         made.step()
-        return made.get(f"b.out_{name}")
+        return cast(float, made.get(f"b.out_{name}"))
 
 
 WAYS: dict[str, Callable[[Path, str, float], float]] = {
@@ -187,7 +192,7 @@ def test_a_whole_number_beyond_what_a_double_holds_ends_the_run_by_name_and_is_e
     fmu = odd_fmu(tmp_path / "x.fmu", types=[name], more=more)
     value = 2**50 + 1
     with Cosimulation(0.1, STOP) as made:
-        made.load("x", fmu, **{f"in_{name}": value})
+        made.load("x", fmu, **start_value(f"in_{name}", value))
         made.step()
         assert made.get("x.large") == 1024 * value
     with (
@@ -196,6 +201,6 @@ def test_a_whole_number_beyond_what_a_double_holds_ends_the_run_by_name_and_is_e
     ):
         simulation = Simulation(made.system, plan.timing.ticks)
         simulation.advance(1)
-        part = made.system.components[0]
+        part: Any = made.system.components[0]
         part.instance.write([(part.instance.description.variables[f"in_{name}"], 2.0**51 + 1.0)])
         simulation.run()

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 from scipy.stats import beta
@@ -73,6 +74,7 @@ def test_a_line_is_kept_by_the_worst_of_its_runs_with_the_monitor(lines):
 
 def test_the_terminal_prints_the_limit_and_where_the_monitor_detected_nothing(lines):
     (line,), _ = lines
+    row: Any
     (row,) = lines_table([line]).rows
     assert row[2] == "22.5 N" and row[-1] == "kept"
     blind = [replace(run, watched=run.watched and replace(run.watched, reason="")) for run in line.runs]

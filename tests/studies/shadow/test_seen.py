@@ -207,7 +207,7 @@ def test_a_session_shows_every_slice_and_all_that_happens_and_records_that_too(t
     log = write_log(tmp_path / "log.csv", run, angles=True)
     head, *lines = log.read_text().splitlines()
     log.write_text("\n".join([head, *(lines[k] for k in there)]))
-    robot, columns, of_now = opened(str(log), column_map(ANGLES), wanted, model.belief, 10.0)
+    robot, columns, of_now = opened(str(log), column_map(ANGLES), wanted, model.belief, 10.0, [])
     twin = twin_of(experiment, model, "robot")
     viewer: Any = onlooker
     session = Session(robot, columns, wanted, twin, model, 0.03, np.inf, of_now, lambda text: None, viewer=viewer)
@@ -217,5 +217,5 @@ def test_a_session_shows_every_slice_and_all_that_happens_and_records_that_too(t
     recorded = [event.text for event in read(followed.recording).events]
     assert onlooker.texts == recorded and len(recorded) == 3
     assert "not accepted, for it is not open any more: k_s" in recorded
-    line = session.line(quiet=0.0)
+    line = session.line()
     assert re.fullmatch(r"2\.5 s  500 Hz  late 0 ms  251 missing in 1 gap  NIS 0\.\d+  joints 0\.00\d deg", line), line

@@ -89,10 +89,10 @@ def opened(
     for name, messages in topics.items():
         paths = {s: c.name.removeprefix(f"{name}.") for s, c in columns.items() if topic_of(c, topics) == name}
         needed = [path for signal, path in paths.items() if signal in wanted and wanted[signal].column in NEEDED]
-        for found in numbers_of(Path(source), name, messages, needed).values() if needed else ():
-            if isinstance(found, Numbers):
-                count = len(found.invalid)
-                refuse_invalid(Path(source), "an encoder", count, count + len(found.rows))
+        for numbers in numbers_of(Path(source), name, messages, needed).values() if needed else ():
+            if isinstance(numbers, Numbers):
+                count = len(numbers.invalid)
+                refuse_invalid(Path(source), "an encoder", count, count + len(numbers.rows))
     return Playback(source, topics, speed=speed), columns, False
 
 
