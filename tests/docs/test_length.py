@@ -13,7 +13,7 @@ MOST_BY_HAND = 60_000
 WRITTEN = "<!-- from here on written by "
 """Marks the rest of a page as the output of a command."""
 GENERATED = ("compatibility.md",)
-TABLES = ("keys.md", "faults_reference.md", "roles_reference.md", "recording.md", "how_it_works.md")
+TABLES = ("keys.md", "run_measures.md", "faults_reference.md", "roles_reference.md", "recording.md", "how_it_works.md")
 """Pages whose tables a test holds equal to the code, or a command prints."""
 
 
