@@ -215,7 +215,7 @@ class HoldSums:
         J^T k_s N^2 eta J, as tau_l = k_s N eta (theta_m - N theta_l) (Eq. 18 to 20), dtheta_l = J dp_B, F = J^T tau_l.
         None if nothing was held or the robot is not known."""
         m = self._memory[0]
-        if not m["count"] or self.request.geometry is None:
+        if not (m["count"] and self.request.geometry and np.isfinite(m["p_B"]).all()):
             return None
         J_z = jacobian(self.request.geometry, m["p_B"] / m["count"])[:, 2]
         return float(self.request.stiffness * (J_z @ J_z))

@@ -57,6 +57,7 @@ def replay(
     from twin.kernel.recording.logs.column_map import column_map
     from twin.kernel.recording.logs.reader import read_log
     from twin.kernel.writing import write_json
+    from twin.studies.replay.held import log_measures
     from twin.studies.replay.model import model_for
     from twin.studies.replay.replay import normal_time, replayed
     from twin.studies.replay.text import draw_replay, next_command, record, replay_facts, replay_result
@@ -67,16 +68,17 @@ def replay(
     model = model_for(curves.path, experiment, settings)
     steps.next("estimating, and the plant model" if plant else "estimating")
     done = replayed(curves, model, plant, normal_time(baseline), tolerance)
+    held = log_measures(done.log, done.estimator, experiment, tuple(settings))
     name = model.name if experiment is None else curves.path.stem
     folder = claim_run_folder(out) if out else create_run_folder(HOME, name, datetime.now())
     files = {"recording": folder / RECORDING, "picture": folder / PICTURE, "facts": folder / FACTS}
     steps.next("recording and drawing")
     record(done, files["recording"])
     draw_replay(done, name, files["picture"])
-    write_json(files["facts"], replay_facts(done))
+    write_json(files["facts"], replay_facts(done, held))
     options = {"--experiment": [experiment] if experiment else [], "--map": maps, "--set": settings}
     options |= {"--from-s": [] if from_s is None else [from_s], "--to-s": [] if to_s is None else [to_s]}
     words = [word for option, values in options.items() for value in values for word in (option, str(value))]
     first = next_command(done, str(log))
     following = shlex.join([*first, *words]) if first else ""
-    return replay_result(done, name, {kind: str(path) for kind, path in files.items()}, following)
+    return replay_result(done, held, name, {kind: str(path) for kind, path in files.items()}, following)

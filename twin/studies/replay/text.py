@@ -19,7 +19,9 @@ from twin.kernel.writing import finite
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS as ESTIMATES
 from twin.robot.plant.component import OUTPUTS as MOTION
 from twin.robot.plant.encoder import SCALE_OUTPUTS as SCALE
+from twin.robot.run.measures import Values, with_units
 from twin.studies.figure import INK, JOINTS, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLOW, RED, Axes, picture
+from twin.studies.replay.held import text_of
 from twin.studies.replay.replay import Indicator, Outputs, Replay, pressing
 from twin.studies.result import Block, Column, Note, Result, Table, note
 
@@ -162,12 +164,19 @@ def verdict(replay: Replay) -> ReplayVerdict:
     return ReplayVerdict.DRIFTING if replay.first_alarm else ReplayVerdict.MATCHES
 
 
-def replay_result(replay: Replay, name: str, files: dict[str, str], following: str) -> Result:
-    """The whole report. name: of the log; files: kind -> path; following: the command that comes next, or ""."""
+def replay_result(replay: Replay, held: Values, name: str, files: dict[str, str], following: str) -> Result:
+    """The whole report.
+
+    Args:
+        held: measures of the log's force.
+        name: of the log.
+        files: kind -> path.
+        following: the command that comes next, or "".
+    """
     forces: list[Block] = [_table(replay), ""] if replay.forces else []
-    parts = [*_reasons(replay), "", *forces, *_samples(replay)]
+    parts = [*_reasons(replay), "", *forces, note("held", text_of(held)), *_samples(replay)]
     shown = {**files, **({"next": following} if following else {})}
-    facts = replay_facts(replay) | files | {"next": following}
+    facts = replay_facts(replay, held) | files | {"next": following}
     return Result(_headline(replay, name), parts, facts, shown, exit_code=1 if replay.first_alarm else 0)
 
 
@@ -242,7 +251,7 @@ def next_command(replay: Replay, log: str) -> list[str]:
     return [] if replay.plant else ["twin", "replay", log, "--plant"]
 
 
-def replay_facts(replay: Replay) -> dict[str, object]:
+def replay_facts(replay: Replay, held: Values) -> dict[str, object]:
     """Everything that a replay says in numbers; keys carry units, what does not exist is None."""
     log = replay.log
     return {
@@ -256,6 +265,7 @@ def replay_facts(replay: Replay) -> dict[str, object]:
         "gaps_s": log.gaps.tolist(),
         "force_N": {name: finite(asdict(one)) for name, one in replay.statistics.items()},
         "indicators": [_indicator_facts(one) for one in replay.indicators],
+        "measures": with_units(held),
         "notes": list(log.notes),
     }
 

@@ -1,0 +1,108 @@
+"""Measures of the force that a log holds: the measured force beside the reference of the twin's own controller."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.cosim.delay import play
+from twin.kernel.cosim.port import by_port
+from twin.kernel.errors import InputRefused
+from twin.kernel.recording.logs.reader import is_recording
+from twin.kernel.recording.messages import Field
+from twin.kernel.recording.reader import origin
+from twin.robot.assembly.build import controller
+from twin.robot.assembly.load import load_experiment, recorded_experiment
+from twin.robot.controller.controller import SHARE
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.hold import HoldRequest
+from twin.robot.run.measures import MEASURES, Values, unmeasured
+from twin.robot.run.view import outcome_of
+from twin.studies.replay.replay import Outputs, RobotLog
+
+MAX_PERIOD_ERROR = 0.02
+"""Largest difference of the log's period from a divisor of the controller's, as a share."""
+OF_A_FORCE = (
+    "hold_error", "hold_overshoot", "hold_settling_time", "chatter", "chatter_frequency", "hold_mean_error",
+    "hold_overshoot_force", "hold_begin", "hold_end", "force_error", "peak", "peak_time", "end",
+)  # fmt: skip
+"""Measures that a force and its reference are enough for."""
+
+
+class _LogView:
+    """A log as a run that is read: the measured force in place of the plant's, the controller of the twin."""
+
+    def __init__(self, log: RobotLog, outputs: Outputs, called: NDArray[np.float64]):
+        assert log.force is not None
+        F_z = log.force.values
+        self._series = {"plant.F_ee_B": np.column_stack([np.zeros((len(F_z), 2)), -F_z])}
+        self._series |= {f"controller.{name}": values for name, values in outputs.items()}
+        self._times = {"plant": log.force.t, "controller": called}
+
+    def __getitem__(self, key: str) -> NDArray:
+        return self._series[key]
+
+    def time(self, topic: str) -> NDArray[np.float64]:
+        return self._times[topic]
+
+    def fields(self) -> Mapping[str, Field]:
+        return {key: Field(key.rpartition(".")[2], 1, "double", "1", "") for key in self._series}
+
+
+def log_measures(log: RobotLog, estimate: Outputs, source: Path | None, settings: tuple[str, ...]) -> Values:
+    """Compute the measures of a log's held force; each None, with the reason, if there is no force or no controller.
+
+    Args:
+        log: encoders and measured force.
+        estimate: outputs of the controller's estimator at the log's samples.
+        source: experiment of the robot; None for that of the log, a recording.
+        settings: "table.key=value" texts for the experiment.
+    """
+    if log.force is None:
+        return unmeasured("the log has no force")
+    try:
+        if source is None and not is_recording(log.path):
+            return unmeasured("no experiment")
+        experiment = (
+            load_experiment(source, settings)
+            if source
+            else recorded_experiment(origin(log.path), log.path, changed=True, settings=settings)
+        )
+    except InputRefused as refusal:
+        return unmeasured(f"no controller: {str(refusal).splitlines()[0]}")
+    if "controller" in experiment.stand_ins:
+        return unmeasured("a third-party controller does not run on a log")
+    period = experiment.controller_ticks * experiment.cosim.tick
+    stride = max(1, round(period / log.period))
+    if abs(stride * log.period / period - 1.0) > MAX_PERIOD_ERROR:
+        text = f"a sample every {1e3 * log.period:.4g} ms, the controller needs one every {1e3 * period:g} ms"
+        return unmeasured(text)
+    view = _LogView(log, *_commanded(experiment, log, estimate, stride, period))
+    found = outcome_of(view, HoldRequest.of(experiment))
+    return {key: found.measures[key] for key in OF_A_FORCE} if found else unmeasured("the log has no force")
+
+
+def _commanded(
+    experiment: Experiment, log: RobotLog, estimate: Outputs, stride: int, period: float
+) -> tuple[Outputs, NDArray[np.float64]]:
+    """Outputs of the twin's controller on the log's counts, and the times of its calls."""
+    law = controller(experiment)
+    t = log.t[::stride]
+    n = len(t)
+    inputs = [np.ones((n, 1)) if port == SHARE else estimate[port.name][::stride].reshape(n, -1) for port in law.inputs]
+    rows, _ = play(law, t - t[0], np.full(n, period), np.hstack(inputs))
+    values = by_port(law.outputs, rows)
+    return {name: one[:, 0] if one.shape[1] == 1 else one for name, one in values.items()}, t[: len(rows)]
+
+
+def text_of(values: Values) -> str:
+    """The first measures of a log, or why there are none."""
+    error = values["hold_error"]
+    if error.value is None:
+        return f"none: {error.reason}"
+    return ", ".join(
+        f"{MEASURES[key].text} {MEASURES[key].shown(one.value)}"
+        for key in ("hold_error", "hold_overshoot", "hold_settling_time", "chatter")
+        if (one := values[key]).value is not None
+    )
