@@ -58,7 +58,7 @@ def test_nothing_runs_by_being_looked_at(folder: Path):
         "started = []\n"
         "sys.addaudithook(lambda event, _: started.append(event) if event in ('os.fork', 'os.posix_spawn', 'os.exec', "
         "'subprocess.Popen') else None)\n"
-        "done = CliRunner().invoke(app, ['sweep', 'show', sys.argv[1], '--html'], catch_exceptions=False)\n"
+        "done = CliRunner().invoke(app, ['sweep', 'show', sys.argv[1]], catch_exceptions=False)\n"
         "print(done.stdout)\n"
         "print('ran', started, 'twin.robot.assembly.load' in sys.modules)\n"
     )
