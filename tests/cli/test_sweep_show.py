@@ -1,6 +1,8 @@
 """`twin sweep show`: text, pictures, page and JSON of a folder."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -9,7 +11,7 @@ from typer.testing import CliRunner
 from tests.studies.sweep.statistics.rows import row
 from twin.cli.app import app
 from twin.kernel.errors import InputRefused, NotWritten
-from twin.studies.sweep.rows import FACTS, ROWS
+from twin.studies.sweep.rows import FACTS, MARGINS, ROWS
 
 
 @pytest.fixture
@@ -41,6 +43,35 @@ def test_the_answer_comes_first_and_the_files_last(folder: Path):
     assert lines[1] == "  other within 0.05 N; k at the edge of what was tried; 1 failed"
     assert lines[-1].split() == ["page", str(folder / "sweep.html")]
     assert {path.name for path in folder.iterdir()} >= {"map.png", "metrics.png", "sweep.html"}
+
+
+def test_nothing_runs_by_being_looked_at(folder: Path):
+    margins = {"4": {"run": 4, "gain": 129.0, "phase_rad": 1.9, "reason": ""}}
+    (folder / MARGINS).write_text(json.dumps(margins))
+    # a sweep of somebody else may name an experiment whose drives are native code
+    facts = json.loads((folder / FACTS).read_text())
+    (folder / FACTS).write_text(json.dumps({**facts, "origin": {"file": str(folder / "theirs.toml")}}))
+    script = (
+        "import sys\n"
+        "from typer.testing import CliRunner\n"
+        "from twin.cli.app import app\n"
+        "started = []\n"
+        "sys.addaudithook(lambda event, _: started.append(event) if event in ('os.fork', 'os.posix_spawn', 'os.exec', "
+        "'subprocess.Popen') else None)\n"
+        "done = CliRunner().invoke(app, ['sweep', 'show', sys.argv[1]], catch_exceptions=False)\n"
+        "print(done.stdout)\n"
+        "print('ran', started, 'twin.robot.assembly.load' in sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script, folder], capture_output=True, text=True, check=True)
+    assert "margins of the force loop" in done.stdout and "129" in done.stdout
+    assert done.stdout.splitlines()[-1] == "ran [] False"
+
+
+@pytest.mark.parametrize("content", ['{"4": {"gain": 1.0}}', "[]", '{"4": ', '{"4": {"run": 4, "gain": 1e999}}'])
+def test_margins_that_twin_did_not_write_are_refused(folder: Path, content: str):
+    (folder / MARGINS).write_text(content)
+    done = CliRunner().invoke(app, ["sweep", "show", str(folder)])
+    assert isinstance(done.exception, InputRefused) and f"{folder / MARGINS}: not what" in str(done.exception)
 
 
 def test_the_worst_over_a_parameter_is_asked_for_by_its_short_name(folder: Path):

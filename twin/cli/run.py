@@ -289,16 +289,7 @@ def sweep_show(
     # only for what is there: what reckons takes a second to load
     from twin.studies.figure import for_paper
     from twin.studies.sweep.rows import write_parquet
-    from twin.studies.sweep.show.parts import (
-        Asked,
-        axes_of,
-        best_rows,
-        margins_part,
-        part_text,
-        parts,
-        sweep_text,
-        worst_label,
-    )
+    from twin.studies.sweep.show.parts import Asked, axes_of, parts, sweep_text, worst_label
     from twin.studies.sweep.show.pictures import write_pictures
     from twin.studies.sweep.statistics.ranking import checked_rank, claims_in, usual_against, usual_metric
 
@@ -311,13 +302,6 @@ def sweep_show(
     if not as_json:
         # pictures of a million runs take as long again
         yield Answer(sweep_text(found, asked), {})
-    if not claims and (rows := best_rows(found, asked).tolist()) and found.origin:
-        from twin.studies.sweep.margins import best_margins
-
-        say("margins of the best runs")
-        asked = replace(asked, margins=best_margins(found, rows))
-        if not as_json and (margins := margins_part(found, asked)):
-            yield Answer(part_text(margins), {})
     with for_paper(formats, columns) as paper:
         files = write_pictures(found, asked, x, y, folder)
     vectors = {f"{path.suffix[1:]} {path.stem}": path for path in paper.written}

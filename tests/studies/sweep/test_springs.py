@@ -6,15 +6,17 @@ import numpy as np
 import pytest
 
 from tests.studies.sweep.statistics.rows import kept, row
+from twin.kernel.process.job import JobLimits
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
-from twin.studies.sweep.margins import CHANGED, best_margins
+from twin.studies.sweep.margins import trial as margins_of
 from twin.studies.sweep.plan import plan_of, short_definition
-from twin.studies.sweep.rows import Row, SweepRows, stored_sweep
+from twin.studies.sweep.rows import Row, stored_sweep
 from twin.studies.sweep.show.parts import headline
 from twin.studies.sweep.statistics.ranking import best, equal_to_best, usual_metric, value
-from twin.studies.sweep.sweep import Pool, run_sweep
+from twin.studies.sweep.study import carried_out
+from twin.studies.sweep.sweep import Pool
 from twin.studies.sweep.worker import trial
 
 SPRINGS = (0.2, 0.3, 0.5, 0.8, 0.9, 1.5, 3.0)
@@ -43,7 +45,9 @@ def by_hand(folder: Path) -> tuple[float, float | None, float]:
 def rows(root: Path) -> list[Row]:
     path = root / "experiments/fig4_force_position.toml"
     findings = {k: trial(path, None, [f"robot.k_s_Nm_per_rad={k}"]) for k in SPRINGS}
-    return [row(n, {"robot.k_s": k}, **one.metrics) for n, (k, one) in enumerate(findings.items(), start=1)]
+    return [
+        row(n, {"robot.k_s": k}, None, "done", **one.metrics) for n, (k, one) in enumerate(findings.items(), start=1)
+    ]
 
 
 def test_the_ranking_of_springs_is_that_of_the_recorded_forces(root: Path, rows: list[Row], tmp_path: Path):
@@ -73,22 +77,28 @@ def test_the_error_since_the_first_touch_would_choose_another_spring(rows: list[
     assert value(sweep.columns, "hold_error_N")[SPRINGS.index(1.5)] > 0.15
 
 
-def margins_of(sweep: SweepRows) -> dict:
-    return best_margins(sweep, range(len(sweep.columns)))
-
-
 @pytest.mark.slow
-def test_margins_are_those_of_the_runs_experiment_and_none_if_it_has_changed(root: Path, tmp_path: Path):
+def test_margins_are_computed_once_at_the_end_and_kept_beside_the_rows(root: Path, tmp_path: Path):
     original = root / "experiments/fig4_force_position.toml"
-    path = tmp_path / "mine.toml"
-    path.write_text(f'extends = "{original}"\n')
-    plan = plan_of(short_definition(path, ["robot.k_s_Nm_per_rad=0.5:1:2"], None), path, "mine", "--sweep")
-    run_sweep(plan, tmp_path / "s", Pool(1))
-    sweep = stored_sweep(tmp_path / "s")
-    found = margins_of(sweep)
-    assert [round(one.gain) for one in found.values()] == [129, 97]
-    assert [round(np.degrees(one.phase)) for one in found.values()] == [108, 109]
-    path.write_text(f'extends = "{original}"\n[contact]\nstiffness_N_per_m = 2000\n')
-    assert {one.reason for one in margins_of(sweep).values()} == {CHANGED}
-    path.unlink()
-    assert all("mine.toml" in one.reason for one in margins_of(sweep).values())
+    plan = plan_of(short_definition(original, ["robot.k_s_Nm_per_rad=0.5:1:2"], None), original, "mine", "--sweep")
+    said: list[str] = []
+    for _ in range(2):
+        carried_out(plan, tmp_path / "s", Pool(1), JobLimits(), lambda text, *_: said.append(text))
+    found = [*stored_sweep(tmp_path / "s").margins.values()]
+    assert [(one["run"], one["reason"]) for one in found] == [(1, ""), (2, "")]
+    assert [round(one["gain"] or 0.0) for one in found] == [129, 97]
+    assert [round(np.degrees(one["phase_rad"] or 0.0)) for one in found] == [108, 109]
+    assert said.count("margins of the best runs") == 1
+
+
+@pytest.mark.parametrize(
+    ("settings", "reason"),
+    [
+        (["controller.force.kp_mm_per_N=1e3"], "unstable"),
+        (['controller.mode="position"'], "no force loop in contact"),
+        (["robot.k_s_Nm_per_rad=-1"], "k_s"),
+    ],
+)
+def test_a_run_without_margins_has_the_reason(root: Path, settings: list[str], reason: str):
+    found = margins_of(root / "experiments/fig4_force_position.toml", None, settings)
+    assert found.status == "failed" and reason in found.reason and "\n" not in found.reason

@@ -418,7 +418,6 @@ class SweepPlan:
             values, the FMUs' SHA-256, drive and settings.
         metrics: that a run may have.
         configuration: what all runs have in common, by what a user would call it -> hash.
-        settings: for `load_experiment`, of every run.
     """
 
     name: str
@@ -427,29 +426,6 @@ class SweepPlan:
     tasks: tuple[Task, ...]
     metrics: tuple[str, ...]
     configuration: dict[str, str]
-    settings: tuple[str, ...] = ()
-
-    @property
-    def origin(self) -> dict[str, Any]:
-        """Origin of the runs, for `tasks_again`."""
-        definition = self.definition.model_dump(mode="json", by_alias=True, exclude_unset=True)
-        return {"file": str(self.experiment.absolute()), "definition": definition, "settings": self.settings}
-
-
-def tasks_again(origin: dict[str, Any], runs: Sequence[tuple[int, str, DesignPoint]]) -> list[Task]:
-    """Tasks of finished runs (number, key, point), without those for which twin, the experiment, a body or an FMU has
-    changed.
-
-    Raises:
-        InputRefused: the experiment cannot be loaded any more.
-    """
-    experiment, definition = Path(origin["file"]), _checked(origin["definition"], "the sweep")
-    files, found = _Files("the sweep", experiment, definition.claims is not None), []
-    for number, key, point in runs:
-        draft = (*origin["settings"], *_settings(definition, point))
-        if files.key(point, draft) == key:
-            found.append(Task(number, key, point.drive, point.parameters, (*draft, *files.pins(point, draft))))
-    return found
 
 
 def planned(path: Path) -> SweepPlan:
@@ -490,7 +466,7 @@ def plan_of(definition: SweepFile, experiment: Path, name: str, source: str, set
         "the experiment, a body or an FMU": _hash(sorted(files.digests.values())),
         "the version of twin": version("twin"),
     }
-    return SweepPlan(name, definition, experiment, tasks, metrics, configuration, tuple(settings))
+    return SweepPlan(name, definition, experiment, tasks, metrics, configuration)
 
 
 def _settings(definition: SweepFile, point: DesignPoint) -> tuple[str, ...]:

@@ -377,14 +377,7 @@ class RowFile:
 
 HOME = Path("results/sweeps")
 FACTS = "sweep.json"
-
-
-class Origin(FileShape):
-    """`SweepPlan.origin`."""
-
-    file: str
-    definition: dict[str, Any]
-    settings: list[str]
+MARGINS = "margins.json"
 
 
 class Facts(FileShape):
@@ -398,7 +391,26 @@ class Facts(FileShape):
     metrics: list[str]
     limits: dict[str, float]
     configuration: dict[str, str]
-    origin: Origin | None = None
+
+
+@with_config(_LOOSE)
+class RunMargins(TypedDict):
+    """Margins of the force loop where the robot presses, the smallest over the places.
+
+    Attributes:
+        run: its number.
+        gain: factor by which the gain may grow; None: by any.
+        phase_rad: None if the loop's gain never reaches 1.
+        reason: why there are no margins; "" if there are.
+    """
+
+    run: Whole
+    gain: float | None
+    phase_rad: float | None
+    reason: str
+
+
+_FACTS, _MARGINS = TypeAdapter(Facts), TypeAdapter(dict[str, RunMargins])
 
 
 @dataclass(frozen=True)
@@ -413,7 +425,7 @@ class SweepRows:
         metrics: that a run may have.
         columns: rows of finished runs, by run.
         read: reads these rows as they are written.
-        origin: see `SweepPlan.origin`; empty in a sweep of an older twin.
+        margins: of the best runs, by the keys of their rows; empty: none were computed.
     """
 
     name: str
@@ -425,7 +437,7 @@ class SweepRows:
     limits: dict[str, float]
     columns: Columns
     read: Callable[[], list[Row]]
-    origin: dict[str, Any] = field(default_factory=dict)
+    margins: dict[str, RunMargins] = field(default_factory=dict)
 
     @cached_property
     def rows(self) -> list[Row]:
@@ -440,7 +452,7 @@ def claim(folder: Path, plan: "SweepPlan") -> None:
         InputRefused: it is another sweep's, or cannot be made.
         NotWritten: the disk refuses.
     """
-    facts = _read(folder)
+    facts = _read(folder / FACTS, _FACTS)
     if facts:
         changed = [what for what, digest in plan.configuration.items() if facts["configuration"].get(what) != digest]
         if changed:
@@ -459,7 +471,6 @@ def claim(folder: Path, plan: "SweepPlan") -> None:
         "metrics": plan.metrics,
         "limits": plan.definition.limits,
         "configuration": plan.configuration,
-        "origin": plan.origin,
     }
     made_folder(folder)
     if (folder / ROWS).exists():
@@ -473,7 +484,7 @@ def stored_sweep(folder: Path) -> SweepRows:
     Raises:
         InputRefused: no sweep's, or as `read_columns`.
     """
-    facts = _read(folder)
+    facts = _read(folder / FACTS, _FACTS)
     if not facts:
         raise InputRefused(
             f"{folder}: not the folder of a sweep, {FACTS} is missing; expected a folder that twin sweep wrote"
@@ -483,16 +494,15 @@ def stored_sweep(folder: Path) -> SweepRows:
     lists = {name: tuple(facts[name]) for name in ("drives", "labels", "metrics")}
     return SweepRows(
         facts["sweep"], facts["runs"], facts["design"], limits=facts["limits"],
-        columns=columns, read=lambda: read_rows(path), origin=facts.get("origin", {}), **lists,
+        columns=columns, read=lambda: read_rows(path), margins=_read(folder / MARGINS, _MARGINS), **lists,
     )  # fmt: skip
 
 
-def _read(folder: Path) -> dict[str, Any]:
-    """The facts of `folder`; empty if there are none."""
-    path = folder / FACTS
+def _read(path: Path, shape: TypeAdapter[Any]) -> dict[str, Any]:
+    """What is in the JSON file at `path`; empty if there is none."""
     if not os.path.lexists(path):
         return {}
-    facts = parsed(read_bytes(path), Facts)
+    facts = _checked(read_bytes(path), shape)
     if facts is None:
         raise InputRefused(f"{path}: not what twin sweep writes; choose another --out")
     return facts

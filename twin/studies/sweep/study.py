@@ -212,7 +212,7 @@ def carried_out(
     from twin.studies.sweep.rows import ROWS, stored_sweep, write_parquet
     from twin.studies.sweep.show.parts import headline_text
     from twin.studies.sweep.statistics.ranking import usual_metric
-    from twin.studies.sweep.sweep import run_sweep, state_text
+    from twin.studies.sweep.sweep import Pool, run_sweep, state_text
 
     try:
         run_sweep(plan, folder, engine, record, limits, lambda state: say(state_text(state)))
@@ -225,6 +225,11 @@ def carried_out(
             "the same command runs the others"
         ) from None
     found = stored_sweep(folder)
+    if isinstance(engine, Pool):
+        # linearising takes a second to load
+        from twin.studies.sweep.margins import write_margins
+
+        write_margins(plan, found, folder, engine, limits, say)
     if parquet:
         write_parquet(found, folder / "rows.parquet")
     code = 0 if True in found.columns.words("has_metrics").counts else 1

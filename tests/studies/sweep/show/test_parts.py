@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 
 from tests.studies.sweep.statistics.rows import kept, row
 from twin.studies.result import WIDTH
-from twin.studies.sweep.margins import RunMargins
 from twin.studies.sweep.plan import saltelli_cube
-from twin.studies.sweep.rows import Row, SweepRows
+from twin.studies.sweep.rows import Row, RunMargins, SweepRows
 from twin.studies.sweep.show.parts import Asked, ReportPart, headline, interval, number, parts, short, sweep_text
 from twin.studies.sweep.show.pictures import shown_range
 from twin.studies.sweep.statistics.ranking import usual_against, usual_metric
@@ -46,7 +45,7 @@ def part(sweep: SweepRows, key: str, asked: Asked = ASKED) -> ReportPart:
 
 def held(run: int, k: float, error: float, settling: float | None, overshoot: float = 0.0) -> Row:
     numbers = {"hold_settling_time_s": settling, "hold_overshoot_percent": overshoot, "felt_stiffness_N_per_m": 1e3 * k}
-    return row(run, {"robot.k_s": k}, **metrics(error), **numbers)
+    return row(run, {"robot.k_s": k}, None, "done", **metrics(error), **numbers)
 
 
 def test_runs_within_a_step_of_the_scale_equal_the_best_and_the_first_to_settle_comes_first():
@@ -98,11 +97,21 @@ def test_the_reason_why_runs_hold_nothing_stands_once():
     assert best.remarks == [f"2 runs without hold_error_N: {reason}"]
 
 
+def run_margins(run: int, gain: float | None = None, phase: float | None = None, reason: str = "") -> RunMargins:
+    return {"run": run, "gain": gain, "phase_rad": phase, "reason": reason}
+
+
 def test_margins_of_the_best_runs_stand_after_them_with_the_reason_where_there_are_none():
-    margins = {3: RunMargins(129.0, math.radians(108.0)), 1: RunMargins(reason="no force loop in contact")}
-    asked = Asked(*list(vars(ASKED).values())[:3], margins=margins)
-    found = part(kept([held(n, float(n), float(n), 1.0) for n in range(1, 5)]), "margins", asked)
-    assert found.rows == [["3", "129", "108"]] and found.remarks == ["none of 1 run: no force loop in contact"]
+    rows, no_loop = [held(n, float(n), float(n), 1.0) for n in range(1, 7)], "no force loop in contact"
+    found = [
+        run_margins(6, 2.0), run_margins(3, 129.0, math.radians(108.0)), run_margins(5, 0.5),
+        run_margins(1, reason=no_loop), run_margins(2, reason=no_loop), run_margins(4, reason="unstable\x1b[2J"),
+    ]  # fmt: skip
+    margins = part(kept(rows, margins={str(one["run"]): one for one in found}), "margins")
+    # of the five runs that are shown, in their order
+    assert margins.rows == [["3", "129", "108"], ["5", "0.5", "-"]]
+    assert margins.remarks[:2] == [f"none of 2 runs: {no_loop}", "none of 1 run: unstable\\x1b[2J"]
+    assert "margins" not in [one.key for one in parts(kept(rows), ASKED)]
 
 
 def test_no_line_is_wider_than_a_terminal_and_columns_left_out_are_counted():

@@ -1,9 +1,9 @@
 """The report of a sweep, answer first: tables with sentences, and all of them as text."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,9 +14,6 @@ from twin.studies.sweep.rows import Column as Values
 from twin.studies.sweep.rows import Columns, Positions, SweepRows
 from twin.studies.sweep.statistics import ranking, sensitivity
 from twin.studies.sweep.statistics.ranking import BINS, value, worst_over
-
-if TYPE_CHECKING:
-    from twin.studies.sweep.margins import RunMargins
 
 
 @dataclass(frozen=True)
@@ -248,23 +245,19 @@ class Asked:
         against: the other one of the Pareto front.
         top: so many best runs.
         worst_over: the parameter over which each choice of the others is judged by its worst run; None: none.
-        margins: of the best runs, by number; empty: none were computed.
     """
 
     by: str
     against: str
     top: int
     worst_over: str | None = None
-    margins: Mapping[int, "RunMargins"] = field(default_factory=dict)
 
 
 def parts(sweep: SweepRows, asked: Asked) -> list[ReportPart]:
     """Everything there is to say, most wanted first. In a sweep with claims these come first and no run is best: what
     is drawn there cannot be chosen."""
     judged = claims_part(sweep)
-    found: list[ReportPart | None] = (
-        [judged] if judged else [_best(sweep, asked), margins_part(sweep, asked), _drives(sweep, asked)]
-    )
+    found: list[ReportPart | None] = [judged] if judged else [f(sweep, asked) for f in (_best, _margins, _drives)]
     if asked.worst_over is not None:
         found.insert(0, _worst(sweep, asked, asked.worst_over))
     found += sensitivity_parts(sweep, asked.by)
@@ -351,17 +344,19 @@ def best_rows(sweep: SweepRows, asked: Asked) -> Positions:
     return np.concatenate([ranked[:1], equal, others])[:shown]
 
 
-def margins_part(sweep: SweepRows, asked: Asked) -> ReportPart | None:
+def _margins(sweep: SweepRows, asked: Asked) -> ReportPart | None:
     """Margins of the force loop of the best runs; None if none were computed."""
-    if not asked.margins:
+    keys = sweep.columns.words("key").at(best_rows(sweep, asked))
+    found = [sweep.margins[key] for key in keys if key in sweep.margins]
+    if not found:
         return None
-    reasons = list(dict.fromkeys(one.reason for one in asked.margins.values() if one.reason))
     rows = [
-        [str(run), _scaled(one.gain), _scaled(one.phase, 180.0 / math.pi)]
-        for run, one in asked.margins.items()
-        if not one.reason
+        [str(one["run"]), _scaled(one["gain"]), _scaled(one["phase_rad"], 180.0 / math.pi)]
+        for one in found
+        if not one["reason"]
     ]
-    remarks = [f"none of {counted(len(asked.margins) - len(rows), 'run')}: {reason}" for reason in reasons]
+    reasons = Counter(one["reason"] for one in found if one["reason"])
+    remarks = [f"none of {counted(runs, 'run')}: {plain(reason)}" for reason, runs in reasons.items()]
     if any("-" in row for row in rows):
         remarks.append("-: no gain up to 1000, or no change of phase, makes the loop unstable")
     title = "margins of the force loop where it presses, linear model; other loops: twin analyse"
@@ -534,11 +529,6 @@ def sweep_text(sweep: SweepRows, asked: Asked) -> str:
     """The report of a sweep."""
     found = (block for part in parts(sweep, asked) for block in _blocks(part))
     return laid_out([_folded(headline(sweep, asked.by)), *found])
-
-
-def part_text(part: ReportPart) -> str:
-    """One part of the report."""
-    return laid_out(_blocks(part))
 
 
 def _blocks(part: ReportPart) -> list[Block]:
