@@ -57,8 +57,9 @@ def test_the_same_rows_make_the_same_bytes(sweep: SweepRows, pictures: dict[str,
 
 
 def test_a_folder_that_cannot_be_written_is_told(sweep: SweepRows, tmp_path: Path):
+    (tmp_path / "file").touch()
     with pytest.raises(NotWritten, match=r"sweep\.html: cannot be written"):
-        write_sweep_page(sweep, ASKED, {}, tmp_path / "not_there")
+        write_sweep_page(sweep, ASKED, {}, tmp_path / "file")
 
 
 def test_a_parameter_that_does_not_vary_is_on_no_map(sweep: SweepRows, tmp_path: Path):
