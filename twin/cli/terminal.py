@@ -24,6 +24,7 @@ from twin.robot.run.measures import (
     MEASURES,
     NEXT,
     NOT_FOR_TASKS,
+    MeasuredValue,
     Values,
     measured_values,
     shown,
@@ -83,18 +84,26 @@ def _warning(values: Values) -> str:
 
 def _hold(values: Values) -> Iterator[str]:
     """The first measures, and what goes with them; why there are none where nothing is held."""
-    error = values["hold_error"]
-    if error.value is None:
+    error, begin, end = (values[key] for key in ("hold_error", "hold_begin", "hold_end"))
+    if error.value is None or begin.value is None or end.value is None:
         yield from wrapped(f"none: {error.reason}", _row("held", ""))
-        return
-    first = [f"{MEASURES[key].text} {shown(key, values)}" for key in HEADLINE if values[key].reason != NOT_FOR_TASKS]
-    span = f"{values['hold_begin'].value:.1f} to {values['hold_end'].value:.1f} s: "
-    if values["chatter_frequency"].value is not None:
-        first[-1] += f" at {shown('chatter_frequency', values)}"
-    yield from wrapped(span + ", ".join(first), _row("held", ""))
+    else:
+        # a remark on how they are taken stands behind the first one only
+        remark, values = error.reason, {key: _without(error.reason, one) for key, one in values.items()}
+        first = [
+            f"{MEASURES[key].text} {shown(key, values)}" for key in HEADLINE if values[key].reason != NOT_FOR_TASKS
+        ]
+        first[0] += f" ({remark})" if remark else ""
+        if values["chatter_frequency"].value is not None:
+            first[-1] += f" at {shown('chatter_frequency', values)}"
+        yield from wrapped(f"{begin.value:.1f} to {end.value:.1f} s: " + ", ".join(first), _row("held", ""))
     # a robot that stays on its axis has no lateral error
     rest = (f"{MEASURES[key].text} {shown(key, values)}" for key in NEXT if (values[key].value or 0.0) > 1e-6)
     yield from wrapped(", ".join(rest), _row("", ""))
+
+
+def _without(remark: str, one: MeasuredValue) -> MeasuredValue:
+    return MeasuredValue(one.value) if one.value is not None and one.reason == remark else one
 
 
 def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> Iterator[str]:

@@ -288,7 +288,7 @@ def data_of(page: str) -> dict:
 def test_the_verdict_comes_before_everything_else(page: str):
     titles = re.findall(r"<h2[^>]*>([^<]*)</h2>", page)
     assert titles[:2] == ["Verdict", "Replay"]
-    assert "5 of 5 of this run's own checks hold" in page[: page.index("Replay</h2>")]
+    assert "5 of 5 of this run&#x27;s own checks hold" in page[: page.index("Replay</h2>")]
 
 
 def test_four_numbers_of_what_truly_happened_stand_beside_the_verdict(page: str, force_position: Recording):
@@ -373,7 +373,7 @@ def test_what_a_drive_says_of_its_own_has_a_panel(root: Path, tmp_path: Path):
 
 def test_several_runs_are_laid_over_each_other_with_what_differs(force_position: Recording, position: Recording):
     page = report_page([ReportRun("with", force_position), ReportRun("without", position)])[0]
-    assert "23 of 29 claims of the paper's text hold, 6 not reproduced" in page
+    assert "23 of 29 claims of the paper&#x27;s text hold, 6 not reproduced" in page
     assert '<th scope="row">controller.mode</th><td></td><td>force_position</td><td>position</td>' in page
     for panel in data_of(page)["panels"]:
         assert all(len(row["curves"]) == 2 for row in panel["rows"])

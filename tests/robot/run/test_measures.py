@@ -228,3 +228,13 @@ def test_a_state_with_other_sums_is_refused(root: Path):
     one, other = Tally(rows, HoldRequest(True)), Tally(rows, HoldRequest.of(experiment))
     with pytest.raises(InputRefused, match="other sums"):
         other._sums = one._sums
+
+
+def test_a_controller_that_reports_no_reference_is_not_judged_and_the_text_says_why(root: Path, tmp_path: Path):
+    run = execute(load_experiment(root / FIG4, ["controller.python=examples/my_controller.py:Controller"]), tmp_path)
+    found = run.outcome.measures["hold_error"]
+    assert (found.value, found.reason) == (None, "the controller reports no reference of the force")
+    assert run.outcome.measures["torque"].value is not None
+    values = json.loads(read(run.recording).metadata["experiment"]["values"])
+    again = outcome_of(read(run.recording), HoldRequest.recorded(values))
+    assert again is not None and again.measures["hold_error"] == found

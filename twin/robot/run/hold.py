@@ -56,12 +56,12 @@ class HoldRequest(NamedTuple):
     @staticmethod
     def of(experiment: Experiment) -> "HoldRequest":
         """The request of an experiment."""
+        # a third-party controller has neither a mode nor a force law
         law = experiment.controller.force
-        # a third-party controller has no table of a force law
         asked = law.reference if law else None
         thinned = experiment.recording.rate == "controller"
         return HoldRequest(
-            experiment.controller.mode == "force_position",
+            experiment.controller.mode in (None, "force_position"),
             tuple(task.force for task in experiment.tasks),
             tuple(task.kind for task in experiment.tasks),
             math.nan if asked is None else asked,
@@ -81,7 +81,7 @@ class HoldRequest(NamedTuple):
         controller, plant = values.get("controller", {}), values.get("plant", {})
         lengths = [1e-3 * plant.get(f"{name}_mm", math.nan) for name in Geometry._fields]
         return HoldRequest(
-            controller.get("mode") == "force_position",
+            controller.get("mode") in (None, "force_position"),
             tuple(task["force_N"] for task in values.get("task", ())),
             tuple(task["kind"] for task in values.get("task", ())),
             controller.get("force", {}).get("reference_N", math.nan),

@@ -288,6 +288,8 @@ def _no_hold(hold: HoldSums, run: RunOutcome) -> str:
         return "it never touched"
     if hold["tripped"]:
         return "the safety monitor tripped before a force was held"
+    if math.isnan(hold["R_last"]) and not forces:
+        return "the controller reports no reference of the force"
     if forces:
         known = hold.has("controller.task") and hold.has("controller.phase")
         return "no task held a force" if known else "the controller reports no task and phase"

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from twin.robot.run.hold import GRACE
-from twin.robot.run.measures import HEADLINE, MEASURES, MeasureRow, Values
+from twin.robot.run.measures import HEADLINE, LEAST_CHATTER, MEASURES, MeasureRow, Values
 
 EFFORT = ("torque", "current", "shaft_work", "energy")
 JUDGED = (*HEADLINE, "held_lateral_error", "held_z_error", *EFFORT)
@@ -74,6 +74,8 @@ class Difference:
     @property
     def text(self) -> str:
         """`+0.4192 +- 0.0337 N, in 8 of 8`."""
+        if self.measure.key == "chatter" and not (self.mean or self.half_width):
+            return f"below {LEAST_CHATTER:g} N in all runs"
         per_SI, digits = self.measure.unit.per_SI, self.measure.digits + 1
         # no minus before what rounds to nothing
         mean = round(self.mean * per_SI, digits) + 0.0

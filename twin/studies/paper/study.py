@@ -184,7 +184,7 @@ def fig4_result(score: Score) -> Result:
 def fig5_result(score: fig5.Fig5Score) -> Result:
     """Fig. 5: every claim on every task of a few runs; of many runs a table, and what fails in them."""
     held, judged = tally(score.findings)
-    lines: list[Block] = [_two("Fig. 5: pressing, tapping, rolling, pushing", f"{held} of {judged} {PAPERS} hold")]
+    lines: list[Block] = [_two("Fig. 5", f"{held} of {judged} {PAPERS} hold")]
     runs = {task.run.recording.path for task in score.tasks}
     if len(runs) > FEW:
         lines += ["", *_table(score.tasks), "", *_failures(score.tasks), "", *score.remarks]
