@@ -57,11 +57,11 @@ def written(path: Path) -> Iterator[Path]:
 
 
 def refuse_unwritable(path: Path) -> None:
-    """Refuse what `written` would refuse of `path`, before there is anything to write.
+    """Refuse what `written` would refuse of `path`, before there is anything to write; missing folders are created.
 
     Raises:
         InputRefused: there is a folder, a pipe or a device at `path`.
-        NotWritten: the folder refuses, or is not there.
+        NotWritten: the folder refuses.
     """
     with contextlib.suppress(_Nothing), written(path):
         raise _Nothing
