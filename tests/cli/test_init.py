@@ -33,6 +33,7 @@ def test_the_schema_is_printed_or_written(tmp_path: Path):
 
 
 def test_a_schema_that_cannot_be_written_is_one_sentence(tmp_path: Path):
-    refused = twin("schema", "--out", "nowhere/s.json", cwd=tmp_path)
+    (tmp_path / "file").touch()
+    refused = twin("schema", "--out", "file/s.json", cwd=tmp_path)
     assert refused.returncode == 3
-    assert refused.stderr == "nowhere/s.json: cannot be written: No such file or directory\n"
+    assert refused.stderr == "file/s.json: cannot be written: Not a directory\n"

@@ -1,6 +1,7 @@
 """Output files: written whole or not at all; the previous file stays until then."""
 
 import contextlib
+import errno
 import json
 import math
 import os
@@ -38,6 +39,9 @@ def written(path: Path) -> Iterator[Path]:
         if target.exists() and not target.is_file():
             kind = "a folder" if target.is_dir() else "a pipe or device"
             raise InputRefused(f"{path}: {kind}; expected the name of a file, which is replaced if it is there")
+        # where a file has the place of the folder, mkdir would say that it exists
+        if target.parent.is_file():
+            raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
         target.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(prefix=f".{target.stem[:60]}.", suffix=target.suffix, dir=target.parent)
         os.close(handle)
@@ -57,11 +61,11 @@ def written(path: Path) -> Iterator[Path]:
 
 
 def refuse_unwritable(path: Path) -> None:
-    """Refuse what `written` would refuse of `path`, before there is anything to write.
+    """Refuse what `written` would refuse of `path`, before there is anything to write; missing folders are created.
 
     Raises:
         InputRefused: there is a folder, a pipe or a device at `path`.
-        NotWritten: the folder refuses, or is not there.
+        NotWritten: the folder refuses.
     """
     with contextlib.suppress(_Nothing), written(path):
         raise _Nothing

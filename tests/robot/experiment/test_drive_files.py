@@ -206,7 +206,7 @@ def test_a_monitor_that_is_switched_off_is_none(mine: Path):
         ('[controller]\npython = "mine.py"', 'python = "mine.py": expected "FILE:CLASS"'),
         ('[controller]\npython = "yours.py:Controller"', "no file .*yours.py"),
         (CONTROLLER + 'tolerance = 1e-9', "python: tolerance are an FMU's"),
-        ('[controller]\nfmu = "nowhere"', "nowhere: no such"),
+        ('[controller]\nfmu = "nowhere_near"', "nowhere_near: no such"),
         ('[estimator]\nperiod_ms = 2.0', "unknown key 'period_ms'"),
         ("[estimator]", "expected either fmu"),
         ('[scale]\npython = "mine.py:Controller"\nresolution_g = 5.0', r"\[scale\] resolution_g: of twin's own scale"),

@@ -127,7 +127,7 @@ def test_names_are_looked_up_from_the_experiments_folder_upwards(tmp_path: Path)
     inner.mkdir()
     (tmp_path / "fmus").mkdir()
     assert located("fmus", inner) == tmp_path / "fmus"
-    assert located("nowhere", inner) == inner / "nowhere"
+    assert located("nowhere_near", inner) == inner / "nowhere_near"
 
 
 def test_what_lies_nowhere_near_is_taken_from_the_repository(root: Path, tmp_path: Path, monkeypatch):

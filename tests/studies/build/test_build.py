@@ -145,18 +145,19 @@ def test_elsewhere_it_says_for_what_it_builds(tmp_path: Path, monkeypatch: pytes
 
 
 def test_a_file_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
     with pytest.raises(NotWritten):
-        build_fmu(FIG4, "encoder", "2.0", [], tmp_path / "nowhere" / "it.fmu", [], silent)
+        build_fmu(FIG4, "encoder", "2.0", [], tmp_path / "file" / "it.fmu", [], silent)
 
 
 def test_a_place_that_cannot_be_written_is_said_before_anything_is_compiled(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
     done: list[str] = []
-    for place, kind in (("nowhere/it", NotWritten), ("", InputRefused)):
+    for place, kind in (("file/it", NotWritten), ("", InputRefused)):
         with pytest.raises(kind):
             build_fmu(FIG4, "encoder", "2.0", [], tmp_path / place, [], done.append)
         with pytest.raises(kind):
             build_ssp(FIG4, "2.0", [], tmp_path / place, None, [], done.append)
-    (tmp_path / "file").touch()
     with pytest.raises(InputRefused):
         build_c(FIG4, [], tmp_path / "file", [], done.append)
     assert done == [] and [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -76,6 +76,7 @@ FIELDS: Mapping[str, Mapping[str, Check]] = {
     "runs": {},
     "save": {**OF_STATE, "name": _is_text},
     "command": OF_STATE,
+    "onset": OF_STATE,
     "adopt": {**OF_STATE, "accepted": ACCEPTED},
     "columns": {"log": _is_text},
     "log": {"log": _is_text, "map": _is_text, "shift_s": _is_number, **LOOK},

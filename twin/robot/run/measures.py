@@ -7,10 +7,13 @@ both give the same bits.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from twin.kernel.writing import finite
-from twin.robot.run.hold import HoldSums
+
+if TYPE_CHECKING:
+    # the process that supervises a run prints measures, and loads no numerics
+    from twin.robot.run.hold import HoldSums
 
 
 class ShownUnit(NamedTuple):
@@ -102,7 +105,7 @@ class MeasureRow:
     unit: ShownUnit
     meaning: str
     interval: str
-    value: Callable[[HoldSums, RunOutcome], Value]
+    value: Callable[["HoldSums", RunOutcome], Value]
     digits: int = 3
     floor: float = 0.0
     share: float = 0.0
@@ -143,7 +146,7 @@ WHOLE = "the whole run"
 NO_OUTPUT = "no output of these drives"
 
 
-def _overshoot(hold: HoldSums, run: RunOutcome) -> Value:
+def _overshoot(hold: "HoldSums", run: RunOutcome) -> Value:
     if hold.request.forces:
         return max((one.overshoot for one in hold.tasks if one.overshoot is not None), default=None)
     return (
@@ -151,18 +154,18 @@ def _overshoot(hold: HoldSums, run: RunOutcome) -> Value:
     )
 
 
-def _overshoot_force(hold: HoldSums, run: RunOutcome) -> Value:
+def _overshoot_force(hold: "HoldSums", run: RunOutcome) -> Value:
     tasks = zip(hold.tasks, hold.request.forces, strict=True)
     if hold.request.forces:
         return max((one.overshoot, one.overshoot * force) for one, force in tasks if one.overshoot is not None)[1]
     return hold["above"]
 
 
-def _settling(hold: HoldSums, run: RunOutcome) -> Value:
+def _settling(hold: "HoldSums", run: RunOutcome) -> Value:
     return MeasuredValue(None, NOT_FOR_TASKS) if hold.request.forces else hold.settling
 
 
-def _torque(hold: HoldSums, run: RunOutcome) -> Value:
+def _torque(hold: "HoldSums", run: RunOutcome) -> Value:
     if hold["torque"] >= 0.0 or hold["load"] < 0.0:
         return _reported(hold["torque"])
     return MeasuredValue(hold["load"], "load of the springs; these drives report no motor torque")
@@ -172,19 +175,19 @@ def _reported(largest: float) -> float | None:
     return largest if largest >= 0.0 else None
 
 
-def _chatter(which: int) -> Callable[[HoldSums, RunOutcome], float | MeasuredValue]:
-    def value(hold: HoldSums, run: RunOutcome) -> float | MeasuredValue:
+def _chatter(which: int) -> Callable[["HoldSums", RunOutcome], float | MeasuredValue]:
+    def value(hold: "HoldSums", run: RunOutcome) -> float | MeasuredValue:
         found = hold.chatter
         return found[which] if found[0] >= LEAST_CHATTER else MeasuredValue(None, f"below {LEAST_CHATTER:g} N")
 
     return value
 
 
-def _mean(name: str) -> Callable[[HoldSums, RunOutcome], float]:
+def _mean(name: str) -> Callable[["HoldSums", RunOutcome], float]:
     return lambda hold, run: hold[name] / hold["count"]
 
 
-def _rms(name: str) -> Callable[[HoldSums, RunOutcome], float]:
+def _rms(name: str) -> Callable[["HoldSums", RunOutcome], float]:
     return lambda hold, run: math.sqrt(hold[name] / hold["count"])
 
 
@@ -251,7 +254,7 @@ _OF_A_HOLD = (*HEADLINE, "chatter_frequency", "held_lateral_error", "held_z_erro
               "hold_overshoot_force", "hold_begin", "hold_end", "felt_stiffness")  # fmt: skip
 
 
-def measured(hold: HoldSums, run: RunOutcome) -> dict[str, MeasuredValue]:
+def measured(hold: "HoldSums", run: RunOutcome) -> dict[str, MeasuredValue]:
     """Compute every measure of the table."""
     no_hold = "" if hold["count"] else _no_hold(hold, run)
     remark = ", ".join(
@@ -279,7 +282,7 @@ def measured(hold: HoldSums, run: RunOutcome) -> dict[str, MeasuredValue]:
     return found
 
 
-def _no_hold(hold: HoldSums, run: RunOutcome) -> str:
+def _no_hold(hold: "HoldSums", run: RunOutcome) -> str:
     """Why no force was held."""
     forces = hold.request.forces
     if not hold.request.force_loop:

@@ -148,7 +148,12 @@ def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
 
     Args:
         means: block means (n, channels) of each, from its first block on.
+
+    Raises:
+        InputRefused: all runs are too short for a shift.
     """
+    if max(map(len, means)) < (least := FIRST_BLOCKS + 2):
+        raise InputRefused(f"their runs are too short for tolerances; expected at least {least * BLOCK:g} s")
     shifts = [one[FIRST_BLOCKS:] - np.mean(one[:FIRST_BLOCKS], axis=0) for one in means]
     # of neighbours, which share all that changes slowly; half the variance of a difference is that of one of them
     steps, every = np.concatenate([np.diff(one, axis=0) for one in shifts]), np.concatenate(shifts)

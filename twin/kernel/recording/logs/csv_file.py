@@ -234,7 +234,7 @@ def table_of(path: Path, file: BinaryIO) -> CsvTable:
     notes: tuple[str, ...] = ()
     end = wrong.get(len(head) - 1)
     broken = not ended and last[1] == len(head) and end is not None and (end.texts, end.line) == (1, last[0])
-    if broken or (ragged == 1 and last[1] < len(head)):
+    if broken or (ragged == 1 and not ended and last[1] < len(head)):
         # a logger that was killed leaves half a line
         ragged, notes = 0 if not broken else ragged, (f"line {last[0]}, the last one, is cut short and left out",)
     if broken:
