@@ -103,7 +103,7 @@ def _declared(name: str, memory: np.dtype) -> str:
     """The C struct of a record; its size is checked where it is compiled, its members' places by C's own alignment."""
     kinds = {field: memory[field].name for field in memory.names or ()}
     members = "".join(f"    {IN_C[kind]} {field};\n" for field, kind in kinds.items())
-    size = f"_Static_assert(sizeof({name}) == {memory.itemsize}, \"not the record\");\n"
+    size = f'_Static_assert(sizeof({name}) == {memory.itemsize}, "not the record");\n'
     return f"typedef struct {{\n{members}}} {name};\n{size}"
 
 
