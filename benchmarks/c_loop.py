@@ -12,9 +12,10 @@ from fmpy.fmi2 import FMU2Slave
 
 from twin.kernel.cosim.component import NativeComponent
 from twin.kernel.cosim.system import System
-from twin.kernel.fmi.cosim_step import plain_step
+from twin.kernel.fmi.cosim_step import PLAIN_MEMORY, plain_step
 
 SOURCE = Path(__file__).with_name("macro_loop.c")
+IN_C = {"int64": "int64_t", "float64": "double"}
 
 
 class NoCompiler(Exception):
@@ -36,7 +37,8 @@ class CLoop:
         if compiler is None:
             raise NoCompiler("no C compiler found (cc, gcc or $CC)")
         library = folder / "macro_loop.so"
-        command = [compiler, "-O2", "-shared", "-fPIC", "-o", str(library), str(SOURCE)]
+        (folder / "drive.h").write_text(_declared("Drive", PLAIN_MEMORY))
+        command = [compiler, "-O2", "-shared", "-fPIC", f"-I{folder}", "-o", str(library), str(SOURCE)]
         built = subprocess.run(command, capture_output=True, text=True)
         if built.returncode != 0:
             raise NoCompiler(f"{compiler}: {built.stderr.strip()}")
@@ -95,6 +97,14 @@ def _drives(system: System) -> np.ndarray:
     """What the C loop needs of each drive: one FMI 2.0 instance with Real inputs and outputs."""
     assert all(component.step_address == plain_step.address for component in system.components)
     return np.concatenate([component.keep for component in system.components])
+
+
+def _declared(name: str, memory: np.dtype) -> str:
+    """The C struct of a record; its size is checked where it is compiled, its members' places by C's own alignment."""
+    kinds = {field: memory[field].name for field in memory.names or ()}
+    members = "".join(f"    {IN_C[kind]} {field};\n" for field, kind in kinds.items())
+    size = f'_Static_assert(sizeof({name}) == {memory.itemsize}, "not the record");\n'
+    return f"typedef struct {{\n{members}}} {name};\n{size}"
 
 
 def _address(array: np.ndarray) -> ctypes.c_void_p:

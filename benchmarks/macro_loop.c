@@ -2,29 +2,21 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* The memory of a drive component, field by field as in twin/kernel/fmi/plain_adapter.py. */
-typedef struct {
-    void *instance;
-    int (*set_real)(void *instance, const unsigned *references, size_t count, const double *values);
-    int (*do_step)(void *instance, double t, double h, int no_set_state_prior_to_t);
-    int64_t final;
-    int (*get_real)(void *instance, const unsigned *references, size_t count, double *values);
-    int64_t inputs;
-    const unsigned *input_references;
-    int64_t outputs;
-    const unsigned *output_references;
-    int64_t shifted;
-    double shift;
-    void *shorter;
-} Drive;
+/* `Drive`, the memory of a drive component: c_loop.py writes it from `PLAIN_MEMORY` of twin/kernel/fmi/cosim_step.py. */
+#include "drive.h"
+
+typedef int SetReal(void *instance, const unsigned *references, size_t count, const double *values);
+typedef int DoStep(void *instance, double t, double h, int no_set_state_prior_to_t);
+typedef int GetReal(void *instance, const unsigned *references, size_t count, double *values);
 
 static int step(const Drive *drive, double t, double h, const double *u, double *y)
 {
-    if (drive->set_real(drive->instance, drive->input_references, drive->inputs, u) > 1)
+    void *instance = (void *)drive->instance;
+    if (((SetReal *)drive->set_real)(instance, (const unsigned *)drive->input_references, drive->inputs, u) > 1)
         return 2;
-    if (drive->do_step(drive->instance, t, h, (int)drive->final) > 1)
+    if (((DoStep *)drive->do_step)(instance, t, h, (int)drive->final) > 1)
         return 2;
-    return drive->get_real(drive->instance, drive->output_references, drive->outputs, y);
+    return ((GetReal *)drive->get_real)(instance, (const unsigned *)drive->output_references, drive->outputs, y);
 }
 
 /* Gauss-Seidel: `sources` says which element of `y` feeds each input. */

@@ -7,10 +7,10 @@ import pytest
 from tests.conftest import ROOT
 from twin import check
 from twin.robot.assembly.load import load_experiment
-from twin.studies.check.baseline import baseline_file, fingerprint, read_baseline, stored_drives
+from twin.studies.check.baseline import baseline_file, fingerprint, read_baseline, stored_drives, stored_experiments
 
 FOLDER = ROOT / "tests" / "baselines"
-EXPERIMENTS = sorted(folder.name for folder in FOLDER.iterdir() if folder.is_dir())
+EXPERIMENTS = stored_experiments(FOLDER)
 DRIVES = sorted(fmu.stem for fmu in ROOT.glob("fmus/*/*.fmu"))
 TOO_SLOW = {"track_chirp": ["xl330"]}
 """It lags by more than the 0.1 s that the experiment looks for."""

@@ -57,7 +57,7 @@ def test_a_robot_is_followed_to_its_last_sample_and_recorded_as_it_came_whatever
     assert counts["samples"] in range(2496, 2501)
     assert facts["period_s"] == pytest.approx(1e-3)
     assert abs(facts["clock_offset_s"]) < 1.0
-    assert "nothing has come for 1 s; /joint_states has 1 publisher" in err
+    assert "no sample for 2 s: nothing has come of /joint_states, which has 1 publisher" in err
     assert ended(robot)[0] == 0
     recording = read(tmp_path / "out")
     assert recording.complete and len(recording["estimator.p_B"]) == counts["samples"]

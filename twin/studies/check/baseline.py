@@ -155,6 +155,11 @@ def baseline_file(folder: Path, experiment: str, drive: str) -> Path:
     return folder / experiment / f"{Path(drive).stem}.toml"
 
 
+def stored_experiments(folder: Path) -> list[str]:
+    """The experiments that have a baseline in `folder`; what else is kept there, such as tolerances, is none."""
+    return sorted({file.parent.name for file in folder.glob("*/*.toml")})
+
+
 def stored_drives(folder: Path, experiment: str) -> list[str]:
     """The drives for which `experiment` has a baseline in `folder`, as they were named."""
     files = sorted((folder / experiment).glob("*.toml")) if os.path.isdir(folder) else []

@@ -156,7 +156,7 @@ def pairs(
     files = [experiment_file(experiment) for experiment in experiments]
     if not experiments:
         baselines = baselines or (stored.FOLDER if update else stored.baselines_here())
-        files = [_file_of(one.name) for one in sorted(baselines.glob("*")) if one.is_dir()]
+        files = [_file_of(name) for name in stored.stored_experiments(baselines)]
     if not files:
         raise InputRefused(
             f"{baselines}: no baselines there; say which experiment: twin check EXPERIMENT --update --reason TEXT, or "

@@ -114,8 +114,8 @@ def shadow(
     Beside a robot it goes before other work (SCHED_FIFO), where it may.
     Domain of DDS and zenoh: ROS_DOMAIN_ID.
 
-    The alarm's tolerances are shipped for Fig. 4 and pressing; for other experiments they
-    are computed once, in one to three minutes, and cached.
+    The alarm's tolerances are shipped for Fig. 4 and pressing; for other
+    experiments they are computed once, in one to three minutes, and cached.
 
     Exit code: 0 robot and twin match, or nothing could be watched; 1 they part;
     2 input refused.

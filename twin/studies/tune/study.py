@@ -40,9 +40,11 @@ def tune(
     The search uses the linear model at every place, stiffness and drive, and
     simulates the experiment with gains that the model finds best: it has to
     overshoot no more, to settle, and to hold its force no worse than before.
-    The experiment's file is not changed: tuned.toml extends it. Exit code: 0
-    goals met and confirmed, 1 they are not (the best found is shown), 2 input
-    refused or no linear model, 3 a drive failed, crashed or hung.
+    The experiment's file is not changed: tuned.toml extends it.
+
+    Exit code: 0 goals met and confirmed, 1 they are not (the best found is
+    shown), 2 input refused or no linear model, 3 a drive failed, crashed or
+    hung.
 
     Example: twin tune experiments/fig4_force_position.toml
 
