@@ -171,7 +171,7 @@ def test_a_mapping_that_cannot_be_right_is_refused_in_a_sentence(law: Path, inpu
     ("old", "new", "said"),
     [
         ('name="p_B_1"', 'name="p_X_1"', 'p_B has 3 values, and "p_B_2", "p_B_3" 2; give one for each'),
-        ('name="omega_ref_1"', 'name="fast_1"', "which of its outputs is omega_ref (commanded motor speeds, 3 x rad/s)"),
+        ('name="omega_ref_1"', 'name="fast"', "which of its outputs is omega_ref (commanded motor speeds, 3 x rad/s)"),
         ('unit="rad/m"', 'unit="rad/s"', "input 'J_1' has unit 'rad/s'; J[1] needs one like rad/m"),
         ("CoSimulation", "ModelExchange", "model exchange only; a sampled part"),
     ],

@@ -9,7 +9,7 @@ import pytest
 
 from tests.studies.replay.logs import drifting, softened
 from tests.studies.shadow.robots import EXPERIMENTS, FIG4, FLEET
-from twin.kernel.errors import TwinError
+from twin.kernel.errors import InputRefused, TwinError
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE
@@ -104,6 +104,12 @@ def test_limits_are_the_largest_shift_and_the_spread_from_block_to_block():
     limits = limits_of(means)
     assert limits.tolerance["motor 1"] == pytest.approx(MARGIN * 7.0)
     assert limits.sigma["motor 2"] == pytest.approx(0.1, rel=0.05)
+
+
+@pytest.mark.parametrize("blocks", range(FIRST_BLOCKS + 2))
+def test_runs_too_short_for_a_shift_are_refused(blocks: int):
+    with pytest.raises(InputRefused, match=r"too short; expected at least 4\.5 s"):
+        limits_of([np.zeros((blocks, len(CHANNELS)))] * 2)
 
 
 def test_a_rate_is_bounded_exactly():

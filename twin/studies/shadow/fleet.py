@@ -13,13 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from twin.kernel.errors import InputRefused
 from twin.robot.assembly.build import belief
 from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.controller import Estimator
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.trace import run_in_memory
 from twin.studies.command import Say, silent
-from twin.studies.shadow.alarm import BLOCK, CHANNELS, FIRST_BLOCKS, Blocks, ShadowWatch, Tolerances, WatchEvent
+from twin.studies.shadow.alarm import (
+    BLOCK,
+    CHANNELS,
+    FIRST_BLOCKS,
+    SETTLING,
+    Blocks,
+    ShadowWatch,
+    Tolerances,
+    WatchEvent,
+)
 from twin.studies.shadow.following import SampledSteps, farthest_command, own_law
 from twin.studies.shadow.mapping import RobotSamples
 from twin.studies.shadow.samples import Columns, FilterSamples, followed, samples_of, shadow_of
@@ -152,8 +162,10 @@ def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
     Raises:
         InputRefused: all runs are too short for a shift.
     """
-    if max(map(len, means)) < (least := FIRST_BLOCKS + 2):
-        raise InputRefused(f"their runs are too short for tolerances; expected at least {least * BLOCK:g} s")
+    # two blocks after those that say what is normal: the spread is that of neighbours
+    if max(map(len, means)) < (blocks := FIRST_BLOCKS + 2):
+        least = SETTLING + blocks * BLOCK
+        raise InputRefused(f"runs of healthy robots are too short; expected at least {least:g} s")
     shifts = [one[FIRST_BLOCKS:] - np.mean(one[:FIRST_BLOCKS], axis=0) for one in means]
     # of neighbours, which share all that changes slowly; half the variance of a difference is that of one of them
     steps, every = np.concatenate([np.diff(one, axis=0) for one in shifts]), np.concatenate(shifts)

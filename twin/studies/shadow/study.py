@@ -54,7 +54,7 @@ def _limits(
     except TwinError as problem:
         if fleet:
             raise
-        return None, f"its healthy robots cannot be simulated: {problem}"
+        return None, f"its healthy robots give no tolerances: {problem}"
 
 
 def _announce(text: str) -> None:
