@@ -96,6 +96,9 @@ def test_what_is_checked_without_names_is_what_has_baselines(root: Path, tmp_pat
     stored = tmp_path / "step_z_air"
     stored.mkdir()
     (stored / "stepper.toml").write_text((root / "tests/baselines/step_z_air/stepper.toml").read_text())
+    # of another purpose
+    (tmp_path / "shadow").mkdir()
+    (tmp_path / "shadow" / "step_z_air.json").write_text("{}")
     (pair,) = pairs([], [], tmp_path)
     assert (Path(pair.file).name, pair.drive) == ("step_z_air.toml", "stepper")
     assert [p.drive for p in pairs([Path("other.toml")], [], tmp_path)] == ["own"]

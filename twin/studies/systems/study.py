@@ -64,7 +64,7 @@ def _check_writing(asked: Asked) -> None:
 
 @study(isolated=True, limited=True, before=[_check_times, _check_master, _check_writing])
 def cosim(
-    systems: Annotated[
+    system: Annotated[
         Sequence[Path],
         Argument(
             "An SSP archive (1.0, 2.0), an FMU, an OspSystemStructure.xml, or a multi-model (JSON). Several FMUs are "
@@ -168,12 +168,12 @@ def cosim(
     from twin.studies.systems.recorded import joined_system, recorded_system, written_system
 
     choice, added = chosen(locals()), Additions(settings, parameters, inputs, records)
-    (system, *others), wires = systems, list[Note]()
+    (whole, *others), wires = system, list[Note]()
     if others:
-        system, wires = joined_system(systems, choice, out if to is not None else None, compiled)
+        whole, wires = joined_system(system, choice, out if to is not None else None, compiled)
         if to is not None:
-            return Result(f"{system.stem} written as SSP 1.0", wires, {"ssp": str(system)}, {"ssp": str(system)})
+            return Result(f"{whole.stem} written as SSP 1.0", wires, {"ssp": str(whole)}, {"ssp": str(whole)})
     if to is not None:
-        return written_system(system, choice, out, compiled, added)
-    done = recorded_system(reporter, system, choice, out, compiled, state_every_s, start_from, added, limit_step)
-    return replace(done, body=[*wires, *done.body], files={"system": system, **done.files}) if others else done
+        return written_system(whole, choice, out, compiled, added)
+    done = recorded_system(reporter, whole, choice, out, compiled, state_every_s, start_from, added, limit_step)
+    return replace(done, body=[*wires, *done.body], files={"system": whole, **done.files}) if others else done
