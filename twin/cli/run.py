@@ -87,7 +87,7 @@ def run(
     safety monitor tripped although the experiment has no faults, 130
     interrupted, 143 terminated.
 
-    Example: twin run experiments/fig4_force_position.toml --drive pmsm_foc
+    Example: twin run experiments/fig4_force_position.toml --drive pmsm_foc --out results/pmsm_foc
     """
     if ranges:
         others = (body, report, live, realtime is not None, isolate != "run", limit_wall < math.inf)
