@@ -53,7 +53,7 @@ def test_a_robot_is_followed_to_its_last_sample_and_recorded_as_it_came_whatever
     facts = json.loads(out)
     counts = facts["counts"]
     # the robot was silent once, and said no less
-    assert (counts["gaps"], counts["missing"]) == (1, 2500)
+    assert (counts["gaps"], counts["missing"]) == (1, 2500), (counts, err)
     assert counts["samples"] in range(2496, 2501)
     assert facts["period_s"] == pytest.approx(1e-3)
     assert abs(facts["clock_offset_s"]) < 1.0

@@ -67,7 +67,8 @@ class Running:
         largest, at: the largest by size, and when (s).
         recent: mean over the last second.
         last: when the last value was (s).
-        worst, worst_at: the largest mean over a second by size, and when that second began (s).
+        worst, worst_at: the largest size that the means of two consecutive seconds reach, with its sign, and when these
+            began (s).
     """
 
     count: int = 0
@@ -96,9 +97,11 @@ class Running:
             self.largest, self.at = float(r[worst]), float(t[worst])
         if t[-1] - self._block[2] >= 1.0:
             if self._block[1]:
-                self.recent = self._block[0] / self._block[1]
-                if abs(self.recent) > abs(self.worst):
-                    self.worst, self.worst_at = self.recent, self._block[2]
+                before, self.recent = self.recent, self._block[0] / self._block[1]
+                # one sample after a gap can raise the mean of its second
+                lasting = min(abs(before), abs(self.recent)) if math.isfinite(before) else 0.0
+                if lasting > abs(self.worst):
+                    self.worst, self.worst_at = math.copysign(lasting, self.recent), self._block[2] - 1.0
             self._block = [0.0, 0.0, float(t[-1])]
         self._block[0] += float(np.sum(r))
         self._block[1] += len(r)
