@@ -23,7 +23,7 @@ from twin.robot.live.runs import continued
 from twin.robot.run.run import SUMMARY, execute
 
 SHORT = ("duration_s=1.5", "recording.state_every_s=0.5")
-TIMED = ("stepping", "writing", "microseconds", "real_time_factor", "simulated", "recording")
+TIMED = ("stepping", "writing", "microseconds", "real_time_factor", "simulated", "recording", "typed")
 """Of a summary what is another one in each run, or of a part."""
 
 
