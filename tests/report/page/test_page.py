@@ -298,17 +298,17 @@ def test_four_numbers_of_what_truly_happened_stand_beside_the_verdict(page: str,
     assert boxes[0][0] == "0.09388 N"
 
 
-def test_of_several_runs_the_same_four_numbers_stand_side_by_side(force_position: Recording, position: Recording):
+def test_of_several_runs_the_same_three_numbers_stand_side_by_side(force_position: Recording, position: Recording):
     runs = [ReportRun("fp", force_position), ReportRun("p", position)]
     names = re.findall(r"</strong><span>([^<]*)</span>", verdict_section(runs, verdict(runs)))
     # without a force loop no force is held
-    assert names == 2 * ["largest force", "lateral error", "the estimated position", "largest motor speed"]
+    assert names == 2 * ["largest force", "lateral error", "the estimated position"]
 
 
 def test_of_several_runs_each_has_its_numbers_and_of_many_none(force_position: Recording):
     runs = [ReportRun(f"run {number}", force_position) for number in range(5)]
     two, many = (verdict_section(some, verdict(some)) for some in (runs[:2], runs))
-    assert two.count('class="box"') == 8 and two.count('class="whose"') == 2
+    assert two.count('class="box"') == 6 and two.count('class="whose"') == 2
     assert 'class="box"' not in many
 
 

@@ -20,7 +20,17 @@ from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.reader import Recording, read
 from twin.robot.experiment.recorded import recorded_fmus, recorded_name
 from twin.robot.run.hold import HoldRequest
-from twin.robot.run.measures import HEADLINE, LARGE_OVERSHOOT, MEASURES, TABLE, MeasuredValue, Values, shown, unmeasured
+from twin.robot.run.measures import (
+    HEADLINE,
+    LARGE_OVERSHOOT,
+    MEASURES,
+    NO_FORCE_LOOP,
+    TABLE,
+    MeasuredValue,
+    Values,
+    shown,
+    unmeasured,
+)
 from twin.robot.run.view import BelievedRun, RunView, outcome_of, sample_and_hold
 from twin.studies.figure import Axes, picture
 from twin.studies.metrics.requirement import FIG5
@@ -50,8 +60,8 @@ OF_THE_FORCE = (
     "end",
 )  # fmt: skip
 """Keys of the measures that the robot has by its own force, too."""
-MOST_BOXED_NUMBERS = 4
-"""Key numbers of a run."""
+MOST_BOXED_NUMBERS, MOST_BOXED_OF_SEVERAL = 4, 3
+"""Key numbers of a run, and of each of several: they stand side by side above the player."""
 
 
 class RunMeasure(NamedTuple):
@@ -105,11 +115,13 @@ def scored(run: "ReportRun") -> dict[str, float]:
 
 
 def key_measures(runs: Sequence["ReportRun"]) -> list[list[RunMeasure]]:
-    """Of each run the four that say most: the first of `KEYS` that all of them have; fewer if there are not four."""
+    """Of each run the few that say most: the first of `KEYS` that all of them have."""
     found = [
         {name: m for m in run.measures for name in (m.short, m.text) if name and not math.isnan(m.true)} for run in runs
     ]
-    shared = [name for name in KEYS if all(name in own for own in found)][:MOST_BOXED_NUMBERS]
+    shared = [name for name in KEYS if all(name in own for own in found)][
+        : MOST_BOXED_NUMBERS if len(runs) == 1 else MOST_BOXED_OF_SEVERAL
+    ]
     return [[own[name] for name in shared] for own in found]
 
 
@@ -126,7 +138,12 @@ def unscored(run: "ReportRun", asked: Container[str]) -> dict[str, list[str]]:
     known = {name for names in found.values() for name in names}
     for measure in run.measures:
         # a run under position control has no force to hold
-        if measure.reason and math.isnan(measure.true) and measure.short in asked and measure.short not in known:
+        if (
+            measure.reason not in ("", NO_FORCE_LOOP)
+            and math.isnan(measure.true)
+            and measure.short in asked
+            and measure.short not in known
+        ):
             found.setdefault(measure.reason, []).append(measure.short)
     return found
 

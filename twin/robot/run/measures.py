@@ -140,6 +140,8 @@ LARGE_OVERSHOOT = 0.05
 """Share of the reference beyond which an overshoot stands in the first line."""
 NOT_FOR_TASKS = "not defined for tasks"
 """Reason of a run with tasks for having no settling time: they lead the force along a ramp."""
+NO_FORCE_LOOP = "no force loop"
+"""Reason of a run in position mode."""
 HELD = "while a force is held"
 RUN = "the run, until the safety monitor trips"
 WHOLE = "the whole run"
@@ -286,7 +288,7 @@ def _no_hold(hold: "HoldSums", run: RunOutcome) -> str:
     """Why no force was held."""
     forces = hold.request.forces
     if not hold.request.force_loop:
-        return "no force loop"
+        return NO_FORCE_LOOP
     if not hold["touched"]:
         return "it never touched"
     if hold["tripped"]:
