@@ -21,11 +21,11 @@ from twin.kernel.writing import json_text
 from twin.robot.run.measures import (
     HEADLINE,
     LARGE_OVERSHOOT,
-    MEASURES,
     NEXT,
     NOT_FOR_TASKS,
     MeasuredValue,
     Values,
+    labelled,
     measured_values,
     shown,
     with_units,
@@ -90,15 +90,13 @@ def _hold(values: Values) -> Iterator[str]:
     else:
         # a remark on how they are taken stands behind the first one only
         remark, values = error.reason, {key: _without(error.reason, one) for key, one in values.items()}
-        first = [
-            f"{MEASURES[key].text} {shown(key, values)}" for key in HEADLINE if values[key].reason != NOT_FOR_TASKS
-        ]
+        first = [labelled(key, values) for key in HEADLINE if values[key].reason != NOT_FOR_TASKS]
         first[0] += f" ({remark})" if remark else ""
         if values["chatter_frequency"].value is not None:
             first[-1] += f" at {shown('chatter_frequency', values)}"
         yield from wrapped(f"{begin.value:.1f} to {end.value:.1f} s: " + ", ".join(first), _row("held", ""))
     # a robot that stays on its axis has no lateral error
-    rest = (f"{MEASURES[key].text} {shown(key, values)}" for key in NEXT if (values[key].value or 0.0) > 1e-6)
+    rest = (labelled(key, values) for key in NEXT if (values[key].value or 0.0) > 1e-6)
     yield from wrapped(", ".join(rest), _row("", ""))
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from twin.kernel.recording.logs.reader import read_log
 from twin.kernel.recording.reader import Recording
-from twin.studies.replay.held import OF_A_FORCE, log_measures, text_of
+from twin.studies.replay.held import OF_A_LOG, log_measures, text_of
 from twin.studies.replay.model import model_for
 from twin.studies.replay.replay import Replay, replayed
 
@@ -21,7 +21,7 @@ def test_a_log_holds_its_measured_force_at_the_reference_of_the_twin_s_controlle
     force_position: Recording, replay: Replay
 ):
     found = log_measures(replay.log, replay.estimator, None, ())
-    assert set(found) == set(OF_A_FORCE)
+    assert set(found) == set(OF_A_LOG)
     # by hand: 2 s from the first touch with the loop on, the scale's samples, 5 N asked for
     t, F_z = force_position.time("scale"), force_position["scale.F_z"]
     on = force_position.time("controller")[np.flatnonzero(force_position["controller.triggered"])[0]]

@@ -25,18 +25,18 @@ from twin.robot.run.measures import (
     LARGE_OVERSHOOT,
     MEASURES,
     NO_FORCE_LOOP,
+    OF_A_FORCE,
     TABLE,
-    MeasuredValue,
     Values,
-    shown,
+    labelled,
     unmeasured,
 )
-from twin.robot.run.view import BelievedRun, RunView, outcome_of, sample_and_hold
+from twin.robot.run.view import BelievedRun, RunView, held_samples, outcome_of
 from twin.studies.figure import Axes, picture
 from twin.studies.metrics.requirement import FIG5
 from twin.studies.metrics.requirement import MEASURES as SERIES_OF_MEASURES
 from twin.studies.metrics.response import Curve, first_time, rms
-from twin.studies.metrics.standing import one_run_each
+from twin.studies.metrics.standing import JUDGED, one_run_each
 from twin.studies.paper import fig4_measures
 from twin.studies.paper.claim import ClaimFinding, judged
 from twin.studies.paper.fig4 import OWN, PAPERS, QUALITY, failed, fig4_score, tally
@@ -50,16 +50,8 @@ KEYS = (
     "the estimated position", "largest motor speed",
 )  # fmt: skip
 """Names of measures, the one that says most about a run first."""
-JUDGED = (
-    *HEADLINE, "held_lateral_error", "held_z_error", "torque", "current", "shaft_work", "energy", "force_error",
-    "lateral_error",
-)  # fmt: skip
+SCORED = (*JUDGED, "force_error", "lateral_error")
 """Keys of the measures of which less is better."""
-OF_THE_FORCE = (
-    *HEADLINE, "chatter_frequency", "hold_mean_error", "hold_overshoot_force", "force_error", "peak", "peak_time",
-    "end",
-)  # fmt: skip
-"""Keys of the measures that the robot has by its own force, too."""
 MOST_BOXED_NUMBERS, MOST_BOXED_OF_SEVERAL = 4, 3
 """Key numbers of a run, and of each of several: they stand side by side above the player."""
 
@@ -91,7 +83,7 @@ def outcome(run: "ReportRun") -> str:
     if not values or values["hold_error"].value is None:
         return ""
     large = (values["hold_overshoot"].value or 0.0) > LARGE_OVERSHOOT
-    first = "; ".join(f"{MEASURES[key].text} {shown(key, values)}" for key in HEADLINE)
+    first = "; ".join(labelled(key, values) for key in HEADLINE)
     return f"Overshoot beyond {100.0 * LARGE_OVERSHOOT:g} %: {first}" if large else f"{first[0].upper()}{first[1:]}"
 
 
@@ -153,15 +145,12 @@ def _of_the_table(run: "ReportRun") -> list[RunMeasure]:
     found = []
     for measure in TABLE if run.outcome else ():
         one = run.outcome[measure.key]
-        own = (
-            run.believed_outcome.get(measure.key, MeasuredValue(None))
-            if measure.key in OF_THE_FORCE
-            else MeasuredValue(None)
-        )
+        # the robot has these by its own force, too
+        own = run.believed_outcome.get(measure.key) if measure.key in OF_A_FORCE else None
         if one.value is None and measure.key not in HEADLINE:
             continue
-        true, believed = (math.nan if v is None else measure.unit.per_SI * v for v in (one.value, own.value))
-        short = measure.text if measure.key in JUDGED else ""
+        true, believed = (math.nan if v is None else measure.unit.per_SI * v for v in (one.value, own.value if own else None))
+        short = measure.text if measure.key in SCORED else ""
         found.append(RunMeasure(measure.text, measure.unit.text, true, believed, short, one.reason))
     return found
 
@@ -305,7 +294,7 @@ class ReportRun:
 
     def held(self, key: str, t: Curve) -> Curve:
         """Samples of a series as they held at times `t` (n,) in s; before its first sample, that one."""
-        return sample_and_hold(self.recording, key, t)
+        return self.recording[key][held_samples(self.times[key.rpartition(".")[0]], t)]
 
 
 def report_runs(paths: Sequence[Path]) -> list[ReportRun]:

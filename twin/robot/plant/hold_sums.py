@@ -44,7 +44,7 @@ SUMS = record(
     circle="f8", push="f8", tap="f8",
     # of the run
     rows="f8", touched="f8", s0="f8", R_0="f8", unmoved="f8", R_last="f8", tripped="f8", torque="f8", load="f8",
-    current="f8", power="f8", power_last="f8", energy="f8", work="f8", work_last="f8",
+    current="f8", power_last="f8", energy="f8", work="f8", work_last="f8",
     # of held rows
     count="f8", error="f8", squares="f8", first="f8", last="f8", above="f8", outside="f8", ended="f8", first_last="f8",
     lateral="f8", z="f8", p_B="3f8",

@@ -252,6 +252,11 @@ HEADLINE = ("hold_error", "hold_overshoot", "hold_settling_time", "chatter")
 """Measures that stand before all others."""
 NEXT = ("held_lateral_error", "held_z_error", "torque", "current", "shaft_work")
 """Measures that follow them."""
+OF_A_FORCE = (
+    *HEADLINE, "chatter_frequency", "hold_mean_error", "hold_overshoot_force", "force_error", "peak", "peak_time",
+    "end",
+)  # fmt: skip
+"""Measures that a force and its reference are enough for."""
 _OF_A_HOLD = (*HEADLINE, "chatter_frequency", "held_lateral_error", "held_z_error", "hold_mean_error",
               "hold_overshoot_force", "hold_begin", "hold_end", "felt_stiffness")  # fmt: skip
 
@@ -314,6 +319,11 @@ def shown(key: str, values: Values) -> str:
     if found.value is None:
         return f"none ({found.reason})"
     return MEASURES[key].shown(found.value) + (f" ({found.reason})" if found.reason else "")
+
+
+def labelled(key: str, values: Values) -> str:
+    """`hold error 0.094 N`."""
+    return f"{MEASURES[key].text} {shown(key, values)}"
 
 
 def measured_values(facts: Mapping[str, Mapping[str, Any]]) -> dict[str, MeasuredValue]:

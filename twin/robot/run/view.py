@@ -26,11 +26,10 @@ class RunView(Protocol):
         """`topic.field` -> the field."""
 
 
-def sample_and_hold(run: RunView, key: str, t: NDArray[np.float64]) -> NDArray:
-    """Values of `topic.field` as they held at times `t` (s), (n,) or (n, size); before its first sample, that one."""
+def held_samples(times: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the index of the sample at `times` (s) that holds at each of `t` (s), (n,); 0 before the first sample."""
     # half a nanosecond: rounding of the recorded times
-    place = run.time(key.rpartition(".")[0]).searchsorted(t + 5e-10, side="right") - 1
-    return run[key][place.clip(min=0)]
+    return (times.searchsorted(t + 5e-10, side="right") - 1).clip(min=0)
 
 
 class BelievedRun:
@@ -42,7 +41,7 @@ class BelievedRun:
     def __getitem__(self, key: str) -> NDArray:
         if key != "plant.F_ee_B":
             return self._run[key]
-        F_z = sample_and_hold(self._run, "controller.F_z", self._run.time("plant"))
+        F_z = self._run["controller.F_z"][held_samples(self.time("controller"), self.time("plant"))]
         return np.column_stack([np.zeros((len(F_z), 2)), -F_z])
 
 
@@ -50,7 +49,7 @@ class _Rows:
     """The signals of a run that its measures are made of, as rows at the times of the plant."""
 
     def __init__(self, run: RunView):
-        t = run.time("plant")
+        t, known = run.time("plant"), run.fields()
         self.tick = round((t[-1] - t[0]) / max(1, len(t) - 1) * NANOSECONDS) / NANOSECONDS
         others = [name for names in SUBSTITUTES.values() for name in names]
         drives = [
@@ -60,12 +59,16 @@ class _Rows:
             for drive in ("drive", "drive/1", "drive/2", "drive/3")
         ]
         self._columns: dict[str, slice] = {}
+        held: dict[str, NDArray[np.intp]] = {}
         blocks: list[NDArray[np.float64]] = []
         width = 0
         for key in dict.fromkeys([*SIGNALS, *DEVIATION_SIGNALS, *others, *drives]):
-            if key not in run.fields():
+            if key not in known:
                 continue
-            values = np.asarray(sample_and_hold(run, key, t), dtype=float).reshape(len(t), -1)
+            topic = key.rpartition(".")[0]
+            if topic not in held:
+                held[topic] = held_samples(run.time(topic), t)
+            values = np.asarray(run[key][held[topic]], dtype=float).reshape(len(t), -1)
             blocks.append(values)
             self._columns[re.sub("^drive/", "drive_", key)] = slice(width, width + values.shape[1])
             width += values.shape[1]

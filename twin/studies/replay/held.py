@@ -17,17 +17,14 @@ from twin.robot.assembly.load import load_experiment, recorded_experiment
 from twin.robot.controller.controller import SHARE
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.hold import HoldRequest
-from twin.robot.run.measures import MEASURES, Values, unmeasured
+from twin.robot.run.measures import HEADLINE, OF_A_FORCE, Values, labelled, unmeasured
 from twin.robot.run.view import outcome_of
 from twin.studies.replay.replay import Outputs, RobotLog
 
 MAX_PERIOD_ERROR = 0.02
 """Largest difference of the log's period from a divisor of the controller's, as a share."""
-OF_A_FORCE = (
-    "hold_error", "hold_overshoot", "hold_settling_time", "chatter", "chatter_frequency", "hold_mean_error",
-    "hold_overshoot_force", "hold_begin", "hold_end", "force_error", "peak", "peak_time", "end",
-)  # fmt: skip
-"""Measures that a force and its reference are enough for."""
+OF_A_LOG = (*OF_A_FORCE, "hold_begin", "hold_end")
+"""Measures of a log: it has no true position."""
 
 
 class _LogView:
@@ -80,7 +77,7 @@ def log_measures(log: RobotLog, estimate: Outputs, source: Path | None, settings
         return unmeasured(text)
     view = _LogView(log, *_commanded(experiment, log, estimate, stride, period))
     found = outcome_of(view, HoldRequest.of(experiment))
-    return {key: found.measures[key] for key in OF_A_FORCE} if found else unmeasured("the log has no force")
+    return {key: found.measures[key] for key in OF_A_LOG} if found else unmeasured("the log has no force")
 
 
 def _commanded(
@@ -101,8 +98,4 @@ def text_of(values: Values) -> str:
     error = values["hold_error"]
     if error.value is None:
         return f"none: {error.reason}"
-    return ", ".join(
-        f"{MEASURES[key].text} {MEASURES[key].shown(one.value)}"
-        for key in ("hold_error", "hold_overshoot", "hold_settling_time", "chatter")
-        if (one := values[key]).value is not None
-    )
+    return ", ".join(labelled(key, values) for key in HEADLINE if values[key].value is not None)
