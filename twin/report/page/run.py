@@ -149,7 +149,9 @@ def _of_the_table(run: "ReportRun") -> list[RunMeasure]:
         own = run.believed_outcome.get(measure.key) if measure.key in OF_A_FORCE else None
         if one.value is None and measure.key not in HEADLINE:
             continue
-        true, believed = (math.nan if v is None else measure.unit.per_SI * v for v in (one.value, own.value if own else None))
+        true, believed = (
+            math.nan if v is None else measure.unit.per_SI * v for v in (one.value, own.value if own else None)
+        )
         short = measure.text if measure.key in SCORED else ""
         found.append(RunMeasure(measure.text, measure.unit.text, true, believed, short, one.reason))
     return found
