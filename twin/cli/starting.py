@@ -108,7 +108,7 @@ def log_new(log: Annotated[Path, Argument("A CSV file of a robot.", "CSV")]) -> 
 
     Example: twin log new robot.csv
     """
-    from twin.kernel.recording.logs.csv_file import propose
+    from twin.kernel.recording.logs.proposal import propose
 
     path, complete = propose(log)
     words = ["twin", "replay", str(log), "--experiment", "fig4_force_position", "--map", str(path)]

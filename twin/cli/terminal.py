@@ -83,7 +83,7 @@ def _warning(values: Values) -> str:
 
 
 def _hold(values: Values) -> Iterator[str]:
-    """The first measures, and what goes with them; why there are none where nothing is held."""
+    """Format the first measures of a held force, or the reason why they are missing, then torque and work."""
     error, begin, end = (values[key] for key in ("hold_error", "hold_begin", "hold_end"))
     if error.value is None or begin.value is None or end.value is None:
         yield from wrapped(f"none: {error.reason}", _row("held", ""))

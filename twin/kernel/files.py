@@ -134,8 +134,8 @@ _TOML_TOKEN = re.compile(
     | "(?:\\[^\n]|[^"\\\n])*(?:"|\\?(?=\n|\Z)) | '[^'\n]*(?:'|(?=\n|\Z))""",
     re.DOTALL | re.VERBOSE,
 )
-"""Blanks and comments, which are no part of a TOML key, and quoted text, which is one part. What is not closed ends
-with the line or the text, so that no character is looked at twice."""
+"""Blanks and comments, which are skipped between parts of a TOML key, and quoted text, which is one part. Unclosed
+quotes end with the line or the text, so that each character is scanned once."""
 
 
 def read_json(path: Path, limit: int = LIMIT) -> Any:

@@ -15,8 +15,9 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.description import described
 from twin.kernel.fmi.groups import DO_STEP
+from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.lifecycle import CosimInstance
-from twin.kernel.fmi.stepping import Instance, Stepping
+from twin.kernel.fmi.stepping import Stepping
 from twin.kernel.fmi.unpacked import unpacked
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.drives import drive, planned

@@ -277,7 +277,7 @@ def test_what_cannot_be_right_is_refused_before_a_binary_is_loaded(
     def loaded(*_: object, **__: object) -> None:
         raise AssertionError("a binary is loaded")
 
-    monkeypatch.setattr("twin.kernel.fmi.stepping.Instance.__init__", loaded)
+    monkeypatch.setattr("twin.kernel.fmi.instance.Instance.__init__", loaded)
     with pytest.raises(InputRefused, match=re.escape(said)) as refused:
         planned_part(file, inputs, outputs)
     assert str(tmp_path) in str(refused.value) or "one.ssp" in str(refused.value)

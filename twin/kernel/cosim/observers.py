@@ -199,11 +199,11 @@ def simulate(
         observer.begin(simulation)
     found = state.about.get("observers", {}) if state is not None else {}
     if not isinstance(found, dict):
-        raise InputRefused("the state says nothing of what observers found out; it is damaged")
+        raise InputRefused("the state has no table of observers; it is damaged")
     for name, observer in lasting.items() if state is not None else ():
         try:
             observer.restore(found.get(name))
-        # each looks at what it needs, and a state may hold anything
+        # a state may hold anything, and each observer checks its own part only
         except (TypeError, ValueError, LookupError, AttributeError, OverflowError) as problem:
             raise InputRefused(f"the state of {name} is damaged: {problem}") from None
     return stepped(simulation, observers, last_tick + 1)

@@ -286,7 +286,7 @@ class Simulation:
         self.next_tick = tick
 
     def _refuse_other_time(self, saved: SavedState) -> None:
-        """Raises InputRefused if a state is of no tick of this simulation, or says another time than its tick's."""
+        """Raise InputRefused if the tick of a state is outside this simulation or contradicts the state's time."""
         time = saved.about.get("time", saved.tick * self.system.tick)
         if not self.system.first_tick <= saved.tick <= self.last_tick + 1:
             raise InputRefused(

@@ -127,7 +127,7 @@ class SavedState:
             if min(piece.shape, default=0) < 0 or len(piece.content) != size:
                 raise InputRefused(f"{where}: the state is damaged: {piece} has {len(piece.content)} bytes")
         if contents.read(1) or sum(one[-1] for one in (*front["pieces"], *front["inside"])) != contents.tell():
-            raise InputRefused(f"{where}: the state is damaged: its parts are not as long as it says")
+            raise InputRefused(f"{where}: the state is damaged: its parts do not have the stated lengths")
         return cls(tick, pieces, inside, about)
 
 

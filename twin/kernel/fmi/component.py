@@ -22,9 +22,10 @@ from twin.kernel.files import json_of
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.fmi.exchange import ExchangeStepping, ModelExchange, react
 from twin.kernel.fmi.groups import TERMINATE
+from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.lifecycle import CosimInstance
 from twin.kernel.fmi.solvers import Solver
-from twin.kernel.fmi.stepping import FmuPort, Instance, Placed, Stepping, placed
+from twin.kernel.fmi.stepping import FmuPort, Placed, Stepping, placed
 from twin.kernel.fmi.variable import Setting, Setup
 
 DISTRUSTED = "without_state"

@@ -216,12 +216,12 @@ class FmuDescription:
 
     @property
     def needs_tool(self) -> bool:
-        """Whether it says that it needs its authoring tool while it runs."""
+        """Whether the attribute needsExecutionTool is true."""
         return bool(self.interface.needsExecutionTool)
 
     @property
     def tool_note(self) -> str:
-        """What there is to know of an FMU that needs Python, and says it: this process has it; "" of any other one."""
+        """Note on an FMU of PythonFMU that needs an execution tool, which is Python; "" for other FMUs."""
         if not (self.needs_tool and (self.model.generationTool or "").startswith(PYTHON_FMU)):
             return ""
         return f"{NEEDS_TOOL}, which is Python; {PYTHON_FMU} builds it without that by --no-external-tool"
@@ -400,7 +400,7 @@ INDICES = ("index", "dependencies", "derivative")
 
 
 def _flaw(file: Path, problem: Exception) -> str:
-    """Why FMPy cannot read a description: where its XML is broken, or refers to what is not there."""
+    """Reason why FMPy cannot read a description: the place of an XML error, or a missing reference."""
     if type(problem) is Exception:
         # FMPy's own sentence
         return str(problem)

@@ -12,6 +12,7 @@ from twin.kernel.cosim.python_class import STEP
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.cosim_step import SHORTER
 from twin.kernel.fmi.groups import MOST_UPDATES, get_all, noted, set_all
+from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.lifecycle import Fmi2, Fmi3, FMU2Exchange, FMU3Exchange
 from twin.kernel.fmi.solvers import (
     FUNCTIONS,
@@ -33,7 +34,7 @@ from twin.kernel.fmi.solvers import (
     slack,
     weigh,
 )
-from twin.kernel.fmi.stepping import FmuPort, Instance, Stepping, placed
+from twin.kernel.fmi.stepping import FmuPort, Stepping, placed
 from twin.kernel.fmi.variable import Variable
 
 

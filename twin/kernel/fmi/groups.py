@@ -56,7 +56,7 @@ _KINDS = {
 
 
 NO_STATUS, WIDTH = 15, 16
-"""What stands for an integer that is no status of any FMI version, and how many bits before it that integer begins."""
+"""Code of an integer outside the statuses of every FMI version, and the bit at which that integer is stored."""
 
 
 def foreign(*kinds: str, returns: str = "status") -> Any:
@@ -149,7 +149,7 @@ STATUSES = {2: "Discard", 3: "Error", 4: "Fatal", PENDING: "Pending"}
 
 
 def status_phrase(function: str, status: int) -> str:
-    """Return what a bad status of a function of the standard is: `fmi2DoStep returned fmi2Error`."""
+    """Return the phrase of a bad status: `fmi2DoStep returned fmi2Error`."""
     # FMI 3.0 has no Pending, and of FMI 1.0 and 2.0 doStep alone may return it
     if status in STATUSES and (status != PENDING or function in ("fmiDoStep", "fmi2DoStep")):
         prefix = function[:4] if function[3:4].isdigit() else "fmi"
@@ -214,19 +214,19 @@ _i8, _u8, _i16, _u16 = (pointer_to(t) for t in (np.int8, np.uint8, np.int16, np.
 _i32, _u32, _i64, _u64 = (pointer_to(t) for t in (np.int32, np.uint32, np.int64, np.uint64))
 
 NOTE = record(
-    status="i8",  # that a function returned and that is none, as `foreign` has it: its lowest `WIDTH` bits left out
+    status="i8",  # invalid status that a function returned, shifted right by `WIDTH` bits
     slot="i8",  # of the value that is `UNFIT` or `INEXACT`, or could not be set or got, among the inputs or outputs
     value="f8",  # which is unfit
     whole="i8",  # which is inexact
 )
-"""What no step can return about its bad status, of an instance."""
+"""Details of a bad status that do not fit into the return value of a step, one record per instance."""
 
 note_at = pointer_to(NOTE)
 
 
 @njit(cache=True, inline="always")
 def noted(note, status):
-    """`status` as a step returns it; what does not fit there goes to the `NOTE` at this address."""
+    """Return the lowest `WIDTH` bits of `status` and store the rest in the `NOTE` at this address."""
     if status >> WIDTH != 0:
         carray(note_at(note), 1)[0].status = status >> WIDTH
     return status & (1 << WIDTH) - 1
@@ -259,7 +259,7 @@ def _store(kind, buffer, j, value):
     Whole numbers are rounded to the nearest.
     """
     if kind < 2 or kind == 10:
-        # of a truth value the bounds are not those of what it is made of
+        # a Boolean is stored as a byte, whose bounds do not apply
         most = FLOAT_32 if kind == 1 else FLOAT_64
         if not -most <= value <= most:
             return False
@@ -349,7 +349,7 @@ def fill(g, u):
 
 @njit(cache=True, inline="always")
 def drain(g, y):
-    """Take what is in the buffer of a group to the outputs at address `y`; 0, or `INEXACT`."""
+    """Copy the buffer of a group to the outputs at address `y`; return 0, or `INEXACT`."""
     slots, gain, offset = _scaling(g)
     for j in range(g.values):
         if g.kind == 8 or g.kind == 9:

@@ -25,7 +25,8 @@ from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.cosim_step import CHANGING, CLOCK, COUNTDOWN, EVENTS, NEVER, OUTPUT, PERIODIC, settle
 from twin.kernel.fmi.description import STRUCTURAL, clocks, stated_interval
 from twin.kernel.fmi.groups import WIDTH, explain_status, intermediate_update, status_phrase
-from twin.kernel.fmi.stepping import Instance, Stepping
+from twin.kernel.fmi.instance import Instance
+from twin.kernel.fmi.stepping import Stepping
 from twin.kernel.fmi.variable import KINDS, Variable
 
 MOST_RETURNED = 40

@@ -24,11 +24,11 @@ ITEM_SIZES = (8, 4, 1, 1, 2, 2, 4, 4, 8, 8, 1)
 """Bytes of one value of each of `KINDS`."""
 
 EXACT = 2**53
-"""Largest whole number up to which a double holds each exactly: signals are doubles."""
+"""Largest integer below which a double represents every integer; signals are doubles."""
 FLOAT_64, FLOAT_32 = float(np.finfo(np.float64).max), float(np.finfo(np.float32).max)
 WHOLE_LOW = (-(2.0**7), 0.0, -(2.0**15), 0.0, -(2.0**31), 0.0, -(2.0**53), 0.0)
 WHOLE_HIGH = (2.0**7 - 1, 2.0**8 - 1, 2.0**15 - 1, 2.0**16 - 1, 2.0**31 - 1, 2.0**32 - 1, 2.0**53, 2.0**53)
-"""Bounds of the whole numbers among `KINDS`, which begin with the third; of those of 64 bits what is exact."""
+"""Bounds of the integer types of `KINDS`, from the third on; for 64 bits, of the integers exact in a double."""
 
 
 class Conversion(NamedTuple):
@@ -182,7 +182,7 @@ class Variable:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """What its type holds: of whole numbers of 64 bits what a double holds exactly."""
+        """Smallest and largest value of its type; for 64-bit integers, of those exact in a double."""
         if self.type == "Boolean":
             return 0.0, 1.0
         if 2 <= self.kind < 10:

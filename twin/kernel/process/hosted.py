@@ -21,8 +21,9 @@ from twin.kernel.cosim.state import SavedState, StatePlaces, SystemState
 from twin.kernel.errors import ComponentFailed, TwinError
 from twin.kernel.fmi.component import FmuComponent, opened
 from twin.kernel.fmi.description import Kind, described
+from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.solvers import Solver
-from twin.kernel.fmi.stepping import FmuPort, Instance
+from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setting, Setup, Variable
 from twin.kernel.process.black_box import manner

@@ -376,7 +376,7 @@ def _refuse_unfit(variable: Variable, values: np.ndarray, where: str) -> None:
         InputRefused: the first of them.
     """
     for value in map(float, (np.nanmin(values), np.nanmax(values))):
-        # what was read as EXACT may have been more
+        # a larger number may have been rounded to EXACT when it was read
         if why := variable.unfit(value if abs(value) != EXACT or variable.type in REALS else 2.0 * value):
             raise InputRefused(f"{where}: {why}")
 

@@ -21,8 +21,9 @@ from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.component import FmuComponent, opened
 from twin.kernel.fmi.description import clocks, feedthrough, refuse_step
 from twin.kernel.fmi.groups import AT_END
+from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.solvers import USUAL_TOLERANCE, Solver
-from twin.kernel.fmi.stepping import FmuPort, Instance, Placed
+from twin.kernel.fmi.stepping import FmuPort, Placed
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setup, number, stop_time
 from twin.kernel.systems.loops import AlgebraicLoop, loops

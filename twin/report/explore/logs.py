@@ -16,8 +16,9 @@ from twin.kernel.files import read_text
 from twin.kernel.recording.folder import RECORDING
 from twin.kernel.recording.logs.bag import is_bag
 from twin.kernel.recording.logs.column_map import columns_in
-from twin.kernel.recording.logs.csv_file import proposal, read_table
+from twin.kernel.recording.logs.csv_file import read_table
 from twin.kernel.recording.logs.log import Log, LogSeries
+from twin.kernel.recording.logs.proposal import proposal
 from twin.kernel.recording.logs.reader import LogKind, kind_of, read_log
 from twin.kernel.recording.messages import Field
 from twin.kernel.writing import made_folder, written

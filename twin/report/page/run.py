@@ -51,7 +51,7 @@ KEYS = (
 )  # fmt: skip
 """Names of measures, the one that says most about a run first."""
 SCORED = (*JUDGED, "force_error", "lateral_error")
-"""Keys of the measures of which less is better."""
+"""Keys of the measures for which smaller is better."""
 MOST_BOXED_NUMBERS, MOST_BOXED_OF_SEVERAL = 4, 3
 """Key numbers of a run, and of each of several: they stand side by side above the player."""
 
@@ -78,7 +78,7 @@ def number(value: float, unit: str = "") -> str:
 
 
 def outcome(run: "ReportRun") -> str:
-    """How the force was held, in a sentence; "" where none was."""
+    """Return the first measures in a sentence; "" if no force was held."""
     values = run.outcome
     if not values or values["hold_error"].value is None:
         return ""
@@ -107,7 +107,7 @@ def scored(run: "ReportRun") -> dict[str, float]:
 
 
 def key_measures(runs: Sequence["ReportRun"]) -> list[list[RunMeasure]]:
-    """Of each run the few that say most: the first of `KEYS` that all of them have."""
+    """Return the key numbers of each run: the first of `KEYS` that all runs have."""
     found = [
         {name: m for m in run.measures for name in (m.short, m.text) if name and not math.isnan(m.true)} for run in runs
     ]
@@ -141,7 +141,7 @@ def unscored(run: "ReportRun", asked: Container[str]) -> dict[str, list[str]]:
 
 
 def _of_the_table(run: "ReportRun") -> list[RunMeasure]:
-    """The measures of `twin.robot.run.measures`; those of a held force by the robot's own force, too."""
+    """Return the measures of `twin.robot.run.measures`, true and, for a force, by the robot's own force."""
     found = []
     for measure in TABLE if run.outcome else ():
         one = run.outcome[measure.key]

@@ -1,4 +1,4 @@
-"""Numbers of a run while it holds a force: error, overshoot, settling, chatter, and what the drives deliver.
+"""Compiled sums of a held force: error, overshoot, settling, chatter, torque, work and energy of the drives.
 
 With F the true pressing force, R its reference and e = F - R, row by row, in compiled code:
 
@@ -9,10 +9,10 @@ With F the true pressing force, R its reference and e = F - R, row by row, in co
 - Overshoot: largest e in the 2 s from s0 on; of a task the largest F less its force, from its first row with the loop
   on to 1 s after its first held row.
 - Settling: from s0 to the row after the last |e| > 5 % of R before the first hold ends.
-- Chatter: e of held rows through two first-order high-passes in series, begun anew with each hold. Discretised by the
+- Chatter: e of held rows through two first-order high-passes in series, reset at each hold. Discretised by the
   trapezoidal rule: y_k (1 + w) = x_k - x_(k-1) + (1 - w) y_(k-1), w = pi f dt. Amplitude: sqrt(2) times the rms.
 
-Nothing counts from the first row on in which the safety monitor has tripped.
+Rows after a trip of the safety monitor do not count.
 """
 
 import numpy as np
@@ -32,7 +32,7 @@ SIGNALS = {
     "controller.p_cmd_B": 3, "controller.task": 1, "controller.phase": 1, "monitor.reason": 1, "plant.tau_load": 3,
     "drive.omega_m": 3, "drive.tau_motor": 3, "drive.current": 3, "drive.power": 3,
 }  # fmt: skip
-"""Signals that are looked at, and their sizes; those of drives are of all three."""
+"""Signals that the sums need, and their sizes; a signal of the drives has a value per drive."""
 _F, _P, _ON, _R, _REF, _CMD, _TASK, _PHASE, _TRIP, _LOAD, _OMEGA, _TORQUE, _CURRENT, _POWER = (
     int(start) for start in np.cumsum([0, *SIGNALS.values()])[:-1]
 )
@@ -96,7 +96,7 @@ def _swing(s, e):
 
 @njit(cache=True, inline="always")
 def _drives(s, row, column):
-    """Take what the drives deliver in a row; work and energy of a row last until the next one."""
+    """Add torque, current, work and energy of the drives; power is held from row to row."""
     s.work += s.work_last * s.dt
     s.energy += s.power_last * s.dt
     s.work_last = s.power_last = 0.0

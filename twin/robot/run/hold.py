@@ -1,4 +1,4 @@
-"""What an experiment asks of a held force, and the numbers behind the measures of it."""
+"""The force that an experiment asks for, and the sums behind the measures of a held force."""
 
 import math
 from collections.abc import Mapping
@@ -18,26 +18,26 @@ from twin.robot.mechanism.kinematics import jacobian
 from twin.robot.plant.hold_sums import SIGNALS, SUMS, TASK_SUMS, add_up
 
 UNDER_FORCE = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
-"""Phases in which a task holds its force."""
+"""Phases of tasks that hold a force."""
 GRACE = 2.0
 """Time (s) to reach the force in a run without tasks, from the first touch and from each step of the reference."""
 TASK_GRACE = 1.0
-"""Time (s) after the first held row of a task in which its overshoot is still looked for."""
+"""Time (s) after the first held row of a task until which its overshoot is searched."""
 BAND = 0.05
 """Share of the reference within which the force has settled."""
 HIGH_PASS = 2.0
-"""Corner frequency (Hz) of the filter that tells chatter from slow changes of the force."""
+"""Corner frequency (Hz) of the high-passes that separate chatter from slow changes of the force."""
 SUBSTITUTES = {"controller.p_ref_B": ("reference.p_ref_B",), "monitor.reason": ("monitor.tripped",)}
 """Signals that stand for one that a third-party part does not have."""
 
 
 class HoldRequest(NamedTuple):
-    """What an experiment asks of its force, as far as its measures need it.
+    """Force references and robot data of an experiment that its measures need.
 
     Attributes:
         force_loop: whether the force is controlled.
         forces, kinds: force (N) and kind of each task; empty if way points lead the robot.
-        reference: force of the file (N), for a controller that does not report its own; NaN if there is none.
+        reference: force of the file (N), for a controller that does not report its own; NaN if missing.
         thinned: whether rows are recorded at the controller's period only; the measures are of these rows.
         every: ticks from one looked-at row to the next.
         geometry: lengths of the true robot.
@@ -134,7 +134,7 @@ class RowLayout(Protocol):
 
 
 def signal_columns(layout: RowLayout, name: str, size: int) -> NDArray[np.int64]:
-    """Columns of a signal, or of what third-party parts have in its place, (size,); -1 where rows have neither."""
+    """Return the columns (size,) of a signal, or of a third-party part's substitute; -1 if both are missing."""
     if name.startswith("drive."):
         each = [name.replace("drive", f"drive_{joint}", 1) for joint in (1, 2, 3)]
         if all(map(layout.has, each)):

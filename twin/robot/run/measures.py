@@ -97,7 +97,7 @@ class MeasureRow:
         digits: digits after the point that people read.
         floor: smallest difference that counts, SI.
         share: smallest difference that counts, as a share of the larger value.
-        missing: reason if there is no value.
+        missing: reason if the value does not exist.
     """
 
     key: str
@@ -135,7 +135,7 @@ TIME_FLOOR = 0.05
 EFFORT_SHARE = 0.05
 """Smallest difference of current, torque, work and energy that counts, as a share."""
 LEAST_CHATTER = 0.05
-"""Amplitude (N) below which swings of the force are no chatter."""
+"""Smallest amplitude (N) that is reported as chatter."""
 LARGE_OVERSHOOT = 0.05
 """Share of the reference beyond which an overshoot stands in the first line."""
 NOT_FOR_TASKS = "not defined for tasks"
@@ -309,7 +309,7 @@ def _no_hold(hold: "HoldSums", run: RunOutcome) -> str:
 
 
 def unmeasured(reason: str) -> dict[str, MeasuredValue]:
-    """Every measure of a run that has none, for one reason."""
+    """Return every measure as missing, for one reason."""
     return {measure.key: MeasuredValue(None, reason) for measure in TABLE}
 
 

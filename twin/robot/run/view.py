@@ -14,7 +14,7 @@ from twin.robot.run.outcome import BLOCK, DEVIATION_SIGNALS, RunOutcome, Tally
 
 
 class RunView(Protocol):
-    """A run that is read: what `Trace` and `Recording` have in common."""
+    """A run that is read; `Trace` and `Recording` fulfil it."""
 
     def __getitem__(self, key: str) -> NDArray:
         """Values of `topic.field`: (n,) or (n, size)."""

@@ -156,7 +156,7 @@ def baseline_file(folder: Path, experiment: str, drive: str) -> Path:
 
 
 def stored_experiments(folder: Path) -> list[str]:
-    """The experiments that have a baseline in `folder`; what else is kept there, such as tolerances, is none."""
+    """Names of the experiments with a baseline in `folder`; other folders, such as that of tolerances, are skipped."""
     return sorted({file.parent.name for file in folder.glob("*/*.toml")})
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from twin.kernel.errors import ComponentFailed, TwinError
 from twin.kernel.fmi.component import distrust, instances_left, opened
 from twin.kernel.fmi.description import FmuDescription
-from twin.kernel.fmi.stepping import Instance
+from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.variable import Setting, Setup, Variable
 from twin.kernel.process.guard import JobEnded, JobEndedLoading, guarded
 from twin.kernel.process.reporter import Reporter

@@ -94,7 +94,7 @@ def _commanded(
 
 
 def text_of(values: Values) -> str:
-    """The first measures of a log, or why there are none."""
+    """Return the first measures of a log as text, or the reason why they are missing."""
     error = values["hold_error"]
     if error.value is None:
         return f"none: {error.reason}"

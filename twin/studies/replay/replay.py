@@ -387,9 +387,7 @@ def robot_log(log: Log, belief: Belief) -> RobotLog:
         )
     refuse_invalid(log.path, "an encoder", len(counts.invalid), len(counts.invalid) + len(counts.t))
     lost = max(len(one.t) for one in sides) - len(counts.t)
-    notes = log.notes
-    if lost:
-        notes = (*notes, f"{lost} samples without all six encoders are left out")
+    notes = (*log.notes, f"{lost} samples without all six encoders are left out") if lost else log.notes
     count_m, count_l = (replace(counts, values=values) for values in (counts.values[:, :3], counts.values[:, 3:]))
     measured = _in_unit(log, SCALE, log[SCALE], "N") if SCALE in log.series else None
     if count_m.t[0] < 0.0:

@@ -11,18 +11,18 @@ if TYPE_CHECKING:
     from twin.studies.shadow.session import Followed, Running
 
 SIGNALS = {"motor angles": COUNT_M, "joint angles": COUNT_L, "force": F_Z, "commands": OMEGA_REF, "torques": TAU}
-"""Columns of a sample by what a summary calls them."""
+"""Columns of a sample by their names in a summary."""
 GROSS_JOINT = math.radians(2.0)
 """Mean joint residual over each of 2 s (rad) that no healthy robot has: their tolerance is a hundredth of it."""
 GROSS_NIS = 50.0
 """Mean NIS per count over each of 2 s that no healthy robot has: it is 20 at most at the corners of the fleet."""
 GROSS_BAND, FEWEST_PREDICTED = 0.2, 200
-"""Share of the estimated forces in the band of 95 %, and number of them from which on it counts."""
+"""Minimum share of the estimated forces in the band of 95 %, and minimum number of forces for that test."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a session says of robot and twin.
+    """The verdict of a session on robot and twin.
 
     Attributes:
         kind: "match", "part" or "not watched".

@@ -21,8 +21,9 @@ from twin.kernel.cosim.python_class import FAILED as STATUS
 from twin.kernel.cosim.python_class import STEP, doubles
 from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.fmi.groups import TERMINATE
+from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.solvers import Solver
-from twin.kernel.fmi.stepping import Instance, at_both_ends, placed
+from twin.kernel.fmi.stepping import at_both_ends, placed
 from twin.kernel.fmi.variable import Setting, Setup, Variable
 from twin.kernel.process.hosted import DONE, ENDED, LOADING, RESTORE, SAVE, HostedFmu
 from twin.kernel.process.job import error_of

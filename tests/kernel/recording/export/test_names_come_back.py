@@ -12,8 +12,9 @@ from twin.kernel.errors import InputRefused
 from twin.kernel.recording.export.export import export_recording
 from twin.kernel.recording.export.table import SignalColumn, SignalTable, write_csv
 from twin.kernel.recording.logs.column_map import TIME_NAMES, column_map, split_unit
-from twin.kernel.recording.logs.csv_file import heading, propose, read_csv
+from twin.kernel.recording.logs.csv_file import heading, read_csv
 from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.proposal import propose
 from twin.kernel.recording.logs.reader import read_log
 from twin.kernel.recording.messages import Field, Topic
 from twin.kernel.recording.writer import Writer

@@ -2,15 +2,11 @@
 
 Fields are separated by commas, semicolons or tabs, whichever the head holds most of; numbers have a decimal point.
 Lines before the head that start with # are comments and are kept. Every mistake is reported with its line.
-
-For a robot's CSV file a map of its columns is proposed, by names, units and values. What the file leaves no doubt about
-stands in it as it is; what is in doubt stands in it as comments.
 """
 
 import codecs
 import csv
 import io
-import json
 import os
 import re
 from array import array
@@ -18,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +23,7 @@ from twin.kernel.errors import nearest, visible
 from twin.kernel.files import foreign_kind, open_regular
 from twin.kernel.recording.logs.column_map import TIME, TIME_NAMES, MappedColumn, split_unit, unit
 from twin.kernel.recording.logs.log import LARGEST, Log, LogRefused, LogSeries, NoNumbers
-from twin.kernel.units import FORCE, Dimension, Unit, known_unit
-from twin.kernel.writing import write_text
+from twin.kernel.units import Dimension, Unit, known_unit
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """First characters of a cell that spreadsheets take for a formula."""
@@ -39,9 +34,9 @@ MOST_COLUMNS = 2_000
 _BLOCK = 2**20
 ROWS_AT_ONCE = 200
 """Rows whose numbers are converted together, so that their texts are not all in memory."""
-_TIME_DIMENSION = Dimension(s=1)
+SECONDS = Dimension(s=1)
 INVALID = frozenset({"null", "none", "na", "n/a", "#n/a", "<na>", "nil"})
-"""What tools write for a value that is not a number, beside the spellings of NaN and infinity that float() reads."""
+"""Spellings of a missing number, in addition to those of NaN and infinity that float() reads."""
 DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 DATE = re.compile(r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}(\D.*)?|\d{1,2}:\d{2}(:\d{2}.*)?")
 """A date, a date with a time of day, or a time of day."""
@@ -122,7 +117,7 @@ class CsvTable:
         return self.wrong.get(self.head.index(name))
 
     def is_numbers(self, name: str) -> bool:
-        """Whether the column `name` has numbers, and fields without text where it has none."""
+        """Whether every field of the column `name` that has text is a number, and at least one is."""
         wrong = self.mistakes(name)
         return wrong is None or (not wrong.texts and wrong.count < len(self.values))
 
@@ -140,7 +135,7 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
 
     Args:
         columns: by signal; empty: every column that holds numbers, named as its head says.
-        known: unit by name of signals that a name in the head may mean, such as those of the log to compare with.
+        known: unit by name of signals that the head may name, such as those of the log to compare with.
 
     Raises:
         LogRefused: no text, no rows, rows of different lengths, a column of the map that is not there or cannot be
@@ -163,7 +158,7 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
             continue
         try:
             exported = (known or {}).get(name, "")
-            # what was exported has the numbers and the unit of its source, which may be one that is not known here
+            # an export keeps the unit of its source, which may be unknown here
             as_is = not columns and bool(exported) and heading(name, exported) == column.name
             values, factor = _values(table, replace(column, unit="1") if as_is else column)
             if not len(t):
@@ -411,7 +406,7 @@ def _sources(
 
 
 def meanings(head: Sequence[str], known: Mapping[str, str]) -> dict[str, tuple[str, str]]:
-    """Signal and unit that each name of the head means; empty names are none.
+    """Return the signal and unit of each name of the head; empty names are skipped.
 
     A name that `twin export` writes for one of the `known` signals (unit by name) means it, then a name that is one of
     them as a whole: `i_A` is then no current `i`. Every other name carries its unit, as `split_unit` has it.
@@ -466,7 +461,7 @@ def _times(table: CsvTable, column: MappedColumn) -> tuple[NDArray[np.float64], 
             f"'{wrong.text}'; expected seconds: write them to the file, counted from its first row"
         )
     factor = _unit_of(table.path, column)
-    if factor.dimension != _TIME_DIMENSION:
+    if factor.dimension != SECONDS:
         what = f"unit '{column.unit}'" if column.unit else "no unit"
         raise LogRefused(f"{table.path}: time column '{column.name}' has {what}; expected s, ms, us, ns or min")
     values, factor = _values(table, column)
@@ -494,166 +489,3 @@ def _check_times(table: CsvTable, name: str, t: NDArray[np.float64], lines: NDAr
 
 def _unit_of(path: Path, column: MappedColumn) -> Unit:
     return unit(column.unit or "1", f"{path}: column '{column.name}'")
-
-
-ANGLE, SECONDS, MASS = Dimension(rad=1), Dimension(s=1), Dimension(kg=1)
-SIDES = {"m": ("m", "mot", "motor", "motors"), "l": ("l", "link", "joint", "load", "arm", "out", "output")}
-"""Side of the spring, as in `theta_m` and `theta_l` -> words by which columns name it."""
-FORCES = ("f", "fz", "force", "scale", "load", "loadcell", "weight")
-CLOCKS = (*TIME_NAMES, "stamp", "clock")
-LAST = "F_z"
-
-
-class Triple(NamedTuple):
-    """Three columns that differ in a number from 0 to 2 or from 1 to 3.
-
-    Attributes:
-        columns: by joint.
-        words: of their common name, small letters.
-        unit: as their names carry it; "" if they do not.
-        counts: whether they hold whole numbers only, without a unit.
-    """
-
-    columns: tuple[str, str, str]
-    words: frozenset[str]
-    unit: str
-    counts: bool
-
-
-class Proposal(NamedTuple):
-    """A map that has been written, and whether it is complete as it is."""
-
-    path: Path
-    complete: bool
-
-
-def propose(log: Path) -> Proposal:
-    """Write the column map of the CSV file `log` beside it, as NAME.map.toml.
-
-    Raises:
-        LogRefused: no CSV file, or the map is there already.
-        NotWritten: the folder or the disk refuses.
-    """
-    text, complete = proposal(read_table(log))
-    path = log.with_suffix(".map.toml")
-    if os.path.lexists(path):
-        raise LogRefused(f"{path}: is there already and is not touched; remove or rename it for a new one")
-    write_text(path, text)
-    return Proposal(path, complete)
-
-
-def proposal(table: CsvTable) -> tuple[str, bool]:
-    """(text of the map, whether nothing in it is in doubt)."""
-    numbers = [name for name in table.head if table.head.count(name) == 1 and table.is_numbers(name)]
-    sections = [_time(table, numbers), *_angles(table, numbers), _force(table, numbers)]
-    taken = {name for lines in sections for name in numbers if any(_quoted(name) in line for line in lines)}
-    lines = [f"# Which column of {visible(table.path.name)} is which signal, for twin replay and twin identify."]
-    lines.append("# Angles: positive where the link goes down, zero with it horizontal; the motor's before the belt.")
-    for section in sections:
-        lines += ["", *section]
-    if left := [name for name in table.head if name not in taken]:
-        lines += ["", f"# not used: {', '.join(map(visible, left))}"]
-    return "\n".join(lines) + "\n", not any(line.startswith("#") and " = " in line for line in lines)
-
-
-def _time(table: CsvTable, numbers: Sequence[str]) -> list[str]:
-    """The one column that ascends and is in a unit of time, or is called so."""
-    rising = [name for name in numbers if np.all(np.diff(table.column(name)) > 0.0)]
-    units = {name: known_unit(split_unit(name)[1]) for name in rising}
-    timed = [name for name in rising if (found := units[name]) is not None and found.dimension == SECONDS]
-    named = [name for name in rising if _words(name) & set(CLOCKS)]
-    if len(timed) == 1:
-        return [_line(TIME, timed[0])]
-    offered = timed or named
-    if not offered:
-        return [f'# {TIME} = {{ column = "?", unit = "s" }}   # no column that ascends is called a time']
-    unit = "" if timed else "s"
-    return [f"# {_line(TIME, name, unit)}{'' if timed else '   # in which unit?'}" for name in offered]
-
-
-def _angles(table: CsvTable, numbers: Sequence[str]) -> Iterator[list[str]]:
-    """The encoders of both sides of the springs."""
-    triples = [one for one in triples_of(table, numbers) if one.counts or _dimension(one.unit) == ANGLE]
-    found = {side: [one for one in triples if one.words & set(words)] for side, words in SIDES.items()}
-    # of two that are left the name of one tells the other
-    for side, other in (("m", "l"), ("l", "m")):
-        if not found[side] and len(found[other]) == 1 and len(triples) == 2:
-            found[side] = [one for one in triples if one not in found[other]]
-    for side in SIDES:
-        sure = len(found[side]) == 1
-        offered = found[side] or triples
-        if not offered:
-            name = f'"estimator.theta_{side}[0]"'
-            yield [
-                f'# {name} = {{ column = "?", unit = "deg" }}   # no three columns are angles or counts; 1 and 2, too'
-            ]
-        else:
-            yield [
-                f"{'' if sure else '# '}{_line(f'{signal}[{joint}]', column)}"
-                for one in offered
-                for signal in [f"encoder.count_{side}" if one.counts else f"estimator.theta_{side}"]
-                for joint, column in enumerate(one.columns)
-            ]
-
-
-def _force(table: CsvTable, numbers: Sequence[str]) -> list[str]:
-    """The measured force, pressing positive."""
-    units = {name: split_unit(name)[1] for name in numbers}
-    forces = [name for name in numbers if _dimension(units[name]) == FORCE]
-    weights = [name for name in numbers if _dimension(units[name]) == MASS]
-    if len(forces) + len(weights) == 1:
-        (name,) = [*forces, *weights]
-        # what a scale shows in grams is a weight
-        unit = units[name] if forces else f"{units[name]}f"
-        values = table.column(name)
-        sign = -1 if abs(float(np.nanmin(values))) > abs(float(np.nanmax(values))) else 1
-        return [_line(f"scale.{LAST}", name, unit, sign)]
-    offered = [*forces, *weights] or [name for name in numbers if not units[name] and _words(name) & set(FORCES)]
-    if not offered:
-        return [f"# No column is a force: twin replay can still compare with --plant. scale.{LAST} has none."]
-    return [
-        f"# {_line(f'scale.{LAST}', name, '' if name in forces else f'{units[name]}f' if units[name] else 'N')}"
-        f"{'' if units[name] else '   # in which unit?'}"
-        for name in offered
-    ]
-
-
-def triples_of(table: CsvTable, numbers: Sequence[str]) -> list[Triple]:
-    """Columns that differ in one number, which is that of the joint, in the order of the file."""
-    stems: dict[tuple[str, str], dict[int, str]] = {}
-    for column in numbers:
-        name, unit = split_unit(column)
-        if match := re.fullmatch(r"(.*?)(\d+)(\D*)", name):
-            stems.setdefault((f"{match[1]}#{match[3]}", unit), {})[int(match[2])] = column
-    found = []
-    for (stem, unit), columns in stems.items():
-        numbered: Mapping[int, str] = columns
-        if sorted(numbered) in ([0, 1, 2], [1, 2, 3]):
-            three = [numbered[joint] for joint in sorted(numbered)]
-            values = [table.column(name) for name in three]
-            whole = all(np.array_equal(one, np.rint(one), equal_nan=True) for one in values)
-            found.append(Triple((three[0], three[1], three[2]), _words(stem), unit, whole and unit in ("", "1")))
-    return found
-
-
-def _words(name: str) -> frozenset[str]:
-    """The words of a name: `q_motor[1]` and `qMotor1` have q and motor."""
-    apart = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", split_unit(name)[0])
-    return frozenset(word.lower() for word in re.findall(r"[A-Za-z]+", apart))
-
-
-def _dimension(unit: str) -> Dimension | None:
-    found = known_unit(unit)
-    return found.dimension if found and unit else None
-
-
-def _line(signal: str, column: str, unit: str = "", sign: int = 1) -> str:
-    """`"scale.F_z" = { column = "Fz_N", unit = "N" }`; unit: "": as the name of the column carries it."""
-    name = signal if signal == TIME else json.dumps(signal)
-    unit = unit or split_unit(column)[1]
-    rest = (f", unit = {json.dumps(unit)}" if unit else "") + (", sign = -1" if sign < 0 else "")
-    return f"{name} = {{ column = {_quoted(column)}{rest} }}"
-
-
-def _quoted(name: str) -> str:
-    return json.dumps(name, ensure_ascii=False)

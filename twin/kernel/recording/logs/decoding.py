@@ -255,13 +255,13 @@ def path_text(parts: Sequence[str | int]) -> str:
 def field(message: Any, parts: Sequence[str | int]) -> float:
     """The number (or stamp, in s) of a message at `force.z`, `position[2]`, `header.stamp`, as `path_parts` has it.
 
-    `position.knee` is the element of an array that stands where 'knee' stands in the names beside it. What is left of
-    the path may be one name, such as `arm.knee`.
+    `position.knee` is the element of an array at the index of 'knee' in the names of the same message. The rest of the
+    path may be one name, such as `arm.knee`.
 
     Raises:
-        LookupError: no message of this type has such a field; its text says what is there. `UnknownElement`: this
-            message has none.
-        ValueError: what is there is neither a number nor a stamp; null is NaN.
+        LookupError: messages of this type lack the field; the text lists the existing ones. `UnknownElement`: this
+            message lacks it.
+        ValueError: the value is neither a number nor a stamp; null is NaN.
     """
     around: list[Any] = []
     value = message

@@ -132,8 +132,8 @@ def refuse_invalid(path: Path, name: str, invalid: int, samples: int) -> None:
 def rows_of(parts: Sequence[LogSeries]) -> LogSeries:
     """Put samples of several series that belong together into rows (n, k), at the times of the first series.
 
-    Sources stamp what they measure at one moment a little apart, so the samples nearest to each other belong together
-    if they are less than half a period apart. A time at which one of the series has no sample has no row.
+    Sources stamp samples of one moment a little apart, so the samples nearest to each other form a row if they are less
+    than half a period apart. Times at which a series has no sample are left out.
     """
     t = parts[0].t
     reach = 0.5 * float(np.median(np.diff(t)))

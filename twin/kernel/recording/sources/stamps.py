@@ -35,9 +35,9 @@ SINGLE, USUAL = 0.2, 0.5
 """The period is shorter than the median interval only if so large a share of all intervals are single periods, or less
 than `USUAL` of them are like the median."""
 CHANGED = 0.1
-"""Relative change of the period from which on earlier losses are counted again with the new period."""
+"""Relative change of the period above which earlier losses are counted again with the new period."""
 SURE, SURELY_BACK = 3, 10
-"""Consecutive messages of another time after which the clock has started anew, or was set back by less than `BACK`."""
+"""Consecutive messages of another clock that make a restart, or a clock set back by less than `BACK`."""
 AHEAD = 10.0
 """Minimum advance of stamps against arrivals (s) for a clock that was set while its delay is not known yet."""
 SET_AHEAD = 0.1
@@ -409,7 +409,7 @@ class Aligner:
         if math.isinf(self.period) or abs(self.period - before) <= CHANGED * before < math.inf:
             return
         for one in self._intervals:
-            # what was missing before one could know; and what only seemed to be, by the period of before
+            # losses before the period was known, and losses counted with the previous period
             missing = self._missing_in(one.length)
             self._count(one, missing if one.missing is None else min(one.missing, missing))
 
@@ -424,7 +424,7 @@ class Aligner:
         interval.missing = missing
 
     def _messages_to_restart(self, stamp: int, arrived: int) -> int:
-        """Consecutive messages like this one after which the clock has started anew; 0 if it is of this clock."""
+        """Return how many such messages in a row make a restart of the clock; 0 if the message fits the clock."""
         if self._last < 0:
             return 0
         if stamp > self._last:
@@ -435,7 +435,7 @@ class Aligner:
         # a message that is late by so much is no message of this clock
         if stamp < self._last - back and arrived - stamp > (self.clocks.offset + SAME_CLOCK) * SECOND:
             return SURE
-        # what was overtaken comes between newer ones, and not in its order
+        # overtaken messages arrive between newer ones and out of order
         return SURELY_BACK if not self._suspects or stamp > self._suspects[-1][2].stamp else 2 * SURELY_BACK
 
     def _count_late(self, stamp: int, by: int = 1) -> None:
