@@ -2,7 +2,7 @@ from dataclasses import asdict
 
 import pytest
 
-from twin.cli.terminal import MOST_EVENTS, run_facts, run_text
+from twin.cli.run_text import MOST_EVENTS, run_facts, run_text
 from twin.robot.run.measures import MEASURES, unmeasured
 
 NUMBERS = {

@@ -334,13 +334,13 @@ def test_a_dumb_terminal_gets_what_a_pipe_gets(root: Path, tmp_path: Path):
 
 @pytest.mark.slow
 def test_a_study_shows_what_it_is_doing_how_much_is_over_and_leaves_only_its_answer(root: Path, tmp_path: Path):
-    words = ("drive", "compare", "ideal_velocity", "velocity_servo", "--experiment", "step_z_air")
+    words = ("drive", "compare", "ideal_velocity", "--experiment", "step_z_air", "--experiment", "step_z_low")
     text = seen(root, tmp_path, words=words)
-    first, second = text.index("step_z_air with ideal_velocity, 1 of 2"), text.index("velocity_servo, 2 of 2")
+    first, second = (text.index(f"{name} with ideal_velocity, {n} of 2") for n, name in enumerate(words[4::2], 1))
     assert " 0%" in text[first:second] and " 50%" in text[second:]
-    assert "\x1b[2K" in text[second:] and "\x1b" not in text.rpartition("velocity_servo beside")[2]
+    assert "\x1b[2K" in text[second:] and "\x1b" not in text.rpartition("energy: no output")[2]
     plain = seen(root, tmp_path, words=words, NO_COLOR="1")
-    assert "step_z_air with velocity_servo, 2 of 2  50%" in plain and "\x1b" not in plain
+    assert "step_z_low with ideal_velocity, 2 of 2  50%" in plain and "\x1b" not in plain
 
 
 def test_what_is_left_is_told_once_it_can_be_known(monkeypatch: pytest.MonkeyPatch):

@@ -38,7 +38,6 @@ from twin.kernel.systems.reading import read_system
 from twin.kernel.systems.topics import streams
 from twin.kernel.writing import made_folder, write_bytes, write_json
 from twin.studies.result import Note, Result, counted, note, some
-from twin.studies.systems.joined import joined
 
 MOST = 6
 """The most rows of a list in the text; JSON has all."""
@@ -347,6 +346,9 @@ def joined_system(
     Raises:
         InputRefused: see `joined` and `written_system`.
     """
+    # wires are guessed as those of a drive, which systems do without
+    from twin.studies.systems.joined import joined
+
     package, doubtful = joined(fmus, choice.lenient)
     _, file = write_ssp(package, choice, out, compiled, Additions())
     wires = [f"{'.'.join(one.start)} -> {'.'.join(one.end)}" for one in package.structure.system.connections]

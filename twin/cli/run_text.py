@@ -1,0 +1,153 @@
+"""What `twin run` prints of a finished run: measures, outcome, events, parts, files; and the same for programs."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from twin.robot.run.measures import (
+    HEADLINE,
+    LARGE_OVERSHOOT,
+    NEXT,
+    NOT_FOR_TASKS,
+    MeasuredValue,
+    Values,
+    labelled,
+    measured_values,
+    shown,
+    with_units,
+)
+from twin.studies.result import counted, wrapped
+
+MOST_EVENTS = 20
+"""The most events that are listed; the recording has all of them."""
+
+
+def run_text(run: Mapping[str, Any]) -> str:
+    """For people, at most 80 columns but for paths.
+
+    Args:
+        run: the fields of `twin.robot.run.Run`, `real_time_factor`, `remarks`, and the name of the `experiment`.
+    """
+    speed = f"{run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"
+    values = measured_values(run["outcome"]["measures"])
+    lines = [f"{run['experiment']}  {speed}{_warning(values)}", *(f"  {remark}" for remark in run["remarks"])]
+    lines += [*_hold(values), *_outcome(run["outcome"], run["held"]), *_events(run), *_robot(run), *_drives(run)]
+    for role, text in run["parts"].items():
+        lines += wrapped(text.removeprefix(f"{role}: "), f"  {role:10} ")
+    lines += [_row("substitute", f"{name}: {kind}") for name, kind in run["substituted"].items()]
+    return "\n".join([*lines, _row("recording", run["recording"])])
+
+
+def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
+    """For programs; `run` as for `run_text`."""
+    return {
+        "experiment": run["experiment"],
+        "recording": str(run["recording"]),
+        "simulated_s": run["simulated"],
+        "stepping_s": run["stepping"],
+        "recording_s": run["writing"],
+        "real_time_factor": run["real_time_factor"],
+        "drives": list(run["drives"]),
+        "substituted": dict(run["substituted"]),
+        "parts": dict(run["parts"]),
+        "robot_values": run.get("robot_values"),
+        "trip": run["trip"],
+        "changed": run["changed"],
+        "punctuality": run["punctuality"],
+        "measures": with_units(measured_values(run["outcome"]["measures"])),
+        "held": [dict(one) for one in run["held"]],
+        "events": [{"t_s": t, "level": level, "text": text} for t, level, text in run["events"]],
+    }
+
+
+def _warning(values: Values) -> str:
+    """`  OVERSHOOT 34.0 %, 1.70 N` behind the first line, if it is large; else ""."""
+    share = values["hold_overshoot"].value
+    if share is None or share <= LARGE_OVERSHOOT:
+        return ""
+    return f"  OVERSHOOT {shown('hold_overshoot', values)}, {shown('hold_overshoot_force', values)}"
+
+
+def _hold(values: Values) -> Iterator[str]:
+    """Format the first measures of a held force, or the reason why they are missing, then torque and work."""
+    error, begin, end = (values[key] for key in ("hold_error", "hold_begin", "hold_end"))
+    if error.value is None or begin.value is None or end.value is None:
+        yield from wrapped(f"none: {error.reason}", _row("held", ""))
+    else:
+        # a remark on how they are taken stands behind the first one only
+        remark, values = error.reason, {key: _without(error.reason, one) for key, one in values.items()}
+        first = [labelled(key, values) for key in HEADLINE if values[key].reason != NOT_FOR_TASKS]
+        first[0] += f" ({remark})" if remark else ""
+        if values["chatter_frequency"].value is not None:
+            first[-1] += f" at {shown('chatter_frequency', values)}"
+        yield from wrapped(f"{begin.value:.1f} to {end.value:.1f} s: " + ", ".join(first), _row("held", ""))
+    # a robot that stays on its axis has no lateral error
+    rest = (labelled(key, values) for key in NEXT if (values[key].value or 0.0) > 1e-6)
+    yield from wrapped(", ".join(rest), _row("", ""))
+
+
+def _without(remark: str, one: MeasuredValue) -> MeasuredValue:
+    return MeasuredValue(one.value) if one.value is not None and one.reason == remark else one
+
+
+def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    if outcome["peak"] > 0.0:
+        peak = f"at most {outcome['peak']:.2f} N, at {outcome['peak_time']:.2f} s"
+        # at the end of its tasks a robot presses nothing
+        yield _row("force", peak if held else f"{peak}, {outcome['end']:.2f} N in the last second")
+        for one in held:
+            yield from wrapped(_held(one, len(held) > 1), _row("", ""))
+        if "end_x" in outcome and not held:
+            yield _row("", f"{_force(outcome['end_x'])} along x, {_force(outcome['end_y'])} along y in the last second")
+        if outcome["force_error"] is not None:
+            yield _row("", f"error since the first touch {outcome['force_error']:.2f} N rms, force loop on")
+    else:
+        yield _row("force", "none: it never touched")
+    if outcome["lateral_error"] is None:
+        return
+    lateral, z = 1e3 * outcome["lateral_error"], 1e3 * outcome["z_error"]
+    yield _row("position", f"{lateral:.2f} mm lateral and {z:.2f} mm in z from the reference, rms")
+
+
+def _held(one: Mapping[str, Any], several: bool) -> str:
+    """`7.93 to 8.02 N for 8.00 N, 4.4 to 9.4 s, error 0.009 N`."""
+    name = f"task {one['task']}: " if several else ""
+    asked = f"{one['force']:.2f} N"
+    if one["least"] is None:
+        return f"{name}never held {asked}" if one["kind"] != "tap" else f"{name}never tapped"
+    did = f"{counted(one['taps'], 'tap')}, peaks " if one["kind"] == "tap" else ""
+    error = "" if one["error"] is None else f", error {one['error']:.3f} N"
+    force = f"{one['least']:.2f} to {one['largest']:.2f} N for {asked}"
+    return f"{name}{did}{force}, {one['begin']:.1f} to {one['end']:.1f} s{error}"
+
+
+def _force(value: float) -> str:
+    # no minus before what rounds to nothing
+    return f"{round(value, 2) + 0.0:.2f} N"
+
+
+def _events(run: Mapping[str, Any]) -> Iterator[str]:
+    events = [(t, text) for t, level, text in run["events"] if level != "DEBUG"]
+    for t, text in events[:MOST_EVENTS]:
+        yield from wrapped(f"{t:8.3f} s  {text}", later=12)
+    if len(events) > MOST_EVENTS:
+        yield f"{'':8}    and {len(events) - MOST_EVENTS} more events, in the recording"
+
+
+def _robot(run: Mapping[str, Any]) -> Iterator[str]:
+    if counts := run.get("robot_values"):
+        # takes a while to load
+        from twin.robot.experiment.recorded import robot_values_text
+
+        yield _row("robot", robot_values_text(counts))
+
+
+def _drives(run: Mapping[str, Any]) -> Iterator[str]:
+    for drive in dict.fromkeys(run["drives"]):
+        head, *rest = drive.splitlines()
+        yield _row("drive", head)
+        for line in rest:
+            yield from wrapped(line.strip(), " " * 13, 15)
+
+
+def _row(name: str, text: object) -> str:
+    return f"  {name:10} {text}"
