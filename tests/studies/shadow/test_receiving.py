@@ -45,17 +45,22 @@ class Robot:
     def __init__(self, told: list[Reading], live: bool = False):
         self.told, self.live, self.at, self.next = told, live, 0, 0
         self.clock = SteadyClock()
-        self.begun = self.clock.now()
+        # starts with the first message: a session that takes long to begin must not find them waiting
+        self.begun: int | None = None
 
     @property
     def ended(self) -> bool:
         return self.next == len(self.told)
 
     def now(self) -> int:
-        return self.clock.now() - self.begun if self.live else self.at
+        if not self.live:
+            return self.at
+        return 0 if self.begun is None else self.clock.now() - self.begun
 
     def take(self, wait: float) -> list[Arrival]:
         if self.live:
+            if self.begun is None:
+                self.begun = self.clock.now()
             time.sleep(max(0.0, (self.told[self.next].stamp - self.now()) / 1e9))
         else:
             self.at = max(self.at, self.told[self.next].stamp)
@@ -143,9 +148,9 @@ def followed(robot: Robot, folder: Path, slow: float = 0.0) -> Followed:
 def test_a_session_says_how_punctual_it_was_and_which_deadlines_it_missed(tmp_path: Path):
     told = followed(Robot(readings(500), live=True), tmp_path, slow=0.012)
     assert told.counts.samples == 500 and told.counts.missing == 0
-    # the first ones have no period yet, of which to be late
-    assert 400 < told.in_hand.count < 490
-    # how many more there are depends on what else this machine does
+    # the first ones have no period yet, of which to be late; those that come in one go are not counted either
+    assert 200 <= told.in_hand.count < 490
+    # how many more are late depends on what else this machine does
     assert told.missed >= 1 and told.in_hand.largest >= 0.012
     events = [str(event) for event in read(tmp_path / "run.mcap").events]
     assert any("later than a period after the sample, by 1" in event for event in events), events
