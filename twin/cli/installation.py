@@ -46,7 +46,7 @@ def lacking(findings: Sequence[Finding]) -> list[str]:
 
 
 PURPOSES = {
-    "dask": "twin sweep --engine dask, twin cosim --remote",
+    "dask": "twin sweep --engine dask",
     "explore": "twin explore",
     "live": "twin run --live",
     "parquet": "twin export --parquet",

@@ -31,7 +31,6 @@ class MasterChoice:
         order: components that go first, in this order.
         loops: what is done about algebraic loops.
         tolerance: relative, of steps of varying length; None: steps of one length.
-        remote: address of the Dask scheduler of components on other machines, by component.
         lenient: whether small offences against the standards, which are listed, are let through.
     """
 
@@ -46,7 +45,6 @@ class MasterChoice:
     loops: Loops = "delay"
     tolerance: float | None = None
     lenient: bool = False
-    remote: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.tolerance is None:
@@ -72,8 +70,7 @@ class MasterChoice:
             InputRefused: the first of them.
         """
         known = list(components)
-        for option, names in (("--kind", self.kinds), ("--step", self.steps), ("--order", self.order),
-                              ("--remote", self.remote)):  # fmt: skip
+        for option, names in (("--kind", self.kinds), ("--step", self.steps), ("--order", self.order)):
             for name in names:
                 if name and name not in known:
                     raise InputRefused(f"{where}: {option} {name}: no such component; {nearest(name, known)}")
@@ -128,7 +125,6 @@ def chosen(asked: Mapping[str, Any]) -> MasterChoice:
         loops=asked["loops"].value,
         tolerance=asked["tolerance"],
         lenient=asked["lenient"],
-        remote=remote(asked["remote"]),
     )
 
 
@@ -166,22 +162,6 @@ def steps(texts: Sequence[str]) -> dict[str, float]:
             raise InputRefused(f"--step {text}: expected COMPONENT=MS with a number above 0")
         _once(found, name, "--step")
         found[name] = milliseconds / 1000.0
-    return found
-
-
-def remote(texts: Sequence[str]) -> dict[str, str]:
-    """Of `--remote NAME=ADDRESS`.
-
-    Raises:
-        InputRefused: no name, no address, or two for one name.
-    """
-    found: dict[str, str] = {}
-    for text in texts:
-        name, _, address = text.rpartition("=")
-        if not name or not address:
-            raise InputRefused(f"--remote {text}: expected COMPONENT=tls://HOST:PORT, the address of a Dask scheduler")
-        _once(found, name, "--remote")
-        found[name] = address
     return found
 
 

@@ -6,7 +6,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple, Protocol, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from twin.kernel.fmi.description import clocks, feedthrough, refuse_step
 from twin.kernel.fmi.groups import AT_END
 from twin.kernel.fmi.instance import Instance
 from twin.kernel.fmi.solvers import USUAL_TOLERANCE, Solver
-from twin.kernel.fmi.stepping import FmuPort, Placed
+from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Setup, number, stop_time
 from twin.kernel.systems.loops import AlgebraicLoop, loops
@@ -56,31 +56,6 @@ class PreparedSystem:
     forgiven: Sequence[str] = ()
 
 
-class FmuLike(Protocol):
-    """A component that is one FMU, here or elsewhere."""
-
-    @property
-    def ports(self) -> tuple[Sequence[FmuPort], Sequence[Placed]]:
-        """As of `FmuComponent`."""
-
-
-class DistantInstance(Protocol):
-    """An FMU instance that is not in this process, in initialisation mode."""
-
-    def component(self, period: int, solver: Solver) -> Component:
-        """It in step mode, an `FmuLike`, which steps every `period` ticks; for model exchange with a solver."""
-
-
-class Host(Protocol):
-    """Where an FMU may live that is not in this process."""
-
-    def take(self, content: bytes) -> None:
-        """The archive of the FMU."""
-
-    def opened(self, part: SystemPart, setup: Setup) -> Instance:
-        """A new instance, which is a `DistantInstance`; raises InputRefused."""
-
-
 class Initialised(NamedTuple):
     """The FMUs of a system.
 
@@ -104,9 +79,7 @@ def folders_of(plan: SystemPlan) -> dict[str, Path]:
 
 
 @contextmanager
-def coupled(
-    plan: SystemPlan, folders: Mapping[str, Path], hosts: Mapping[str, Host] = MappingProxyType({})
-) -> Iterator[PreparedSystem]:
+def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedSystem]:
     """The system of a plan, whose FMUs are freed at the end.
 
     All FMUs are in initialisation mode together, until their inputs have what feeds them; those of FMI 1.0, which has
@@ -115,7 +88,6 @@ def coupled(
     Args:
         plan: of the system.
         folders: where FMUs are unpacked, by their SHA-256.
-        hosts: of components that live elsewhere, by path.
 
     Raises:
         InputRefused: an FMU cannot be loaded or initialised, or takes no such steps; a loop that is to be solved
@@ -126,7 +98,7 @@ def coupled(
     solved = [_Solved(plan, loop) for loop in found] if plan.choice.loops == "solve" else []
     with ExitStack() as made:
         plan, components, settled, forgiven = initialised(
-            plan, folders, made, _given(plan), solved, hosts=hosts, free=bool(unvarying(plan))
+            plan, folders, made, _given(plan), solved, free=bool(unvarying(plan))
         )
         if not unvarying(plan):
             yield _varying(plan, components, settled, found, forgiven)
@@ -151,7 +123,6 @@ def initialised(
     given: Mapping[str, np.ndarray],
     solved: Sequence["_Solved"] = (),
     outputs_at_start: Mapping[str, Mapping[str, float | np.ndarray]] = MappingProxyType({}),
-    hosts: Mapping[str, Host] = MappingProxyType({}),
     free: bool = False,
 ) -> Initialised:
     """The FMUs of a system, ready to be stepped.
@@ -162,7 +133,6 @@ def initialised(
         given: values at the start of what is no FMU, by output.
         solved: loops whose start values are looked for.
         outputs_at_start: see `FmuComponent`, by component.
-        hosts: as of `coupled`.
         free: whether outputs that nothing reads may be NaN, and locals that cannot be read are left out.
 
     Raises:
@@ -173,21 +143,14 @@ def initialised(
     parts: list[SystemPart] = []
     instances: dict[str, Instance] = {}
     for part in plan.parts:
-        setup, host = _setup(plan, part), hosts.get(part.path)
-        folder = folders[part.description.sha256]
-        instances[part.name] = (
-            host.opened(part, setup) if host else opened(part.path, part.description, folder, part.settings, (), setup)
-        )
+        folder, setup = folders[part.description.sha256], _setup(plan, part)
+        instances[part.name] = opened(part.path, part.description, folder, part.settings, (), setup)
         made.callback(instances[part.name].close)
     settled = _Settling(plan, instances, solved, given).settled()
     components: dict[str, Component] = {}
     for part in plan.parts:
         instance = instances[part.name]
         parts.append(part)
-        if part.path in hosts:
-            distant = cast(DistantInstance, instance)
-            components[part.name] = distant.component(plan.timing.periods[part.path], Solver(plan.choice.method))
-            continue
         instance.begin()
         if free:
             part = parts[-1] = _without_unreadable(part, instance, fed)
@@ -265,7 +228,7 @@ def _varying(
             fed = set(depends.get(port.variable.name, ())) & {one.variable.name for one in part.inputs}
             direct += [bool(fed)] * port.port.size
             nominal += [size if _moves(port) else 0.0] * port.port.size
-        ports = cast(FmuLike, components[part.name]).ports[0]
+        ports = cast(FmuComponent, components[part.name]).ports[0]
         moving += [_moves(port) for port in ports for _ in range(port.port.size)]
         ends = {port.port.name for port in ports if port.port.instant == "end"}
         wires += [(s, f"{t}{AT_END}") for s, t in plan.wires if f"{t}{AT_END}" in {f"{part.name}.{e}" for e in ends}]

@@ -1,0 +1,22 @@
+"""Options that earlier versions had: each is refused with what to type in its place."""
+
+from collections.abc import Sequence
+
+from twin.kernel.errors import InputRefused
+
+WITHDRAWN = {
+    ("cosim", "--remote"): "leave it out; all FMUs of a system run on this machine",
+}
+"""(Command, option) -> what to type in its place."""
+
+
+def refuse_withdrawn(words: Sequence[str]) -> None:
+    """Refuse a command line with an option that its command no longer has.
+
+    Raises:
+        InputRefused: the first of them.
+    """
+    for word in words[1:]:
+        option = word.partition("=")[0]
+        if instead := WITHDRAWN.get((words[0], option)):
+            raise InputRefused(f"twin {words[0]}: {option} is no longer an option; {instead}")
