@@ -6,6 +6,7 @@ from twin.kernel.errors import InputRefused
 
 WITHDRAWN = {
     ("cosim", "--remote"): "leave it out; all FMUs of a system run on this machine",
+    ("cosim", "--tolerance"): "type --tick-ms MS, a step that is short enough",
 }
 """(Command, option) -> what to type in its place."""
 

@@ -117,9 +117,6 @@ class Simulation:
         # no ticks: compiles, or loads from the cache, before anyone's clock runs
         self._address = self._loop.ctypes.data
         self._advance = advance.native.called
-        self.control = system.control(self._loop, self._y, self._u) if system.control else None
-        if self.control is not None:
-            self._address, self._advance = self.control.address, self.control.advance
         self._advance(self._address, 0, 0, 0)
         self._deadlines: Deadlines | None = None
 

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 Loops = Literal["delay", "solve"]
 Method = Literal["cvode", "rk4"]
 KINDS: "tuple[Kind, ...]" = ("co_simulation", "model_exchange")
-LOOSEST = 0.1
-"""Relative tolerance; what is looser is an error of another kind."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +28,6 @@ class MasterChoice:
         steps: of components (s).
         order: components that go first, in this order.
         loops: what is done about algebraic loops.
-        tolerance: relative, of steps of varying length; None: steps of one length.
         lenient: whether small offences against the standards, which are listed, are let through.
     """
 
@@ -43,20 +40,7 @@ class MasterChoice:
     steps: Mapping[str, float] = field(default_factory=dict)
     order: Sequence[str] = ()
     loops: Loops = "delay"
-    tolerance: float | None = None
     lenient: bool = False
-
-    def __post_init__(self) -> None:
-        if self.tolerance is None:
-            return
-        if not 0.0 < self.tolerance <= LOOSEST:
-            raise InputRefused(f"--tolerance {self.tolerance:g}: expected a number above 0, at most {LOOSEST:g}")
-        for option, asked in (("--step", self.steps), ("--loops solve", self.loops == "solve")):
-            if asked:
-                raise InputRefused(
-                    f"--tolerance chooses the steps of all components itself, and does not go with {option}; "
-                    "leave one of them out"
-                )
 
     @property
     def method(self) -> Method:
@@ -123,7 +107,6 @@ def chosen(asked: Mapping[str, Any]) -> MasterChoice:
         steps=steps(asked["step"]),
         order=order(asked["order"]),
         loops=asked["loops"].value,
-        tolerance=asked["tolerance"],
         lenient=asked["lenient"],
     )
 

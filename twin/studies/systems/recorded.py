@@ -29,7 +29,7 @@ from twin.kernel.recording.writer import Writer
 from twin.kernel.ssp.package import Package
 from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice
-from twin.kernel.systems.coupling import PreparedSystem, unvarying
+from twin.kernel.systems.coupling import PreparedSystem
 from twin.kernel.systems.opening import drawn_up, opened
 from twin.kernel.systems.plan import SystemPart, SystemPlan
 from twin.kernel.systems.reading import read_system
@@ -96,7 +96,6 @@ def facts(
         "overruled": list(plan.overruled),
         "unreadable": list(plan.unreadable),
         "without_effect": list(_without_effect(plan, made, state_every)),
-        "steps": _steps(plan, done),
         "settled": made.settled,
         "ended": str(done.failure or ""),
         "forgiven": [*plan.forgiven, *made.forgiven],
@@ -133,16 +132,6 @@ def _without_effect(plan: SystemPlan, made: PreparedSystem, state_every: float |
             )
 
 
-def _steps(plan: SystemPlan, done: Simulated) -> dict[str, Any]:
-    """How long they were: of one length, and why although there is a tolerance; or how many and how exact."""
-    control = done.simulation.control
-    if control is None:
-        why = unvarying(plan) if plan.choice.tolerance is not None else ""
-        return {"varying": False, "tolerance": plan.choice.tolerance, "why": why}
-    made = {"varying": True, "tolerance": plan.choice.tolerance, "error_total": float(control.memory["total"][0])}
-    return made | control.counts
-
-
 def _start(part: SystemPart, variable: Variable) -> Any:
     """The value of an input without a source."""
     given = next((to_json(value) for v, value in part.settings if v == variable), variable.start)
@@ -163,7 +152,6 @@ def system_result(came: Mapping[str, Any]) -> Result:
         note("system", f"{_form(came)}{counted(came['connections'], 'connection')}", True),
         note("coupling", f"{SCHEMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"),
         *([note("end", f"{came['stop_s']:g} s by {came['stop_from']}")] if came["stop_from"] else []),
-        *_steps_text(came["steps"], round(came["simulated_s"] / came["tick_s"])),
         *(note(path, _component(one, came["tick_s"]), True) for path, one in came["components"].items()),
         *(note("input", f"{name} = {about}") for name, about in came["inputs"].items()),
         *([note("late", late, True)] if came["late"] else []),
@@ -184,16 +172,6 @@ def system_result(came: Mapping[str, Any]) -> Result:
         f"{Path(came['system']).stem}  {came['simulated_s']:g} s{start} at {came['real_time_factor']:.3g} x real time"
     )
     return Result(headline, parts, came, {"recording": came["recording"]})
-
-
-def _steps_text(steps: Mapping[str, Any], ticks: int) -> list[Any]:
-    if not steps["varying"]:
-        return [note("steps", f"of one length: {steps['why']}", True)] if steps["why"] else []
-    text = (
-        f"{counted(steps['steps'], 'step')} for {counted(ticks, 'tick')}, {steps['rejected']} rejected; errors add up"
-    )
-    loose = f"; in {counted(steps['loose'], 'pair')} of ticks it is missed, take shorter ones" if steps["loose"] else ""
-    return [note("steps", f"{text} to {steps['error_total']:.2g}, tolerance {steps['tolerance']:g}{loose}", True)]
 
 
 def _loop(one: Mapping[str, Any]) -> str:
@@ -291,7 +269,6 @@ def written_system(
         ("--record", additions.recorded),
         ("--solver", choice.solver),
         ("--loops solve", choice.loops == "solve"),
-        ("--tolerance", choice.tolerance),
     ):
         if asked:
             raise InputRefused(f"{option}: an SSP archive has no word for it; choose when it is run")
@@ -416,7 +393,6 @@ def _provenance(plan: SystemPlan, made: PreparedSystem) -> dict[str, dict[str, s
         **({"periods": json.dumps(periods)} if periods else {}),
         **({"kinds": json.dumps(kinds), "solver": choice.method} if kinds else {}),
         **({"loops": choice.loops, "solved": json.dumps([one.path for one in made.loops])} if made.solved else {}),
-        **({"tolerance": repr(choice.tolerance), "steps": unvarying(plan) or "varying"} if choice.tolerance else {}),
         **({"forgiven": json.dumps([*plan.forgiven, *made.forgiven])} if choice.lenient else {}),
     }
     return {

@@ -115,9 +115,6 @@ def cosim(
         LoopCoupling,
         Option("Algebraic loops: delay one value by a step, or solve them by Newton's method."),
     ] = LoopCoupling.DELAY,
-    tolerance: Annotated[
-        float | None, Option("Steps as long as this relative error allows, if all FMUs can go back.", "REL")
-    ] = None,
     step: Annotated[
         Sequence[str], Option("Longer step of a component, whole ticks; may be repeated.", "COMPONENT=MS")
     ] = (),
