@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from twin.kernel.errors import InputRefused
 
 WITHDRAWN = {
+    ("branch", "--drive"): "type twin run EXPERIMENT --drive FMU, a run with it from the start",
     ("cosim", "--remote"): "leave it out; all FMUs of a system run on this machine",
     ("cosim", "--tolerance"): "type --tick-ms MS, a step that is short enough",
 }
