@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twin.kernel.compiled.native import help_with
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.system import End, Feeds, MemoryChange, System, ends, wires
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.fmi.groups import AT_END
+from twin.kernel.hooks import HOOKS
 from twin.robot.assembly import build
 from twin.robot.assembly.build import (
     Build,
@@ -200,7 +200,7 @@ def scheduled(experiment: Experiment, system: System) -> tuple[MemoryChange, ...
 
 
 HERE = InThisProcess()
-help_with(compile_beside)
+HOOKS.before_compiling.append(compile_beside)
 
 
 @dataclass
