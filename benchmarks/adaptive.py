@@ -16,17 +16,15 @@ SCHEDULE = (
     "controller.force.schedule=[{stiffness_N_per_m=800,kp_mm_per_N=1.5,ki_mm_per_N_s=16},"
     "{stiffness_N_per_m=1600,kp_mm_per_N=1.9,ki_mm_per_N_s=13},{stiffness_N_per_m=3200,kp_mm_per_N=1.7,ki_mm_per_N_s=8}]"
 )
-TANK = "controller.energy_tank.size_J=0.5"
 BESIDES = ("controller.breath.rate_per_min=15", "controller.touch.force_learning=0.5")
 WITH = {
     "plain": (),
     "estimator": (TISSUE,),
     "estimator, schedule": (TISSUE, SCHEDULE),
-    "estimator, schedule, tank": (TISSUE, SCHEDULE, TANK),
-    "all of it": (TISSUE, SCHEDULE, TANK, *BESIDES),
+    "all of it": (TISSUE, SCHEDULE, *BESIDES),
 }
 MOST = 0.15
-"""us that a call with estimator, schedule and tank may take."""
+"""Maximum time (us) of a call with estimator and schedule."""
 
 
 def measurements(folder: Path) -> list[Measurement]:
@@ -36,7 +34,7 @@ def measurements(folder: Path) -> list[Measurement]:
     return [
         Measurement(
             f"controller of tasks, {name}: per call, at best", 1e6 * min(rounds.seconds[name]), "us",
-            at_most=MOST if name == "estimator, schedule, tank" else None,
+            at_most=MOST if name == "estimator, schedule" else None,
         )
         for name in loaded
     ]  # fmt: skip

@@ -25,8 +25,8 @@ from twin.robot.run.run import SLICE_TICKS
 TICKS = 20_000
 FMPY_TICKS = 1_000
 ROUNDS = 31
-WHOLE, SLICED = 1.2, 1.35
-"""Most time of the master, in times of the C loop: in one piece, and in slices."""
+WHOLE = 1.2
+"""Maximum time of the master, in times of the C loop."""
 # small angles that add up to 0: the ring then stays far from every limit of the drives for all ticks
 START = (0.002, -0.001, -0.001)
 TICK = 1e-3
@@ -106,7 +106,6 @@ def measurements(folder: Path) -> list[Measurement]:
     with tempfile.TemporaryDirectory() as scratch:
         subjects = {
             "master": lambda: master_seconds(plan, TICKS + 1)[0],
-            "sliced": lambda: master_seconds(plan, SLICE_TICKS)[0],
             "fmpy": lambda: fmpy_seconds(plan),
         }
         try:
@@ -142,9 +141,6 @@ def _against_c(name: str, rounds: Rounds) -> list[Measurement]:
         Measurement(f"{name}: C loop, macro step", 1e9 * rounds.typical("c") / TICKS, "ns"),
         Measurement(f"{name}: of it the FMU calls alone", 1e9 * rounds.typical("fmu") / TICKS, "ns"),
         Measurement(f"{name}: master / C loop", rounds.ratio("master", "c"), "x", at_most=WHOLE),
-        Measurement(
-            f"{name}: the same in slices of {SLICE_TICKS} ticks", rounds.ratio("sliced", "c"), "x", at_most=SLICED
-        ),
         Measurement(f"{name}: master beyond the FMU calls", net("master"), "ns"),
         Measurement(f"{name}: C loop beyond the FMU calls", net("c"), "ns"),
     ]

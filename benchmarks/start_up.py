@@ -16,8 +16,8 @@ ROUNDS = 5
 COLD_TURNS = 3
 TURNS = 11
 """Of commands that take less than a tenth of a second."""
-COMMANDS = {"--help": 5.0, "schema": 8.0, "drive list": 8.0, "doctor": 8.0}
-"""What answers without running anything, and the most time it may take, in times of a Python that does nothing."""
+HELP = 12.0
+"""Maximum time of `twin --help`, in times of a Python that does nothing."""
 WATCH = Path(__file__).with_name("watch.py")
 IMPORTS = "import twin.robot.run, twin.robot.assembly.load, twin.kernel.recording.folder"
 MEGABYTE = 1024.0 if sys.platform != "darwin" else 1024.0**2
@@ -75,7 +75,7 @@ def measurements(experiment: Path) -> list[Measurement]:
     bare = rounds.typical("python")
     return [
         Measurement("start: bare Python", bare, "s"),
-        *command_measurements(),
+        help_measurement(),
         Measurement("start: what twin run imports", rounds.typical("imports") - bare, "s"),
         Measurement("start: twin run Fig. 4, warm", rounds.typical("run"), "s"),
         Measurement("start: that / import numba", rounds.ratio("run", "numba"), "x", at_most=2.5),
@@ -85,16 +85,11 @@ def measurements(experiment: Path) -> list[Measurement]:
     ]
 
 
-def command_measurements() -> list[Measurement]:
-    """Commands that answer, as scripts call them: what they keep is there, made by the call before."""
-    subjects = {line: partial(_seconds, "-m", "twin", *line.split()) for line in COMMANDS}
-    for call in subjects.values():
-        call()
-    rounds = Rounds({"python": partial(_seconds, "-c", "pass"), **subjects}, TURNS)
-    return [
-        Measurement(f"start: twin {line} / bare Python", rounds.ratio(line, "python"), "x", at_most=most)
-        for line, most in COMMANDS.items()
-    ]
+def help_measurement() -> Measurement:
+    """The command that only lists the others."""
+    lines = {"python": ("-c", "pass"), "help": ("-m", "twin", "--help")}
+    rounds = Rounds({name: partial(_seconds, *line) for name, line in lines.items()}, TURNS)
+    return Measurement("start: twin --help / bare Python", rounds.ratio("help", "python"), "x", at_most=HELP)
 
 
 def _seconds(*arguments: str) -> float:

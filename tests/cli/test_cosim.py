@@ -51,7 +51,6 @@ def test_what_is_no_system_or_no_number_is_refused_and_leaves_nothing(two: Path,
         ([two, "--tick-ms", "0"], "--tick-ms 0: expected a number > 0"),
         ([two, "--stop-s", "inf"], "--stop-s inf: expected a number > 0"),
         ([two, "--tick-ms", "3"], "two.ssp: 0.1 s is not a whole number of steps of 3 ms; set --stop-s or --tick-ms"),
-        ([two, "--tolerance", "1e-4", "--loops", "solve"], "and does not go with --loops solve; leave one of them out"),
         ([two, "--isolate", "none", "--limit-step", "5"], "--limit-step is of the process that --isolate none does"),
         (
             [two, "--to", "ssp", "--from", "run"],

@@ -51,7 +51,6 @@ def test_an_exception_in_a_command_ends_it_with_70(words: str, tmp_path: Path, m
     module = __import__(one.module, fromlist=[one.function])
     raising = _raising(getattr(module, one.function))
     monkeypatch.setattr(module, one.function, raising)
-    monkeypatch.setattr("twin.cli.line.ANSWERS", {})
     done = twin(*words.split(), *_arguments(raising), cwd=tmp_path)
     assert done.returncode == 70, done.stderr
     assert "Unforeseen: nobody foresaw this" in done.stderr and "internal error of twin" in done.stderr.splitlines()[-1]

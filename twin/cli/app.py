@@ -18,6 +18,7 @@ import typer
 from typer.core import TyperArgument, TyperCommand, TyperGroup
 
 from twin import __version__
+from twin.cli.withdrawn import refuse_withdrawn
 from twin.kernel.errors import InputRefused
 from twin.kernel.places import located
 from twin.studies.command import SHARED, Argument, Isolation, Option
@@ -331,6 +332,7 @@ def carried_out(words: list[str]) -> Any:
     from twin.studies.left_behind import clear
 
     clear()
+    refuse_withdrawn(words)
     try:
         return app(as_spelt_now(words), prog_name="twin", standalone_mode=False)
     except typer.TyperException as mistake:

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from twin import __version__
-from twin.kernel.cache_folder import cached_answer
 from twin.kernel.compiled.store import CARRIED, VARIABLE, damaged_files, folder, object_files, refusal
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_toml
@@ -46,7 +45,7 @@ def lacking(findings: Sequence[Finding]) -> list[str]:
 
 
 PURPOSES = {
-    "dask": "twin sweep --engine dask, twin cosim --remote",
+    "dask": "twin sweep --engine dask",
     "explore": "twin explore",
     "live": "twin run --live",
     "parquet": "twin export --parquet",
@@ -273,23 +272,10 @@ def examined(here: Path, with_run: bool) -> list[Finding]:
     home = home_finding()
     if home.state == "bad":
         return [home]
-    findings = [home, *_packages()]
+    findings = [home, *package_findings(project_table(), is_clone())]
     findings += [compiled_finding(), drives_finding(here), unpacked_finding(), isolation_finding()]
     findings += [disk_finding(here), *([browser_finding()] if is_clone() else [])]
     return [*findings, smoke_finding(HOME)] if with_run else findings
-
-
-def _packages() -> list[Finding]:
-    """Those of `package_findings`, which takes longer than all others: looked at anew when any package is another."""
-    project = HOME / "pyproject.toml"
-
-    def looked_at() -> str:
-        return json.dumps(package_findings(project_table(), is_clone()))
-
-    answer = cached_answer(
-        "packages", looked_at, lambda: project.read_bytes().decode("latin-1") if project.is_file() else ""
-    )
-    return [Finding(*facts) for facts in json.loads(answer)]
 
 
 def verdict(findings: Sequence[Finding]) -> str:

@@ -5,12 +5,8 @@ import shlex
 from pathlib import Path
 from typing import Annotated
 
-from twin.kernel.cache_folder import cached_answer
 from twin.studies.command import Answer, Argument, Option, study
 from twin.studies.first_look import find_logs
-
-ROOMS = ("kernel/compiled", "kernel/cosim", "robot")
-"""Whose source the schema is made with."""
 
 
 @study(json=False)
@@ -49,13 +45,10 @@ def schema(
     Example: twin schema --out experiment.schema.json
     """
 
-    def made() -> str:
-        from twin.robot.assembly.declared import DECLARED
-        from twin.robot.experiment.json_schema import schema_text
+    from twin.robot.assembly.declared import DECLARED
+    from twin.robot.experiment.json_schema import schema_text
 
-        return schema_text(DECLARED)
-
-    text = cached_answer("schema", made, rooms=ROOMS)
+    text = schema_text(DECLARED)
     if out is None:
         return Answer(text.removesuffix("\n"), {})
     from twin.kernel.writing import write_text

@@ -32,14 +32,13 @@ class Branch:
 
     Attributes:
         name: what is other in it.
-        settings, faults, body, drive: see `twin.robot.run.branch.branched_experiment`.
+        settings, faults, body: see `twin.robot.run.branch.branched_experiment`.
     """
 
     name: str
     settings: Sequence[str] = ()
     faults: Sequence[str] = ()
     body: str | None = None
-    drive: str | None = None
 
 
 @dataclass(frozen=True)
@@ -51,7 +50,6 @@ class BranchOutcome:
         run: its run, from the branch on.
         t, F_z: times (s) and true pressing force (N), (n,).
         apart: when the force left that of the run (s); None: it did not.
-        jump: see `twin.robot.run.handover.Handed`.
     """
 
     branch: Branch
@@ -59,7 +57,6 @@ class BranchOutcome:
     t: "np.ndarray"
     F_z: "np.ndarray"
     apart: float | None
-    jump: float | None
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -73,7 +70,6 @@ class BranchOutcome:
             "peak_time": self.peak[1],
             "end": outcome.end,
             "trip": self.run.trip,
-            "speed_jump": self.jump,
         }
 
     @property
@@ -96,18 +92,13 @@ def branch(
         Sequence[str], Option("A branch with a fault, an inline table of TOML; may be repeated.", "TABLE", "--fault")
     ] = (),
     body: BodyName = None,
-    drives: Annotated[
-        Sequence[str],
-        Option("A branch with another drive, and more keys behind ';'; may be repeated.", "FMU", "--drive"),
-    ] = (),
     out: Annotated[Path | None, Option("Folder; default: results/branches/EXPERIMENT.", "DIR")] = None,
 ) -> Result:
     """Go on from one moment of a run in several ways, and compare them.
 
-    Each --set, --fault, --drive and --body is a branch of its own. The branches
-    start from the state at that moment: one kept in the recording, or one made
-    by running again from the start, as it is for other drives and for parts
-    without a state.
+    Each --set, --fault and --body is a branch of its own. The branches start from
+    the state at that moment: one kept in the recording, or one made by running
+    again from the start, as it is for parts without a state.
 
     Exit code: 0 done, 2 input refused (a key that cannot change in mid-run), 3 a
     component failed.
@@ -121,7 +112,6 @@ def branch(
     """
     from twin.kernel.recording.folder import recording_in
     from twin.kernel.writing import made_folder
-    from twin.robot.assembly.build import have_lines
     from twin.robot.run.branch import branched_experiment
     from twin.robot.run.handover import BranchPoint
     from twin.robot.run.run import execute
@@ -129,11 +119,10 @@ def branch(
     asked = [
         *(Branch(text, settings=text.split(";")) for text in settings),
         *(Branch(text, faults=[text]) for text in faults),
-        *(_with_drive(text) for text in drives),
         *([Branch(f"body {body}", body=body)] if body is not None else []),
     ]
     if at is None or not asked:
-        lacking = "--at SECONDS" if at is None else "a change: --set, --fault, --drive or --body"
+        lacking = "--at SECONDS" if at is None else "a change: --set, --fault or --body"
         raise InputRefused(f"twin branch {run}: expected {lacking}")
     recording = recording_in(run).absolute()
     base = branched_experiment(recording)
@@ -144,14 +133,9 @@ def branch(
         raise InputRefused(
             f"--at {at:g}: expected a time within the run, above 0 and below {base.duration_ticks * tick:g} s"
         )
-    experiments = [branched_experiment(recording, one.settings, one.faults, one.body, one.drive) for one in asked]
+    experiments = [branched_experiment(recording, one.settings, one.faults, one.body) for one in asked]
     if late := [fault for one in experiments for fault in one.faults[len(base.faults) :] if fault.onset < start]:
         raise InputRefused(f"--fault: onset at {late[0].onset * tick:g} s is before the branch at {start * tick:g} s")
-    if any(have_lines(one) != have_lines(base) for one in experiments):
-        raise InputRefused(
-            "[drive.unpowered] cannot change in mid-run: the safety monitor has a line of power for each drive from "
-            "the start, or none; run the experiment again with it"
-        )
     home = made_folder((out or HOME / base.name).absolute())
     say("coming to the branch", 0.0)
     point = BranchPoint(base, recording, start)
@@ -163,20 +147,15 @@ def branch(
         plan.append((replace(one, name=named), experiment))
     for number, (one, experiment) in enumerate(plan):
         say(f"{one.name}, {number + 1} of {len(plan)}", number / len(plan))
-        with point.handed_over(experiment) as handed:
-            done = execute(experiment, home / f"{number}", state=handed.state)
-        outcomes.append(_outcome(one, done, outcomes[0] if outcomes else None, handed.jump))
+        with point.handed_over(experiment) as state:
+            done = execute(experiment, home / f"{number}", state=state)
+        outcomes.append(_outcome(one, done, outcomes[0] if outcomes else None))
     say("drawing", 1.0)
     _draw(outcomes, recording, start * tick, home / PICTURE)
     return _result(base.name, run, outcomes, start * tick, point, home)
 
 
-def _with_drive(text: str) -> Branch:
-    drive, *settings = text.split(";")
-    return Branch(f"drive {text}", settings, drive=drive)
-
-
-def _outcome(one: Branch, run: "Run", other: BranchOutcome | None, jump: float | None) -> BranchOutcome:
+def _outcome(one: Branch, run: "Run", other: BranchOutcome | None) -> BranchOutcome:
     """What became of a branch, beside the first of them, `other`."""
     import numpy as np
 
@@ -185,7 +164,7 @@ def _outcome(one: Branch, run: "Run", other: BranchOutcome | None, jump: float |
     found = read(run.recording)
     t, F_z = found.time("plant"), -found["plant.F_ee_B"][:, 2]
     left = np.flatnonzero(np.abs(F_z - other.F_z[: len(F_z)]) > APART) if other else np.zeros(0, dtype=int)
-    return BranchOutcome(one, run, t, F_z, float(t[left[0]]) if len(left) else None, jump)
+    return BranchOutcome(one, run, t, F_z, float(t[left[0]]) if len(left) else None)
 
 
 def _result(
@@ -208,22 +187,13 @@ def _result(
         (str(number), one.apart if one.apart is not None else math.nan, *one.peak, one.run.outcome.end, one.run.trip)
         for number, one in enumerate(outcomes)
     ]
-    named = [
-        note(str(number), one.branch.name + ("" if one.jump is None else f" (speed jumps by {one.jump:.2g} rad/s)"))
-        for number, one in enumerate(outcomes)
-    ]
+    named = [note(str(number), one.branch.name) for number, one in enumerate(outcomes)]
     count = len(outcomes) - 1
     headline = f"{name}  {count} {'branch' if count == 1 else 'branches'} at {at:g} s, {point.how}"
     folders = " ".join(str(_seen(home / str(number))) for number in range(len(outcomes)))
     after = note(
         "leaves", f"when the true force differs from the run's by more than {APART:g} N; end: mean of the last second"
     )
-    taken_over = note(
-        "drive",
-        "an approximation: other drives have run along with the run's commands and loads, and take over where the "
-        "shafts stand",
-    )
-    approximate = [taken_over] if any(one.jump is not None for one in outcomes) else []
     lacking = [note("state", f"run again for each branch: {'; '.join(point.lacking)}")] if point.lacking else []
     first = outcomes[0]
 
@@ -242,7 +212,7 @@ def _result(
     files = {"picture": _seen(home / PICTURE), "next": f"twin report {run} {folders}"}
     return Result(
         headline,
-        [Table(columns, rows), *named, *(Note(text, later=2) for text in compared), *approximate, *lacking, after],
+        [Table(columns, rows), *named, *(Note(text, later=2) for text in compared), *lacking, after],
         facts,
         files,
     )

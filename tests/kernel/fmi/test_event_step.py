@@ -12,9 +12,9 @@ from tests.kernel.fmi.commanded import stepped
 from tests.kernel.fmi.eventful import KINDS, Maker
 from tests.kernel.fmi.test_component import TICK, made, run
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.fmi import groups as calls
 from twin.kernel.fmi.component import FmuComponent
 from twin.kernel.fmi.cosim_step import CHANGING, COUNTDOWN, PERIODIC, settle
+from twin.kernel.hooks import HOOKS
 from twin.robot.assembly.drives import drive, planned
 from twin.robot.experiment.drive_files import lone_drive
 from twin.robot.experiment.schema import Drive
@@ -318,7 +318,7 @@ def test_a_file_is_found_from_where_it_is_named(shaft: Maker, tmp_path: Path, mo
 def test_nothing_is_compiled_while_a_call_is_announced(shaft: Maker, monkeypatch: pytest.MonkeyPatch):
     """A supervisor would charge the FMU with it."""
     announced: list[str] = [""]
-    monkeypatch.setattr(calls, "_listeners", [lambda file, instance, function: announced.append(function)])
+    monkeypatch.setattr(HOOKS, "fmi_call", [lambda file, instance, function: announced.append(function)])
     compiled, during = settle.native, []
 
     class Later:

@@ -28,7 +28,6 @@ class Linear:
     Attributes:
         kinds: that the FMU offers.
         state: whether it can be set back.
-        lines: whether it takes inputs as lines.
         stated: whether it says on which inputs its outputs depend.
         experiment: attributes of its DefaultExperiment.
         ends_at: when it asks to end (s).
@@ -43,7 +42,6 @@ class Linear:
     x0: Sequence[float] = ()
     kinds: Sequence[str] = ("CoSimulation", "ModelExchange")
     state: bool = True
-    lines: bool = False
     stated: bool = True
     experiment: str = 'stepSize="0.01"'
     ends_at: float | None = None
@@ -103,7 +101,7 @@ class Linear:
                 '<Enumeration declaredType="M" start="1"/></ScalarVariable>'
             )
         can = 'canGetAndSetFMUstate="true" canSerializeFMUstate="true"' if self.state else ""
-        varies = 'canHandleVariableCommunicationStepSize="true"' + ' canInterpolateInputs="true"' * self.lines
+        varies = 'canHandleVariableCommunicationStepSize="true"'
         kinds = "".join(
             f'<{kind} modelIdentifier="linear" {can} {varies if kind == "CoSimulation" else ""}/>'
             for kind in sorted(self.kinds, reverse=True)

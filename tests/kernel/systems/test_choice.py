@@ -10,7 +10,7 @@ from tests.kernel.systems.archives import component, connection, structure, syst
 from tests.kernel.systems.conftest import Ran
 from twin.kernel.errors import InputRefused
 from twin.kernel.systems.additions import Additions
-from twin.kernel.systems.choice import MasterChoice, kinds, order, steps
+from twin.kernel.systems.choice import kinds, order, steps
 from twin.studies.systems.recorded import system_result
 
 TWO = system(
@@ -29,14 +29,6 @@ BAD: dict[str, tuple[Callable[[], Any], str]] = {
     "a step without end": (lambda: steps(["a=inf"]), "--step a=inf: expected COMPONENT=MS"),
     "a gap in the order": (lambda: order("a,,b"), "--order a,,b: expected names of components with commas"),
     "twice in the order": (lambda: order("a,b,a"), "--order: 'a' is given twice; expected it once"),
-    "a tolerance of 0": (lambda: MasterChoice(tolerance=0.0), "--tolerance 0: expected a number above 0, at most 0.1"),
-    "no tolerance": (lambda: MasterChoice(tolerance=float("nan")), "--tolerance nan: expected a number above 0"),
-    "two who choose steps": (
-        lambda: MasterChoice(tolerance=1e-3, steps={"a": 0.1}), "does not go with --step; leave one of them out",
-    ),
-    "loops in varying steps": (
-        lambda: MasterChoice(tolerance=1e-3, loops="solve"), "does not go with --loops solve; leave one of them out",
-    ),
 }  # fmt: skip
 
 

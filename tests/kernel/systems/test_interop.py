@@ -161,8 +161,6 @@ def test_what_is_written_is_of_the_standard(tmp_path: Path, ideal: Path):
         (Additions(recorded=["*"]), "--record"),
         (MasterChoice(solver="rk4"), "--solver"),
         (MasterChoice(loops="solve"), "--loops solve"),
-        (MasterChoice(tolerance=1e-4), "--tolerance"),
-        (MasterChoice(remote={"ideal_velocity": "tls://h:1"}), "--remote"),
     ],
 )
 def test_what_ssp_has_no_word_for_is_refused(asked: Additions | MasterChoice, option: str, tmp_path: Path, ideal: Path):

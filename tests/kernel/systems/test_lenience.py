@@ -20,12 +20,11 @@ PARTS = [component("a", "r.fmu"), component("b", "r.fmu")]
 ASKED: list[dict[str, Any]] = [
     {},
     {"kinds": {"": "model_exchange"}},
-    {"tolerance": 1e-3},
     {"loops": "solve"},
 ]
 
 
-@pytest.mark.parametrize("asked", ASKED, ids=["cs", "me", "tolerance", "loops"])
+@pytest.mark.parametrize("asked", ASKED, ids=["cs", "me", "loops"])
 def test_an_fmu_that_asks_for_the_end_ends_the_run_regularly_with_a_whole_recording(
     ran: Ran, tmp_path: Path, asked: dict[str, Any]
 ):

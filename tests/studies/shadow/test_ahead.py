@@ -286,6 +286,7 @@ def test_while_another_controller_leads_the_robot_there_is_no_prediction_and_tha
         ("controller.force.kp=3", "unknown key 'kp'; did you mean 'kp_mm_per_N'?"),
         ("kp", "--what-if kp: expected key=value"),
         ("controller.period_ms=4", "--what-if controller.period_ms=4: controller.period_ms cannot change in mid-run"),
+        ("drive.fmu=pmsm_foc", "--what-if drive.fmu=pmsm_foc: drive cannot change in mid-run"),
         ("plant.l_a_mm=70", "lengths of the mechanism cannot change in mid-run"),
         ("contact.height_mm=-99", "where the surface is, and how stiff, comes from the estimate"),
         ("monitor.force_limit_N=9", "branches have no monitor"),

@@ -10,6 +10,7 @@ import numpy as np
 
 from twin.kernel.compiled import machine, store
 from twin.kernel.compiled.function import Function, types
+from twin.kernel.hooks import HOOKS
 
 if TYPE_CHECKING:
     from twin.kernel.compiled.machine import Module
@@ -31,23 +32,8 @@ _KINDS: dict[str, tuple[str, str, Any]] = {
 """What numba, LLVM and ctypes call it."""
 
 
-_helpers: list[Callable[[], None]] = []
-_witnesses: list[Callable[[bool], None]] = []
 _under_way: list[None] = []
 """One for each of what is being compiled, as threads may compile side by side."""
-
-
-def help_with(helper: Callable[[], None]) -> None:
-    """Call `helper` before this process compiles for the first time."""
-    _helpers.append(helper)
-
-
-def watch_compiling(witness: Callable[[bool], None]) -> None:
-    """From now on tell `witness` True when this process begins to compile, and False when it has done so.
-
-    For those who measure time: no component is to be charged with that.
-    """
-    _witnesses.append(witness)
 
 
 @contextlib.contextmanager
@@ -55,15 +41,15 @@ def compiling() -> Iterator[None]:
     """Around what compiles, or waits for another process that compiles the same."""
     _under_way.append(None)
     if len(_under_way) == 1:
-        for witness in _witnesses:
-            witness(True)
+        for hook in HOOKS.compiling:
+            hook(True)
     try:
         yield
     finally:
         _under_way.pop()
         if not _under_way:
-            for witness in _witnesses:
-                witness(False)
+            for hook in HOOKS.compiling:
+                hook(False)
 
 
 class Native:
@@ -85,8 +71,8 @@ class Native:
         if not self.name:
             return self._of_numba()
         if not self.is_there:
-            while _helpers:
-                _helpers.pop()()
+            while HOOKS.before_compiling:
+                HOOKS.before_compiling.pop()()
             with compiling(), store.alone(self.name):
                 code = b"" if self.is_there else self.emitted(machine.chosen_form())
                 if code:

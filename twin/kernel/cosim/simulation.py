@@ -16,6 +16,7 @@ from twin.kernel.cosim.port import by_port, named_values, width
 from twin.kernel.cosim.state import SavedState, StatePlaces, SystemState
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, EndRequested, InputRefused
+from twin.kernel.hooks import HOOKS
 
 
 def failed_phrase(system: System, u: np.ndarray, y: np.ndarray, culprit: int, status: int, tick: int) -> str:
@@ -63,18 +64,6 @@ class SimulationMemory:
     u: np.ndarray
 
 
-Witness = Callable[[System, int], SimulationMemory]
-_witness: list[Witness] = []
-
-
-def let_watch(witness: Witness) -> None:
-    """From now on ask `witness` (system, last tick) for the memory of every simulation of this process.
-
-    A step may crash or never return; then only somebody outside this process can say which one it was.
-    """
-    _witness[:] = [witness]
-
-
 class Simulation:
     """Runs a `System` from its first tick to `last_tick`; `failure` and `culprit` say what ended it too early, if so.
 
@@ -83,8 +72,7 @@ class Simulation:
         last_tick: the tick that gets the last row and no step.
         slice_ticks: most ticks one call of `advance` runs.
         timed: count the processor cycles of each component.
-        memory: where the mark and the inputs live; by default this process alone sees them, or the one that
-            `let_watch` was given.
+        memory: where the mark and the inputs live; None for that of `HOOKS.memory`.
     """
 
     def __init__(
@@ -98,8 +86,8 @@ class Simulation:
         self.system = system
         self.last_tick = last_tick
         self.next_tick = system.first_tick
-        if memory is None and _witness:
-            memory = _witness[0](system, last_tick)
+        if memory is None and HOOKS.memory is not None:
+            memory = HOOKS.memory(system, last_tick)
         memory = memory or SimulationMemory(np.array([0, NO_COMPONENT]), np.zeros(system.inputs_width))
         self._mark, self._u = memory.mark, memory.u
         for component in system.components:
@@ -117,9 +105,6 @@ class Simulation:
         # no ticks: compiles, or loads from the cache, before anyone's clock runs
         self._address = self._loop.ctypes.data
         self._advance = advance.native.called
-        self.control = system.control(self._loop, self._y, self._u) if system.control else None
-        if self.control is not None:
-            self._address, self._advance = self.control.address, self.control.advance
         self._advance(self._address, 0, 0, 0)
         self._deadlines: Deadlines | None = None
 

@@ -4,13 +4,12 @@ Wires value by value: which output feeds which input, for code that builds a sys
 """
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from twin.kernel.cosim.adaptive import Control
 from twin.kernel.cosim.component import Component, Rewind
 from twin.kernel.cosim.interpolation import VALID, Inputs, Scheme, input_weights
 from twin.kernel.cosim.master import LOOP, TABLE
@@ -112,7 +111,6 @@ class System:
     Attributes:
         changes: what every simulation of it changes on the way, by ascending ticks; none unless somebody sets them.
         first_tick: at which simulations of it begin.
-        control: makes what steps a simulation, of its loop, outputs and inputs; None: it is stepped tick by tick.
 
     Raises:
         InputRefused: unknown or doubly named component or port, sizes that differ, an input with no wire or two; a
@@ -121,7 +119,6 @@ class System:
 
     changes: tuple[MemoryChange, ...] = ()
     first_tick: int = 0
-    control: Callable[[np.ndarray, np.ndarray, np.ndarray], Control] | None = None
 
     def __init__(
         self,

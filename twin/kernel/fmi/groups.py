@@ -8,7 +8,7 @@ its start and the slope (fmi2SetRealInputDerivatives); FMI 3.0 asks for the valu
 (fmi3IntermediateUpdateCallback).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -19,30 +19,19 @@ from twin.kernel.compiled.native import Native
 from twin.kernel.cosim.component import address_of, doubles_at, integers_at
 from twin.kernel.cosim.port import record
 from twin.kernel.fmi.variable import EXACT, FLOAT_32, FLOAT_64, WHOLE_HIGH, WHOLE_LOW
-
-Listener = Callable[[str, str, str], None]
-_listeners: list[Listener] = []
-
-
-def listen(listener: Listener) -> None:
-    """From now on tell `listener` (file, instance, function) before each call; function "" when it has returned.
-
-    A call may crash or never return; then only another process can say which one it was, if it was noted before.
-    Steps are not announced: they would cost more than they take (see `SimulationMemory.mark`).
-    """
-    _listeners.append(listener)
+from twin.kernel.hooks import HOOKS
 
 
 @contextmanager
 def announced(file: str, instance: str, function: str) -> Iterator[None]:
     """Around a call of `function`."""
-    for listener in _listeners:
-        listener(file, instance, function)
+    for hook in HOOKS.fmi_call:
+        hook(file, instance, function)
     try:
         yield
     finally:
-        for listener in _listeners:
-            listener(file, instance, "")
+        for hook in HOOKS.fmi_call:
+            hook(file, instance, "")
 
 
 _KINDS = {

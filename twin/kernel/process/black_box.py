@@ -104,7 +104,7 @@ class Announcer:
         self._compiled, self._since = 0, 0
 
     def compiling(self, begins: bool) -> None:
-        """Something is being compiled from now on, or no more. Fits `twin.kernel.compiled.native.watch_compiling`."""
+        """Something is being compiled from now on, or no more. Fits `Hooks.compiling`."""
         now = time.monotonic_ns()
         if not begins:
             self._compiled += now - self._since
@@ -112,7 +112,7 @@ class Announcer:
         _COMPILED.pack_into(self._memory, _COMPILED_AT, self._compiled, self._since)
 
     def tell(self, file: str, instance: str, function: str) -> None:
-        """A call begins; with function "" it has returned. Fits `twin.kernel.fmi.groups.listen`."""
+        """A call begins; with function "" it has returned. Fits `Hooks.fmi_call`."""
         _CALL.pack_into(self._memory, _CALL_AT, self._number, 0)
         if function:
             text = b"\0".join(part.encode()[:_LONGEST] for part in (file, instance, function))

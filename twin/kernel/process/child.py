@@ -42,16 +42,13 @@ def main() -> None:
             if reporter is None:
                 job = function_called(name)
                 # after the job's own imports: what it needs of them is loaded while the arguments are still being made
-                from twin.kernel.compiled.native import watch_compiling
-                from twin.kernel.cosim.simulation import let_watch
-                from twin.kernel.fmi.groups import listen
-                from twin.kernel.process.reporter import PipeReporter, let_speak
+                from twin.kernel.hooks import HOOKS
+                from twin.kernel.process.reporter import PipeReporter
 
                 reporter = PipeReporter(reports, box)
-                listen(reporter.announcer.tell)
-                watch_compiling(reporter.announcer.compiling)
-                let_watch(reporter.stepping)
-                let_speak(reporter)
+                HOOKS.fmi_call.append(reporter.announcer.tell)
+                HOOKS.compiling.append(reporter.announcer.compiling)
+                HOOKS.memory, HOOKS.reporter = reporter.stepping, reporter
                 threading.Thread(target=_obey, args=(lines, begun), daemon=True).start()
             arguments = pickle.loads(bytes.fromhex(begun.get()))
             last = {"finished": job(reporter, **arguments)}

@@ -16,6 +16,7 @@ from twin.kernel.cosim.simulation import NO_COMPONENT, SimulationMemory
 from twin.kernel.cosim.subsystem import Subsystem
 from twin.kernel.cosim.system import System
 from twin.kernel.fmi.component import FmuComponent
+from twin.kernel.hooks import HOOKS
 from twin.kernel.process.black_box import INPUTS_AT, Announcer
 
 
@@ -79,17 +80,9 @@ class DirectReporter:
         """Nothing to say: its memory is not limited."""
 
 
-_of_process: list[Reporter] = []
-
-
-def let_speak(reporter: Reporter) -> None:
-    """From now on `reporter` is that of this process."""
-    _of_process[:] = [reporter]
-
-
 def own_reporter() -> Reporter:
     """That of this process, for what no job hands on; without a listener, one that drops everything."""
-    return _of_process[0] if _of_process else DirectReporter(lambda note: None)
+    return HOOKS.reporter or DirectReporter(lambda note: None)
 
 
 class PipeReporter:
@@ -119,7 +112,7 @@ class PipeReporter:
         self.report("loading", None)
 
     def stepping(self, system: System, last_tick: int) -> SimulationMemory:
-        """From now on `system` is stepped, in the memory returned. Fits `twin.kernel.cosim.simulation.let_watch`."""
+        """From now on `system` is stepped, in the memory returned. Fits `Hooks.memory`."""
         # never shorter: simulations before this one, which somebody may go back to, still look into it
         size = max(os.fstat(self.box).st_size, INPUTS_AT + 8 * max(1, system.inputs_width))
         os.ftruncate(self.box, size)

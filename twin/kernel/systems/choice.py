@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 Loops = Literal["delay", "solve"]
 Method = Literal["cvode", "rk4"]
 KINDS: "tuple[Kind, ...]" = ("co_simulation", "model_exchange")
-LOOSEST = 0.1
-"""Relative tolerance; what is looser is an error of another kind."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +28,6 @@ class MasterChoice:
         steps: of components (s).
         order: components that go first, in this order.
         loops: what is done about algebraic loops.
-        tolerance: relative, of steps of varying length; None: steps of one length.
-        remote: address of the Dask scheduler of components on other machines, by component.
         lenient: whether small offences against the standards, which are listed, are let through.
     """
 
@@ -44,21 +40,7 @@ class MasterChoice:
     steps: Mapping[str, float] = field(default_factory=dict)
     order: Sequence[str] = ()
     loops: Loops = "delay"
-    tolerance: float | None = None
     lenient: bool = False
-    remote: Mapping[str, str] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if self.tolerance is None:
-            return
-        if not 0.0 < self.tolerance <= LOOSEST:
-            raise InputRefused(f"--tolerance {self.tolerance:g}: expected a number above 0, at most {LOOSEST:g}")
-        for option, asked in (("--step", self.steps), ("--loops solve", self.loops == "solve")):
-            if asked:
-                raise InputRefused(
-                    f"--tolerance chooses the steps of all components itself, and does not go with {option}; "
-                    "leave one of them out"
-                )
 
     @property
     def method(self) -> Method:
@@ -72,8 +54,7 @@ class MasterChoice:
             InputRefused: the first of them.
         """
         known = list(components)
-        for option, names in (("--kind", self.kinds), ("--step", self.steps), ("--order", self.order),
-                              ("--remote", self.remote)):  # fmt: skip
+        for option, names in (("--kind", self.kinds), ("--step", self.steps), ("--order", self.order)):
             for name in names:
                 if name and name not in known:
                     raise InputRefused(f"{where}: {option} {name}: no such component; {nearest(name, known)}")
@@ -126,9 +107,7 @@ def chosen(asked: Mapping[str, Any]) -> MasterChoice:
         steps=steps(asked["step"]),
         order=order(asked["order"]),
         loops=asked["loops"].value,
-        tolerance=asked["tolerance"],
         lenient=asked["lenient"],
-        remote=remote(asked["remote"]),
     )
 
 
@@ -166,22 +145,6 @@ def steps(texts: Sequence[str]) -> dict[str, float]:
             raise InputRefused(f"--step {text}: expected COMPONENT=MS with a number above 0")
         _once(found, name, "--step")
         found[name] = milliseconds / 1000.0
-    return found
-
-
-def remote(texts: Sequence[str]) -> dict[str, str]:
-    """Of `--remote NAME=ADDRESS`.
-
-    Raises:
-        InputRefused: no name, no address, or two for one name.
-    """
-    found: dict[str, str] = {}
-    for text in texts:
-        name, _, address = text.rpartition("=")
-        if not name or not address:
-            raise InputRefused(f"--remote {text}: expected COMPONENT=tls://HOST:PORT, the address of a Dask scheduler")
-        _once(found, name, "--remote")
-        found[name] = address
     return found
 
 

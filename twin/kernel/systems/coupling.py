@@ -1,17 +1,14 @@
 """A planned system made: FMUs initialised together, loops found and solved, components in the master."""
 
-import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import NamedTuple, Protocol, cast
+from typing import NamedTuple
 
 import numpy as np
 
-from twin.kernel.cosim import adaptive
-from twin.kernel.cosim.adaptive import StepControl
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.delay import columns, play
 from twin.kernel.cosim.loop import BOUND, LEAST, MOST_PASSES, NUDGE, LoopComponent
@@ -19,18 +16,14 @@ from twin.kernel.cosim.port import Port, width
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.component import FmuComponent, opened
-from twin.kernel.fmi.description import clocks, feedthrough, refuse_step
-from twin.kernel.fmi.groups import AT_END
+from twin.kernel.fmi.description import refuse_step
 from twin.kernel.fmi.instance import Instance
-from twin.kernel.fmi.solvers import USUAL_TOLERANCE, Solver
-from twin.kernel.fmi.stepping import FmuPort, Placed
+from twin.kernel.fmi.solvers import Solver
+from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.fmi.unpacked import unpacked
-from twin.kernel.fmi.variable import Setup, number, stop_time
+from twin.kernel.fmi.variable import Setup, stop_time
 from twin.kernel.systems.loops import AlgebraicLoop, loops
 from twin.kernel.systems.plan import SystemPart, SystemPlan
-
-OWN_SHARE = 1e-3
-"""Of the tolerance of a system in steps of varying length: what its FMUs are given for themselves."""
 
 
 @dataclass(frozen=True)
@@ -56,31 +49,6 @@ class PreparedSystem:
     forgiven: Sequence[str] = ()
 
 
-class FmuLike(Protocol):
-    """A component that is one FMU, here or elsewhere."""
-
-    @property
-    def ports(self) -> tuple[Sequence[FmuPort], Sequence[Placed]]:
-        """As of `FmuComponent`."""
-
-
-class DistantInstance(Protocol):
-    """An FMU instance that is not in this process, in initialisation mode."""
-
-    def component(self, period: int, solver: Solver) -> Component:
-        """It in step mode, an `FmuLike`, which steps every `period` ticks; for model exchange with a solver."""
-
-
-class Host(Protocol):
-    """Where an FMU may live that is not in this process."""
-
-    def take(self, content: bytes) -> None:
-        """The archive of the FMU."""
-
-    def opened(self, part: SystemPart, setup: Setup) -> Instance:
-        """A new instance, which is a `DistantInstance`; raises InputRefused."""
-
-
 class Initialised(NamedTuple):
     """The FMUs of a system.
 
@@ -104,9 +72,7 @@ def folders_of(plan: SystemPlan) -> dict[str, Path]:
 
 
 @contextmanager
-def coupled(
-    plan: SystemPlan, folders: Mapping[str, Path], hosts: Mapping[str, Host] = MappingProxyType({})
-) -> Iterator[PreparedSystem]:
+def coupled(plan: SystemPlan, folders: Mapping[str, Path]) -> Iterator[PreparedSystem]:
     """The system of a plan, whose FMUs are freed at the end.
 
     All FMUs are in initialisation mode together, until their inputs have what feeds them; those of FMI 1.0, which has
@@ -115,7 +81,6 @@ def coupled(
     Args:
         plan: of the system.
         folders: where FMUs are unpacked, by their SHA-256.
-        hosts: of components that live elsewhere, by path.
 
     Raises:
         InputRefused: an FMU cannot be loaded or initialised, or takes no such steps; a loop that is to be solved
@@ -125,12 +90,7 @@ def coupled(
     found = loops(plan)
     solved = [_Solved(plan, loop) for loop in found] if plan.choice.loops == "solve" else []
     with ExitStack() as made:
-        plan, components, settled, forgiven = initialised(
-            plan, folders, made, _given(plan), solved, hosts=hosts, free=bool(unvarying(plan))
-        )
-        if not unvarying(plan):
-            yield _varying(plan, components, settled, found, forgiven)
-            return
+        plan, components, settled, forgiven = initialised(plan, folders, made, _given(plan), solved, free=True)
         wires = [*plan.wires]
         together = {**{one.name: one for one in plan.beside.components}, **components}
         columns: dict[str, tuple[str, int]] = {name: (name, 0) for name in components}
@@ -151,7 +111,6 @@ def initialised(
     given: Mapping[str, np.ndarray],
     solved: Sequence["_Solved"] = (),
     outputs_at_start: Mapping[str, Mapping[str, float | np.ndarray]] = MappingProxyType({}),
-    hosts: Mapping[str, Host] = MappingProxyType({}),
     free: bool = False,
 ) -> Initialised:
     """The FMUs of a system, ready to be stepped.
@@ -162,7 +121,6 @@ def initialised(
         given: values at the start of what is no FMU, by output.
         solved: loops whose start values are looked for.
         outputs_at_start: see `FmuComponent`, by component.
-        hosts: as of `coupled`.
         free: whether outputs that nothing reads may be NaN, and locals that cannot be read are left out.
 
     Raises:
@@ -173,21 +131,14 @@ def initialised(
     parts: list[SystemPart] = []
     instances: dict[str, Instance] = {}
     for part in plan.parts:
-        setup, host = _setup(plan, part), hosts.get(part.path)
-        folder = folders[part.description.sha256]
-        instances[part.name] = (
-            host.opened(part, setup) if host else opened(part.path, part.description, folder, part.settings, (), setup)
-        )
+        folder, setup = folders[part.description.sha256], _setup(plan, part)
+        instances[part.name] = opened(part.path, part.description, folder, part.settings, (), setup)
         made.callback(instances[part.name].close)
     settled = _Settling(plan, instances, solved, given).settled()
     components: dict[str, Component] = {}
     for part in plan.parts:
         instance = instances[part.name]
         parts.append(part)
-        if part.path in hosts:
-            distant = cast(DistantInstance, instance)
-            components[part.name] = distant.component(plan.timing.periods[part.path], Solver(plan.choice.method))
-            continue
         instance.begin()
         if free:
             part = parts[-1] = _without_unreadable(part, instance, fed)
@@ -228,77 +179,13 @@ def _without_unreadable(part: SystemPart, instance: Instance, fed: Collection[st
     return replace(part, outputs=tuple(readable), recorded=recorded)
 
 
-def unvarying(plan: SystemPlan) -> str:
-    """Why the steps of a system are of one length; "" if they are not."""
-    if plan.choice.tolerance is None:
-        return "no tolerance is asked for"
-    if plan.beside.components:
-        return f"{plan.beside.components[0].name} is no FMU, and is sampled in steps of one length"
-    for part in plan.parts:
-        description = part.description
-        if not _can_go_back(part):
-            return f"{part.path} has no FMU state to go back to (canGetAndSetFMUstate)"
-        varies = getattr(description.interface, "canHandleVariableCommunicationStepSize", False)
-        if description.kind == "co_simulation" and not varies:
-            return f"{part.path} takes steps of one size only (canHandleVariableCommunicationStepSize)"
-        if clocks(description):
-            return f"{part.path} has clocks, which tick in whole steps"
-    return ""
-
-
-def _varying(
-    plan: SystemPlan,
-    components: Mapping[str, Component],
-    settled: bool,
-    found: Sequence[AlgebraicLoop],
-    forgiven: Sequence[str],
-) -> PreparedSystem:
-    """A system whose macro steps are as long as the tolerance allows."""
-    nominal: list[float] = [0.0] * len(adaptive.OUTPUTS)
-    direct, moving, wires = [False] * len(adaptive.OUTPUTS), [], [*plan.wires]
-    for part in plan.parts:
-        depends, _ = feedthrough(part.description)
-        stated = {v.name: number(v.nominal) for v in part.description.model.modelVariables}
-        for port in part.outputs:
-            one = stated.get(port.variable.name, math.nan)
-            size = one if 0.0 < one < math.inf else 1.0
-            fed = set(depends.get(port.variable.name, ())) & {one.variable.name for one in part.inputs}
-            direct += [bool(fed)] * port.port.size
-            nominal += [size if _moves(port) else 0.0] * port.port.size
-        ports = cast(FmuLike, components[part.name]).ports[0]
-        moving += [_moves(port) for port in ports for _ in range(port.port.size)]
-        ends = {port.port.name for port in ports if port.port.instant == "end"}
-        wires += [(s, f"{t}{AT_END}") for s, t in plan.wires if f"{t}{AT_END}" in {f"{part.name}.{e}" for e in ends}]
-    # as for repeated steps: outputs of three instants, and ways back
-    parts = [StepControl(), *components.values()]
-    system = System(parts, wires, plan.timing.tick, plan.scheme, inputs="linear", iterations=2)
-    system.first_tick = plan.timing.first
-    moves = [moving[j] and nominal[source] > 0.0 for j, source in enumerate(system.sources)]
-    tolerance = plan.choice.tolerance
-    assert tolerance is not None
-    system.control = lambda loop, y, u: adaptive.Control(system, loop, y, u, tolerance, nominal, direct, moves)
-    columns = _columns(plan, system, {name: (name, 0) for name in components})
-    columns[adaptive.NAME] = slice(0, len(adaptive.OUTPUTS))
-    return PreparedSystem(plan, system, settled, columns, found, False, forgiven)
-
-
-def _moves(port: FmuPort) -> bool:
-    """Whether its values lie on a line in between."""
-    return port.port.kind == "double" and port.variable.variability == "continuous"
-
-
 def _setup(plan: SystemPlan, part: SystemPart) -> Setup:
-    timing, description = plan.timing, part.description
-    tolerance = description.tolerance
-    if not unvarying(plan):
-        # an error of the FMU's own would be taken for one of the coupling
-        tolerance = min(tolerance or USUAL_TOLERANCE, OWN_SHARE * (plan.choice.tolerance or 1.0))
+    timing = plan.timing
     return Setup(
-        tolerance,
+        part.description.tolerance,
         stop_time(timing.ticks or None, timing.tick, 1),
         timing.tick * timing.periods[part.path],
         waiting=True,
-        ramped=not unvarying(plan),
         lenient=plan.choice.lenient,
         start=timing.first * timing.tick,
     )

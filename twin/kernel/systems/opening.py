@@ -3,11 +3,10 @@
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 from twin.kernel.errors import TwinError
 from twin.kernel.fmi.description import build
@@ -24,7 +23,7 @@ from twin.kernel.systems.additions import (
 )
 from twin.kernel.systems.beside import Beside
 from twin.kernel.systems.choice import MasterChoice
-from twin.kernel.systems.coupling import Host, PreparedSystem, coupled, folders_of
+from twin.kernel.systems.coupling import PreparedSystem, coupled, folders_of
 from twin.kernel.systems.plan import SystemPlan, fmu_sources, planned
 from twin.kernel.systems.topics import topics
 from twin.kernel.writing import made_folder, write_bytes
@@ -37,7 +36,6 @@ def opened(
     compiled: bool = False,
     additions: Additions = Additions(),  # noqa: B008, it is frozen
     beside: Beside = Beside(),  # noqa: B008, likewise
-    hosts: Mapping[str, Host] = MappingProxyType({}),
 ) -> Iterator[tuple[SystemPlan, PreparedSystem]]:
     """The system of a package, planned and ready to be run.
 
@@ -47,7 +45,6 @@ def opened(
         compiled: whether FMUs without a binary for this machine are built from their sources.
         additions: values, inputs over time, and what is recorded.
         beside: what takes part beside its FMUs and what `additions` add.
-        hosts: of components that live elsewhere, by path.
 
     Raises:
         InputRefused: the system cannot be run.
@@ -56,13 +53,10 @@ def opened(
         try:
             plan = _planned(package, Path(scratch), choice, compiled, additions, beside)
             folders = folders_of(plan)
-            for part in plan.parts:
-                if part.path in hosts:
-                    hosts[part.path].take(part.description.path.read_bytes())
         finally:
             # before anything is loaded: what crashes would leave it
             shutil.rmtree(scratch, ignore_errors=True)
-        with coupled(plan, folders, hosts) as made:
+        with coupled(plan, folders) as made:
             yield made.plan, made
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from pathlib import Path
 
-from twin.kernel.cosim.adaptive import NAME as MASTER
 from twin.kernel.cosim.interpolation import Scheme
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.fmi.description import KIND_NAMES, NEEDS_TOOL, FmuDescription, Kind, described
@@ -226,7 +225,7 @@ class _Planner:
         self._descriptions: dict[str, FmuDescription] = {}
         self._given: dict[str, dict[str, Value]] = {}
         # /events is in every recording
-        taken = [EVENTS, *([MASTER] if choice.tolerance is not None else []), *(one.name for one in beside.components)]
+        taken = [EVENTS, *(one.name for one in beside.components)]
         names = distinct([*taken, *(topic(path) for path in flat.components)])[len(taken) :]
         self._names = dict(zip(flat.components, names, strict=True))
         read = cache(partial(described, lenient=choice.lenient))

@@ -181,8 +181,7 @@ def _steps(package: Package, flat: FlatSystem, choice: MasterChoice) -> dict[str
     for path, component in flat.components.items():
         noted = next(_noted(component.annotations, f"{package.file}: {path}"), None)
         step = choice.steps.get(path) or (noted[0] if noted else None)
-        # a run with steps of varying length leaves what is annotated alone
-        if step is not None and choice.tolerance is None:
+        if step is not None:
             found[path] = step
     return found
 

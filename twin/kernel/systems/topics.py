@@ -1,23 +1,18 @@
 """A topic for each component of a system: its outputs, elements of an array as one signal again."""
 
-from twin.kernel.cosim import adaptive
 from twin.kernel.errors import InputRefused
 from twin.kernel.fmi.stepping import FmuPort
 from twin.kernel.recording.messages import Field, Topic, message_names
 from twin.kernel.recording.recorder import RowStream
-from twin.kernel.systems.coupling import PreparedSystem, unvarying
+from twin.kernel.systems.coupling import PreparedSystem
 from twin.kernel.systems.naming import distinct, element, field
 from twin.kernel.systems.plan import SystemPart, SystemPlan
-
-OF_MASTER = Topic(adaptive.NAME, tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in adaptive.OUTPUTS), 1)
-"""In a recording of steps of varying length."""
 
 
 def streams(plan: SystemPlan, made: PreparedSystem) -> list[RowStream]:
     """In the order of the components; none of one that has no outputs."""
     found = []
-    own = [] if unvarying(plan) else [OF_MASTER]
-    for topic in (*topics(plan), *own):
+    for topic in topics(plan):
         first = made.columns[topic.name].start
         # what is only read comes after what is recorded
         found.append(RowStream(topic, slice(first, first + sum(field.size for field in topic.fields))))

@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twin.kernel.compiled.native import help_with
 from twin.kernel.cosim.component import Component
 from twin.kernel.cosim.system import End, Feeds, MemoryChange, System, ends, wires
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.fmi.groups import AT_END
+from twin.kernel.hooks import HOOKS
 from twin.robot.assembly import build
 from twin.robot.assembly.build import (
     Build,
@@ -200,7 +200,7 @@ def scheduled(experiment: Experiment, system: System) -> tuple[MemoryChange, ...
 
 
 HERE = InThisProcess()
-help_with(compile_beside)
+HOOKS.before_compiling.append(compile_beside)
 
 
 @dataclass
@@ -290,21 +290,13 @@ def assemble(
     return Assembly(system, plans, {name: _kind(taken[name]) for name in taken}, home, others, made)
 
 
-def joined(experiment: Experiment, made: Mapping[str, list[Component]], beside: Sequence[Component] = ()) -> System:
+def joined(experiment: Experiment, made: Mapping[str, list[Component]]) -> System:
     """The system of the components `made`, by row, with the faults and the changes of `experiment` in it.
-
-    Args:
-        beside: drives that are stepped on the same wires as the robot's, and feed nothing.
 
     Raises:
         InputRefused: components or a fault do not fit.
     """
-    components = [c for name, row in made.items() for c in (*row, *(beside if name == "drive" else ()))]
-    components, feeds = broken(experiment, components, connected(made))
-    for port, sources in next(row for row in ROBOT if row.name == "drive").inputs.items():
-        if targets := ends(beside, "input", port):
-            own = [feeds[end] for end in ends(made["drive"], "input", port)]
-            feeds.update(zip(targets, own or _values(_present(sources, made)[0], made, targets), strict=True))
+    components, feeds = broken(experiment, [c for row in made.values() for c in row], connected(made))
     cosim = experiment.cosim
     pairs = wires(feeds | _at_end(feeds, components), components)
     system = System(components, pairs, cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)

@@ -18,6 +18,7 @@ from twin.robot.faults import FaultComponent
 FIXED = {
     "cosim": "steps and scheme hold for the whole run",
     "controller.period_ms": "calls of the controller are counted from the start",
+    "drive": "what a drive holds inside fits no other one; run the experiment again with it",
     "duration_s": "FMUs know when the run ends",
     "seed": "random numbers were drawn before",
     "recording": "it belongs to the whole run",
@@ -52,7 +53,6 @@ def branched_experiment(
     settings: Sequence[str] = (),
     faults: Sequence[str] = (),
     body: str | None = None,
-    drive: str | None = None,
 ) -> Experiment:
     """The experiment of `recording` with changes that act from some time on.
 
@@ -61,15 +61,12 @@ def branched_experiment(
         settings: "table.key=value" texts.
         faults: inline tables of TOML, added to its own.
         body: a file of bodies/ in place of its own; its height stays.
-        drive: an FMU or a drive of fmus/ in place of its own.
 
     Raises:
         InputRefused: a setting cannot change in mid-run, or is none that an experiment may have.
     """
     refuse_fixed(settings)
-    return recorded_experiment(
-        origin(recording), recording, changed=True, settings=settings, faults=faults, body=body, drive=drive
-    )
+    return recorded_experiment(origin(recording), recording, changed=True, settings=settings, faults=faults, body=body)
 
 
 def branch_off(simulation: Simulation, saved: SavedState) -> None:

@@ -1,15 +1,12 @@
 """The drives of fmus/ and the facts of one drive, as `twin drive list` and `info` show them."""
 
-import json
 import math
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from twin.kernel.cache_folder import cache_folder, cached_answer, contents
 from twin.kernel.errors import InputRefused
-from twin.kernel.fmi import COMPILED
 from twin.kernel.places import located
 from twin.studies.result import Column, Table, laid_out
 
@@ -172,7 +169,7 @@ class ShelvedDrive(NamedTuple):
 
 
 def shelved_drives(start: Path) -> tuple[ShelvedDrive, ...]:
-    """The drives of fmus/, as seen from folder `start` upwards, by name; looked at anew if anything there has changed.
+    """The drives of fmus/, as seen from folder `start` upwards, by name.
 
     Raises:
         InputRefused: there is no fmus/.
@@ -180,10 +177,9 @@ def shelved_drives(start: Path) -> tuple[ShelvedDrive, ...]:
     shelf = located(SHELF, start)
     if not shelf.is_dir():
         raise InputRefused(f"{shelf}: no such folder; run this in the project's folder, or name a drive by its path")
-    answer = cached_answer(
-        "drives", lambda: json.dumps(_looked_at(shelf)), lambda: _made_of(shelf), lambda: _is_complete(shelf)
-    )
-    return tuple(ShelvedDrive(*facts) for facts in json.loads(answer))
+    from twin.robot.experiment.drive_files import drives_in
+
+    return tuple(_drive(shelf / name) for name in drives_in(shelf))
 
 
 COLUMNS = (
@@ -203,50 +199,6 @@ def shelf_text(drives: Sequence[ShelvedDrive]) -> str:
         for one in drives
     ]
     return laid_out([Table(COLUMNS, rows, indent=0)])
-
-
-def _made_of(shelf: Path) -> str | None:
-    """What lies in `shelf`, and what was compiled of such; None if it cannot be read."""
-    try:
-        lies, compiled = contents(shelf), contents(cache_folder(COMPILED))
-    except InputRefused:
-        return None
-    return f"{lies} {compiled}" if lies and compiled else None
-
-
-def _is_complete(shelf: Path) -> bool:
-    """Whether the drives in `shelf` name no file but those beside them: others may change, or be there one day."""
-    from twin.kernel.files import read_toml
-    from twin.robot.experiment.drive_files import MAPPING
-
-    try:
-        return all(
-            (mapping.parent / name).is_file() and name == Path(name).name and not name.endswith(".toml")
-            for mapping in shelf.glob(f"*/{MAPPING}")
-            for name in _named(read_toml(mapping))
-        )
-    except InputRefused:
-        return False
-
-
-def _named(node: Any, key: str = "") -> Iterator[str]:
-    """The files that a mapping, or the value of a `key` in it, names."""
-    if isinstance(node, dict):
-        for inner, one in node.items():
-            # { value = .., source = .. }
-            yield from _named(one, key if inner == "value" else inner)
-    elif isinstance(node, list):
-        for one in node:
-            yield from _named(one, key)
-    elif isinstance(node, str) and (key in ("fmu", "extends") or node.startswith("file:")):
-        yield node.removeprefix("file:")
-
-
-def _looked_at(shelf: Path) -> tuple[ShelvedDrive, ...]:
-    """The drives in `shelf`; to look at one takes numpy, FMPy and pydantic."""
-    from twin.robot.experiment.drive_files import drives_in
-
-    return tuple(_drive(shelf / name) for name in drives_in(shelf))
 
 
 def _drive(folder: Path) -> ShelvedDrive:

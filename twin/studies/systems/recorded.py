@@ -4,7 +4,6 @@ import json
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,6 @@ from typing import Any
 from twin.kernel.cosim.observers import Messages, ProgressObserver, Simulated, TickEvent
 from twin.kernel.errors import ComponentFailed, EndRequested, InputRefused
 from twin.kernel.fmi.variable import Variable, to_json
-from twin.kernel.process.job import JobLimits
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.process.states import (
     RunStates,
@@ -31,7 +29,7 @@ from twin.kernel.recording.writer import Writer
 from twin.kernel.ssp.package import Package
 from twin.kernel.systems.additions import Additions
 from twin.kernel.systems.choice import MasterChoice
-from twin.kernel.systems.coupling import Host, PreparedSystem, unvarying
+from twin.kernel.systems.coupling import PreparedSystem
 from twin.kernel.systems.opening import drawn_up, opened
 from twin.kernel.systems.plan import SystemPart, SystemPlan
 from twin.kernel.systems.reading import read_system
@@ -83,7 +81,6 @@ def facts(
                 "kind": part.description.kind,
                 "step_s": plan.timing.periods[part.path] * plan.timing.tick,
                 "sha256": part.description.sha256,
-                **({"remote": plan.choice.remote[part.path]} if part.path in plan.choice.remote else {}),
                 "microseconds_per_step": None if part.name in together else 1e6 * costs.get(part.name, 0.0),
             }
             for part in plan.parts
@@ -99,7 +96,6 @@ def facts(
         "overruled": list(plan.overruled),
         "unreadable": list(plan.unreadable),
         "without_effect": list(_without_effect(plan, made, state_every)),
-        "steps": _steps(plan, done),
         "settled": made.settled,
         "ended": str(done.failure or ""),
         "forgiven": [*plan.forgiven, *made.forgiven],
@@ -136,16 +132,6 @@ def _without_effect(plan: SystemPlan, made: PreparedSystem, state_every: float |
             )
 
 
-def _steps(plan: SystemPlan, done: Simulated) -> dict[str, Any]:
-    """How long they were: of one length, and why although there is a tolerance; or how many and how exact."""
-    control = done.simulation.control
-    if control is None:
-        why = unvarying(plan) if plan.choice.tolerance is not None else ""
-        return {"varying": False, "tolerance": plan.choice.tolerance, "why": why}
-    made = {"varying": True, "tolerance": plan.choice.tolerance, "error_total": float(control.memory["total"][0])}
-    return made | control.counts
-
-
 def _start(part: SystemPart, variable: Variable) -> Any:
     """The value of an input without a source."""
     given = next((to_json(value) for v, value in part.settings if v == variable), variable.start)
@@ -166,7 +152,6 @@ def system_result(came: Mapping[str, Any]) -> Result:
         note("system", f"{_form(came)}{counted(came['connections'], 'connection')}", True),
         note("coupling", f"{SCHEMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"),
         *([note("end", f"{came['stop_s']:g} s by {came['stop_from']}")] if came["stop_from"] else []),
-        *_steps_text(came["steps"], round(came["simulated_s"] / came["tick_s"])),
         *(note(path, _component(one, came["tick_s"]), True) for path, one in came["components"].items()),
         *(note("input", f"{name} = {about}") for name, about in came["inputs"].items()),
         *([note("late", late, True)] if came["late"] else []),
@@ -189,16 +174,6 @@ def system_result(came: Mapping[str, Any]) -> Result:
     return Result(headline, parts, came, {"recording": came["recording"]})
 
 
-def _steps_text(steps: Mapping[str, Any], ticks: int) -> list[Any]:
-    if not steps["varying"]:
-        return [note("steps", f"of one length: {steps['why']}", True)] if steps["why"] else []
-    text = (
-        f"{counted(steps['steps'], 'step')} for {counted(ticks, 'tick')}, {steps['rejected']} rejected; errors add up"
-    )
-    loose = f"; in {counted(steps['loose'], 'pair')} of ticks it is missed, take shorter ones" if steps["loose"] else ""
-    return [note("steps", f"{text} to {steps['error_total']:.2g}, tolerance {steps['tolerance']:g}{loose}", True)]
-
-
 def _loop(one: Mapping[str, Any]) -> str:
     done = (
         f"solved, {one['microseconds_per_step']:.2f} us"
@@ -218,9 +193,7 @@ def _component(one: Mapping[str, Any], tick: float) -> str:
     every = f", every {1e3 * one['step_s']:g} ms" if one["step_s"] != tick else ""
     kind = " model exchange" if one["kind"] == "model_exchange" else ""
     own = one["microseconds_per_step"]
-    where = f" at {one['remote']}" if "remote" in one else ""
-    cost = f"{_duration(own)}{every}{where}"
-    return f"{one['fmu']}  FMI {one['fmi']}{kind}  sha256 {one['sha256'][:12]}  {cost}"
+    return f"{one['fmu']}  FMI {one['fmi']}{kind}  sha256 {one['sha256'][:12]}  {_duration(own)}{every}"
 
 
 def _duration(own: float | None) -> str:
@@ -243,7 +216,6 @@ def recorded_system(
     state_every: float | None = None,
     start_from: str | None = None,
     additions: Additions = Additions(),  # noqa: B008, it is frozen
-    limit_step: float = JobLimits.step,
 ) -> Result:
     """Run a system of FMUs and record it.
 
@@ -257,7 +229,6 @@ def recorded_system(
         state_every: time from one saved state to the next (s); None: only the last one is saved.
         start_from: a run of this system, and perhaps the time (s) of its state behind an @, to go on from.
         additions: values, inputs over time, and what is recorded.
-        limit_step: longest time of one call into an FMU on another machine (s).
 
     Raises:
         InputRefused: the system cannot be run, or there is no such state; nothing has been written.
@@ -268,10 +239,7 @@ def recorded_system(
     # before an FMU is loaded, which may change the working directory
     here = Path.cwd()
     package, state = read_system(system), _state(start_from)
-    with (
-        elsewhere(choice.remote, limit_step) as hosts,
-        opened(package, choice, compiled, additions, hosts=hosts) as (plan, made),
-    ):
+    with opened(package, choice, compiled, additions) as (plan, made):
         folder = _folder(package.file, here, out)
         path = here / folder / RECORDING
         reporter.note(experiment=package.file.stem, folder=str(path.parent), duration=plan.timing.duration)
@@ -301,8 +269,6 @@ def written_system(
         ("--record", additions.recorded),
         ("--solver", choice.solver),
         ("--loops solve", choice.loops == "solve"),
-        ("--tolerance", choice.tolerance),
-        ("--remote", choice.remote),
     ):
         if asked:
             raise InputRefused(f"{option}: an SSP archive has no word for it; choose when it is run")
@@ -357,22 +323,6 @@ def joined_system(
         note("wires", f"guessed from names and units: {', '.join(wires)}", True),
         *([note("in doubt", f"left out: {some(left, MOST)}", True)] if left else []),
     ]
-
-
-@contextmanager
-def elsewhere(remote: Mapping[str, str], limit: float) -> Iterator[Mapping[str, Host]]:
-    """Where components live that are not here, by path, of addresses; Dask is loaded only if there are some.
-
-    Args:
-        remote, limit: as of `machines`.
-    """
-    if not remote:
-        yield {}
-        return
-    from twin.studies.systems.remote import machines
-
-    with machines(remote, limit) as hosts:
-        yield hosts
 
 
 def _folder(file: Path, here: Path, out: Path | None) -> Path:
@@ -443,7 +393,6 @@ def _provenance(plan: SystemPlan, made: PreparedSystem) -> dict[str, dict[str, s
         **({"periods": json.dumps(periods)} if periods else {}),
         **({"kinds": json.dumps(kinds), "solver": choice.method} if kinds else {}),
         **({"loops": choice.loops, "solved": json.dumps([one.path for one in made.loops])} if made.solved else {}),
-        **({"tolerance": repr(choice.tolerance), "steps": unvarying(plan) or "varying"} if choice.tolerance else {}),
         **({"forgiven": json.dumps([*plan.forgiven, *made.forgiven])} if choice.lenient else {}),
     }
     return {

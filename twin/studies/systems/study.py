@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.process.job import JobLimits
-from twin.studies.command import Argument, Asked, Compile, LimitStep, Option, study
+from twin.studies.command import Argument, Asked, Compile, Option, study
 from twin.studies.result import Result
 
 if TYPE_CHECKING:
@@ -116,9 +115,6 @@ def cosim(
         LoopCoupling,
         Option("Algebraic loops: delay one value by a step, or solve them by Newton's method."),
     ] = LoopCoupling.DELAY,
-    tolerance: Annotated[
-        float | None, Option("Steps as long as this relative error allows, if all FMUs can go back.", "REL")
-    ] = None,
     step: Annotated[
         Sequence[str], Option("Longer step of a component, whole ticks; may be repeated.", "COMPONENT=MS")
     ] = (),
@@ -130,13 +126,6 @@ def cosim(
             "tool; round a step that does not divide the run."
         ),
     ] = False,
-    remote: Annotated[
-        Sequence[str],
-        Option(
-            "Component whose FMU runs beside a worker of the Dask scheduler at tls://HOST:PORT; may be repeated.",
-            "COMPONENT=ADDRESS",
-        ),
-    ] = (),
     state_every_s: Annotated[float | None, Option("Save the state as often as this, for --from.", "S")] = None,
     start_from: Annotated[
         str | None,
@@ -146,7 +135,6 @@ def cosim(
         Path | None, Option("Folder of the run; default: results/cosim/SYSTEM/TIME. With --to: the file.", "DIR")
     ] = None,
     compiled: Compile = False,
-    limit_step: LimitStep = JobLimits.step,
     to: Annotated[SystemForm | None, Option("Run nothing, and write the system as SSP 1.0 to --out FILE.")] = None,
 ) -> Result:
     """Run one FMU, or a system of FMUs (SSP), and record the outputs of each.
@@ -175,5 +163,5 @@ def cosim(
             return Result(f"{whole.stem} written as SSP 1.0", wires, {"ssp": str(whole)}, {"ssp": str(whole)})
     if to is not None:
         return written_system(whole, choice, out, compiled, added)
-    done = recorded_system(reporter, whole, choice, out, compiled, state_every_s, start_from, added, limit_step)
+    done = recorded_system(reporter, whole, choice, out, compiled, state_every_s, start_from, added)
     return replace(done, body=[*wires, *done.body], files={"system": whole, **done.files}) if others else done
