@@ -37,10 +37,13 @@ def page_answers(
             for line in output:
                 printed += line
                 if found := ADDRESS.search(line):
+                    # it ends by itself after its last page
                     return _asked(int(found[1]), found[2], asks)
         return {"page": printed or "twin explore printed no address"}
-    finally:
+    except BaseException:
         os.kill(child, signal.SIGTERM)
+        raise
+    finally:
         os.waitpid(child, 0)
 
 

@@ -130,7 +130,7 @@ values = [1, 2, 3, 4]
 CHANGING = """extends = "pressing.toml"
 [[fault]]
 kind = "surface_jump"
-target = "surface"
+target = "contact"
 onset_s = 7.0
 magnitude_mm = 10.0
 [[change]]
@@ -158,7 +158,10 @@ STUDIES: dict[str, tuple[str, ...]] = {
         f"shadow {FIG4} --source a --speed 0 --no-alarm --out s",
         f"shadow {FIG4} --source a --speed 0 --no-alarm --duration-s 3 --json --out t",
     ),
-    "shadow alarm": (FOUR, f"shadow {FIG4} --source a --speed 0 --set plant.k_s_Nm_per_rad=1.1 --out s"),
+    "shadow alarm": (
+        f"{FOUR} --set plant.k_s_Nm_per_rad=0.8",
+        f"shadow {FIG4} --source a --speed 0 --out s",
+    ),
     "shadow what-if": (
         FOUR,
         f"shadow {FIG4} --source a --speed 0 --no-alarm --duration-s 6.5 --force-limit-N 4 --out s "
@@ -244,7 +247,7 @@ STUDIES: dict[str, tuple[str, ...]] = {
         f"cosim {SERVO} --stop-s 1 --ssv values.ssv --input in.csv --isolate none --json --out b",
         f"cosim {SERVO} --set T_m=0.02 --to ssp --out servo.ssp",
         f"cosim {SERVO} --stop-s 1 --state-every-s 0.4 --set omega_ref=1 --isolate none --out c",
-        "cosim --from c@0.5 --isolate none --out d",
+        f"cosim {SERVO} --stop-s 1 --state-every-s 0.4 --set omega_ref=1 --from c@0.5 --isolate none --out d",
     ),
     "cosim model exchange": tuple(
         f"cosim TREE/fmus/modelica_dc/modelica_dc.fmu --kind model_exchange --solver {solver} --stop-s 0.2 "
@@ -302,9 +305,9 @@ BESIDE = {
 }  # fmt: skip
 """Files of those that need some."""
 
-LOOK = {"panels": ["Pressing force"], "width": 400, "list": True}
+LOOK = {"panels": ["Pressing force F_z", "Height z"], "width": 400, "list": True}
 FIRST = {"set": {"controller.force.kp_mm_per_N": 3.0}}
-BROKEN = {"faults": [{"kind": "surface_jump", "target": "surface", "onset_s": 6.0, "magnitude": 10.0}]}
+BROKEN = {"faults": [{"kind": "surface_jump", "target": "contact", "onset_s": 6.0, "magnitude": 10.0}]}
 EXPLORED: dict[str, tuple[str, tuple[dict, ...]]] = {
     "explore states": (
         f"{FIG4} --set duration_s=8",
@@ -314,7 +317,6 @@ EXPLORED: dict[str, tuple[str, tuple[dict, ...]]] = {
             {"op": "show", "state": {}, **LOOK},
             {"op": "show", "state": FIRST, **LOOK, "robot": True, "span": [5.0, 6.0]},
             {"op": "show", "state": BROKEN, **LOOK},
-            {"op": "show", "state": {}, **LOOK, "layout": "fig4"},
             {"op": "show", "state": {"set": {"nothing": 1}}, **LOOK},
             {"op": "onset", "state": {}},
             {"op": "save", "state": FIRST, "name": "mine"},
@@ -323,8 +325,8 @@ EXPLORED: dict[str, tuple[str, tuple[dict, ...]]] = {
         ),
     ),
     "explore scores": (
-        f"{FIG4} --set duration_s=8",
-        ({"op": "loops", "state": FIRST, "point": 0}, {"op": "score", "state": FIRST}),
+        FIG4,
+        ({"op": "show", "state": FIRST, **LOOK, "layout": "fig4"}, {"op": "loops", "state": FIRST, "point": 0}, {"op": "score", "state": FIRST}),
     ),
     "explore records": (
         "pressing",
