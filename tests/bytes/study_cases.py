@@ -326,7 +326,11 @@ EXPLORED: dict[str, tuple[str, tuple[dict, ...]]] = {
     ),
     "explore scores": (
         FIG4,
-        ({"op": "show", "state": FIRST, **LOOK, "layout": "fig4"}, {"op": "loops", "state": FIRST, "point": 0}, {"op": "score", "state": FIRST}),
+        (
+            {"op": "show", "state": FIRST, **LOOK, "layout": "fig4"},
+            {"op": "loops", "state": FIRST, "point": 0},
+            {"op": "score", "state": FIRST},
+        ),
     ),
     "explore records": (
         "pressing",
