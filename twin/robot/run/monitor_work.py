@@ -1,4 +1,4 @@
-"""The tick at which the safety monitor first acts on the robot: before it, the robot without monitor has the same bits."""
+"""The tick at which the safety monitor first acts; until then the robot without monitor has the same bits."""
 
 import math
 

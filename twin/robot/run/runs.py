@@ -88,9 +88,15 @@ class _Watch:
 
     def __init__(self, request: RunRequest, experiment: Experiment, past: "_Watch | None" = None):
         signals = request.signals
-        self.trace = None if signals == frozenset() else Trace(only=signals or (), past=past and past.trace)
-        self.work = MonitorWork(past and past.work) if request.idle and experiment.monitor else None
-        self.tally = _SharedTally(HoldRequest.of(experiment), past and past.tally) if request.tally else None
+        self.trace: Trace | None = None
+        self.work: MonitorWork | None = None
+        self.tally: _SharedTally | None = None
+        if signals != frozenset():
+            self.trace = Trace(only=signals or (), past=past.trace if past else None)
+        if request.idle and experiment.monitor:
+            self.work = MonitorWork(past.work if past else None)
+        if request.tally:
+            self.tally = _SharedTally(HoldRequest.of(experiment), past.tally if past else None)
         self.observers: list[Observer] = [one for one in (self.trace, self.work, self.tally) if one is not None]
 
     def outcome(self, done: Simulated) -> Outcome:
