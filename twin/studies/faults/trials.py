@@ -98,6 +98,10 @@ class Trials:
         return self
 
     def __exit__(self, *failure: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free what the runs share; a run after that makes it again."""
         self._runs.close()
 
     def pair(self, fault: Fault) -> tuple[FaultTrial, FaultTrial]:
