@@ -19,15 +19,16 @@ from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
 
-from tests.bytes.cases import Case, all_cases
+from tests.bytes.case import Case
+from tests.bytes.cases import all_cases
 from tests.bytes.comparison import differences
 from tests.bytes.tree import REPOSITORY, Tree
 
-BASE = "2e07c914"
+BASE = "bf6967cc"
 """The commit before the change that is to move no byte."""
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "twin-bytes"
 """Of the user, for all worktrees."""
-WHAT_DECIDES = ("outputs", "recording", "tree", "worker")
+WHAT_DECIDES = ("outputs", "page", "recording", "tree", "worker")
 """Modules that decide what a case comes to."""
 
 

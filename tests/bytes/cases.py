@@ -1,15 +1,14 @@
-"""What is done in both trees.
+"""The cases: what is done in both trees.
 
 The list follows from the files of the tree before the change: what is new has nothing to be compared with.
 """
 
 import re
-from dataclasses import dataclass, field
 from pathlib import Path
 
-FIG4 = "fig4_force_position"
-FIG4_SHORT = "duration_s=8"
-"""Its force control begins at 5.6 s."""
+from tests.bytes.case import FIG4, FIG4_SHORT, Case
+from tests.bytes.study_cases import study_cases
+
 SHORTER = {
     "calibration": 30.0,
     "calibration_one_pose": 30.0,
@@ -23,31 +22,10 @@ LONGEST = {"calibration": 60.0}
 """The same with its own drive."""
 
 
-@dataclass(frozen=True)
-class Case:
-    """One thing to do in both trees.
-
-    Attributes:
-        name: by which it is chosen and reported.
-        quick: whether it is done with QUICK=1, too.
-        files: that lie in its folder, text by name.
-        load: what `twin.load` is called with, to run it; or
-        commands: command lines without their first word `twin`, done one after the other in its folder.
-        environment: variables that they find.
-    """
-
-    name: str
-    quick: bool = False
-    files: dict[str, str] = field(default_factory=dict)
-    load: tuple[str, tuple[str, ...], str | None, str | None] | None = None
-    commands: tuple[str, ...] = ()
-    environment: dict[str, str] = field(default_factory=dict)
-
-
 def all_cases(tree: Path) -> list[Case]:
     """Those of the tree at `tree`; what takes longest first."""
     runs = (*_each_drive(tree), *_each_body(tree), *_faults(tree), *_couplings(), *_variants(), *_forms())
-    return [*_commands(), *runs]
+    return [*study_cases(), *_commands(), *runs]
 
 
 def _each_drive(tree: Path) -> list[Case]:
@@ -203,7 +181,7 @@ ALL_HELP = (
     "run", "compare", "check", "faults", "falsify", "runs", "report", "replay", "converge", "accuracy", "identify",
     "export", "build", "cosim", "analyse", "tune", "init", "schema", "doctor", "sweep", "sweep run", "sweep show",
     "drive", "drive survey", "drive info", "drive list", "drive new", "drive check", "drive compare", "component",
-    "component list", "component check", "log", "log new",
+    "component list", "component check", "log", "log new", "branch", "safety", "shadow", "explore",
 )  # fmt: skip
 
 SHORT_RUN = f"run {FIG4} --set {FIG4_SHORT} --isolate none --out a"
@@ -273,7 +251,6 @@ SLOW: dict[str, tuple[str, ...]] = {
         "sweep run sweep.toml --out rows --json",
         "run step_z_air --sweep controller.position.kp_per_s=1:2:2 --yes",
     ),
-    "component check": ("component check controller TREE/fmus/parts/paper_law --set duration_s=1 --isolate none",),
     "run tasks": ("run pressing --body back --json --report --out a",),
     "run isolated": (f"run {FIG4} --set {FIG4_SHORT} --isolate drive --out a",),
 }

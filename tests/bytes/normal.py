@@ -24,6 +24,8 @@ RULES: tuple[tuple[str, str], ...] = (
     # hashes of what machine code is in, of files of which each member is compared, and of places
     (r'(sha256\\?"? ?[=:] ?\\?")[0-9a-f]{64}', r"\1HASH"),
     (r"sha256 [0-9a-f]{12}\b", "sha256 HASH"),
+    (r'("the sweep": ")[0-9a-f]{64}', r"\1HASH"),
+    (rf"(?m)(sha256 HASH +){NUMBER}$", r"\1N"),
     (r"\| `[0-9a-f]{64}` \|", "| `HASH` |"),
     (r'((?:guid|instantiationToken)=")\{[0-9a-f-]+\}', r"\1{HASH}"),
     (r"(results/sweeps/\w+)-[0-9a-f]{8}\b", r"\1-HASH"),
@@ -39,6 +41,7 @@ PROGRESS: tuple[str, ...] = (
     r"(?m)^(.+ )?\d+ of \d+ \w+(, .*)?\n",
     r"(?m)^.+ +\d+%( .* left)?\n",
     r"(?m)^(linking|compiling)\n",
+    r"(?m)^[\d.]+ s +\d+ Hz +late .*\n",
 )
 """Lines about how far it is, which a command without a terminal prints once a minute, to its error stream."""
 

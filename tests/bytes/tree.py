@@ -20,7 +20,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from tests.bytes.cases import Case
+from tests.bytes.case import Case
 
 REPOSITORY = Path(__file__).parents[2]
 ENVIRONMENT = {

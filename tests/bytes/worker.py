@@ -12,6 +12,7 @@ import pkgutil
 import runpy
 import shlex
 import shutil
+import subprocess
 import sys
 import tempfile
 import traceback
@@ -20,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.bytes.outputs import ERROR, described
+from tests.bytes.page import page_answers
 
 
 def main() -> None:
@@ -33,7 +35,7 @@ def main() -> None:
         case = json.loads(line)
         folder = Path(tempfile.mkdtemp(prefix="case-", dir=tree.parent))
         for name, text in case["files"].items():
-            (folder / name).write_text(text, encoding="utf-8")
+            (folder / name).write_text(text.replace("TREE", str(tree)), encoding="utf-8")
         os.chdir(folder)
         # for the processes that it starts
         os.environ.update(case["environment"])
@@ -41,7 +43,14 @@ def main() -> None:
         def placed(text: str, here: str = str(folder)) -> str:
             return text.replace(str(tree), "TREE").replace(here, "HERE")
 
-        found = _run(case["load"], folder, placed) if case["load"] else _command_lines(case["commands"], tree, placed)
+        if case["load"]:
+            found = _run(case["load"], folder, placed)
+        else:
+            found = _command_lines(case["commands"], tree, placed)
+            if case["page"]:
+                words, asks = case["page"]
+                found |= {name: placed(text) for name, text in page_answers(words, asks, _as_twin).items()}
+            found |= described(folder, placed)
         print(json.dumps(found), file=answers, flush=True)
         os.chdir(tree)
         for name in case["environment"]:
@@ -85,15 +94,19 @@ def _run(load: list[Any], folder: Path, placed: Callable[[str], str]) -> dict[st
 
 
 def _command_lines(lines: list[str], tree: Path, placed: Callable[[str], str]) -> dict[str, Any]:
-    """Text, exit code and files of each command line."""
+    """Text and exit code of each command line."""
     found: dict[str, Any] = {}
     for number, line in enumerate(lines, 1):
-        code, out, err = _forked([word.replace("TREE", str(tree)) for word in shlex.split(line)])
+        words = [word.replace("TREE", str(tree)) for word in shlex.split(line)]
+        if words[:1] == ["python"]:
+            subprocess.run([sys.executable, *words[1:]], check=True)
+            continue
+        code, out, err = _forked(words)
         name = f"{number}: twin {line}"
         found[f"{name} [exit code]"] = str(code)
         found[f"{name} [output]"] = placed(out)
         found[f"{name}{ERROR}"] = placed(err)
-    return found | described(Path.cwd(), placed)
+    return found
 
 
 def _forked(words: list[str]) -> tuple[int, str, str]:

@@ -2,12 +2,11 @@
 
 import os
 import random
-import shutil
 import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +15,9 @@ import pytest
 from tests.damage import KINDS, damage
 from twin.kernel.compiled import store
 from twin.kernel.compiled.function import njit
-from twin.kernel.compiled.store import damaged_files, keep, name_of, object_files, sealed, source_digest, stored_code
+from twin.kernel.compiled.store import damaged_files, keep, name_of, object_files, sealed, stored_code
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="owners and modes of POSIX")
-SOURCE = Path(__file__).parents[3] / "twin"
 WHERE = "import twin.kernel.compiled.store as s; print(s.folder()); print(s.refusal())"
 CODE = {"twin.a.o": b"machine code" * 50, "twin.b.o": b"other code" * 50}
 
@@ -32,86 +30,6 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(store, "folder", lambda: folder)
     monkeypatch.setattr(store, "_reported", set())
     return folder
-
-
-@pytest.fixture
-def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A package of the same name whose modules can be edited."""
-    folder = tmp_path / "twin"
-    (folder / "deep").mkdir(parents=True)
-    shutil.copytree(SOURCE / "kernel", folder / "kernel", ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copy(SOURCE / "__init__.py", folder)
-    (folder / "deep" / "__init__.py").write_text("")
-    (folder / "deep" / "kernel.py").write_text("from twin.deep.part import (\n    x,\n)\nfrom twin.deep import far\n")
-    (folder / "deep" / "part.py").write_text("def f():\n    import twin.deep.lazy as l\n\n\nx = y = 1\n")
-    (folder / "deep" / "far.py").write_text("a = 1\n")
-    (folder / "deep" / "lazy.py").write_text("a = 1\n")
-    (folder / "deep" / "other.py").write_text("a = 1\n")
-    monkeypatch.setattr(store, "_PACKAGE", folder)
-    yield folder
-    forget()
-
-
-def forget() -> None:
-    """What was read of source, as a new process would not have it."""
-    store._source.cache_clear()
-    store._file.cache_clear()
-
-
-def digest(module: str = "twin.deep.kernel") -> str:
-    forget()
-    return source_digest(module)
-
-
-@pytest.mark.parametrize("name", ["kernel", "part", "far", "lazy"])
-def test_an_edit_of_whatever_it_reaches_gives_another_name_and_back(package: Path, name: str):
-    before = digest()
-    file = package / "deep" / f"{name}.py"
-    text = file.read_text()
-    file.write_text(f"{text}a = 2\n")
-    assert digest() != before
-    file.write_text(text)
-    assert digest() == before
-
-
-def test_what_it_does_not_reach_does_not_count(package: Path):
-    before = digest()
-    (package / "deep" / "other.py").write_text("a = 2\n")
-    (package / "deep" / "new.py").write_text("a = 2\n")
-    assert digest() == before != digest("twin.deep.other")
-
-
-def test_every_module_that_a_compiled_one_imports_is_reached(root: Path):
-    # else a constant frozen into machine code could change without a new name
-    code = (
-        "import sys; from twin.kernel.compiled import store\n"
-        "import twin.robot.plant.component, twin.kernel.recording.messages\n"
-        "seen = []; source = store._source\n"
-        "store._source = lambda m: (seen.append(m), source(m))[1]\n"
-        "store.source_digest('twin.robot.plant.component', 'twin.kernel.recording.messages')\n"
-        "rooms = 'twin.robot.plant', 'twin.robot.mechanism', 'twin.kernel.recording'\n"
-        "print(sorted({m for m in sys.modules if m.startswith(rooms)} - set(seen)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    # packages, in which nothing is written
-    unseen = [name.replace(".", "/") for name in eval(done.stdout)]
-    assert [name for name in unseen if not (root / name / "__init__.py").is_file()] == []
-
-
-def test_a_part_of_the_users_own_is_known_by_its_file_and_what_that_imports(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / "my_gain.py").write_text("GAIN = 2.0\n")
-    (tmp_path / "my_part.py").write_text("import os, my_gain as g\n\n\ndef step(x):\n    return g.GAIN * x\n")
-    import my_part
-
-    forget()
-    before = name_of(my_part.step, "")
-    assert before.startswith("my_part.step-")
-    (tmp_path / "my_gain.py").write_text("GAIN = 3.0\n")
-    forget()
-    assert name_of(my_part.step, "") != before
 
 
 @njit(cache=True)

@@ -18,11 +18,12 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE, Fault
+from twin.robot.run.monitor_work import MonitorWork
 from twin.robot.run.past import SharedPast
 from twin.robot.run.trace import Trace
 from twin.studies.faults.matrix import FaultRow, FaultTrial, cases, known_kinds, matrix_rows, onsets_of
 from twin.studies.faults.text import draw_fault_matrix, fault_matrix_result
-from twin.studies.faults.trials import MonitorWork, healthy_run
+from twin.studies.faults.trials import healthy_run
 
 FEW = ("encoder_glitch", "sample_jitter", "belief_k_s", "drive_runaway", "drive_failure", "brown_out", "surface_jump")
 ONSETS = (0.0, 0.501, 5.531)

@@ -14,7 +14,7 @@ from twin.studies.reference.outcome import (
     HOME,
     MANIFEST,
     MOST_STEPS,
-    Outcome,
+    ReferenceOutcome,
     References,
     came_with,
     references,
@@ -48,7 +48,7 @@ def found(servo: Path, folder: Path, listed: str = LISTED, /, **changed: str | N
     return done
 
 
-def outcome(servo: Path, folder: Path, **changed: str | None) -> Outcome:
+def outcome(servo: Path, folder: Path, **changed: str | None) -> ReferenceOutcome:
     (one,) = found(servo, folder, **changed).outcomes
     return one
 

@@ -6,8 +6,9 @@ import pytest
 
 from twin.robot.experiment.drive_files import experiment_file
 from twin.robot.run.past import SharedPast
+from twin.robot.run.runs import Runs
 from twin.studies.sweep import worker
-from twin.studies.sweep.worker import AFTER, LastPast
+from twin.studies.sweep.worker import AFTER, NUMBERS
 
 PRESSING = experiment_file("pressing")
 DRIFT = 'fault=[{kind = "encoder_drift", target = "motor_encoder_1", onset_s = 6.5, magnitude_deg_per_s = 2.0}]'
@@ -21,10 +22,15 @@ CHANGE = 'change=[{t_s = 6.0, key = "controller.force.kp_mm_per_N", value = 3.0}
 
 @pytest.fixture(autouse=True)
 def _past(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    past = LastPast()
-    monkeypatch.setattr(worker, "_past", past)
-    yield
-    past.close()
+    with Runs(NUMBERS, AFTER, most=1) as runs:
+        monkeypatch.setattr(worker, "_runs", runs)
+        yield
+
+
+def lacking() -> str:
+    (past,) = worker._runs._pasts
+    assert past.shared is not None
+    return past.shared.lacking
 
 
 def found(settings: list[list[str]], drive: str | None = None) -> list[tuple[str, str, str]]:
@@ -49,9 +55,9 @@ def test_runs_that_share_a_past_are_those_from_the_start(
 ):
     settings = [[table, f"{key}={values[0]}"]] * AFTER + [[table, f"{key}={value}"] for value in values]
     shared = found(settings)
-    assert worker._past._past is not None and worker._past._past.lacking == ""
-    worker._past.close()
-    monkeypatch.setattr(worker, "_past", LastPast(share=False))
+    assert lacking() == ""
+    worker._runs.close()
+    monkeypatch.setattr(worker, "_runs", Runs(NUMBERS, most=0))
     assert shared == found(settings)
     assert len(set(shared)) > 1
 
@@ -66,5 +72,5 @@ def test_keys_that_act_from_the_start_share_no_past(monkeypatch: pytest.MonkeyPa
 def test_a_drive_without_a_state_runs_from_the_start():
     settings = [[CHANGE, f"change.1.value={value}"] for value in (1.0, 1.0, 1.0, 2.0)]
     shared = found(settings, "modelica_dc")
-    assert worker._past._past is not None and "no FMU state" in worker._past._past.lacking
+    assert "no FMU state" in lacking()
     assert shared[0] == shared[2] != shared[3]

@@ -1,25 +1,25 @@
 """Machine code kept between processes: an object file for each root, which is loaded without numba.
 
 A root is a function that C or Python calls; its file holds all that it calls, and asks for nothing but mathematics. The
-file is named after the source that the root reaches, what it was closed over, its types, numba and the form of the
-processor, so that code of an older source is never found. A hash at its end finds accidents: what was damaged is thrown
-away and compiled again. Against malice stands that the folder and each file are the user's alone, see
+file is named after the code that the root reaches, without its text, what it was closed over, its types, numba and the
+form of the processor, so that code of an older source is never found. A hash at its end finds accidents: what was
+damaged is thrown away and compiled again. Against malice stands that the folder and each file are the user's alone, see
 `twin.kernel.cache_folder`; or that they came with the package, where a wheel has brought them.
 """
 
 import contextlib
 import hashlib
+import json
 import os
 import re
 import sys
-import sysconfig
 from collections.abc import Iterable, Iterator
 from functools import cache
-from importlib.util import resolve_name
 from pathlib import Path
 from typing import Any
 
 from twin.kernel.cache_folder import cache_folder, discard_foreign, evict, private_folder, remove
+from twin.kernel.compiled.source import PACKAGE, SourceFile, Sources, digest_of, source_file
 from twin.kernel.errors import InputRefused
 
 try:
@@ -35,13 +35,12 @@ MOST = 1000
 OBJECT = ".o"
 SEAL = 16
 """Bytes of the hash at the end of a file."""
-_PACKAGE = Path(__file__).parents[2]
 CARRIED = Path(__file__).with_name("objects")
 """Where a wheel has object files; they are looked at first and never written."""
-_OWN = _PACKAGE.name
-_INSTALLED = re.compile(re.escape(sysconfig.get_path("stdlib") + os.sep) + r"|.*[/\\](site|dist)-packages[/\\]")
-"""What lies there is known by the version of Python and numba, but for this package."""
-_IMPORT = re.compile(rb"^[ \t]*(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|.*)|import[ \t]+(.*))", re.MULTILINE)
+DIGESTS = "sources.json"
+"""File of what was found in source files, see `twin.kernel.compiled.source`."""
+MAX_DIGESTS = 1000
+"""Source files of which that is kept: seven versions of all there are."""
 _OBJECT = re.compile(r".+\.(o|ll)")
 _refusal: list[str] = []
 _reported: set[Path] = set()
@@ -62,7 +61,7 @@ def name_of(function: Any, made_for: str) -> str:
         Unnamed: its source is in no file, or it is closed over something without a known value.
     """
     modules: set[str] = set()
-    variant = _hash(f"{_identity(function, modules)}\0{made_for}".encode())
+    variant = digest_of(f"{_identity(function, modules)}\0{made_for}".encode())
     return f"{function.__module__}.{function.__name__}-{variant}-{source_digest(*modules)}"
 
 
@@ -133,7 +132,7 @@ def folder() -> Path:
         if given:
             return private_folder(Path(given, "objects").absolute())
         try:
-            return private_folder(_PACKAGE / "__pycache__" / "native")
+            return private_folder(PACKAGE / "__pycache__" / "native")
         except InputRefused:
             return cache_folder("native")
     except InputRefused as refused:
@@ -172,47 +171,36 @@ def damaged_files(files: Iterable[Path]) -> list[Path]:
 
 
 def source_digest(*modules: str) -> str:
-    """Hash over the files of `modules` and all that they import, but for installed packages."""
-    reached: dict[str, bytes] = {}
-    ahead = list(modules)
-    while ahead:
-        module = ahead.pop()
-        if module not in reached:
-            reached[module], imported = _source(module)
-            ahead += imported
-    return _hash(b"".join(name.encode() + content for name, content in sorted(reached.items()) if content))
+    """Return the digest of the code of `modules` and all that they import, but for installed packages."""
+    sources = _sources()
+    before = sources.parsed
+    found = sources.digest(*modules)
+    if sources.parsed > before:
+        _keep_digests(sources)
+    return found
 
 
 @cache
-def _source(module: str) -> tuple[bytes, tuple[str, ...]]:
-    """Hash of a module's file, and what it may import; nothing of what has no file, or an installed one."""
-    file = _file(module)
-    if not file:
-        return b"", ()
-    text = Path(file).read_bytes()
-    package = module if file.endswith("__init__.py") else module.rpartition(".")[0]
-    imported: set[str] = set()
-    for origin, names, whole in _IMPORT.findall(text):
-        for each in whole.decode().split(","):
-            imported.add(each.split(" as ")[0].partition("#")[0].strip())
-        # text may look like an import, and lead out of the package
-        with contextlib.suppress(ImportError):
-            full = resolve_name(origin.decode(), package)
-            imported.add(full)
-            if (_file(full) or "").endswith("__init__.py"):
-                imported |= {f"{full}.{name}" for name in re.findall(r"\w+", names.decode())}
-    return _hash(text).encode(), tuple(imported)
+def _sources() -> Sources:
+    return Sources(_kept_digests())
 
 
-@cache
-def _file(module: str) -> str | None:
-    """Of a module of this package, or of one that is loaded and not installed."""
-    top, _, below = module.partition(".")
-    if top == _OWN:
-        stem = os.path.join(_PACKAGE, *below.split("."))
-        return next((file for file in (stem + ".py", os.path.join(stem, "__init__.py")) if os.path.isfile(file)), None)
-    found: str | None = getattr(sys.modules.get(module), "__file__", None)
-    return found if found and os.path.isfile(found) and not _INSTALLED.match(found) else None
+def _kept_digests() -> dict[str, SourceFile]:
+    """What earlier processes have found in source files; empty if nothing is kept, or it is damaged."""
+    with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):
+        path = folder() / DIGESTS
+        discard_foreign(path)
+        return {
+            whole: SourceFile(digest, tuple((origin, tuple(names)) for origin, names in imports), tuple(functions))
+            for whole, (digest, imports, functions) in json.loads(_whole(path)).items()
+        }
+    return {}
+
+
+def _keep_digests(sources: Sources) -> None:
+    """Keep them beside the object files, with those that another process has kept meanwhile."""
+    both = _kept_digests() | sources.known
+    keep(DIGESTS, json.dumps(dict([*both.items()][-MAX_DIGESTS:])).encode())
 
 
 def _identity(value: Any, modules: set[str]) -> str:
@@ -235,11 +223,10 @@ def _identity(value: Any, modules: set[str]) -> str:
         return f"{value.descr} {value.itemsize}"
     if isinstance(value, (tuple, list)):
         return f"({', '.join(_identity(each, modules) for each in value)})"
-    if callable(value) and hasattr(value, "__code__") and _file(value.__module__):
+    if callable(value) and hasattr(value, "__code__") and source_file(value.__module__):
         modules.add(value.__module__)
         closed = [cell.cell_contents for cell in value.__closure__ or ()]
-        line = value.__code__.co_firstlineno
-        return f"{value.__module__}.{value.__qualname__}:{line}{_identity(closed, modules)}"
+        return f"{value.__module__}.{value.__qualname__}:{_sources().place(value)}{_identity(closed, modules)}"
     raise Unnamed
 
 
@@ -247,10 +234,6 @@ def _whole(path: Path) -> bytes:
     """What was sealed in a file; nothing if it is not as it was written."""
     content = path.read_bytes()
     return content[:-SEAL] if content == sealed(path.name, content[:-SEAL]) else b""
-
-
-def _hash(content: bytes) -> str:
-    return hashlib.blake2b(content, digest_size=8).hexdigest()
 
 
 def _passing() -> str:

@@ -18,7 +18,7 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE, NEVER, Fault, checked_faults, expected
 from twin.robot.monitor.checks import trip_sentence
 from twin.studies.faults.together import OF_IDEAL
-from twin.studies.faults.trials import FaultTrial, Trials, fault_trial_of, healthy_run
+from twin.studies.faults.trials import FaultTrial, Trials, fault_trial, healthy_run
 
 GLITCH_SHARE = 0.02
 """Of the samples, for kinds that hit a share of them besides having a magnitude: ten a second at 2 ms."""
@@ -357,7 +357,7 @@ def _ideal_peak(trials: Trials, fault: Fault, watched: FaultTrial, limit: float)
     """Largest force (N) from the onset on if all power is cut when the true force of `watched` reaches `limit` (N)."""
     at = fault.onset + int(np.argmax(watched.force[fault.onset :] >= limit))
     cut = trials.run((fault, Fault("power_off", "power", at)))
-    return float(fault_trial_of(cut.trace, cut.done).force[fault.onset :].max())
+    return float(fault_trial(cut).force[fault.onset :].max())
 
 
 def outcome(run: FaultTrial, onset: int, tick: float, limit: float) -> FaultOutcome:

@@ -18,8 +18,8 @@ from twin.kernel.errors import InputRefused
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE, Fault, checked_faults
 from twin.robot.experiment.together import COMMON_CAUSES, PAIRS, CommonCause, PairPart, expects, table
-from twin.robot.monitor.component import own_monitor
-from twin.studies.faults.trials import TrialRun, Trials
+from twin.robot.run.runs import Outcome
+from twin.studies.faults.trials import Trials
 
 REACHABLE = 1.5
 """Share of the force limit that the peak after a common cause is to stay below."""
@@ -126,17 +126,16 @@ class FeltRuns(Trials):
         """Largest force (N) of that."""
         return self.ideal(faults, seen).peak
 
-    def _judged(self, one: TrialRun, faults: Sequence[Fault], since: int | None) -> Felt:
-        run, done = one.trace, one.done
-        own, tick = own_monitor(done.simulation.system), self._experiment.cosim.tick
+    def _judged(self, one: Outcome, faults: Sequence[Fault], since: int | None) -> Felt:
+        run, tick = one.trace, self._experiment.cosim.tick
+        assert run is not None
         onset = min((fault.onset for fault in faults), default=0) if since is None else since
         # a run that fails in its very first step has no row: it has touched nothing
         F, v = (run[name][onset:] if len(run[name]) > onset else np.zeros((1, 3)) for name in SIGNALS)
         force = np.linalg.norm(F, axis=1)
         high = np.flatnonzero(force >= LOW)
         given = tick * np.cumsum(np.einsum("ij,ij->i", F, v))
-        trip = own.trip if own else None
-        off = own.power_off_tick if own else None
+        trip, off = one.trip, one.power_off_tick
         seen = None if trip is None else tick * (trip.tick - onset)
         return Felt(
             seen=seen,
@@ -148,7 +147,7 @@ class FeltRuns(Trials):
             impulse=float(tick * force.sum()),
             energy=max(0.0, float(given.max())),
             left=float(force[-max(1, round(LEFT / tick)) :].mean()),
-            failure=str(done.failure or ""),
+            failure=str(one.failure or ""),
             digest=hashlib.sha256(run["plant.F_ee_B"].tobytes()).hexdigest()[:12],
         )
 

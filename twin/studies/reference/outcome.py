@@ -433,7 +433,7 @@ BAD = ("lost", "failed", "differs", "refused")
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ReferenceOutcome:
     """Of an experiment.
 
     Attributes:
@@ -455,7 +455,7 @@ class References:
 
     file: Path
     carried: Carried
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[ReferenceOutcome, ...]
 
     @property
     def holds(self) -> bool:
@@ -498,26 +498,28 @@ def tried(reporter: Reporter, file: str, number: int) -> dict[str, Any]:
     return asdict(outcome_of(Path(file), trial, lambda outcome: reporter.note(outcome=asdict(outcome))))
 
 
-def _apart(file: Path, number: int, trial: Trial, limits: JobLimits) -> Outcome:
+def _apart(file: Path, number: int, trial: Trial, limits: JobLimits) -> ReferenceOutcome:
     noted: list[dict[str, Any]] = []
     try:
         # what can be refused without a process is
         _files(file, trial)
-        return Outcome(**guarded(JOB, {"file": str(file), "number": number}, limits, noted.append))
+        return ReferenceOutcome(**guarded(JOB, {"file": str(file), "number": number}, limits, noted.append))
     except (JobEnded, JobEndedLoading) as failure:
         # whether it can be freed is another question than whether it does what the results say
         if noted:
-            outcome = Outcome(**noted[-1]["outcome"])
+            outcome = ReferenceOutcome(**noted[-1]["outcome"])
             return replace(outcome, detail=f"{outcome.detail}; then: {failure}")
-        return Outcome(trial.name, "lost", str(failure))
+        return ReferenceOutcome(trial.name, "lost", str(failure))
     except InputRefused as refusal:
-        return Outcome(trial.name, "refused", str(refusal))
+        return ReferenceOutcome(trial.name, "refused", str(refusal))
 
 
-def outcome_of(file: Path, trial: Trial, ended: Callable[[Outcome], None] = lambda outcome: None) -> Outcome:
+def outcome_of(
+    file: Path, trial: Trial, ended: Callable[[ReferenceOutcome], None] = lambda outcome: None
+) -> ReferenceOutcome:
     """Run an experiment of the FMU `file` in this process; `ended` gets the outcome before the FMU is freed."""
     name = trial.name
-    outcomes: list[Outcome] = []
+    outcomes: list[ReferenceOutcome] = []
 
     def judge(run: BareRun) -> None:
         outcomes.append(_judged(name, run, files.results))
@@ -528,7 +530,7 @@ def outcome_of(file: Path, trial: Trial, ended: Callable[[Outcome], None] = lamb
         bare_run(description, trial, files, judge)
     except TwinError as trouble:
         word = "refused" if isinstance(trouble, InputRefused) else "failed"
-        return Outcome(name, word, str(trouble))
+        return ReferenceOutcome(name, word, str(trouble))
     return outcomes[-1]
 
 
@@ -537,9 +539,9 @@ def _files(file: Path, trial: Trial) -> tuple[FmuDescription, Prepared]:
     return description, prepared(file, trial, description)
 
 
-def _judged(name: str, run: BareRun, results: Series | None) -> Outcome:
+def _judged(name: str, run: BareRun, results: Series | None) -> ReferenceOutcome:
     if not len(run.t):
-        return Outcome(name, "failed", str(run.failure))
+        return ReferenceOutcome(name, "failed", str(run.failure))
     how = f"{counted(len(run.t) - 1, 'step')} of {run.step:g} s"
     found = deviations(run, results) if results else []
     others = dict.fromkeys((*(results.others if results else ()), *run.unknown))
@@ -549,18 +551,18 @@ def _judged(name: str, run: BareRun, results: Series | None) -> Outcome:
         # some end themselves, and so do their results then
         early = bool(found) and results is not None and results.t[-1] > run.t[-1] + (1.0 + 1e-9) * run.step
         if early or not (found or isinstance(run.failure, EndRequested)):
-            return Outcome(name, "failed", str(run.failure))
+            return ReferenceOutcome(name, "failed", str(run.failure))
         how += f"; then, {'as its results end' if found else 'regularly'}: {run.failure}"
     if not found:
-        return Outcome(name, "ran", how)
+        return ReferenceOutcome(name, "ran", how)
     shares = {one.signal: one.share for one in found}
     worst = max(found, key=lambda one: one.share)
     if worst.share <= 1.0:
         detail = f"{counted(len(shares), 'signal')}, at most {worst.share:.2g} of the tolerance off; {how}"
-        return Outcome(name, "agrees", detail, shares)
+        return ReferenceOutcome(name, "agrees", detail, shares)
     many = sum(share > 1.0 for share in shares.values())
     off = f"{worst.signal} by {worst.share:.3g} times the tolerance at {worst.t:g} s"
-    return Outcome(name, "differs", f"{many} of {counted(len(shares), 'signal')} differ, {off}; {how}", shares)
+    return ReferenceOutcome(name, "differs", f"{many} of {counted(len(shares), 'signal')} differ, {off}; {how}", shares)
 
 
 def came_with(table: Drive, apart: bool) -> list[References]:

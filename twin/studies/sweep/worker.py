@@ -1,10 +1,6 @@
 """One run of a sweep, and the job of a worker process: runs until no more orders come.
 
 Judgement of a sweep's run by the paper's Fig. 4, together with a companion run without force control.
-
-Runs of a sweep that differ only in what acts later, faults and changes: they go on from one past.
-
-A past is given up with the first run that has another one. Runs whose keys act from the start have none in common.
 """
 
 import contextlib
@@ -19,8 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from twin.kernel.cosim.observers import Observer, Simulated, TickEvent, simulate
-from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.process.job import function_called
 from twin.kernel.process.reporter import Reporter
@@ -29,13 +23,8 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import geometry_of
-from twin.robot.monitor.component import trip_reason
-from twin.robot.run.hold import HoldRequest
-from twin.robot.run.measures import RunOutcome
-from twin.robot.run.outcome import Tally
-from twin.robot.run.past import SharedPast, before_fault
 from twin.robot.run.run import execute
-from twin.robot.run.trace import Trace
+from twin.robot.run.runs import Outcome, RunRequest, Runs
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.metrics.response import Curve
 from twin.studies.packing import text_of, values_of
@@ -43,83 +32,6 @@ from twin.studies.paper.claim import as_facts
 from twin.studies.paper.fig4 import fig4_score
 from twin.studies.paper.fig4_measures import WHOLE, Fig4Run, Fig4Runs
 from twin.studies.sweep.measures import RunFinding, metrics_of
-
-AFTER = 2
-"""Runs in a row with the same past after which it is made: that takes about as long as two runs."""
-
-
-class LastPast:
-    """The past of the runs that came last; `close` frees what it keeps.
-
-    Args:
-        share: False: no run goes on from it, for comparison.
-    """
-
-    def __init__(self, share: bool = True) -> None:
-        self._share, self._runs = share, 0
-        self._before: Experiment | None = None
-        self._past: SharedPast | None = None
-        self._known: SummedUp | None = None
-
-    def run(self, experiment: Experiment) -> tuple[Simulated, Tally] | None:
-        """`experiment`, and what it comes to; None: it is to be made from the start.
-
-        Raises:
-            InputRefused: a part of the robot, or a fault, does not fit.
-        """
-        later = [fault.onset for fault in experiment.faults] + [change.tick for change in experiment.changes]
-        base = replace(before_fault(experiment), changes=())
-        # what it was read from says no more than the rest
-        before = replace(base, values={}, origins={})
-        if before != self._before:
-            self.close()
-            self._before = before
-        self._runs += 1
-        if self._runs <= AFTER or not later or not self._share:
-            return None
-        if self._past is None:
-            self._known = SummedUp(HoldRequest.of(base))
-            self._past = SharedPast(base, [self._known])
-        tally = SummedUp(HoldRequest.of(experiment), self._known)
-        return self._past.go_on(experiment, min(later), [tally]), tally.tally
-
-    def close(self) -> None:
-        """Give the past up; safe to call twice."""
-        past, self._past, self._before, self._runs = self._past, None, None, 0
-        if past is not None:
-            past.close()
-
-
-class SummedUp(Observer):
-    """A tally of a run that may begin where another one was.
-
-    Args:
-        request: of its experiment.
-        past: of that one; None: nothing goes on from it.
-
-    Attributes:
-        tally: its own, from the beginning of the simulation on.
-    """
-
-    tally: Tally
-
-    def __init__(self, request: HoldRequest, past: "SummedUp | None" = None):
-        self._request, self._past = request, past
-        self._states: dict[int, object] = {}
-
-    def begin(self, simulation: Simulation) -> None:
-        self.tally = Tally(simulation.system, self._request)
-        self.tally.begin(simulation)
-        if self._past is not None and simulation.next_tick > 0:
-            self.tally.restore(self._past._states[simulation.next_tick])
-
-    def ready(self, tick: int) -> None:
-        if self._past is None:
-            self._states[tick] = self.tally.state()
-
-    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        self.tally.take(first, rows, events)
-
 
 PERIOD = 0.04
 """Between two samples (s): 500 of the 20 s of Fig. 4, about one per pixel of a panel."""
@@ -210,19 +122,18 @@ def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = 
     """
     began = time.perf_counter()
     try:
-        done, metrics, no_hold, run = _simulated(load_experiment(path, settings, drive), bool(claims))
-        trip, paper = trip_reason(done.simulation), {}
-        if claims and not trip:
-            companion, _, _, other = _simulated(load_experiment(path, [*settings, COMPANION], drive), True)
-            if early := trip_reason(companion.simulation):
-                raise ComponentFailed(f"without force control: {early}")
-            assert run is not None and other is not None
-            paper = findings(Fig4Runs(Fig4Run(run), Fig4Run(other)))
+        done, metrics, no_hold = _simulated(load_experiment(path, settings, drive), bool(claims))
+        paper = {}
+        if claims and not done.reason:
+            companion, *_ = _simulated(load_experiment(path, [*settings, COMPANION], drive), True)
+            if companion.reason:
+                raise ComponentFailed(f"without force control: {companion.reason}")
+            assert done.trace is not None and companion.trace is not None
+            paper = findings(Fig4Runs(Fig4Run(done.trace), Fig4Run(companion.trace)))
     # one run in a thousand that meets a mistake of ours is a row, too
     except Exception as problem:
         return RunFinding(*_status_and_reason(problem), {}, time.perf_counter() - began, 0.0)
-    status = "tripped" if trip else "done"
-    return RunFinding(status, trip, metrics, time.perf_counter() - began, done.stepping, paper, no_hold)
+    return RunFinding(done.status, done.reason, metrics, time.perf_counter() - began, done.stepping, paper, no_hold)
 
 
 def record(path: Path, drive: str | None, settings: Sequence[str], folder: Path) -> None:
@@ -251,37 +162,36 @@ def _status_and_reason(problem: Exception) -> tuple[str, str]:
     return "failed", f"{type(problem).__name__}: {problem}"
 
 
-_past = LastPast()
-"""Of the runs of this process."""
+AFTER = 2
+"""Runs in a row with the same past from the start, before the past is run: that takes about as long as two."""
+NUMBERS, WHOLE_RUN = RunRequest(tally=True), RunRequest(signals=None, tally=True)
+_runs = Runs(NUMBERS, AFTER, most=1)
+"""Of this process; runs whose keys act from the start have no past in common."""
 
 
-def _simulated(experiment: Experiment, whole: bool) -> tuple[Simulated, dict[str, float | None], str, Trace | None]:
-    """(how a run went, its metrics, why it has no hold error, the run itself if it is to be had `whole` or was needed
-    for them)."""
-    # what is measured or drawn is of the whole run
-    shared = None if experiment.measures or whole else _past.run(experiment)
-    if shared is not None:
-        done, found = shared
-        return done.completed(), *_measured(found.outcome), None
+def _simulated(experiment: Experiment, whole: bool) -> tuple[Outcome, dict[str, float | None], str]:
+    """(outcome, metrics, why it has no hold error) of a run; all its signals if it is `whole` or they are measured."""
+    if not (experiment.measures or whole):
+        done = _runs.run(experiment).completed()
+        return done, *_measured(done)
     with assemble(experiment) as assembly:
         refuse_unknown(experiment, assembly.system)
-        tally = Tally(assembly.system, HoldRequest.of(experiment))
-        run = Trace() if experiment.measures or whole else None
-        done = simulate(assembly, experiment.duration_ticks, [tally, run] if run else [tally]).completed()
-    metrics, no_hold = _measured(tally.outcome)
-    if run:
-        signals = Signals(run, geometry_of(experiment.controller.model))
-        for measure in experiment.measures:
-            # no step, or a force that never comes, at some values: then there are no such numbers
-            with contextlib.suppress(InputRefused):
-                metrics |= {name: m.value for name, m in metrics_of_measure(measure, signals).items()}
-    return done, metrics, no_hold, run
+    done = Runs(WHOLE_RUN, most=0).run(experiment).completed()
+    metrics, no_hold = _measured(done)
+    assert done.trace is not None
+    signals = Signals(done.trace, geometry_of(experiment.controller.model))
+    for measure in experiment.measures:
+        # no step, or a force that never comes, at some values: then there are no such numbers
+        with contextlib.suppress(InputRefused):
+            metrics |= {name: m.value for name, m in metrics_of_measure(measure, signals).items()}
+    return done, metrics, no_hold
 
 
-def _measured(outcome: RunOutcome) -> tuple[dict[str, float | None], str]:
+def _measured(done: Outcome) -> tuple[dict[str, float | None], str]:
     """(metrics of a run, why it has no hold error; "" if it has one)."""
-    hold = outcome.measures["hold_error"]
-    return metrics_of(outcome), hold.reason if hold.value is None else ""
+    assert done.numbers is not None
+    hold = done.numbers.measures["hold_error"]
+    return metrics_of(done.numbers), hold.reason if hold.value is None else ""
 
 
 def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims: str, trial: str) -> None:

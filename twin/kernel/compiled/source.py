@@ -1,0 +1,167 @@
+"""Digests of source code without its text: what compiled functions are named after.
+
+Comments, docstrings and other statements that are only a string do not count, nor do blank lines: rewriting a sentence
+compiles nothing. Parsing takes 1.5 ms per file, so the result is kept under the digest of the whole file, and a file
+that has not changed is not parsed again.
+"""
+
+import ast
+import contextlib
+import io
+import os
+import re
+import sys
+import sysconfig
+import tokenize
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from hashlib import blake2b
+from importlib.util import decode_source, resolve_name
+from pathlib import Path
+from typing import NamedTuple
+
+PACKAGE = Path(__file__).parents[2]
+INSTALLED = re.compile(re.escape(sysconfig.get_path("stdlib") + os.sep) + r"|.*[/\\](site|dist)-packages[/\\]")
+"""Paths of files that are identified by the version of Python or of a package; this package's own are not."""
+
+
+class SourceFile(NamedTuple):
+    """What the parser finds in a file.
+
+    Attributes:
+        digest: of its code without text.
+        imports: (module as written, imported names) of each import, also inside functions.
+        functions: first lines of all functions, ascending.
+    """
+
+    digest: str
+    imports: tuple[tuple[str, tuple[str, ...]], ...]
+    functions: tuple[int, ...]
+
+
+def digest_of(content: bytes) -> str:
+    """Return a short hash as hex."""
+    return blake2b(content, digest_size=8).hexdigest()
+
+
+def parsed(content: bytes) -> SourceFile:
+    """Parse a file's `content`; what is no Python has the digest of the whole of it."""
+    try:
+        text = decode_source(content)
+        nodes = list(ast.walk(ast.parse(text)))
+        code = _without_text(text, nodes)
+    except (SyntaxError, ValueError, tokenize.TokenError):
+        return SourceFile(digest_of(content), (), ())
+    imports = dict.fromkeys(pair for node in nodes for pair in _imports(node))
+    return SourceFile(digest_of(code.encode()), tuple(imports), tuple(sorted(set(_first_lines(nodes)))))
+
+
+def _without_text(text: str, nodes: Sequence[ast.AST]) -> str:
+    """The lines of `text` without comments, strings that are statements, blanks at line ends, and empty lines."""
+    lines = text.split("\n")
+    cuts: list[tuple[int, int, int]] = []
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            cuts.append((token.start[0] - 1, token.start[1], token.end[1]))
+    for node in nodes:
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            first, last = node.lineno - 1, (node.end_lineno or 0) - 1
+            for number in range(first, last + 1):
+                # the parser counts bytes of UTF-8
+                line = lines[number].encode()
+                start = len(line[: node.col_offset].decode()) if number == first else 0
+                end = len(line[: node.end_col_offset].decode()) if number == last else len(lines[number])
+                cuts.append((number, start, end))
+    for number, start, end in sorted(cuts, reverse=True):
+        lines[number] = lines[number][:start] + lines[number][end:]
+    return "\n".join(line.rstrip() for line in lines if line.strip())
+
+
+def _imports(node: ast.AST) -> Iterator[tuple[str, tuple[str, ...]]]:
+    if isinstance(node, ast.Import):
+        yield from ((alias.name, ()) for alias in node.names)
+    elif isinstance(node, ast.ImportFrom):
+        yield "." * node.level + (node.module or ""), tuple(alias.name for alias in node.names)
+
+
+def _first_lines(nodes: Sequence[ast.AST]) -> Iterator[int]:
+    """`co_firstlineno` of every function: the line of its first decorator, if it has one."""
+    for node in nodes:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
+        elif isinstance(node, ast.Lambda):
+            yield node.lineno
+
+
+class Sources:
+    """Source files of modules that are not installed, each read once.
+
+    Args:
+        known: digest of a file's whole content -> what was found in it, by an earlier process.
+
+    Attributes:
+        known: the same, with what was parsed since.
+        parsed: how many files were.
+    """
+
+    def __init__(self, known: dict[str, SourceFile]):
+        self.known, self.parsed = known, 0
+        self._of: dict[str, SourceFile | None] = {}
+
+    def digest(self, *modules: str) -> str:
+        """Return the digest of the code of `modules` and of all that they import."""
+        reached: dict[str, str] = {}
+        ahead = list(modules)
+        while ahead:
+            module = ahead.pop()
+            if module not in reached:
+                source = self.source(module)
+                reached[module] = source.digest if source else ""
+                ahead += self._imported(module, source) if source else ()
+        return digest_of("".join(name + digest for name, digest in sorted(reached.items()) if digest).encode())
+
+    def place(self, function: Callable) -> int:
+        """Return the number of a function within its file, which text before it does not change."""
+        source = self.source(function.__module__)
+        return bisect_left(source.functions, function.__code__.co_firstlineno) if source else 0
+
+    def source(self, module: str) -> SourceFile | None:
+        """What is in the file of `module`; None if it has none, or an installed one."""
+        if module not in self._of:
+            file = source_file(module)
+            self._of[module] = self._read(Path(file)) if file else None
+        return self._of[module]
+
+    def _read(self, path: Path) -> SourceFile:
+        content = path.read_bytes()
+        whole = digest_of(content)
+        if whole not in self.known:
+            self.known[whole] = parsed(content)
+            self.parsed += 1
+        return self.known[whole]
+
+    def _imported(self, module: str, source: SourceFile) -> set[str]:
+        """Modules that `module` may import: what is imported of a package may be one, or a name of it."""
+        file = source_file(module) or ""
+        package = module if file.endswith("__init__.py") else module.rpartition(".")[0]
+        found: set[str] = set()
+        for origin, names in source.imports:
+            # an import may lead out of the package
+            with contextlib.suppress(ImportError):
+                whole = resolve_name(origin, package)
+                found.add(whole)
+                if (source_file(whole) or "").endswith("__init__.py"):
+                    found |= {f"{whole}.{name}" for name in names}
+        return found
+
+
+@cache
+def source_file(module: str) -> str | None:
+    """The file of a module of this package, or of one that is loaded and not installed."""
+    top, _, below = module.partition(".")
+    if top == PACKAGE.name:
+        stem = os.path.join(PACKAGE, *below.split("."))
+        return next((file for file in (stem + ".py", os.path.join(stem, "__init__.py")) if os.path.isfile(file)), None)
+    found: str | None = getattr(sys.modules.get(module), "__file__", None)
+    return found if found and os.path.isfile(found) and not INSTALLED.match(found) else None

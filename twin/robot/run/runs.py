@@ -1,0 +1,226 @@
+"""Runs of experiments in memory, one after the other; runs of the same past are continued from its states.
+
+A study generates experiments, asks for a run of each, and reduces the outcomes. The next experiment may depend on the
+last outcome.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple, Self
+
+import numpy as np
+
+from twin.kernel.cosim.observers import Observer, Simulated, TickEvent, simulate
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.errors import ComponentFailed
+from twin.robot.assembly.assemble import assemble
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.monitor.checks import Trip
+from twin.robot.monitor.component import own_monitor, trip_reason
+from twin.robot.run.hold import HoldRequest
+from twin.robot.run.measures import RunOutcome
+from twin.robot.run.monitor_work import MonitorWork
+from twin.robot.run.outcome import Tally
+from twin.robot.run.past import SharedPast, before_fault
+from twin.robot.run.trace import Trace
+
+
+class RunRequest(NamedTuple):
+    """Data to keep of each run.
+
+    Attributes:
+        signals: signals of the trace, `topic.field` each; None: all; empty: no trace.
+        tally: whether to sum up the numbers.
+        idle: whether to find out if the monitor ever acted.
+    """
+
+    signals: frozenset[str] | None = frozenset()
+    tally: bool = False
+    idle: bool = False
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The outcome of one run.
+
+    Attributes:
+        status: "done"; "tripped": by the safety monitor; "failed": a component did.
+        reason: the error message; "" if done.
+        trace: the signals, also of a run that failed; None if none were requested.
+        numbers: of a run that was completed; None if they were not requested.
+        trip: of twin's own monitor; None if it did not trip, or there is none.
+        power_off_tick: tick at which that monitor switched the power off; None if it did not.
+        idle: whether the monitor never acted on the robot; True if this was not requested.
+        culprit: name of the component that failed; "" if none did.
+        failure: the error; None if no component failed.
+        stepping: wall time in the master (s).
+    """
+
+    status: Literal["done", "tripped", "failed"]
+    reason: str
+    trace: Trace | None
+    numbers: RunOutcome | None
+    trip: Trip | None
+    power_off_tick: int | None
+    idle: bool
+    culprit: str
+    failure: ComponentFailed | None
+    stepping: float
+
+    def completed(self) -> Self:
+        """Return the outcome of a run in which no component failed.
+
+        Raises:
+            ComponentFailed: one did.
+        """
+        if self.failure:
+            raise self.failure
+        return self
+
+
+class _Watch:
+    """The observers of one run.
+
+    Args:
+        request: data to keep.
+        experiment: of the run.
+        past: observers of the run that this one is continued from; None if it is not continued.
+    """
+
+    def __init__(self, request: RunRequest, experiment: Experiment, past: "_Watch | None" = None):
+        signals = request.signals
+        self.trace: Trace | None = None
+        self.work: MonitorWork | None = None
+        self.tally: _SharedTally | None = None
+        if signals != frozenset():
+            self.trace = Trace(only=signals or (), past=past.trace if past else None)
+        if request.idle and experiment.monitor:
+            self.work = MonitorWork(past.work if past else None)
+        if request.tally:
+            self.tally = _SharedTally(HoldRequest.of(experiment), past.tally if past else None)
+        self.observers: list[Observer] = [one for one in (self.trace, self.work, self.tally) if one is not None]
+
+    def outcome(self, done: Simulated) -> Outcome:
+        monitor, trip = own_monitor(done.simulation.system), trip_reason(done.simulation)
+        tally = self.tally.tally if self.tally and not done.failure else None
+        return Outcome(
+            status="failed" if done.failure else "tripped" if trip else "done",
+            reason=str(done.failure or trip),
+            trace=self.trace,
+            numbers=tally.outcome if tally else None,
+            trip=monitor.trip if monitor else None,
+            power_off_tick=monitor.power_off_tick if monitor else None,
+            idle=self.work is None or self.work.idle,
+            culprit=done.simulation.culprit,
+            failure=done.failure,
+            stepping=done.stepping,
+        )
+
+
+class _SharedTally(Observer):
+    """A tally that continues that of another run, from the state it had at the same tick.
+
+    Attributes:
+        tally: of the whole run.
+    """
+
+    tally: Tally
+
+    def __init__(self, request: HoldRequest, past: "_SharedTally | None" = None):
+        self._request, self._past = request, past
+        self._states: dict[int, object] = {}
+
+    def begin(self, simulation: Simulation) -> None:
+        self.tally = Tally(simulation.system, self._request)
+        self.tally.begin(simulation)
+        if self._past is not None and simulation.next_tick > 0:
+            self.tally.restore(self._past._states[simulation.next_tick])
+
+    def ready(self, tick: int) -> None:
+        if self._past is None:
+            self._states[tick] = self.tally.state()
+
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        self.tally.take(first, rows, events)
+
+
+@dataclass
+class _Past:
+    """A past: what identifies it, the number of runs that had it, and, once it was run, the run and its observers."""
+
+    key: Experiment
+    runs: int = 0
+    shared: SharedPast | None = None
+    watch: _Watch | None = None
+
+
+class Runs:
+    """Runs experiments; a context manager that frees FMUs and pasts.
+
+    Experiments that differ only in faults and changes have the same past. It is run once, and they are continued from
+    its last state before they differ, with the same bits as from the start.
+
+    Args:
+        request: data to keep of each run.
+        after: runs with one past that are made from the start before that past is run, which takes as long as two.
+        most: pasts to keep, those that were used last; 0 to make every run from the start.
+    """
+
+    def __init__(self, request: RunRequest, after: int = 0, most: int = 2):
+        self.request, self._after, self._most = request, after, most
+        self._pasts: list[_Past] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free what the runs share; a later run makes it again."""
+        # the newest first: drives in processes leave the processor to those before them
+        while self._pasts:
+            _free(self._pasts.pop())
+
+    def run(self, experiment: Experiment) -> Outcome:
+        """Return the outcome of `experiment`, also if a component failed.
+
+        Raises:
+            InputRefused: a part of the robot, a fault or a change does not fit.
+        """
+        past = self._past(experiment)
+        if past is None or past.shared is None:
+            watch = _Watch(self.request, experiment)
+            with assemble(experiment) as assembly:
+                return watch.outcome(simulate(assembly, experiment.duration_ticks, watch.observers))
+        watch = _Watch(self.request, experiment, past.watch)
+        later = [fault.onset for fault in experiment.faults] + [change.tick for change in experiment.changes]
+        first = min(later, default=experiment.duration_ticks)
+        return watch.outcome(past.shared.go_on(experiment, first, watch.observers))
+
+    def _past(self, experiment: Experiment) -> _Past | None:
+        """The past of `experiment`, run if that is worth it; None if it has none that can be shared."""
+        base = replace(before_fault(experiment), changes=())
+        if not self._most or (base.faults and len(experiment.faults) > 1):
+            # which of several faults an idle one stands for is unknown
+            return None
+        key = _identifying(base)
+        past = next((one for one in self._pasts if one.key == key), None) or _Past(key)
+        self._pasts = [one for one in self._pasts if one is not past] + [past]
+        while len(self._pasts) > self._most:
+            _free(self._pasts.pop(0))
+        past.runs += 1
+        if past.shared is None and past.runs > self._after:
+            past.watch = _Watch(self.request, base)
+            past.shared = SharedPast(base, past.watch.observers)
+        return past
+
+
+def _identifying(base: Experiment) -> Experiment:
+    """`base` without what does not change its run."""
+    noisy = base.plant.motor_noise > 0.0 or base.plant.joint_noise > 0.0
+    return replace(base, name="", title="", seed=base.seed if noisy else 0, measures=(), values={}, origins={})
+
+
+def _free(past: _Past) -> None:
+    if past.shared is not None:
+        past.shared.close()
