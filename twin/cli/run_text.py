@@ -79,7 +79,9 @@ def _hold(values: Values) -> Iterator[str]:
         first[0] += f" ({remark})" if remark else ""
         if values["chatter_frequency"].value is not None:
             first[-1] += f" at {shown('chatter_frequency', values)}"
-        yield from wrapped(f"{begin.value:.1f} to {end.value:.1f} s: " + ", ".join(first), _row("held", ""))
+        holds = values["holds"].value or 1.0
+        parts = f" in {holds:.0f} parts" * (holds > 1.0)
+        yield from wrapped(f"{begin.value:.1f} to {end.value:.1f} s{parts}: {', '.join(first)}", _row("held", ""))
     # a robot that stays on its axis has no lateral error
     rest = (labelled(key, values) for key in NEXT if (values[key].value or 0.0) > 1e-6)
     yield from wrapped(", ".join(rest), _row("", ""))
