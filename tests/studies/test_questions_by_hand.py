@@ -34,6 +34,10 @@ def last_at(times: NDArray[Any], t: NDArray[Any]) -> NDArray[np.intp]:
     return np.searchsorted(times, t + 5e-10, side="right") - 1
 
 
+def moments(e: NDArray[np.float64]) -> dict[str, float]:
+    return {"bias": float(e.mean()), "std": float(e.std()), "rms": float(np.sqrt(np.mean(e**2)))}
+
+
 def test_what_a_replay_says_of_the_force_is_in_the_run_that_it_takes_for_a_log(tmp_path: Path):
     run = recorded(tmp_path, FIG4, "run")
     found = answer("replay", "run", "--plant", folder=tmp_path)
@@ -41,16 +45,13 @@ def test_what_a_replay_says_of_the_force_is_in_the_run_that_it_takes_for_a_log(t
     # the same estimator reads the same counts; the plant model starts at rest where the log does
     estimate = -run["estimator.F_ee_B"][last_at(run.time("estimator"), t), 2]
     true = -run["plant.F_ee_B"][last_at(run.time("plant"), t), 2]
-    for name, e in (("estimator", estimate - measured), ("plant", true - measured)):
-        # the model is driven by the angles of the log, which are counts
-        tolerance = {"rel": 1e-9} if name == "estimator" else {"abs": 0.02}
-        worst = int(np.argmax(np.abs(e)))
-        by_hand = {"bias": e.mean(), "std": e.std(), "rms": np.sqrt(np.mean(e**2))}
-        assert {key: found["force_N"][name][key] for key in by_hand} == pytest.approx(by_hand, **tolerance)
-        if name == "estimator":
-            assert (found["force_N"][name]["largest"], found["force_N"][name]["at"]) == pytest.approx(
-                (e[worst], t[worst]), rel=1e-9
-            )
+    forces, e = found["force_N"], estimate - measured
+    worst = int(np.argmax(np.abs(e)))
+    by_hand = moments(e) | {"largest": e[worst], "at": t[worst]}
+    assert {key: forces["estimator"][key] for key in by_hand} == pytest.approx(by_hand, rel=1e-9)
+    # the model is driven by the angles of the log, which are counts
+    by_hand = moments(true - measured)
+    assert {key: forces["plant"][key] for key in by_hand} == pytest.approx(by_hand, abs=0.02)
     assert found["verdict"] == "matches" and found["samples"] == len(run.time("encoder"))
 
 
@@ -110,6 +111,4 @@ def test_a_line_of_the_accuracy_budget_is_the_difference_of_two_recordings(tmp_p
     }
     for label, e in by_hand.items():
         said = {key: lines[label][f"{key}_N"] for key in ("bias", "std", "rms")}
-        assert said == pytest.approx(
-            {"bias": e.mean(), "std": e.std(), "rms": np.sqrt(np.mean(e**2))}, rel=1e-6, abs=1e-9
-        ), label
+        assert said == pytest.approx(moments(e), rel=1e-6, abs=1e-9), label

@@ -329,6 +329,11 @@ def labelled(key: str, values: Values) -> str:
     return f"{MEASURES[key].text} {shown(key, values)}"
 
 
+def first_measures(values: Values) -> list[str]:
+    """The measures of `HEADLINE` as text, without one that tasks do not have."""
+    return [labelled(key, values) for key in HEADLINE if values[key].reason != NOT_FOR_TASKS]
+
+
 def measured_values(facts: Mapping[str, Mapping[str, Any]]) -> dict[str, MeasuredValue]:
     """MeasuredValue values as a summary holds them."""
     return {key: MeasuredValue(one["value"], one["reason"]) for key, one in facts.items()}
