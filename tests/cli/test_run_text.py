@@ -43,6 +43,11 @@ def test_a_run_says_its_outcome_first_and_where_it_is_last():
     assert max(map(len, lines)) <= 80
 
 
+def test_a_force_that_is_held_more_than_once_says_how_often():
+    held = OUTCOME | {"measures": HELD | {"holds": {"value": 3.0, "reason": ""}}}
+    assert "  held       7.6 to 20.0 s in 3 parts: hold error" in run_text(RUN | {"outcome": held})
+
+
 def test_a_large_overshoot_stands_in_the_first_line():
     large = {"hold_overshoot": {"value": 0.34, "reason": ""}, "hold_overshoot_force": {"value": 1.7, "reason": ""}}
     first = run_text(RUN | {"outcome": OUTCOME | {"measures": HELD | large}}).splitlines()[0]
@@ -82,9 +87,9 @@ def test_tasks_say_what_was_held_instead_of_what_is_left_when_they_are_over():
 
 
 def test_it_says_how_much_of_the_robot_is_assumed():
-    counts = {"own": 22, "assumed": 18}
+    counts = {"own": 2, "assumed": 16}
     lines = run_text(RUN | {"robot_values": counts}).splitlines()
-    assert "  robot      22 own values, 18 inherited assumptions; twin accuracy ranks them" in lines
+    assert "  robot      2 own values, 16 inherited assumptions; twin accuracy ranks them" in lines
     assert max(map(len, lines)) <= 80 and run_facts(RUN | {"robot_values": counts})["robot_values"] == counts
 
 

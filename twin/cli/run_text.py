@@ -4,12 +4,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from twin.robot.run.measures import (
-    HEADLINE,
     LARGE_OVERSHOOT,
     NEXT,
-    NOT_FOR_TASKS,
     MeasuredValue,
     Values,
+    first_measures,
     labelled,
     measured_values,
     shown,
@@ -75,11 +74,13 @@ def _hold(values: Values) -> Iterator[str]:
     else:
         # a remark on how they are taken stands behind the first one only
         remark, values = error.reason, {key: _without(error.reason, one) for key, one in values.items()}
-        first = [labelled(key, values) for key in HEADLINE if values[key].reason != NOT_FOR_TASKS]
+        first = first_measures(values)
         first[0] += f" ({remark})" if remark else ""
         if values["chatter_frequency"].value is not None:
             first[-1] += f" at {shown('chatter_frequency', values)}"
-        yield from wrapped(f"{begin.value:.1f} to {end.value:.1f} s: " + ", ".join(first), _row("held", ""))
+        holds = values["holds"].value or 1.0
+        parts = f" in {holds:.0f} parts" * (holds > 1.0)
+        yield from wrapped(f"{begin.value:.1f} to {end.value:.1f} s{parts}: {', '.join(first)}", _row("held", ""))
     # a robot that stays on its axis has no lateral error
     rest = (labelled(key, values) for key in NEXT if (values[key].value or 0.0) > 1e-6)
     yield from wrapped(", ".join(rest), _row("", ""))

@@ -250,7 +250,7 @@ def test_a_substitute_without_a_place_is_refused(root: Path, tmp_path: Path):
 
 
 def test_the_page_says_how_much_of_the_robot_is_assumed(page: str):
-    assert "<p>The robot has 4 own values, 18 inherited assumptions; twin accuracy ranks them.</p>" in page
+    assert "<p>The robot has 0 own values, 18 inherited assumptions; twin accuracy ranks them.</p>" in page
 
 
 def test_another_drive_and_another_body_are_in_the_command(root: Path, tmp_path: Path):

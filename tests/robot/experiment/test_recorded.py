@@ -9,6 +9,7 @@ import pytest
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.recorded import (
     recorded_fmus,
     recorded_values,
@@ -82,17 +83,27 @@ def test_what_cannot_be_started_is_refused_and_nothing_is_written(
     assert not list(tmp_path.iterdir())
 
 
-def test_values_of_ones_own_robot_are_told_from_inherited_assumptions(root: Path, tmp_path: Path):
-    shipped = load_experiment(root / "experiments/fig4_position.toml")
-    stated = [key for key, text in shipped.origins.items() if key.startswith("robot.") and "assumed" not in text]
-    assert robot_values(shipped.origins) == {"own": len(stated) - 1, "assumed": 18} and "robot.name" in stated
+def counts(experiment: Experiment) -> dict[str, int]:
+    return robot_values(experiment.values, experiment.origins)
+
+
+def test_values_of_ones_own_robot_are_counted_apart_from_inherited_assumptions(root: Path, tmp_path: Path):
+    shipped = root / "experiments/fig4_position.toml"
+    # the paper prints three values, and Eq. 18 has the fourth
+    assert counts(load_experiment(shipped)) == {"own": 0, "assumed": 18}
     own = tmp_path / "own.toml"
     own.write_text(
-        f'extends = "{root}/experiments/fig4_position.toml"\n[robot]\na_mm = 50.5\n'
-        'm_a_g = { value = 41.0, source = "weighed" }\nb_mm = { value = 30.0, source = "assumed: as printed" }\n'
+        f'extends = "{shipped}"\n[robot]\na_mm = 50.5\nm_a_g = {{ value = 41.0, source = "assumed: of the drawing" }}\n'
     )
-    assert robot_values(load_experiment(own).origins) == {"own": len(stated) + 1, "assumed": 16}
-    assert robot_values(load_experiment(own, ["robot.b_mm=31"]).origins)["assumed"] == 15
+    assert counts(load_experiment(own)) == {"own": 2, "assumed": 16}
+    assert counts(load_experiment(own, ["robot.b_mm=31", "robot.joint_zero_deg.2=1"])) == {"own": 4, "assumed": 14}
+    # the value of the paper is no assumption, whoever changes it
+    assert counts(load_experiment(own, ["robot.k_s_Nm_per_rad=2"])) == {"own": 3, "assumed": 16}
+
+
+def test_a_robot_that_was_written_out_is_still_assumed(root: Path, tmp_path: Path):
+    file, _ = start_experiment(DECLARED, tmp_path / "mine.toml", "pressing")
+    assert counts(load_experiment(file)) == {"own": 0, "assumed": 18}
 
 
 @pytest.mark.parametrize("drive", [None, "pmsm_foc", "my drives/it's mine.toml"])

@@ -185,6 +185,7 @@ def test_each_step_of_the_reference_has_two_seconds_of_its_own():
     found = Rows(F, t >= 0.5, R).measures()
     assert found["hold_error"].value == 0.0
     assert (found["hold_begin"].value, found["hold_end"].value) == pytest.approx((3.0, 9.99))
+    assert found["holds"].value == 2.0
     # of the first touch, not of the step
     assert found["hold_settling_time"].value == pytest.approx(0.5)
 
@@ -197,17 +198,6 @@ def test_a_reference_of_zero_has_no_measures():
 def test_a_reference_without_the_force_loop_is_none():
     found = Rows(np.full(1000, 2.0), np.zeros(1000), np.full(1000, 5.0)).measures()
     assert found["hold_error"].value is None
-
-
-def test_a_controller_that_reports_nothing_is_judged_by_the_reference_of_the_file():
-    class Silent(Rows):
-        def has(self, end: str) -> bool:
-            return end == "plant.F_ee_B"
-
-    F = np.where(np.arange(1000) >= 100, 4.5, 0.0)
-    found = Silent(F, np.zeros(1000), np.zeros(1000)).measures(HoldRequest(True, reference=5.0))
-    assert found["hold_error"].value == pytest.approx(0.5) and found["hold_error"].reason == "reference of the file"
-    assert found["held_lateral_error"].value is None
 
 
 def test_every_measure_has_one_key_one_column_and_a_sentence():

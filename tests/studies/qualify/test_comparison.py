@@ -13,9 +13,8 @@ from twin.kernel.errors import InputRefused
 from twin.robot.assembly.load import load_experiment
 from twin.robot.controller.program import PhaseKind
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.run.hold import HoldRequest
+from twin.robot.run.measures import MEASURES
 from twin.robot.run.trace import run_in_memory
-from twin.robot.run.view import outcome_of
 from twin.studies.qualify import comparison
 from twin.studies.qualify.comparison import (
     COMPARED,
@@ -69,6 +68,9 @@ def test_the_table_fits_80_columns_with_one_line_per_drive(fig4: tuple[DriveTria
     assert [line.split()[0] for line in lines[2:5]] == ["velocity_servo", "pmsm_foc", "brushed_dc"]
     head = " ".join(lines[0].split())
     assert head == "hold over settle lateral z peak I work energy cost"
+    # the numbers of the table of measures, not those of 1.0
+    servo = fig4[0].values
+    assert lines[2].split()[1:4] == ["0.0939", "0", f"{servo['hold_settling_time'].value:.3g}"]
 
 
 def test_the_verdict_names_every_measure_that_both_have_and_not_what_the_model_costs(fig4: tuple[DriveTrial, ...]):
@@ -141,6 +143,8 @@ def test_facts_name_every_measure_of_every_drive(fig4: tuple[DriveTrial, ...]):
     facts = comparison_facts(DriveTrials("fig4", fig4))
     assert [drive["drive"] for drive in facts["drives"]] == ["velocity_servo", "pmsm_foc", "brushed_dc"]
     assert all(list(drive["measures"]) == list(COMPARED) for drive in facts["drives"])
+    assert all(list(drive["run_measures"]) == list(MEASURES) for drive in facts["drives"])
+    assert facts["drives"][1]["run_measures"]["current"]["value"] == values(fig4[1])["peak_current"]
 
 
 def test_a_drive_that_fails_keeps_its_place_and_the_others_run(tmp_path: Path):
@@ -175,9 +179,7 @@ def measured(rows: int, **signals: Any) -> dict[str, float | None]:
             for port, size in ports.items()
         }
     )
-    outcome = outcome_of(run, HoldRequest(False))
-    assert outcome is not None
-    return {measure.name: measure.value for measure in TrueRun(run).measures(0.0, outcome.measures)}
+    return {measure.name: measure.value for measure in TrueRun(run).measures(0.0)}
 
 
 def position_run(z: np.ndarray, z_ref: np.ndarray) -> dict[str, float | None]:
@@ -197,6 +199,23 @@ def test_work_and_energy_are_power_times_time():
     assert found["shaft_work"] == pytest.approx(3.2, rel=1e-12)
     assert found["energy"] == pytest.approx(4.5, rel=1e-12)
     assert found["peak_current"] == 4.0
+
+
+def test_the_numbers_of_1_0_go_on_after_a_trip_and_the_measures_of_the_run_do_not():
+    fault = '[{kind="sample_loss",onset_s=6.5,duration_s=0.02,magnitude_share=1.0}]'
+    (done,) = trials([PRESSING], ["pmsm_foc"], [f"fault={fault}"])
+    (foc,) = done.trials
+    run = foc.run.run
+    power, current = run["plant.tau_load"] * run.of_drives("omega_m"), np.abs(run.of_drives("current"))
+    end = int(np.flatnonzero(run.held("monitor.reason"))[0])
+    assert 0 < end < len(power)
+    for rows, work, largest in (
+        (slice(None), values(foc)["shaft_work"], values(foc)["peak_current"]),
+        (slice(end), foc.values["shaft_work"].value, foc.values["current"].value),
+    ):
+        assert work == pytest.approx(1e-3 * np.sum(power[rows][:-1].clip(min=0.0)), rel=1e-12)
+        assert largest == current[rows].max()
+    assert values(foc)["shaft_work"] != foc.values["shaft_work"].value
 
 
 def test_without_force_control_the_height_is_what_settles_and_overshoots():

@@ -381,7 +381,7 @@ def _number(measure: RunMeasure) -> str:
 
 def _folded_parameters(run: ReportRun) -> Markup:
     count = sum(1 for _ in flat(run.values))
-    robot = element("p", f"The robot has {robot_values_text(robot_values(run.origins))}.")
+    robot = element("p", f"The robot has {robot_values_text(robot_values(run.values, run.origins))}.")
     return joined(
         [robot, element("details", element("summary", f"{count} values with unit and source"), parameters(run))]
     )

@@ -8,6 +8,9 @@ from twin.kernel.writing import write_text
 from twin.report.page.markup import Markup, element, joined, table
 from twin.report.page.page import plain_page
 from twin.report.page.picture import figure
+from twin.robot.run.measures import MEASURES, measured_values, shown
+from twin.studies.metrics.standing import JUDGED
+from twin.studies.qualify.comparison import OF_ANY_RUN
 from twin.studies.qualify.text import shown_value
 from twin.studies.sweep.rows import SweepRows
 from twin.studies.sweep.show.parts import Asked, ReportPart, headline, parts
@@ -101,14 +104,14 @@ def drives_page(facts: Mapping[str, Any]) -> str:
     """The HTML of `write_drives_page`."""
     names = [drive["drive"] for drive in facts["experiments"][0]["drives"]]
     sentences = [element("p", sentence, class_="headline plain") for sentence in facts["verdict"]]
-    meanings = [(one["text"], one["meaning"]) for one in facts["definitions"].values()]
+    definitions = facts["definitions"]
+    meanings = [(MEASURES[key].text, f"{MEASURES[key].meaning}; {MEASURES[key].interval}") for key in JUDGED]
+    meanings += [(definitions[name]["text"], definitions[name]["meaning"]) for name in (*OF_ANY_RUN, "cost")]
     found = [("verdict", "Verdict", joined(sentences))]
     for number, one in enumerate(facts["experiments"], start=1):
         text = f"{one['experiment']}: what is controlled, its approach, the error of z, the error in the second half."
         picture = figure(Path(one["picture"]).read_bytes(), text)
-        found.append(
-            (f"experiment-{number}", one["experiment"], joined([_measures(one, facts["definitions"]), picture]))
-        )
+        found.append((f"experiment-{number}", one["experiment"], joined([_measures(one, definitions), picture])))
     found.append(("definitions", "What the measures mean", table(("measure", "is"), meanings, "definitions")))
     subtitle = " | ".join([*names, *facts["set"]])
     return plain_page(f"{len(names)} drives compared", subtitle, found, [(key, title) for key, title, _ in found])
@@ -118,9 +121,13 @@ def _measures(experiment: Mapping[str, Any], definitions: Mapping[str, Any]) -> 
     """A measure per line, a drive per column."""
     drives = experiment["drives"]
     rows = []
-    for name, definition in definitions.items():
-        cells = [drive["measures"][name] for drive in drives]
-        rows.append((definition["text"], *(_measure_cell(name, cell) for cell in cells)))
+    values = [measured_values(drive["run_measures"]) for drive in drives]
+    for key in JUDGED:
+        if any(one[key].value is not None for one in values):
+            rows.append((MEASURES[key].text, *(shown(key, one) for one in values)))
+    held = any(one["hold_error"].value is not None for one in values)
+    for name in ("cost",) if held else (*OF_ANY_RUN, "cost"):
+        rows.append((definitions[name]["text"], *(_measure_cell(name, drive["measures"][name]) for drive in drives)))
     failures = [
         element("p", f"{drive['drive']}: {drive['failure']}", class_="bad") for drive in drives if drive["failure"]
     ]

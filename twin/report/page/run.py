@@ -28,7 +28,7 @@ from twin.robot.run.measures import (
     OF_A_FORCE,
     TABLE,
     Values,
-    labelled,
+    first_measures,
     unmeasured,
 )
 from twin.robot.run.view import BelievedRun, RunView, held_samples, outcome_of
@@ -83,7 +83,7 @@ def outcome(run: "ReportRun") -> str:
     if not values or values["hold_error"].value is None:
         return ""
     large = (values["hold_overshoot"].value or 0.0) > LARGE_OVERSHOOT
-    first = "; ".join(labelled(key, values) for key in HEADLINE)
+    first = "; ".join(first_measures(values))
     return f"Overshoot beyond {100.0 * LARGE_OVERSHOOT:g} %: {first}" if large else f"{first[0].upper()}{first[1:]}"
 
 

@@ -7,6 +7,7 @@ What differs between experiments: their values key by key, as people write them.
 The command line of a run, and of one that repeats a stored run.
 """
 
+import json
 import os
 import re
 import shlex
@@ -19,16 +20,17 @@ from pydantic import BaseModel, ValidationError
 
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import json_of
+from twin.kernel.places import HOME
 from twin.kernel.settings import Settings
 from twin.kernel.writing import made_folder, write_text
 from twin.robot.experiment import schema
 from twin.robot.experiment.drive_files import known_experiments
 from twin.robot.experiment.experiment import ARRAYS, Head
 from twin.robot.experiment.fault import CATALOGUE, FaultTable
-from twin.robot.experiment.json_schema import SCHEMA_FILE, commented_experiment, schema_text
+from twin.robot.experiment.json_schema import ROBOT, SCHEMA_FILE, commented_experiment, schema_text
 from twin.robot.experiment.mistakes import sentences, type_mistakes
 from twin.robot.experiment.schema import Declared, nested
-from twin.robot.experiment.source import COMMAND_LINE, Source, toml_value
+from twin.robot.experiment.source import COMMAND_LINE, Source, read_source, toml_value
 
 Metadata = Mapping[str, Mapping[str, str]]
 NAME = re.compile(r"(?!\.{1,2}$)[^/\\\x00-\x1f\x7f]{1,150}")
@@ -250,20 +252,33 @@ def _follows(key: str, facts: Sequence[Facts]) -> bool:
     return False
 
 
-def robot_values(origins: Mapping[str, str]) -> dict[str, int]:
-    """Count the robot's own values, which a file, the paper or the command line states, and inherited assumptions.
+def robot_values(values: Mapping[str, Any], origins: Mapping[str, str]) -> dict[str, int]:
+    """Count the robot's own values, and the inherited ones that are assumptions.
+
+    A value is inherited if it is the one of the robot that comes with twin, its origin included, whether the experiment
+    extends that file or `twin init` wrote it out. All others are own.
 
     Args:
+        values: of the experiment, keys with units.
         origins: by dotted key; an assumption begins with "assumed".
     """
-    found = [origin for key, origin in origins.items() if key.startswith("robot.") and key != "robot.name"]
-    assumed = sum(origin.startswith("assumed") for origin in found)
-    return {"own": len(found) - assumed, "assumed": assumed}
+    shipped = read_source(HOME / "experiments" / ROBOT)
+    found = {key: value for key, value in values.get("robot", {}).items() if key != "name"}
+    inherited = [
+        origins[f"robot.{key}"]
+        for key, value in found.items()
+        if json.dumps(value) == json.dumps(shipped.values["robot"].get(key))
+        and f"robot.{key}" in origins
+        and origins[f"robot.{key}"] == shipped.origins.get(f"robot.{key}")
+    ]
+    assumed = sum(origin.startswith("assumed") for origin in inherited)
+    return {"own": len(found) - len(inherited), "assumed": assumed}
 
 
 def robot_values_text(counts: Mapping[str, int]) -> str:
     """Return the counts of `robot_values` as text."""
-    return f"{counts['own']} own values, {counts['assumed']} inherited assumptions; twin accuracy ranks them"
+    own = f"{counts['own']} own value{'s' * (counts['own'] != 1)}"
+    return f"{own}, {counts['assumed']} inherited assumptions; twin accuracy ranks them"
 
 
 WHOLE = {"drive.fmu": "--drive", "contact.body": "--body"}

@@ -89,7 +89,7 @@ def recorded_runs(
                 discard_run_folder(folder)
             raise
         facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
-        facts["robot_values"] = robot_values(experiment.origins)
+        facts["robot_values"] = robot_values(experiment.values, experiment.origins)
         facts["remarks"] = [
             *remarks,
             *([run.punctuality.sentence] if run.punctuality else []),

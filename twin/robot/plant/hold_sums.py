@@ -40,7 +40,7 @@ WIDTH = sum(SIGNALS.values())
 
 SUMS = record(
     # constants; the last four are phases of tasks
-    dt="f8", every="f8", grace="f8", task_grace="f8", force_loop="f8", reference="f8", band="f8", w="f8", hold="f8",
+    dt="f8", every="f8", grace="f8", task_grace="f8", force_loop="f8", band="f8", w="f8", hold="f8",
     circle="f8", push="f8", tap="f8",
     # of the run
     rows="f8", touched="f8", s0="f8", R_0="f8", unmoved="f8", R_last="f8", tripped="f8", torque="f8", load="f8",
@@ -71,7 +71,8 @@ def _end_hold(s):
         if square > s.worst:
             s.worst, s.frequency = square, s.ups / (s.span * s.dt)
         if s.ended == 0.0:
-            s.ended, s.first_last = 1.0, s.last
+            s.first_last = s.last
+        s.ended += 1.0
     s.span = 0.0
 
 
@@ -174,7 +175,7 @@ def add_up(rows, count, width, columns, start, s, task_sums, number_of_tasks):
         if F > 0.0:
             s.touched = 1.0
         on = s.touched if column[_ON] < 0 else column_value(row, column[_ON])
-        R = s.reference if column[_R] < 0 else column_value(row, column[_R])
+        R = column_value(row, column[_R])
         s.unmoved = s.unmoved + 1.0 if k > 0.0 and abs(R - s.R_last) <= UNMOVED else 0.0
         s.R_last = R
         e = F - R

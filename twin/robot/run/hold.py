@@ -37,7 +37,6 @@ class HoldRequest(NamedTuple):
     Attributes:
         force_loop: whether the force is controlled.
         forces, kinds: force (N) and kind of each task; empty if way points lead the robot.
-        reference: force of the file (N), for a controller that does not report its own; NaN if missing.
         thinned: whether rows are recorded at the controller's period only; the measures are of these rows.
         every: ticks from one looked-at row to the next.
         geometry: lengths of the true robot.
@@ -47,7 +46,6 @@ class HoldRequest(NamedTuple):
     force_loop: bool
     forces: tuple[float, ...] = ()
     kinds: tuple[str, ...] = ()
-    reference: float = math.nan
     thinned: bool = False
     every: int = 1
     geometry: Geometry | None = None
@@ -56,15 +54,12 @@ class HoldRequest(NamedTuple):
     @staticmethod
     def of(experiment: Experiment) -> "HoldRequest":
         """The request of an experiment."""
-        # a third-party controller has neither a mode nor a force law
-        law = experiment.controller.force
-        asked = law.reference if law else None
         thinned = experiment.recording.rate == "controller"
         return HoldRequest(
+            # a third-party controller has no mode
             experiment.controller.mode in (None, "force_position"),
             tuple(task.force for task in experiment.tasks),
             tuple(task.kind for task in experiment.tasks),
-            math.nan if asked is None else asked,
             thinned,
             experiment.controller_ticks if thinned else 1,
             geometry_of(experiment.plant),
@@ -84,7 +79,6 @@ class HoldRequest(NamedTuple):
             controller.get("mode") in (None, "force_position"),
             tuple(task["force_N"] for task in values.get("task", ())),
             tuple(task["kind"] for task in values.get("task", ())),
-            controller.get("force", {}).get("reference_N", math.nan),
             values.get("recording", {}).get("rate") == "controller",
             geometry=Geometry(*lengths) if np.isfinite(lengths).all() else None,
             stiffness=math.prod(plant.get(key, math.nan) for key in ("k_s_Nm_per_rad", "N", "N", "eta")),
@@ -160,8 +154,8 @@ class HoldSums:
         self.request = request
         self._memory = memory_of(
             SUMS, dt=dt, every=request.every, grace=round(GRACE / dt), task_grace=round(TASK_GRACE / dt),
-            force_loop=request.force_loop, reference=request.reference, band=BAND, w=math.pi * HIGH_PASS * dt,
-            hold=PhaseKind.HOLD, circle=PhaseKind.CIRCLE, push=PhaseKind.PUSH, tap=PhaseKind.TAP,
+            force_loop=request.force_loop, band=BAND, w=math.pi * HIGH_PASS * dt, hold=PhaseKind.HOLD,
+            circle=PhaseKind.CIRCLE, push=PhaseKind.PUSH, tap=PhaseKind.TAP,
             s0=-1.0, torque=-1.0, load=-1.0, current=-1.0, outside=-1.0, worst=-1.0,
         )  # fmt: skip
         self._tasks = np.zeros((len(request.forces), TASK_SUMS))
@@ -199,6 +193,11 @@ class HoldSums:
         """
         rows = np.ascontiguousarray(rows)
         add_up(rows, *rows.shape, self._columns, first, self._memory, self._tasks, len(self._tasks))
+
+    @property
+    def holds(self) -> float:
+        """Number of holds, the last one included."""
+        return self["ended"] + (self["span"] > 0.0)
 
     @property
     def settling(self) -> float | None:

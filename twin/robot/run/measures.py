@@ -38,6 +38,7 @@ MM, PERCENT, N_PER_M = (
     ShownUnit("%", "percent", 100.0, "1"),
     ShownUnit("N/m", "N_per_m"),
 )
+COUNT = ShownUnit("", "count", 1.0, "1")
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,7 @@ class MeasureRow:
     def shown(self, value: float) -> str:
         """`0.094 N`."""
         # no minus before what rounds to nothing
-        return f"{round(value * self.unit.per_SI, self.digits) + 0.0:.{self.digits}f} {self.unit.text}"
+        return f"{round(value * self.unit.per_SI, self.digits) + 0.0:.{self.digits}f} {self.unit.text}".rstrip()
 
     def differs(self, one: float, other: float) -> bool:
         """Whether two values differ by more than the floor."""
@@ -226,6 +227,8 @@ TABLE = (
                "as the overshoot", _overshoot_force, 2, FORCE_FLOOR),
     MeasureRow("hold_begin", "held from", S, "first held tick", HELD, lambda hold, run: hold["first"] * hold["dt"]),
     MeasureRow("hold_end", "held until", S, "last held tick", HELD, lambda hold, run: hold["last"] * hold["dt"]),
+    MeasureRow("holds", "holds", COUNT, "number of times that a force is held without a break", HELD,
+               lambda hold, run: hold.holds, 0),
     MeasureRow("felt_stiffness", "stiffness felt", N_PER_M,
                "stiffness that the springs give the platform along z where it is held: z of J^T k_s N^2 eta J", HELD,
                lambda hold, run: hold.felt_stiffness, 0, share=EFFORT_SHARE, missing="the robot is not known"),
@@ -258,7 +261,8 @@ OF_A_FORCE = (
 )  # fmt: skip
 """Measures that a force and its reference are enough for."""
 _OF_A_HOLD = (*HEADLINE, "chatter_frequency", "held_lateral_error", "held_z_error", "hold_mean_error",
-              "hold_overshoot_force", "hold_begin", "hold_end", "felt_stiffness")  # fmt: skip
+              "hold_overshoot_force", "hold_begin", "hold_end", "holds",
+              "felt_stiffness")  # fmt: skip
 
 
 def measured(hold: "HoldSums", run: RunOutcome) -> dict[str, MeasuredValue]:
@@ -267,7 +271,6 @@ def measured(hold: "HoldSums", run: RunOutcome) -> dict[str, MeasuredValue]:
     remark = ", ".join(
         text
         for text, applies in (
-            ("reference of the file", not hold.has("controller.F_z_ref")),
             (f"recorded rows, every {1e3 * hold['dt']:g} ms", hold.request.thinned),
             ("until the safety monitor tripped", hold["tripped"] > 0.0),
         )
@@ -324,6 +327,11 @@ def shown(key: str, values: Values) -> str:
 def labelled(key: str, values: Values) -> str:
     """`hold error 0.094 N`."""
     return f"{MEASURES[key].text} {shown(key, values)}"
+
+
+def first_measures(values: Values) -> list[str]:
+    """The measures of `HEADLINE` as text, without one that tasks do not have."""
+    return [labelled(key, values) for key in HEADLINE if values[key].reason != NOT_FOR_TASKS]
 
 
 def measured_values(facts: Mapping[str, Mapping[str, Any]]) -> dict[str, MeasuredValue]:

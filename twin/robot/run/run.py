@@ -39,6 +39,7 @@ from twin.robot.plant.component import PlantEquations, resting
 from twin.robot.plant.dynamics import STATES, PlantParameters
 from twin.robot.run.branch import branch_off, branched_experiment
 from twin.robot.run.handover import BranchPoint
+from twin.robot.run.measures import with_units
 from twin.robot.run.outcome import HeldForces, RunOutcome
 from twin.robot.run.trace import streams_of
 from twin.robot.run.watch import Pace, Punctuality, Shown, Viewer, run_observers
@@ -281,6 +282,7 @@ def execute(
         summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
         # here and not in the recording, which is shared: paths of this machine are private
         summary["typed"] = experiment.typed
+        summary["outcome"]["measures"] = with_units(run.outcome.measures)
         # before the FMUs are freed: one that crashes then shall take nothing with it
         write_json(path.with_name(SUMMARY), summary)
     return run

@@ -2,6 +2,9 @@
 
 Those that look at a part of the task take it as a mask `on` (n,) of the samples of `run.t`.
 
+They keep definitions of their own beside those of a run's measures: a claim of the paper is on a part of a task (the
+descent, a full circle, one tap), on its force and not on its ramp, and it goes on after a trip of the safety monitor.
+
 The tasks in a recording (Fig. 5), as curves of what truly happened.
 """
 
@@ -23,6 +26,8 @@ from twin.robot.controller.program import TASKS, PhaseKind, Press, Push, Roll, T
 from twin.robot.experiment.recorded import recorded_values
 from twin.robot.experiment.schema import checked_tasks
 from twin.robot.monitor.checks import MEANINGS, Reason
+from twin.robot.run.hold import BAND
+from twin.robot.run.view import held_samples
 from twin.studies.metrics import response
 from twin.studies.metrics.requirement import FIG5, lacking
 
@@ -59,9 +64,7 @@ class TaskRun:
     @cached_property
     def _held(self) -> NDArray[np.int64]:
         """Index of the controller's sample that holds at each of the plant's ticks."""
-        # half a nanosecond: rounding of the recorded times
-        times = self.recording.time("plant") + 5e-10
-        return np.searchsorted(self.recording.time("controller"), times, side="right") - 1
+        return held_samples(self.recording.time("controller"), self.recording.time("plant"))
 
     @cached_property
     def _window(self) -> slice:
@@ -204,8 +207,6 @@ def _tuples(value: Any) -> Any:
 
 SPAN = 0.2
 """Time over which a rate of the force is taken (s): what a person feels as one rise."""
-BAND = 0.05
-"""Share of the reference within which a force counts as reached."""
 ASIDE = 0.5e-3
 """Distance (m) from a point within which something is above it."""
 ROUNDING = 1e-9

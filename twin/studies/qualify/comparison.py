@@ -19,7 +19,7 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment, with_plant
 from twin.robot.monitor.component import trip_reason
 from twin.robot.run.hold import BAND, UNDER_FORCE, HoldRequest
-from twin.robot.run.measures import MEASURES, Values
+from twin.robot.run.measures import Values, unmeasured, with_units
 from twin.robot.run.outcome import Tally
 from twin.robot.run.trace import Trace
 from twin.studies.command import Say, Steps, silent
@@ -45,9 +45,9 @@ COMPARED = {
         "not for tasks, which lead the force along a ramp",
     ),
     "overshoot": Definition(
-        "overshoot", "%",
-        "of the same quantity beyond its reference, after the same moment, by force or by change; in tasks of the "
-        "force beyond its largest reference, while the force loop is on",
+        "beyond", "%",
+        "largest share of the same quantity beyond its reference, after the same moment, by force or by change; in "
+        "tasks of the force beyond its largest reference, while the force loop is on",
     ),
     "rms_force_error": Definition(
         "rms F", "N",
@@ -65,18 +65,11 @@ COMPARED = {
     ),
     "energy": Definition("energy", "J", "electrical energy the three drives draw, if they have an output for power"),
     "cost": Definition("cost", "s", "wall time in the step functions of the three drives, per tick"),
-} | {
-    key: Definition(name, MEASURES[key].unit.SI or MEASURES[key].unit.text,
-                    f"{MEASURES[key].meaning}; {MEASURES[key].interval}")
-    for key, name in (
-        ("hold_error", "hold"), ("hold_overshoot", "over"), ("hold_settling_time", "settle"),
-        ("chatter", "chatter"), ("held_lateral_error", "lateral"), ("held_z_error", "z"), ("torque", "torque"),
-    )
 }  # fmt: skip
-"""Numbers of the unperturbed run: those of a run in any mode, then those of the one table while a force is held."""
-OF_A_HOLD = ("hold_error", "hold_overshoot", "hold_settling_time", "chatter", "held_lateral_error", "held_z_error")
+"""Numbers under `measures` in JSON, by the definitions of 1.0: other intervals than those of the one table of measures.
+They need no held force, and go on after a trip of the safety monitor."""
 OF_ANY_RUN = ("settling_time", "overshoot", "rms_force_error", "rms_z_error")
-OF_THE_DRIVES = ("peak_current", "shaft_work", "energy", "cost")
+"""Those that the text shows where no drive holds a force."""
 
 
 class TrueRun:
@@ -97,12 +90,11 @@ class TrueRun:
         self.z: Curve = run["plant.p_B"][:, 2]
         self.z_ref: Curve = run.held("controller.p_cmd_B" if self._tasks else "controller.p_ref_B")[:, 2]
 
-    def measures(self, cost: float, values: Values) -> tuple[Measure, ...]:
+    def measures(self, cost: float) -> tuple[Measure, ...]:
         """All of `COMPARED`.
 
         Args:
             cost: wall time in the drives per tick (s).
-            values: measures of the run.
         """
         late = np.arange(len(self.t)) >= len(self.t) // 2
         pressing = np.isin(self.run.held("controller.phase"), UNDER_FORCE) if self._tasks else late
@@ -111,6 +103,8 @@ class TrueRun:
             pressing = late & (self.t >= first_time(self.t, self.F_z > 0.0))
         # taps are no holding, however hard
         unscored = "no contact" if np.any(pressing) else "no task holds a force"
+        shaft_power = self.run["plant.tau_load"] * self.run.of_drives("omega_m")
+        current, power = self.run.of_drives("current"), self.run.of_drives("power")
         return (
             *self._approach(),
             Measure(
@@ -119,13 +113,15 @@ class TrueRun:
                 "" if touching else unscored,
             ),
             Measure("rms_z_error", rms(self.z[late] - self.z_ref[late])),
-            *(
-                Measure(name, values[key].value, values[key].reason)
-                for name, key in (("peak_current", "current"), ("shaft_work", "shaft_work"), ("energy", "energy"))
-            ),
+            _of_output("peak_current", float(np.max(np.abs(current))) if current.size else None),
+            Measure("shaft_work", self._energy(np.maximum(0.0, shaft_power))),
+            _of_output("energy", self._energy(power) if power.size else None),
             Measure("cost", cost),
-            *(Measure(key, values[key].value, values[key].reason) for key in (*OF_A_HOLD, "torque")),
         )
+
+    def _energy(self, power: Curve) -> float:
+        """Energy (J) of `power` (ticks, n), W, held from tick to tick."""
+        return float(np.sum(power[:-1]) * self.run.tick)
 
     def _approach(self) -> tuple[Measure, Measure]:
         """Measures `settling_time` and `overshoot`: of the force once it is controlled, else of the height."""
@@ -161,6 +157,10 @@ class TrueRun:
         )
 
 
+def _of_output(name: str, value: float | None) -> Measure:
+    return Measure(name, value, "" if value is not None else "not an output of this drive")
+
+
 @dataclass(frozen=True)
 class DriveTrial:
     """One drive in the experiment.
@@ -169,6 +169,7 @@ class DriveTrial:
         name: of the drive, as the user said it.
         run: what is true in it, up to the failure if there was one.
         measures: all of `COMPARED`.
+        values: measures of the run.
         failure: error that ended the run early; empty if it completed.
         repeats: measures of the paired runs, in the order of `SEEDS`; empty if one of them failed or tripped.
         unjudged: why the drive is not judged; empty if it is.
@@ -177,6 +178,7 @@ class DriveTrial:
     name: str
     run: TrueRun
     measures: tuple[Measure, ...]
+    values: Values
     failure: str = ""
     repeats: tuple[Values, ...] = ()
     unjudged: str = ""
@@ -269,6 +271,7 @@ def comparison_facts(compared: DriveTrials) -> dict[str, Any]:
                 "drive": trial.name,
                 "failure": trial.failure,
                 "measures": {m.name: {"value": m.value, "remark": m.remark} for m in trial.measures},
+                "run_measures": with_units(trial.values),
             }
             for trial in done
         ],
@@ -324,10 +327,11 @@ def _trial(experiment: Experiment, name: str) -> DriveTrial:
             done = simulate(assembly, experiment.duration_ticks, [trace, tally], timed=True).completed()
     # also one that crashes when it is freed, if it has a process of its own
     except ComponentFailed as failure:
-        lost = tuple(Measure(measure, None, "the run failed") for measure in COMPARED)
-        return DriveTrial(name, TrueRun(trace), lost, str(failure))
+        reason = "the run failed"
+        lost = tuple(Measure(measure, None, reason) for measure in COMPARED)
+        return DriveTrial(name, TrueRun(trace), lost, unmeasured(reason), str(failure))
     run, cost = TrueRun(trace), sum(cost for c, cost in done.costs.items() if c.startswith("drive"))
-    return DriveTrial(name, run, run.measures(cost, tally.outcome.measures))
+    return DriveTrial(name, run, run.measures(cost), tally.outcome.measures)
 
 
 COLORS = (BLUE, ORANGE, GREEN, PINK, SKY, VERMILION, "#6a3d9a", INK)

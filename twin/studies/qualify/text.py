@@ -12,8 +12,8 @@ import numpy as np
 from twin.robot.run.measures import MEASURES as MEASURES_OF_RUNS
 from twin.studies.figure import GREY, INK, PAPER_BLUE, Axes, picture
 from twin.studies.qualify.bench import Response
-from twin.studies.qualify.comparison import COMPARED, OF_A_HOLD, OF_ANY_RUN, OF_THE_DRIVES, DriveTrials
-from twin.studies.qualify.definitions import COMMANDED, LOAD_IN_USE, LOAD_PEAK, LOADED, SPEED_IN_USE, TICK
+from twin.studies.qualify.comparison import COMPARED, OF_ANY_RUN, DriveTrials
+from twin.studies.qualify.definitions import COMMANDED, LOAD_IN_USE, LOAD_PEAK, LOADED, SPEED_IN_USE, TICK, Measure
 from twin.studies.qualify.motion import BAND, NOTHING
 from twin.studies.qualify.qualification import Qualification
 from twin.studies.result import WIDTH, Block, Column, Note, Result, Table, markdown
@@ -70,21 +70,30 @@ def measures_table(checked: Sequence[Mapping[str, Any]]) -> str:
     return markdown(head, rows)
 
 
+HEADS = {
+    "hold_error": "hold", "hold_overshoot": "over", "hold_settling_time": "settle", "chatter": "chatter",
+    "held_lateral_error": "lateral", "held_z_error": "z", "current": "peak I", "shaft_work": "work", "energy": "energy",
+}  # fmt: skip
+"""Heads of narrow columns, by the key of a measure of the run."""
+OF_THE_DRIVES = ("current", "shaft_work", "energy", "cost")
 PAIRED = (Column("", 32, left=True), Column("difference", 44, left=True, gap=2))
 
 
 def compare_blocks(compared: DriveTrials) -> list[Block]:
     """One line per drive, reasons for gaps, and the paired differences to the first drive."""
     trials = compared.trials
-    measures = [{one.name: one for one in trial.measures} for trial in trials]
+    # of the two definitions of work and energy, that of the table of measures
+    measures = [
+        {one.name: one for one in trial.measures}
+        | {key: Measure(key, one.value, one.reason) for key, one in trial.values.items()}
+        for trial in trials
+    ]
     held = any(its["hold_error"].value is not None for its in measures)
-    tabled = (*(OF_A_HOLD if held else OF_ANY_RUN), *OF_THE_DRIVES)
+    tabled = dict.fromkeys([*(HEADS if held else OF_ANY_RUN), *OF_THE_DRIVES])
+    heads = {name: HEADS.get(name) or COMPARED[name].text for name in tabled}
     # a column of gaps is a note
     shown = {name: _unit_shown(name) for name in tabled if any(its[name].value is not None for its in measures)}
-    columns = [
-        Column(COMPARED[name].text, max(6, len(COMPARED[name].text), len(unit)), unit=unit)
-        for name, (_, unit) in shown.items()
-    ]
+    columns = [Column(heads[name], max(6, len(heads[name]), len(unit)), unit=unit) for name, (_, unit) in shown.items()]
     first = WIDTH - sum(1 + column.width for column in columns)
     rows = [
         [_cut(trial.name, first - 1), *(_cell(its[name].value, shown[name][0]) for name in shown)]
@@ -94,7 +103,7 @@ def compare_blocks(compared: DriveTrials) -> list[Block]:
     for trial, its in zip(trials, measures, strict=True):
         for name in tabled:
             if its[name].value is None and not trial.failure:
-                notes.setdefault(f"{COMPARED[name].text}: {its[name].remark}", []).append(trial.name)
+                notes.setdefault(f"{heads[name]}: {its[name].remark}", []).append(trial.name)
     differences: list[Block] = []
     for name, found in compared.differences().items():
         head = f"{name} less {trials[0].name}, {len(trials[0].repeats)} paired runs, mean and 95 % interval"
