@@ -51,7 +51,6 @@ MOST_CORNERS = 64
 that is run in one value only; of more, none is."""
 SCALE = ("scale.resolution_g=5", "scale.period_ms=10")
 """A measured force, of an experiment that has none."""
-SIGNALS = ("encoder.count_m", "encoder.count_l", "controller.omega_ref", "scale.F_z")
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,8 @@ def read_fleet(
 
     Args:
         path: of the file.
-        experiment: in place of the one that the file names; intervals are scaled by its own value over that one's.
+        experiment: in place of the one that the file names; intervals are scaled by its own value over that one's,
+            and values that were identified do not vary.
         runs, seed: in place of those in the file, if given: fresh robots.
         settings: of all robots and their twin.
 
@@ -123,8 +123,8 @@ def read_fleet(
     """
     definition, named = read_definition(path)
     settings = (*SCALE, *settings)
-    there, here = load_experiment(named).values, load_experiment(experiment or named, settings).values
-    vary = [_scaled(one, there, here) for one in definition.vary]
+    there, here = load_experiment(named), load_experiment(experiment or named, settings)
+    vary = [_scaled(one, there.values, here.values) for one in definition.vary if not is_identified(here, one.label)]
     changed = {"runs": runs or definition.runs, "seed": definition.seed if seed is None else seed, "vary": vary}
     definition = definition.model_copy(update=changed)
     plan = plan_of(definition, experiment or named, path.stem, str(path), settings)
@@ -140,6 +140,12 @@ def read_fleet(
             # those with an even number of upper ends
             corners = tuple(one for k, one in enumerate(corners) if k.bit_count() % 2 == 0)
     return Fleet(plan.experiment, settings, robots, definition.seed, corners)
+
+
+def is_identified(experiment: Experiment, key: str) -> bool:
+    """Whether the origin of a value of [plant], or of the [robot] that it comes from, is `twin identify`."""
+    origins = experiment.origins
+    return origins.get(key, origins.get(key.replace("plant.", "robot.", 1), "")).startswith("identified")
 
 
 def _scaled(one: Vary, there: Mapping[str, Any], here: Mapping[str, Any]) -> Vary:

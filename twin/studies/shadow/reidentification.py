@@ -31,6 +31,7 @@ from twin.robot.assembly.build import belief, plant_parameters
 from twin.robot.controller.controller import Belief
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.dynamics import PlantParameters
+from twin.robot.run.trace import run_in_memory
 from twin.studies.identify.identification import Line, line, t_factor
 from twin.studies.identify.windows import (
     Estimate,
@@ -70,6 +71,10 @@ SURE = 1e-3
 ALONE = 0.85
 """Share of a contact's stiffness that one group may say: what one press has wrong, the others do not show."""
 STILL = "nothing moves slowly and evenly"
+NOT_WITH_DRIVE = "not known with this drive"
+TORQUE_ERROR = 0.02
+"""Maximum rms difference of motor torques and springs' loads, by the largest load, in the twin's own run: with more of
+it (friction of a gear, cogging) a motor's torque does not say what its spring carries."""
 
 
 class Moved(NamedTuple):
@@ -159,18 +164,38 @@ Spring = tuple[Estimate, Estimate] | None
 """k_s (N m/rad) and zero of the deflection (rad), None: not known."""
 
 
-def reidentified(samples: FilterSamples, plant: PlantParameters, believed: Belief, rotor: float) -> tuple[Moved, ...]:
+def torque_error(experiment: Experiment) -> float:
+    """Return the largest rms difference of a motor's torque and its spring's load by the largest load, in a run of the
+    twin; infinite if the drives have no torque.
+
+    Raises:
+        TwinError: the run fails.
+    """
+    run = run_in_memory(experiment, experiment.controller_ticks)
+    if not all(f"drive/{leg}.tau_motor" in run.fields() for leg in (1, 2, 3)):
+        return math.inf
+    load = run.held("plant.tau_load")
+    square = np.mean((run.of_drives("tau_motor") - load) ** 2, axis=0)
+    return float(np.max(np.sqrt(square) / np.abs(load).max(axis=0)))
+
+
+def reidentified(
+    samples: FilterSamples, plant: PlantParameters, believed: Belief, rotor: float, loads: bool = True
+) -> tuple[Moved, ...]:
     """What `samples`, all since something changed, say of springs, their zeros and the contact.
 
     Args:
         plant: what the robot is believed to be by now.
         believed: of its geometry, masses, N and counts.
         rotor: inertia of a motor (kg m2).
+        loads: whether a motor's torque is its spring's load; see `TORQUE_ERROR`.
     """
     slow = _slow_motion(samples, believed)
     if slow is None:
         return (*_springs([None] * 3, STILL, plant), _contact(None, STILL, plant))
-    if np.isfinite(slow.tau).any():
+    if not loads:
+        springs, why = [None] * 3, NOT_WITH_DRIVE
+    elif np.isfinite(slow.tau).any():
         torque = slow.tau - rotor * believed.N * slow.seen.acceleration
         zeros = np.subtract(believed.motor_zero, np.multiply(believed.N, believed.joint_zero))
         w = slow.seen.motor - believed.N * slow.seen.joint - zeros - plant.slip
@@ -314,6 +339,10 @@ class Reidentifier:
         self.proposals: list[Adaptation] = []
         self.accepted: list[Adaptation] = []
         self._belief, self._rotor, self._wait = belief(experiment), drive_model(experiment).inertia, wait
+        try:
+            self._loads = torque_error(experiment) < TORQUE_ERROR
+        except TwinError:
+            self._loads = False
         self._ring, self._pool = SampleRing(), ThreadPoolExecutor(1)
         self._answer: Future[tuple[Moved, ...]] | None = None
         self._asked_at = math.nan
@@ -325,7 +354,9 @@ class Reidentifier:
     def ask(self, since: float, t: float) -> None:
         """Look at what has come since `since`, at `t` (s)."""
         self._asked_at = t
-        self._answer = self._pool.submit(reidentified, self._ring.since(since), self.plant, self._belief, self._rotor)
+        self._answer = self._pool.submit(
+            reidentified, self._ring.since(since), self.plant, self._belief, self._rotor, self._loads
+        )
 
     def answer(self) -> str:
         """What was found, a sentence; "": it is not known yet."""

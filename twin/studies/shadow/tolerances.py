@@ -7,7 +7,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from twin.kernel.cache_folder import cache_folder
@@ -97,9 +97,10 @@ def rate_limits(fleet: Fleet, say: Say = silent) -> RateTolerances:
 
 
 def finds_faults(fleet: Fleet, limits: Tolerances, every: int = 1) -> bool:
-    """Whether the alarm finds the `FAULTS` in the first robot of a fleet, of which one in `every` samples arrives."""
+    """Whether the alarm finds the `FAULTS` in a robot that is as its twin believes, one in `every` samples of it."""
     twin = fleet.twin()
-    onset = twin.duration_ticks * twin.cosim.tick / 3.0
+    fleet = replace(fleet, robots=((),))
+    onset = twin.duration_ticks * twin.cosim.tick / 2.0
     for fault in FAULTS:
         try:
             samples = fleet.samples(0, every, [f"fault=[{{{fault}, onset_s = {onset}}}]"])
