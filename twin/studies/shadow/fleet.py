@@ -83,6 +83,8 @@ class Fleet:
     def run(self, number: int, settings: Sequence[str] = ()) -> FilterSamples:
         """Samples of robot `number` of `all_robots`, from 0, as its computer takes them.
 
+        A healthy robot whose monitor trips counts until then: without power it does not follow its commands.
+
         Args:
             settings: of this robot besides, a fault for example.
         """
@@ -90,7 +92,12 @@ class Fleet:
         zeros = [f"plant.{side}_zero_deg={random.uniform(-ZERO, ZERO, 3).tolist()}" for side in ("motor", "joint")]
         own = (*self.settings, *self.all_robots[number % len(self.all_robots)], *zeros, *settings)
         experiment = load_experiment(self.experiment, [*own, f"seed={int(random.integers(1 << 31))}"])
-        return samples_of(run_in_memory(experiment, experiment.controller_ticks))
+        run = run_in_memory(experiment, experiment.controller_ticks)
+        samples = samples_of(run)
+        if settings or "monitor.tripped" not in run.fields():
+            return samples
+        healthy = run.held("monitor.tripped")[: len(samples.t)] == 0
+        return FilterSamples(samples.t[healthy], samples.u[healthy])
 
     def arrived(self, number: int, samples: FilterSamples, every: int = 1) -> FilterSamples:
         """One in `every` samples of robot `number`, after a way on which some are lost and stamps are off.

@@ -4,9 +4,10 @@ By windows of slow, even motion (`identify.windows`), means in which the encoder
 by the scatter between groups of them (`identify.line`). Of each leg, with w = theta_m - N theta_l - slip, b the half
 width of its dead zone, s = sign(tau), and tau its motor's torque less that of its rotor,
 
-    w - s b = tau (1/k_s + N^2 c_belt) + zero:
+    w - s b = tau (1/k_s + N^2 c_belt) + zero + s db:
 
-the encoders' error is then one of the response. A measured force in place of torques does not do: dry friction of 0.02
+the encoders' error is then one of the response. db, by which the dead zone is wider than believed, is fitted too where
+a leg is loaded both ways; loaded one way only it is a part of the zero. A measured force in place of torques does not do: dry friction of 0.02
 N m in the joints moves it as much as a spring does. The contact is that of a spring on a plane, as in `identify`:
 
     p_z = z_s + m_x p_x + m_y p_y - F/K.
@@ -160,8 +161,8 @@ class SlowMotion(NamedTuple):
     force: bool
 
 
-Spring = tuple[Estimate, Estimate] | None
-"""k_s (N m/rad) and zero of the deflection (rad), None: not known."""
+Spring = tuple[Estimate, Estimate, bool] | None
+"""k_s (N m/rad), zero of the deflection (rad), and whether the zero is without the dead zone. None if not known."""
 
 
 def torque_error(experiment: Experiment) -> float:
@@ -253,13 +254,19 @@ def _sure(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.in
 
 
 def _by_torque(d, torque, cluster, usable, belt: float) -> Spring:
-    """Of one leg, from its loaded deflection and its motor's torque (n,); `belt`: rad per N m of the motor."""
-    found = _sure(np.column_stack([torque, np.ones(len(d))])[usable], d[usable], cluster[usable])
+    """Of one leg, from its loaded deflection and its motor's torque (n,); `belt`: rad per N m of the motor.
+
+    A spring is fitted together with its dead zone, which loaded one way only is a part of the zero.
+    """
+    side = np.sign(torque)
+    both = len(np.unique(side[usable])) > 1
+    A = np.column_stack([torque, np.ones(len(d)), *([side] if both else [])])
+    found = _sure(A[usable], d[usable], cluster[usable])
     if found is None:
         return None
-    (yields, zero), (width, zero_width) = found
+    (yields, zero, *_), (width, zero_width, *_) = found
     k = 1.0 / (yields - belt)
-    return Estimate(k, math.hypot(k * k * width, SURE * k), "N m/rad"), Estimate(zero, zero_width, "rad")
+    return Estimate(k, math.hypot(k * k * width, SURE * k), "N m/rad"), Estimate(zero, zero_width, "rad"), both
 
 
 def _by_scale(seen: Windows, believed: Belief) -> Estimate | None:
@@ -283,14 +290,15 @@ def _by_scale(seen: Windows, believed: Belief) -> Estimate | None:
 def _springs(found: Sequence[Spring], why: str, plant: PlantParameters) -> list[Moved]:
     moved = []
     for i, spring in enumerate(found):
-        k, zero = spring or (None, None)
+        k, zero, apart = spring or (None, None, True)
         was, least = plant.k_s * plant.k_s_share[i], ZERO * (1.0 + plant.N)
         if k is not None and not 0.0 < k.half_width < KNOWN * k.value:
             k, zero = None, None
         if zero is not None:
             zero = zero._replace(value=zero.value + plant.slip[i]) if zero.half_width < ZERO else None
         moved.append(Moved(f"k_s of joint {i + 1}", "k_s_share", i, was, k, "N m/rad", SPRING * was, why))
-        moved.append(Moved(f"zero of deflection {i + 1}", "slip", i, plant.slip[i], zero, "rad", least, why))
+        name = f"zero {'' if apart else 'or dead zone '}of deflection {i + 1}"
+        moved.append(Moved(name, "slip", i, plant.slip[i], zero, "rad", least, why))
     return moved
 
 
