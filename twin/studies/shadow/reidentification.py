@@ -7,8 +7,9 @@ width of its dead zone, s = sign(tau), and tau its motor's torque less that of i
     w - s b = tau (1/k_s + N^2 c_belt) + zero + s db:
 
 the encoders' error is then one of the response. db, by which the dead zone is wider than believed, is fitted too where
-a leg is loaded both ways; loaded one way only it is a part of the zero. A measured force in place of torques does not do: dry friction of 0.02
-N m in the joints moves it as much as a spring does. The contact is that of a spring on a plane, as in `identify`:
+a leg is loaded both ways; loaded one way only it is a part of the zero. A measured force in place of torques does not
+do: dry friction of 0.02 N m in the joints moves it as much as a spring does. The contact is that of a spring on a
+plane, as in `identify`:
 
     p_z = z_s + m_x p_x + m_y p_y - F/K.
 
