@@ -41,7 +41,7 @@ NOISY = ("plant.motor_noise_deg=0.02", "plant.joint_noise_deg=0.02")
 def robot(*settings: str) -> FilterSamples:
     """A robot of Fig. 4 that is broken from the start or from some moment on, as it arrives."""
     run = run_in_memory(load_experiment(FIG4, [*SCALE, *NOISY, *settings]), 2)
-    return arrived(samples_of(run), np.random.default_rng(4))
+    return arrived(samples_of(run), np.random.default_rng(4), 0.01, 0.2e-3)
 
 
 def part(samples: FilterSamples, begin: float, end: float = np.inf) -> FilterSamples:
