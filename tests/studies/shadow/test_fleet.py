@@ -43,7 +43,7 @@ Means = tuple[list[float], np.ndarray]
 @cache
 def fig4_limits() -> Tolerances:
     """Of the fleet of the file, in the motion of Fig. 4."""
-    return fleet_limits(read_fleet(FLEET, FIG4), EVERY)
+    return fleet_limits(read_fleet(FLEET, FIG4))[0]
 
 
 @cache
@@ -73,7 +73,7 @@ def test_robots_are_the_same_each_time_and_different_from_each_other():
 
 def test_a_fleet_has_a_robot_at_each_corner_of_what_varies_where_it_varies_between_ends(tmp_path: Path):
     fleet = read_fleet(FLEET, FIG4, runs=3)
-    assert len(set(fleet.corners)) == 32
+    assert len(set(fleet.corners)) == 64
     ends: dict[str, set[float]] = {key: set() for key in (setting.partition("=")[0] for setting in fleet.corners[0])}
     for setting in (one for corner in fleet.corners for one in corner):
         ends[setting.partition("=")[0]].add(float(setting.partition("=")[2]))
@@ -83,13 +83,14 @@ def test_a_fleet_has_a_robot_at_each_corner_of_what_varies_where_it_varies_betwe
     file = tmp_path / "fleet.toml"
     text = FLEET.read_text().replace("../massage.toml", str(EXPERIMENTS / "massage.toml"))
     file.write_text(text.replace("from = 1000\nto   = 1500", 'distribution = "normal"\nmean = 1250\nstd = 100'))
-    assert len(read_fleet(file, FIG4, runs=3).corners) == 16
+    assert len(read_fleet(file, FIG4, runs=3).corners) == 64
     assert not any(setting.startswith("contact.stiffness") for setting in read_fleet(file, FIG4, runs=3).corners[0])
 
 
 def test_samples_are_lost_and_stamps_are_off_on_the_way():
-    samples = read_fleet(FLEET, FIG4, runs=1).samples(0, EVERY)
-    whole = robot()
+    # a robot at a corner loses the most
+    fleet = read_fleet(FLEET, FIG4, runs=1)
+    whole, samples = fleet.run(1), fleet.samples(1)
     lost = 1.0 - len(samples.t) / len(whole.t)
     assert 0.5 * LOST < lost < 1.5 * LOST
     nearest = whole.t[np.rint(samples.t / 2e-3).astype(int)]
@@ -186,11 +187,11 @@ def catalogue() -> list[str]:
 def test_nine_of_ten_faults_that_move_a_residual_by_twice_its_tolerance_are_found_within_ten_seconds():
     fleet, limits = read_fleet(FLEET, FIG4), fig4_limits()
     tolerance = np.array([limits.tolerance[name] for name in CHANNELS])
-    ends, healthy = block_means(fig4_twin(), fleet.samples(0, EVERY))
+    ends, healthy = block_means(fig4_twin(), fleet.samples(0))
     found, moved = [], 0
     for fault in catalogue():
         try:
-            samples = fleet.samples(0, EVERY, [f"fault=[{fault}]"])
+            samples = fleet.samples(0, 1, [f"fault=[{fault}]"])
         except TwinError:
             # the run ended: there is no robot any more
             continue
@@ -237,7 +238,7 @@ def _means(one: tuple[int, int, int]) -> Means:
     """Block means of robot `number` of `runs` with a seed; in a process of its own."""
     seed, runs, number = one
     fleet = read_fleet(FLEET, runs=runs, seed=seed)
-    return block_means(_massage_twin(), fleet.samples(number, EVERY))
+    return block_means(_massage_twin(), fleet.samples(number))
 
 
 @cache
@@ -248,7 +249,7 @@ def _massage_twin() -> Experiment:
 @cache
 def massage_limits() -> Tolerances:
     """Of the fleet of the file, in its own motion."""
-    return fleet_limits(read_fleet(FLEET), EVERY)
+    return fleet_limits(read_fleet(FLEET))[0]
 
 
 def counted(all_means: list[Means], per_hour: float, limits: Tolerances, share: float = 1.0) -> Rate:
@@ -264,7 +265,7 @@ THREE_HOURS = 184
 @cache
 def three_hours() -> list[Means]:
     fleet, twin = read_fleet(FLEET, runs=THREE_HOURS, seed=FRESH), _massage_twin()
-    return [block_means(twin, fleet.samples(k, EVERY)) for k in range(THREE_HOURS)]
+    return [block_means(twin, fleet.samples(k)) for k in range(THREE_HOURS)]
 
 
 @pytest.mark.slow

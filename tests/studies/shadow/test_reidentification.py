@@ -21,7 +21,16 @@ from twin.studies.shadow.fleet import SCALE, Fleet, arrived, read_fleet
 from twin.studies.shadow.following import AlarmWatch, Twin, twin_of
 from twin.studies.shadow.layout import OUTPUTS
 from twin.studies.shadow.mapping import RobotSamples
-from twin.studies.shadow.reidentification import LATEST, MOST, Moved, Reidentifier, SampleRing, reidentified
+from twin.studies.shadow.reidentification import (
+    LATEST,
+    MOST,
+    TORQUE_ERROR,
+    Moved,
+    Reidentifier,
+    SampleRing,
+    reidentified,
+    torque_error,
+)
 from twin.studies.shadow.samples import FilterSamples, drive_model, samples_of
 
 TWIN = load_experiment(FIG4, SCALE)
@@ -32,7 +41,7 @@ NOISY = ("plant.motor_noise_deg=0.02", "plant.joint_noise_deg=0.02")
 def robot(*settings: str) -> FilterSamples:
     """A robot of Fig. 4 that is broken from the start or from some moment on, as it arrives."""
     run = run_in_memory(load_experiment(FIG4, [*SCALE, *NOISY, *settings]), 2)
-    return arrived(samples_of(run), np.random.default_rng(4))
+    return arrived(samples_of(run), np.random.default_rng(4), 0.01, 0.2e-3)
 
 
 def part(samples: FilterSamples, begin: float, end: float = np.inf) -> FilterSamples:
@@ -54,13 +63,14 @@ def drawn(fleet: Fleet, number: int) -> tuple[FilterSamples, list[float], list[f
     """Twelve seconds of a robot of the fleet, every second one with a softer spring; the true springs and zeros."""
     own, zeros = np.random.default_rng([5, number]), np.random.default_rng([fleet.seed, number])
     motor, joint = zeros.uniform(-0.05, 0.05, 3), zeros.uniform(-0.05, 0.05, 3)
-    k_s = [1.0, 1.0, 1.0]
+    own_k_s = next(float(one.partition("=")[2]) for one in fleet.robots[number] if "k_s" in one)
+    k_s = [own_k_s] * 3
     faults = []
     if number % 2:
         leg, k = int(own.integers(3)), float(own.uniform(0.8, 1.0))
-        k_s[leg], faults = k, [softened((leg + 1,), 0.1, k)]
+        k_s[leg], faults = k * own_k_s, [softened((leg + 1,), 0.1, k)]
     begin = own.uniform(0.5, 7.5)
-    samples = part(fleet.samples(number, 2, faults), begin, begin + 12.0)
+    samples = part(fleet.samples(number, 1, faults), begin, begin + 12.0)
     return samples, k_s, np.radians(motor - TWIN.controller.model.N * joint).tolist()
 
 
@@ -72,17 +82,34 @@ def test_intervals_cover_what_is_true_of_nineteen_robots_in_twenty():
     for number in range(DRAWN):
         samples, k_s, zeros = drawn(fleet, number)
         for one in found(samples).values():
-            if one.now is not None and one.leg >= 0:
+            # a zero of a leg that is loaded one way has its dead zone in it
+            if one.now is not None and one.leg >= 0 and "dead zone" not in one.name:
                 true = (k_s if one.field == "k_s_share" else zeros)[one.leg]
                 covers[one.field].append(abs(one.now.value - true) <= one.now.half_width)
                 # what did not change is never proposed
-                assert not (one.is_news and one.field == "k_s_share" and true == 1.0)
+                assert not (one.is_news and one.field == "k_s_share" and abs(true - 1.0) < 0.01)
                 widths += [one.now.half_width] if one.field == "k_s_share" else []
     for hits in covers.values():
-        assert len(hits) >= 0.9 * 3 * DRAWN
+        assert len(hits) >= 0.7 * 3 * DRAWN
         assert sum(hits) >= binom.ppf(0.005, len(hits), 0.95)
     # and they say something
     assert np.median(widths) < 0.01
+
+
+def test_a_wider_dead_zone_proposes_no_spring():
+    for leg, wider in ((1, 0.1), (2, 0.25), (3, 0.36)):
+        grown = f"fault=[{{kind='backlash_growth', target='joint_{leg}', onset_s=0.1, magnitude_deg={wider}}}]"
+        moved = found(part(robot(grown), 3.0, 15.0))
+        assert not [name for name, one in moved.items() if one.is_news and one.field == "k_s_share"]
+
+
+def test_a_drive_whose_torque_is_not_its_load_proposes_no_spring():
+    own, other = (torque_error(load_experiment(FIG4, SCALE, drive)) for drive in (None, "pmsm_foc"))
+    assert own < 0.5 * TORQUE_ERROR and other > TORQUE_ERROR
+    samples, plant = part(robot(softened((2,), 0.1, 0.93)), 3.0, 15.0), plant_parameters(TWIN.plant, TWIN.contact)
+    moved = reidentified(samples, plant, belief(TWIN), drive_model(TWIN).inertia, loads=False)
+    assert not any(one.is_news for one in moved)
+    assert str(moved[0]) == "k_s of joint 1 not known: not known with this drive"
 
 
 def test_a_softer_spring_is_proposed_with_its_joint_and_no_other():

@@ -11,6 +11,7 @@ from twin.studies.shadow.alarm import CHANNELS, RateTolerances, Tolerances, tole
 from twin.studies.shadow.fleet import fleet_limits
 from twin.studies.shadow.tolerances import (
     SHIPPED,
+    finds_faults,
     fleet_digest,
     read_tolerances,
     shipped_fleet,
@@ -29,14 +30,34 @@ def shipped(name: str) -> RateTolerances:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_shipped_file_belongs_to_its_experiment_and_has_the_controllers_rate(name: str):
-    assert 500.0 in shipped(name)
-    assert "fig4_force_position" in NAMES
+    # in the massage no rate finds a spring 20 % softer
+    assert (500.0 in shipped(name)) == (name != "massage")
+    assert len(NAMES) == 7
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES[:2])
+@pytest.mark.parametrize(("name", "rate", "finds"), [("fig4_force_position", 500.0, True), ("massage", 500.0, False)])
+def test_a_rate_is_shipped_only_if_it_finds_a_softer_spring_and_a_dead_drive(name: str, rate: float, finds: bool):
+    fleet = shipped_fleet(EXPERIMENTS / f"{name}.toml")
+    limits = shipped("pressing")[rate] if not finds else shipped(name)[rate]
+    assert finds_faults(fleet, limits) == finds
+
+
+def test_a_value_that_was_identified_does_not_vary_and_others_scale_with_the_experiment(tmp_path: Path):
+    source = tmp_path / "identified.toml"
+    own = 'k_s_Nm_per_rad = { value = 0.9, source = "identified from a.csv: +- 0.001" }'
+    source.write_text(f'extends = "{EXPERIMENTS / "pressing.toml"}"\n[plant]\n{own}\n')
+    keys = {setting.partition("=")[0] for one in shipped_fleet(source).robots for setting in one}
+    assert "plant.k_s_Nm_per_rad" not in keys and "plant.backlash_deg" in keys
+    soft = shipped_fleet(EXPERIMENTS / "pressing.toml", ("plant.k_s_Nm_per_rad=0.5",))
+    drawn = [float(one.partition("=")[2]) for robot in soft.robots for one in robot if "k_s" in one]
+    assert 0.48 <= min(drawn) < 0.485 and 0.515 < max(drawn) <= 0.52
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["pressing", "tapping"])
 def test_shipped_tolerances_are_computed_the_same_again(name: str):
-    again, stored = fleet_limits(shipped_fleet(EXPERIMENTS / f"{name}.toml"), 2), shipped(name)[500.0]
+    (again,), stored = fleet_limits(shipped_fleet(EXPERIMENTS / f"{name}.toml")), shipped(name)[500.0]
     for kind, values in dataclasses.asdict(again).items():
         assert values == pytest.approx(getattr(stored, kind), rel=1e-6, nan_ok=True)
 

@@ -5,9 +5,10 @@ that are lost and stamps that are late are drawn besides, from the seed in the f
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,23 +34,23 @@ from twin.studies.shadow.alarm import (
 from twin.studies.shadow.following import SampledSteps, farthest_command, own_law
 from twin.studies.shadow.mapping import RobotSamples
 from twin.studies.shadow.samples import Columns, FilterSamples, followed, samples_of, shadow_of
-from twin.studies.sweep.plan import plan_of, read_definition
+from twin.studies.sweep.plan import Vary, plan_of, read_definition
 
 ZERO = 0.05
 """deg. The zeros of all six encoders are anywhere within it, either way."""
-LOST = 0.01
-"""Share of the samples that do not arrive."""
-LATE = 0.2e-3
-"""s. Stamps are off by so much at most, either way."""
+LOST = 0.05
+"""Maximum share of the samples that do not arrive."""
+LATE, LATE_SHARE = 0.8e-3, 0.4
+"""Maximum error of a stamp, either way (s), and as a share of the sampling period: stamps stay in order."""
 MARGIN = 1.25
 """A tolerance by the largest shift that the fleet shows: of robots that are drawn, and of one at each corner of what
 varies, where shifts are largest. The largest of 96 bounds 97 % of all robots with 95 % confidence (S. S. Wilks, Ann.
 Math. Statist. 12 (1941) 91)."""
 MOST_CORNERS = 64
-"""With more of them there is none: a tolerance takes a run of each."""
+"""Maximum number of corners. Of twice as many every second one is run, so that each corner left out differs from one
+that is run in one value only; of more, none is."""
 SCALE = ("scale.resolution_g=5", "scale.period_ms=10")
 """A measured force, of an experiment that has none."""
-SIGNALS = ("encoder.count_m", "encoder.count_l", "controller.omega_ref", "scale.F_z")
 
 
 @dataclass(frozen=True)
@@ -79,53 +80,100 @@ class Fleet:
         """What is believed of every robot."""
         return load_experiment(self.experiment, self.settings)
 
-    def samples(self, number: int, every: int = 1, settings: Sequence[str] = ()) -> FilterSamples:
-        """Of robot `number` of `all_robots`, from 0, as they arrive.
+    def run(self, number: int, settings: Sequence[str] = ()) -> FilterSamples:
+        """Samples of robot `number` of `all_robots`, from 0, as its computer takes them.
+
+        A healthy robot whose monitor trips counts until then: without power it does not follow its commands.
 
         Args:
-            every: ticks of the run that are kept, at most those of the controller.
             settings: of this robot besides, a fault for example.
         """
         random = np.random.default_rng([self.seed, number])
         zeros = [f"plant.{side}_zero_deg={random.uniform(-ZERO, ZERO, 3).tolist()}" for side in ("motor", "joint")]
         own = (*self.settings, *self.all_robots[number % len(self.all_robots)], *zeros, *settings)
         experiment = load_experiment(self.experiment, [*own, f"seed={int(random.integers(1 << 31))}"])
-        return arrived(samples_of(run_in_memory(experiment, every)), random)
+        run = run_in_memory(experiment, experiment.controller_ticks)
+        samples = samples_of(run)
+        if settings or "monitor.tripped" not in run.fields():
+            return samples
+        healthy = run.held("monitor.tripped")[: len(samples.t)] == 0
+        return FilterSamples(samples.t[healthy], samples.u[healthy])
+
+    def arrived(self, number: int, samples: FilterSamples, every: int = 1) -> FilterSamples:
+        """One in `every` samples of robot `number`, after a way on which some are lost and stamps are off.
+
+        A robot at a corner loses the most, and its stamps are off by the most.
+        """
+        random = np.random.default_rng([self.seed, number, every])
+        share = random.uniform(0.0, 1.0, 2) if number < len(self.robots) else np.ones(2)
+        return arrived(FilterSamples(samples.t[::every], samples.u[::every]), random, *(share * (LOST, LATE)))
+
+    def samples(self, number: int, every: int = 1, settings: Sequence[str] = ()) -> FilterSamples:
+        """One in `every` samples of robot `number` as they arrive; see `run`."""
+        return self.arrived(number, self.run(number, settings), every)
 
 
-def read_fleet(path: Path, experiment: Path | None = None, runs: int = 0, seed: int | None = None) -> Fleet:
+def read_fleet(
+    path: Path, experiment: Path | None = None, runs: int = 0, seed: int | None = None, settings: Sequence[str] = ()
+) -> Fleet:
     """The fleet of a sweep file.
 
     Args:
         path: of the file.
-        experiment: in place of the one that the file names.
+        experiment: in place of the one that the file names; intervals are scaled by its own value over that one's,
+            and values that were identified do not vary.
         runs, seed: in place of those in the file, if given: fresh robots.
+        settings: of all robots and their twin.
 
     Raises:
         InputRefused: with every mistake of the file.
     """
     definition, named = read_definition(path)
-    changed = {"runs": runs or definition.runs, "seed": definition.seed if seed is None else seed}
+    settings = (*SCALE, *settings)
+    there, here = load_experiment(named), load_experiment(experiment or named, settings)
+    vary = [_scaled(one, there.values, here.values) for one in definition.vary if not is_identified(here, one.label)]
+    changed = {"runs": runs or definition.runs, "seed": definition.seed if seed is None else seed, "vary": vary}
     definition = definition.model_copy(update=changed)
-    plan = plan_of(definition, experiment or named, path.stem, str(path), SCALE)
-    robots = tuple(task.settings[len(SCALE) :] for task in plan.tasks)
+    plan = plan_of(definition, experiment or named, path.stem, str(path), settings)
+    robots = tuple(task.settings[len(settings) :] for task in plan.tasks)
     # of what has no ends there is no corner
-    ends = [one.model_copy(update={"count": 2}) for one in definition.vary if one.low is not None]
+    ends = [one.model_copy(update={"count": 2}) for one in vary if one.low is not None]
     corners: tuple[tuple[str, ...], ...] = ()
-    if 2 ** len(ends) <= MOST_CORNERS:
+    if 2 ** len(ends) <= 2 * MOST_CORNERS:
         at_ends = definition.model_copy(update={"design": "grid", "runs": None, "vary": ends})
-        grid = plan_of(at_ends, experiment or named, path.stem, str(path), SCALE)
-        corners = tuple(task.settings[len(SCALE) :] for task in grid.tasks)
-    return Fleet(plan.experiment, SCALE, robots, definition.seed, corners)
+        grid = plan_of(at_ends, experiment or named, path.stem, str(path), settings)
+        corners = tuple(task.settings[len(settings) :] for task in grid.tasks)
+        if len(corners) > MOST_CORNERS:
+            # those with an even number of upper ends
+            corners = tuple(one for k, one in enumerate(corners) if k.bit_count() % 2 == 0)
+    return Fleet(plan.experiment, settings, robots, definition.seed, corners)
 
 
-def arrived(samples: FilterSamples, random: np.random.Generator) -> FilterSamples:
-    """`samples` after a way on which some are lost and stamps are off."""
-    keep = random.random(len(samples.t)) >= LOST
+def is_identified(experiment: Experiment, key: str) -> bool:
+    """Whether the origin of a value of [plant], or of the [robot] that it comes from, is `twin identify`."""
+    origins = experiment.origins
+    return origins.get(key, origins.get(key.replace("plant.", "robot.", 1), "")).startswith("identified")
+
+
+def _scaled(one: Vary, there: Mapping[str, Any], here: Mapping[str, Any]) -> Vary:
+    """An interval about a value of one experiment, about the same value of another one; as it is about 0."""
+    table, _, key = one.label.partition(".")
+    about, value = (values.get(table, {}).get(key) or 0.0 for values in (there, here))
+    ratio = value / about if about and value / about > 0.0 else 1.0
+    numbers = {name: getattr(one, name) for name in ("low", "high", "mean", "std", "median")}
+    return one.model_copy(update={name: x * ratio for name, x in numbers.items() if x is not None})
+
+
+def arrived(
+    samples: FilterSamples, random: np.random.Generator, lost: float = LOST, late: float = LATE
+) -> FilterSamples:
+    """`samples` of which a share is lost and stamps are off by `late` (s) at most."""
+    keep = random.random(len(samples.t)) >= lost
     # the filter starts with the first one
     keep[0] = True
     t = samples.t[keep]
-    return FilterSamples(t + random.uniform(-LATE, LATE, len(t)), samples.u[keep])
+    late = min(late, LATE_SHARE * float(np.median(np.diff(samples.t))))
+    return FilterSamples(t + random.uniform(-late, late, len(t)), samples.u[keep])
 
 
 def own_commands(twin: Experiment, samples: FilterSamples) -> Columns:
@@ -178,14 +226,19 @@ def limits_of(means: Sequence[NDArray[np.float64]]) -> Tolerances:
     return Tolerances(dict(zip(names, tolerance.tolist(), strict=True)), dict(zip(names, sigma.tolist(), strict=True)))
 
 
-def fleet_limits(fleet: Fleet, every: int = 1, say: Say = silent) -> Tolerances:
-    """The `limits_of` the robots of a fleet; `say` takes how far it is."""
-    twin, means = fleet.twin(), []
-    count = len(fleet.all_robots)
+def fleet_limits(fleet: Fleet, thinned: Sequence[int] = (1,), say: Say = silent) -> list[Tolerances]:
+    """The `limits_of` the robots of a fleet, of which one in so many samples arrives, for each of `thinned`.
+
+    `say` takes the progress.
+    """
+    twin, count = fleet.twin(), len(fleet.all_robots)
+    means: list[list[NDArray[np.float64]]] = [[] for _ in thinned]
     for k in range(count):
         say(f"healthy robot {k + 1} of {count}", k / count)
-        means.append(block_means(twin, fleet.samples(k, every))[1])
-    return limits_of(means)
+        run = fleet.run(k)
+        for found, every in zip(means, thinned, strict=True):
+            found.append(block_means(twin, fleet.arrived(k, run, every))[1])
+    return [limits_of(found) for found in means]
 
 
 def watched(ends: Sequence[float], means: NDArray[np.float64], watch: ShadowWatch) -> list[WatchEvent]:

@@ -400,10 +400,11 @@ class AlarmWatch:
         limits, t = self._limits, np.concatenate(self._first)
         if not isinstance(limits, Tolerances):
             rate = rate_of(t[t <= end])
-            known = ", ".join(f"{one:.4g}" for one in limits)
+            known = ", ".join(f"{one:.4g}" for one in limits) or "no"
             found = tolerances_at(limits, rate)
             if found is None:
                 self.why_not = f"the robot is sampled at {rate:.4g} Hz; there are tolerances for {known} Hz"
+                self.why_not += "; at another rate a spring 20 % softer or a dead drive may not be found"
                 self.happenings.append(Happening(end, f"no alarm: {self.why_not}"))
                 return
             limits = found

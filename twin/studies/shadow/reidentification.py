@@ -4,10 +4,12 @@ By windows of slow, even motion (`identify.windows`), means in which the encoder
 by the scatter between groups of them (`identify.line`). Of each leg, with w = theta_m - N theta_l - slip, b the half
 width of its dead zone, s = sign(tau), and tau its motor's torque less that of its rotor,
 
-    w - s b = tau (1/k_s + N^2 c_belt) + zero:
+    w - s b = tau (1/k_s + N^2 c_belt) + zero + s db:
 
-the encoders' error is then one of the response. A measured force in place of torques does not do: dry friction of 0.02
-N m in the joints moves it as much as a spring does. The contact is that of a spring on a plane, as in `identify`:
+the encoders' error is then one of the response. db, by which the dead zone is wider than believed, is fitted too where
+a leg is loaded both ways; loaded one way only it is a part of the zero. A measured force in place of torques does not
+do: dry friction of 0.02 N m in the joints moves it as much as a spring does. The contact is that of a spring on a
+plane, as in `identify`:
 
     p_z = z_s + m_x p_x + m_y p_y - F/K.
 
@@ -31,6 +33,7 @@ from twin.robot.assembly.build import belief, plant_parameters
 from twin.robot.controller.controller import Belief
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.dynamics import PlantParameters
+from twin.robot.run.trace import run_in_memory
 from twin.studies.identify.identification import Line, line, t_factor
 from twin.studies.identify.windows import (
     Estimate,
@@ -70,6 +73,10 @@ SURE = 1e-3
 ALONE = 0.85
 """Share of a contact's stiffness that one group may say: what one press has wrong, the others do not show."""
 STILL = "nothing moves slowly and evenly"
+NOT_WITH_DRIVE = "not known with this drive"
+TORQUE_ERROR = 0.02
+"""Maximum rms difference of motor torques and springs' loads, by the largest load, in the twin's own run: with more of
+it (friction of a gear, cogging) a motor's torque does not say what its spring carries."""
 
 
 class Moved(NamedTuple):
@@ -155,22 +162,42 @@ class SlowMotion(NamedTuple):
     force: bool
 
 
-Spring = tuple[Estimate, Estimate] | None
-"""k_s (N m/rad) and zero of the deflection (rad), None: not known."""
+Spring = tuple[Estimate, Estimate, bool] | None
+"""k_s (N m/rad), zero of the deflection (rad), and whether the zero is without the dead zone. None if not known."""
 
 
-def reidentified(samples: FilterSamples, plant: PlantParameters, believed: Belief, rotor: float) -> tuple[Moved, ...]:
+def torque_error(experiment: Experiment) -> float:
+    """Return the largest rms difference of a motor's torque and its spring's load by the largest load, in a run of the
+    twin; infinite if the drives have no torque.
+
+    Raises:
+        TwinError: the run fails.
+    """
+    run = run_in_memory(experiment, experiment.controller_ticks)
+    if not all(f"drive/{leg}.tau_motor" in run.fields() for leg in (1, 2, 3)):
+        return math.inf
+    load = run.held("plant.tau_load")
+    square = np.mean((run.of_drives("tau_motor") - load) ** 2, axis=0)
+    return float(np.max(np.sqrt(square) / np.abs(load).max(axis=0)))
+
+
+def reidentified(
+    samples: FilterSamples, plant: PlantParameters, believed: Belief, rotor: float, loads: bool = True
+) -> tuple[Moved, ...]:
     """What `samples`, all since something changed, say of springs, their zeros and the contact.
 
     Args:
         plant: what the robot is believed to be by now.
         believed: of its geometry, masses, N and counts.
         rotor: inertia of a motor (kg m2).
+        loads: whether a motor's torque is its spring's load; see `TORQUE_ERROR`.
     """
     slow = _slow_motion(samples, believed)
     if slow is None:
         return (*_springs([None] * 3, STILL, plant), _contact(None, STILL, plant))
-    if np.isfinite(slow.tau).any():
+    if not loads:
+        springs, why = [None] * 3, NOT_WITH_DRIVE
+    elif np.isfinite(slow.tau).any():
         torque = slow.tau - rotor * believed.N * slow.seen.acceleration
         zeros = np.subtract(believed.motor_zero, np.multiply(believed.N, believed.joint_zero))
         w = slow.seen.motor - believed.N * slow.seen.joint - zeros - plant.slip
@@ -228,13 +255,19 @@ def _sure(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.in
 
 
 def _by_torque(d, torque, cluster, usable, belt: float) -> Spring:
-    """Of one leg, from its loaded deflection and its motor's torque (n,); `belt`: rad per N m of the motor."""
-    found = _sure(np.column_stack([torque, np.ones(len(d))])[usable], d[usable], cluster[usable])
+    """Of one leg, from its loaded deflection and its motor's torque (n,); `belt`: rad per N m of the motor.
+
+    A spring is fitted together with its dead zone, which loaded one way only is a part of the zero.
+    """
+    side = np.sign(torque)
+    both = len(np.unique(side[usable])) > 1
+    A = np.column_stack([torque, np.ones(len(d)), *([side] if both else [])])
+    found = _sure(A[usable], d[usable], cluster[usable])
     if found is None:
         return None
-    (yields, zero), (width, zero_width) = found
+    (yields, zero, *_), (width, zero_width, *_) = found
     k = 1.0 / (yields - belt)
-    return Estimate(k, math.hypot(k * k * width, SURE * k), "N m/rad"), Estimate(zero, zero_width, "rad")
+    return Estimate(k, math.hypot(k * k * width, SURE * k), "N m/rad"), Estimate(zero, zero_width, "rad"), both
 
 
 def _by_scale(seen: Windows, believed: Belief) -> Estimate | None:
@@ -258,14 +291,15 @@ def _by_scale(seen: Windows, believed: Belief) -> Estimate | None:
 def _springs(found: Sequence[Spring], why: str, plant: PlantParameters) -> list[Moved]:
     moved = []
     for i, spring in enumerate(found):
-        k, zero = spring or (None, None)
+        k, zero, apart = spring or (None, None, True)
         was, least = plant.k_s * plant.k_s_share[i], ZERO * (1.0 + plant.N)
         if k is not None and not 0.0 < k.half_width < KNOWN * k.value:
             k, zero = None, None
         if zero is not None:
             zero = zero._replace(value=zero.value + plant.slip[i]) if zero.half_width < ZERO else None
         moved.append(Moved(f"k_s of joint {i + 1}", "k_s_share", i, was, k, "N m/rad", SPRING * was, why))
-        moved.append(Moved(f"zero of deflection {i + 1}", "slip", i, plant.slip[i], zero, "rad", least, why))
+        name = f"zero {'' if apart else 'or dead zone '}of deflection {i + 1}"
+        moved.append(Moved(name, "slip", i, plant.slip[i], zero, "rad", least, why))
     return moved
 
 
@@ -314,6 +348,10 @@ class Reidentifier:
         self.proposals: list[Adaptation] = []
         self.accepted: list[Adaptation] = []
         self._belief, self._rotor, self._wait = belief(experiment), drive_model(experiment).inertia, wait
+        try:
+            self._loads = torque_error(experiment) < TORQUE_ERROR
+        except TwinError:
+            self._loads = False
         self._ring, self._pool = SampleRing(), ThreadPoolExecutor(1)
         self._answer: Future[tuple[Moved, ...]] | None = None
         self._asked_at = math.nan
@@ -325,7 +363,9 @@ class Reidentifier:
     def ask(self, since: float, t: float) -> None:
         """Look at what has come since `since`, at `t` (s)."""
         self._asked_at = t
-        self._answer = self._pool.submit(reidentified, self._ring.since(since), self.plant, self._belief, self._rotor)
+        self._answer = self._pool.submit(
+            reidentified, self._ring.since(since), self.plant, self._belief, self._rotor, self._loads
+        )
 
     def answer(self) -> str:
         """What was found, a sentence; "": it is not known yet."""

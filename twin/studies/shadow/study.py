@@ -114,8 +114,9 @@ def shadow(
     Beside a robot it goes before other work (SCHED_FIFO), where it may.
     Domain of DDS and zenoh: ROS_DOMAIN_ID.
 
-    The alarm's tolerances are shipped for Fig. 4 and pressing; for other
-    experiments they are computed once, in one to three minutes, and cached.
+    The alarm's tolerances are shipped for the experiments of Fig. 4 and the
+    tasks. With another drive, body or setting they are computed once, in one
+    to three minutes, and cached. Massage as a whole has none.
 
     Exit code: 0 robot and twin match, or nothing could be watched; 1 they part;
     2 input refused.
@@ -136,6 +137,7 @@ def shadow(
     from twin.robot.live.runs import live_server
     from twin.studies.replay.model import model_of
     from twin.studies.shadow.ahead import ahead_of, changed_experiments
+    from twin.studies.shadow.fleet import is_identified
     from twin.studies.shadow.following import AlarmWatch, twin_of
     from twin.studies.shadow.mapping import wanted_signals
     from twin.studies.shadow.reidentification import Reidentifier
@@ -177,6 +179,8 @@ def shadow(
         session = Session(
             robot, columns, wanted, twin, model, 1e-3 * lateness_ms, duration, of_now, say, _announce, watched, viewer
         )
+        if not why and not is_identified(loaded, "plant.k_s_Nm_per_rad"):
+            notes.append("this robot was not identified yet: `twin identify`; the alarm finds springs 20 % softer")
         session.followed.notes += notes
         session.followed.no_alarm = why
         session.followed.ahead = ahead.foreseen if ahead else None
