@@ -17,6 +17,8 @@ from twin.robot.controller.controller import Belief, angle
 from twin.robot.mechanism.kinematics import platform_position
 
 SCALE = "scale.F_z"
+COUNTS = {"count_m": "theta_m", "count_l": "theta_l"}
+"""The counts of the motor and joint encoders, and the angles that a log may have in their place."""
 ANGLES = {"theta_m": "encoder.count_m", "theta_l": "encoder.count_l"}
 """The angles of motors and joints, and the signals that a log may have in their place."""
 LARGEST = 2.0
@@ -191,3 +193,10 @@ def _factor(way: str) -> float:
     """What angles have to be multiplied by."""
     sign, unit = WAYS[way]
     return sign * (np.pi / 180.0 if unit else 1.0)
+
+
+def as_counts(name: str, belief: Belief) -> tuple[tuple[float, float, float], float]:
+    """What makes counts of angles: (angle + zero of its encoder) * counts per rad, for a name of `COUNTS`."""
+    of_motor = name == "count_m"
+    turn, zero = (belief.motor_counts, belief.motor_zero) if of_motor else (belief.joint_counts, belief.joint_zero)
+    return zero, turn / (2.0 * np.pi)

@@ -42,7 +42,7 @@ from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries, in_gap, r
 from twin.robot.controller.controller import Belief, Estimator
 from twin.robot.mechanism.statics import load_torque
 from twin.studies.replay.model import RobotModel, motions
-from twin.studies.replay.plausible import SCALE, MapCheck
+from twin.studies.replay.plausible import COUNTS, SCALE, MapCheck, as_counts
 
 SHORTEST_BLOCK = 1.0
 """s. Two taps of a massage: the force of the platform's acceleration and of viscous joints comes to nothing over a
@@ -325,8 +325,6 @@ def normal_time(text: str) -> tuple[float, float]:
     return begin, end
 
 
-COUNTS = {"count_m": "theta_m", "count_l": "theta_l"}
-"""The counts of the motor and joint encoders, and the angles that a log may have in their place."""
 LONGEST = 1e8
 """s; three years, the longest log."""
 MANY = 12
@@ -424,13 +422,6 @@ def _counts_in(log: Log, name: str, belief: Belief) -> LogSeries:
     # what `estimator.angle` takes off again
     zero, per_rad = as_counts(name, belief)
     return replace(series, values=(series.values + np.array(zero)) * per_rad, unit="1")
-
-
-def as_counts(name: str, belief: Belief) -> tuple[tuple[float, float, float], float]:
-    """What makes counts of angles: (angle + zero of its encoder) * counts per rad, for a name of `COUNTS`."""
-    of_motor = name == "count_m"
-    turn, zero = (belief.motor_counts, belief.motor_zero) if of_motor else (belief.joint_counts, belief.joint_zero)
-    return zero, turn / (2.0 * np.pi)
 
 
 def _three(log: Log, name: str, unit: str) -> LogSeries:
