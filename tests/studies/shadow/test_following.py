@@ -140,9 +140,9 @@ def test_a_plant_model_that_leaves_the_workspace_costs_no_more_than_itself():
 @pytest.mark.parametrize(
     ("joint", "motor", "written"),
     [
-        (180.0 / np.pi, 180.0 / np.pi, "'estimator.theta_l[0]=COLUMN[deg]'"),
-        (1.0, 180.0 / np.pi, "'estimator.theta_m[0]=COLUMN[deg]'"),
-        (1.0, -1.0, "one of the two has the other sign: write -COLUMN"),
+        (180.0 / np.pi, 180.0 / np.pi, '"estimator.theta_l[0]" = "COLUMN[deg]"'),
+        (1.0, 180.0 / np.pi, '"estimator.theta_m[0]" = "COLUMN[deg]"'),
+        (1.0, -1.0, '"estimator.theta_m[2]" = "-COLUMN"'),
         (1.0, 3.0, "are their signs, units and zeros those of the experiment?"),
     ],
 )

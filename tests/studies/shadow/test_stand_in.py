@@ -87,7 +87,7 @@ def test_what_goes_wrong_is_counted_and_the_twin_goes_on(
     ("options", "expected"),
     [
         (["--missing", "l3"], "/joint_states has no 'position.l3' for estimator.theta_l[2]; did you mean"),
-        (["--degrees"], "as degrees they do: write 'estimator.theta_l[0]=COLUMN[deg]' and so on in the map"),
+        (["--degrees"], "as degrees they do: write in the map:"),
     ],
     ids=["missing joint", "degrees"],
 )

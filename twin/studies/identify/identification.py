@@ -56,7 +56,7 @@ from twin.studies.identify.windows import (
     windows,
 )
 from twin.studies.replay.model import RobotModel
-from twin.studies.replay.replay import robot_log
+from twin.studies.replay.replay import estimates, robot_log
 
 CONFIDENCE = 0.95
 
@@ -473,6 +473,8 @@ def identified(
     belief, steps = model.belief, Steps(say, 4)
     steps.next("looking for slow motion")
     taken = robot_log(log, belief)
+    # the columns are those of the map
+    estimates(taken, belief, model.gravity_compensation)
     seen = windows(taken, belief)
     path = log.path
     if len(seen.t) and np.min(seen.lowest) < -CONTACT:

@@ -27,7 +27,8 @@ How far two courses of one quantity are apart: bias, spread, when, how late one 
 
 import math
 import re
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -36,12 +37,12 @@ from numpy.typing import NDArray
 
 from twin.kernel.cosim.delay import columns, play
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.logs.column_map import refuse_unit
+from twin.kernel.recording.logs.column_map import MappedColumn, refuse_unit
 from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries, in_gap, refuse_invalid, rows_of
 from twin.robot.controller.controller import Belief, Estimator
 from twin.robot.mechanism.statics import load_torque
 from twin.studies.replay.model import RobotModel, motions
-from twin.studies.replay.plausible import refusal
+from twin.studies.replay.plausible import COUNTS, SCALE, MapCheck, as_counts
 
 SHORTEST_BLOCK = 1.0
 """s. Two taps of a massage: the force of the platform's acceleration and of viscous joints comes to nothing over a
@@ -324,9 +325,6 @@ def normal_time(text: str) -> tuple[float, float]:
     return begin, end
 
 
-SCALE = "scale.F_z"
-COUNTS = {"count_m": "theta_m", "count_l": "theta_l"}
-"""The counts of the motor and joint encoders, and the angles that a log may have in their place."""
 LONGEST = 1e8
 """s; three years, the longest log."""
 MANY = 12
@@ -345,6 +343,7 @@ class RobotLog:
         missing: how many are.
         force: measured pressing force (N); None: the log has none.
         notes: what was wrong with the file, one sentence each.
+        columns: see `Log`.
     """
 
     path: Path
@@ -355,6 +354,7 @@ class RobotLog:
     missing: int
     force: LogSeries | None
     notes: tuple[str, ...]
+    columns: Mapping[str, MappedColumn] = field(default_factory=dict)
 
     @property
     def period(self) -> float:
@@ -400,9 +400,8 @@ def robot_log(log: Log, belief: Belief) -> RobotLog:
         raise LogRefused(f"{log.path}: not one sample has all six counts")
     first = int(np.argmax(there))
     gaps, missing = count_m.sampling.gaps, count_m.sampling.missing
-    return RobotLog(
-        log.path, count_m.t[first:], count_m.values[first:], count_l.values[first:], gaps, missing, measured, notes
-    )
+    counts_m, counts_l = count_m.values[first:], count_l.values[first:]
+    return RobotLog(log.path, count_m.t[first:], counts_m, counts_l, gaps, missing, measured, notes, log.columns)
 
 
 def _counts_in(log: Log, name: str, belief: Belief) -> LogSeries:
@@ -423,13 +422,6 @@ def _counts_in(log: Log, name: str, belief: Belief) -> LogSeries:
     # what `estimator.angle` takes off again
     zero, per_rad = as_counts(name, belief)
     return replace(series, values=(series.values + np.array(zero)) * per_rad, unit="1")
-
-
-def as_counts(name: str, belief: Belief) -> tuple[tuple[float, float, float], float]:
-    """What makes counts of angles: (angle + zero of its encoder) * counts per rad, for a name of `COUNTS`."""
-    of_motor = name == "count_m"
-    turn, zero = (belief.motor_counts, belief.motor_zero) if of_motor else (belief.joint_counts, belief.joint_zero)
-    return zero, turn / (2.0 * np.pi)
 
 
 def _three(log: Log, name: str, unit: str) -> LogSeries:
@@ -560,13 +552,22 @@ def estimates(log: RobotLog, belief: Belief, gravity_compensation: bool) -> Outp
     the log costs the samples in it and no others.
 
     Raises:
-        LogRefused: the first sample fits no pose of the robot, so there is nothing to hold.
+        LogRefused: the first sample fits no pose of the robot, so there is nothing to hold; or the columns of a log are
+            not the signals that its map says.
     """
+    check = MapCheck(str(log.path), belief, log.columns)
     component = Estimator(belief, gravity_compensation)
     rows, status = play(component, log.t, np.full(len(log.t), log.period), np.hstack([log.count_m, log.count_l]))
-    if status:
-        raise LogRefused(refusal(str(log.path), log.count_m[0], log.count_l[0], belief))
-    return columns(component, rows)
+    mistake = check.first(log.count_m[0], log.count_l[0]) if status or log.columns else ""
+    found = columns(component, rows)
+    if not mistake:
+        check.add(found["theta_m"], found["theta_l"])
+        if log.force is not None:
+            beside = residual(log.t, pressing(found), log.gaps, log.force.t, log.force.values)
+            check.add_force(beside.value, beside.measured)
+    if mistake := mistake or check.mistake:
+        raise LogRefused(mistake)
+    return found
 
 
 def pressing(outputs: Outputs) -> NDArray[np.float64]:

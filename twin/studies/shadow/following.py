@@ -6,7 +6,7 @@ depend on how they are cut. A state estimator is one more part.
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from threading import Lock
@@ -19,6 +19,7 @@ from twin.kernel.cosim.component import Component, Pieces
 from twin.kernel.cosim.delay import NOTHING, named, play
 from twin.kernel.cosim.port import Port, places, width
 from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.kernel.recording.logs.column_map import MappedColumn
 from twin.kernel.recording.sources.stamps import Sample
 from twin.robot.assembly.build import controller
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF, SHARE, Belief, Estimator
@@ -27,7 +28,7 @@ from twin.robot.plant.component import OUTPUTS as MOTION
 from twin.robot.plant.dynamics import PlantParameters
 from twin.robot.plant.encoder import SCALE_OUTPUTS
 from twin.studies.replay.model import LONGEST_GAP, PlantRun, RobotModel
-from twin.studies.replay.plausible import refusal
+from twin.studies.replay.plausible import MapCheck
 from twin.studies.replay.text import ENCODER, FORCE_RESIDUAL, JOINT_RESIDUAL
 from twin.studies.shadow.alarm import (
     FIRST_BLOCKS,
@@ -134,14 +135,14 @@ class Estimates:
 
     Args:
         model: the twin.
-        where: begins the sentence if the first counts fit no pose.
+        check: of the angles and the force by the column map.
 
     Raises:
-        InputRefused: (by `feed`) they do not.
+        InputRefused: (by `feed`) the first counts are not of this robot.
     """
 
-    def __init__(self, model: RobotModel, where: str):
-        self._belief, self._where = model.aware, where
+    def __init__(self, model: RobotModel, check: MapCheck):
+        self._check = check
         beliefs: dict[str, Belief] = {"estimator": model.belief}
         if model.aware != model.belief:
             beliefs["twin"] = model.aware
@@ -158,14 +159,17 @@ class Estimates:
     def feed(self, samples: RobotSamples, rows: Rows) -> Rows:
         counts = np.hstack([samples.count_m, samples.count_l])
         if not self._begun:
-            if sentence := refusal(self._where, samples.count_m[0], samples.count_l[0], self._belief):
-                raise InputRefused(sentence)
+            if mistake := self._check.first(samples.count_m[0], samples.count_l[0]):
+                raise InputRefused(mistake)
             self._begun = True
         found = {"encoder": counts, "scale": samples.F_z[:, None]}
         for name, stepped in self._steps.items():
             found[name] = stepped.rows(samples.t, counts)
         best = best_estimate(found)
-        found["residual/force"] = (-best["F_ee_B"][:, 2] - samples.F_z)[:, None]
+        pressing = -best["F_ee_B"][:, 2]
+        found["residual/force"] = (pressing - samples.F_z)[:, None]
+        self._check.add(best["theta_m"], best["theta_l"])
+        self._check.add_force(pressing, samples.F_z)
         return found
 
 
@@ -464,12 +468,14 @@ class Twin:
     Attributes:
         parts: see `Part`.
         state: the one among them, or within one, that estimates at once.
+        check: of the column map.
         on_plant: those that take another plant.
         adapts: accepts each proposal by itself.
     """
 
     parts: Sequence[Part]
     state: RobotState
+    check: MapCheck
     on_plant: Sequence[OnPlant] = ()
     adapts: bool = False
 
@@ -537,6 +543,7 @@ def twin_of(
     watched: AlarmWatch | None = None,
     adapts: bool = False,
     ahead: Callable[[OwnLaw, RobotState], OnPlant] | None = None,
+    columns: Mapping[str, MappedColumn] = {},
 ) -> Twin:
     """The twin of the robot that `experiment` describes.
 
@@ -545,10 +552,12 @@ def twin_of(
         watched: raises the alarm; None: there is no alarm.
         adapts: see `Twin`.
         ahead: makes of controller and state one part that has them and predicts; None: nothing is predicted.
+        columns: column map of the robot; empty for a recording of twin.
     """
+    check = MapCheck(where, model.aware, columns)
     laws, state, plant = own_law(experiment), RobotState(experiment), PlantModel(model)
     followed: list[OnPlant] = [ahead(law, state) for law in laws] if ahead else []
     rest: list[Part] = [*followed] if followed else [*laws, state]
     alarm: list[Part] = [watched] if watched else []
     on_plant = (plant, *(followed or [state]))
-    return Twin([Estimates(model, where), plant, *rest, *alarm], state, on_plant, adapts)
+    return Twin([Estimates(model, check), plant, *rest, *alarm], state, check, on_plant, adapts)

@@ -13,7 +13,8 @@ from twin.kernel.recording.logs.log import Log, LogRefused
 from twin.kernel.recording.sources.arrival import Arrival
 from twin.kernel.recording.sources.signals import Reading, WantedSignal
 from twin.robot.controller.controller import Belief
-from twin.studies.replay.replay import COUNTS, SCALE, as_counts, robot_log
+from twin.studies.replay.plausible import COUNTS, SCALE, as_counts
+from twin.studies.replay.replay import robot_log
 
 COUNT_M, COUNT_L, F_Z, OMEGA_REF, TAU = slice(0, 3), slice(3, 6), slice(6, 7), slice(7, 10), slice(10, 13)
 WIDTH = 13

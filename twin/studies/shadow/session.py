@@ -14,7 +14,7 @@ from twin.kernel.cosim.delay import named
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.process.real_time import real_time
 from twin.kernel.recording.logs.column_map import TIME, MappedColumn
-from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.log import LogRefused, refuse_invalid
 from twin.kernel.recording.sources.arrival import Arrival, RobotSource
 from twin.kernel.recording.sources.signals import MessageReader, WantedSignal
 from twin.kernel.recording.sources.stamps import Aligner, Counts, Histogram, rows_of
@@ -136,6 +136,7 @@ class Followed:
         ahead: how predictions compare with what came; None: there were none.
         measured: names of the `SIGNALS` that came.
         silent: what was missing when the session ended; "" if samples came to the end.
+        mistake: of the column map, with the one to write; "" if none was seen.
     """
 
     source: str
@@ -156,6 +157,7 @@ class Followed:
     ahead: Foreseen | None = None
     measured: list[str] = field(default_factory=list)
     silent: str = ""
+    mistake: str = ""
 
     @property
     def alarms(self) -> list[str] | None:
@@ -282,13 +284,17 @@ class Session:
                     self._loop(path)
                 finally:
                     self._receiver.stop()
+            self._take(end=True)
+            if not self._live:
+                counts = self._aligner.counts
+                refuse_invalid(self._source.name, "an encoder", counts.invalid, counts.invalid + counts.samples)
         except KeyboardInterrupt:
             self.followed.notes.append("ended by hand")
+            self._take(end=True)
         except BaseException:
             if self._recording is not None:
                 self._recording.abandon()
             raise
-        self._take(end=True)
         self._sum_up()
         if self._recording is None:
             raise InputRefused(f"{self._source.name}: {self._why_nothing()}")
@@ -375,7 +381,8 @@ class Session:
         y = named(OUTPUTS, rows["shadow"])
         NIS = np.where(y["moves"] > 0.0, nis_per_count(y["NIS"], y["used"]), math.nan)
         self.followed.residuals.setdefault("NIS", Running()).add(t, NIS)
-        if not self._gross and (found := gross_disagreement(self.followed.residuals)):
+        self.followed.mistake = self._twin.check.mistake
+        if not self._gross and (found := gross_disagreement(self.followed.residuals, self.followed.mistake)):
             self._gross = found.text
             self._happened(Happening(float(t[-1]), found.text), "gross")
             self._announce(f"{self._source.name}: {found.text}")

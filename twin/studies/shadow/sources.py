@@ -6,14 +6,13 @@ from pathlib import Path
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.logs.column_map import TIME, MappedColumn
-from twin.kernel.recording.logs.log import LogRefused, refuse_invalid
+from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.logs.reader import LogKind, kind_of, read_log
-from twin.kernel.recording.logs.topics import Numbers, numbers_of, topic_of
 from twin.kernel.recording.sources.arrival import RobotSource
 from twin.kernel.recording.sources.playback import Playback, logged_topics
 from twin.kernel.recording.sources.signals import WantedSignal
 from twin.robot.controller.controller import Belief
-from twin.studies.shadow.mapping import NEEDED, followed_columns, readings_of
+from twin.studies.shadow.mapping import followed_columns, readings_of
 
 TRANSPORTS = ("ros2", "zenoh")
 PROPOSED = ("m1", "m2", "m3", "l1", "l2", "l3")
@@ -48,8 +47,9 @@ def opened(
     belief: Belief,
     speed: float,
     notes: list[str],
+    part: tuple[float | None, float | None] = (None, None),
 ) -> tuple[RobotSource, Mapping[str, MappedColumn], bool]:
-    """The source, the columns of its messages (none: it gives readings), and whether it is of now.
+    """The source, the columns of its signals (empty for a recording of twin), and whether it is of now.
 
     Args:
         source: as on the command line.
@@ -58,12 +58,15 @@ def opened(
         belief: turns angles of a log into counts.
         speed: of a log.
         notes: what is missing of a log is added to it.
+        part: start and end (s) of the part of a log, see `read_log`.
 
     Raises:
         InputRefused: no such source, or the map does not fit.
     """
     transport, _, topic = source.partition(":")
     if transport_of(source):
+        if part != (None, None):
+            raise InputRefused(f"--source {source}: --from-s and --to-s need a log; end a session with --duration-s")
         if not set(columns) - {TIME}:
             raise InputRefused(
                 f"--source {source}: name its joints with --map robot.toml, where\n{proposed_map(topic)}"
@@ -75,9 +78,9 @@ def opened(
         return live_source(transport, source), columns, True
     kind = kind_of(Path(source))
     if kind in (LogKind.RECORDING, LogKind.CSV):
-        log = read_log(source, columns)
+        log = read_log(source, columns, part)
         notes += log.notes
-        return Playback(source, readings=readings_of(log, belief), speed=speed), {}, False
+        return Playback(source, readings=readings_of(log, belief), speed=speed), log.columns, False
     topics, found = logged_topics(Path(source), kind, columns)
     notes += found
     if not set(columns) - {TIME}:
@@ -86,14 +89,7 @@ def opened(
             f"{source}: has {there}; name its joints with --map robot.toml, where\n{proposed_map(next(iter(topics)))}"
         )
     columns = followed_columns(source, columns, wanted)
-    for name, messages in topics.items():
-        paths = {s: c.name.removeprefix(f"{name}.") for s, c in columns.items() if topic_of(c, topics) == name}
-        needed = [path for signal, path in paths.items() if signal in wanted and wanted[signal].column in NEEDED]
-        for numbers in numbers_of(Path(source), name, messages, needed).values() if needed else ():
-            if isinstance(numbers, Numbers):
-                count = len(numbers.invalid)
-                refuse_invalid(Path(source), "an encoder", count, count + len(numbers.rows))
-    return Playback(source, topics, speed=speed), columns, False
+    return Playback(source, topics, speed=speed, part=part), columns, False
 
 
 def live_source(transport: str, name: str) -> RobotSource:

@@ -12,11 +12,13 @@ from twin.studies.command import (
     Asked,
     ColumnMaps,
     ExperimentName,
+    FromS,
     LiveOrigins,
     LivePort,
     Option,
     Say,
     Settings,
+    ToS,
     silent,
     study,
 )
@@ -78,6 +80,8 @@ def shadow(
     lateness_ms: Annotated[
         float, Option("How long to wait for a sample; one that comes later is missing.", "MS", least=0.0)
     ] = 30.0,
+    from_s: FromS = None,
+    to_s: ToS = None,
     duration_s: Annotated[
         float | None, Option("End after so much of the robot's time; default: at the log's end, or by Ctrl-C.", "S")
     ] = None,
@@ -160,7 +164,7 @@ def shadow(
         ahead = ahead_of(loaded, changed, force_limit_N, notes.append)
         if ahead:
             stack.enter_context(ahead)
-        robot, columns, of_now = opened(source, column_map(maps), wanted, model.belief, speed, notes)
+        robot, columns, of_now = opened(source, column_map(maps), wanted, model.belief, speed, notes, (from_s, to_s))
         stack.callback(robot.close)
         watched, why = None, "--no-alarm"
         if not no_alarm:
@@ -168,7 +172,8 @@ def shadow(
         if not why:
             assert limits is not None
             watched = AlarmWatch(limits, false_alarms_per_hour, Reidentifier(loaded, wait=not of_now))
-        twin, viewer = twin_of(loaded, model, robot.name, watched, adapt, ahead.beside if ahead else None), None
+        beside, viewer = ahead.beside if ahead else None, None
+        twin = twin_of(loaded, model, robot.name, watched, adapt, beside, columns)
         if live:
             server = live_server(
                 port, announce=lambda address: _print(f"serving {address}; viewers may come and go"),
@@ -176,8 +181,10 @@ def shadow(
             )  # fmt: skip
             viewer = ShadowViewer(stack.enter_context(server), twin.topics, loaded, twin)
         duration = math.inf if duration_s is None else duration_s
+        # the arrivals of a table and of a recording are readings
+        messages = columns if of_now or robot.seen() else {}
         session = Session(
-            robot, columns, wanted, twin, model, 1e-3 * lateness_ms, duration, of_now, say, _announce, watched, viewer
+            robot, messages, wanted, twin, model, 1e-3 * lateness_ms, duration, of_now, say, _announce, watched, viewer
         )
         if not why and not is_identified(loaded, "plant.k_s_Nm_per_rad"):
             notes.append("this robot was not identified yet: `twin identify`; the alarm finds springs 20 % softer")

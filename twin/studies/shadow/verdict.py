@@ -35,8 +35,15 @@ class Verdict:
     text: str
 
 
-def gross_disagreement(residuals: Mapping[str, "Running"]) -> Verdict | None:
-    """Whether residuals are so large that no tolerance is needed; None if they are not."""
+def gross_disagreement(residuals: Mapping[str, "Running"], mistake: str = "") -> Verdict | None:
+    """Whether residuals are so large that no tolerance is needed, or the map is wrong; None if neither.
+
+    Args:
+        residuals: of a session.
+        mistake: of the column map, see `MapCheck`.
+    """
+    if mistake:
+        return Verdict("part", 0.0, f"robot and twin part: {mistake}")
     for name, one in residuals.items():
         if name.startswith("joint") and abs(one.worst) > GROSS_JOINT:
             off = f"{name} is off by {math.degrees(one.worst):+.1f} deg"
@@ -57,7 +64,7 @@ def verdict_of(followed: "Followed") -> Verdict:
     alarm = next((one for one in followed.changes or () if one.alarm), None)
     if alarm is not None:
         return Verdict("part", alarm.since, f"robot and twin part since {alarm.since:.1f} s")
-    gross = gross_disagreement(followed.residuals)
+    gross = gross_disagreement(followed.residuals, followed.mistake)
     if gross is not None:
         return gross
     ahead = followed.ahead

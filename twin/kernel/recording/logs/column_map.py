@@ -14,6 +14,7 @@ name must carry it. A file that is read with a map gives the mapped signals and 
 """
 
 import difflib
+import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -145,6 +146,12 @@ def refuse_unit(where: str, name: str, got: str, wanted: str, column: str = "COL
         raise LogRefused(
             f"{where} {name} is in '{got}', expected '{wanted}'{hint or ';'} say so with --map {name}={column}[UNIT]"
         )
+
+
+def map_text(signal: str, column: MappedColumn) -> str:
+    """Return the line of a map file for a signal: `"scale.F_z" = "-Fz[N]"`."""
+    text = f"{'-' if column.sign < 0 else ''}{column.name}{f'[{column.unit}]' if column.unit else ''}"
+    return f"{json.dumps(signal)} = {json.dumps(text, ensure_ascii=False)}"
 
 
 def _column(source: str) -> MappedColumn:

@@ -187,7 +187,7 @@ def read_csv(path: Path, columns: Mapping[str, MappedColumn], known: Mapping[str
         raise LogRefused(f"{path}: {why}; expected at least one")
     notes += [f"columns of words are left out: {', '.join(words)}"] if words else []
     notes += [f"left out: {text.removeprefix(str(path)).strip(': ')}" for text in others]
-    return Log(path, series, tuple(notes), table.comments, left_out)
+    return Log(path, series, tuple(notes), table.comments, left_out, sources)
 
 
 def read_table(path: Path) -> CsvTable:

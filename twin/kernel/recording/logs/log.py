@@ -5,12 +5,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.errors import InputRefused, nearest
+
+if TYPE_CHECKING:
+    from twin.kernel.recording.logs.column_map import MappedColumn
 
 LARGEST = 1e100
 """No quantity of a robot is larger, and its square is still a number."""
@@ -111,7 +114,7 @@ class LogSeries:
         return self if np.all(use) else LogSeries(self.t[use], self.values[use], self.unit, invalid)
 
 
-def refuse_invalid(path: Path, name: str, invalid: int, samples: int) -> None:
+def refuse_invalid(path: Path | str, name: str, invalid: int, samples: int) -> None:
     """Check the share of invalid samples of a needed signal.
 
     Args:
@@ -168,6 +171,7 @@ class Log:
         notes: sentences on what is incomplete: samples that are missing, an end that is cut off.
         comments: lines of the file's head that start with #, without it.
         left_out: signal that the file has but that cannot be read -> error message.
+        columns: column of each signal; empty for a recording of twin.
     """
 
     path: Path
@@ -175,6 +179,7 @@ class Log:
     notes: tuple[str, ...] = ()
     comments: tuple[str, ...] = ()
     left_out: Mapping[str, str] = field(default_factory=dict)
+    columns: Mapping[str, "MappedColumn"] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> LogSeries:
         """The scalar series `name`.

@@ -141,14 +141,29 @@ def _cut(log: Log, part: tuple[float | None, float | None]) -> Log:
     """
     if part == (None, None):
         return log
-    start, end = -math.inf if part[0] is None else part[0], math.inf if part[1] is None else part[1]
-    if not start < end:
-        raise LogRefused(f"{log.path}: from {start:g} to {end:g} s: expected a start before the end")
+    start, end = interval(log.path, part)
     series = {name: found for name, one in log.series.items() if len((found := one.between(start, end)).t) > 1}
     if not series:
         first, last = (f(float(one.t[k]) for one in log.series.values()) for f, k in ((min, 0), (max, -1)))
-        raise LogRefused(f"{log.path}: no samples from {start:g} to {end:g} s; it has {first:g} to {last:g} s")
+        raise no_samples(log.path, start, end, first, last)
     return replace(log, series=series)
+
+
+def interval(where: Path | str, part: tuple[float | None, float | None]) -> tuple[float, float]:
+    """Return start and end (s) of a part of a log, infinite where they are not given.
+
+    Raises:
+        LogRefused: the start is not before the end.
+    """
+    start, end = -math.inf if part[0] is None else part[0], math.inf if part[1] is None else part[1]
+    if not start < end:
+        raise LogRefused(f"{where}: from {start:g} to {end:g} s: expected a start before the end")
+    return start, end
+
+
+def no_samples(where: Path | str, start: float, end: float, first: float, last: float) -> LogRefused:
+    """Return the refusal of a part (s) without samples of a log from `first` to `last` (s)."""
+    return LogRefused(f"{where}: no samples from {start:g} to {end:g} s; it has {first:g} to {last:g} s")
 
 
 def _finished(log: Log, part: tuple[float | None, float | None]) -> Log:

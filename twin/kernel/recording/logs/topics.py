@@ -143,7 +143,9 @@ def log_of(
     if mistakes or not series:
         raise LogRefused("\n".join(dict.fromkeys([*mistakes, *left_out.values()])))
     remarks += [f"left out: {text.removeprefix(f'{path}: ')}" for text in left_out.values()]
-    return Log(path, {name: series[name] for name in columns if name in series}, (*notes, *remarks), (), left_out)
+    return Log(
+        path, {name: series[name] for name in columns if name in series}, (*notes, *remarks), (), left_out, columns
+    )
 
 
 def _readings(

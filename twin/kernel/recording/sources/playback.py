@@ -7,7 +7,7 @@ from pathlib import Path
 from twin.kernel.recording.logs.bag import bag_topics
 from twin.kernel.recording.logs.column_map import MappedColumn
 from twin.kernel.recording.logs.log import LogRefused
-from twin.kernel.recording.logs.reader import LogKind
+from twin.kernel.recording.logs.reader import WALL_CLOCK, LogKind, interval, no_samples
 from twin.kernel.recording.logs.topics import LoggedTopic, merged, topics_in
 from twin.kernel.recording.sources.arrival import Arrival
 from twin.kernel.recording.writer import OthersTopic
@@ -42,13 +42,19 @@ class Playback:
         topics: with their messages; empty for `readings`.
         readings: what came in place of messages, in order; empty for `topics`.
         speed: 1 is real time, 0 as fast as possible.
+        part: start and end (s) of the part to play, by log times; those of a wall clock count from the first message.
     """
 
     def __init__(
-        self, name: str, topics: Mapping[str, LoggedTopic] = {}, readings: Iterable[Arrival] = (), speed: float = 1.0
+        self,
+        name: str,
+        topics: Mapping[str, LoggedTopic] = {},
+        readings: Iterable[Arrival] = (),
+        speed: float = 1.0,
+        part: tuple[float | None, float | None] = (None, None),
     ):
         self.name, self.ended = name, False
-        self._topics, self._speed = topics, speed
+        self._topics, self._speed, self._part = topics, speed, part
         self._readings = list(readings)
         self._subscribed: dict[str, None] = {}
         self._order: list[Arrival] | None = None
@@ -104,6 +110,22 @@ class Playback:
             for name in self._subscribed:
                 topic = self._topics[name]
                 found += [Arrival(name, when, data) for when, data in zip(topic.times, topic.data, strict=True)]
-            self._order = sorted(found, key=lambda one: one.arrived)
+            self._order = self._cut(sorted(found, key=lambda one: one.arrived))
             self._began = time.monotonic()
         return self._order
+
+    def _cut(self, order: list[Arrival]) -> list[Arrival]:
+        """The arrivals of the part to play.
+
+        Raises:
+            LogRefused: there are none.
+        """
+        if self._part == (None, None) or not order:
+            return order
+        first = order[0].arrived if order[0].arrived > WALL_CLOCK * 1e9 else 0
+        start, end = interval(self.name, self._part)
+        times = [one.arrived - first for one in (order[0], order[-1])]
+        found = [one for one in order if start * 1e9 <= one.arrived - first <= end * 1e9]
+        if not found:
+            raise no_samples(self.name, start, end, times[0] / 1e9, times[1] / 1e9)
+        return found
