@@ -3,6 +3,11 @@
 
 #include <math.h>
 
+bool holds(const Variable *variable, double value)
+{
+    return value >= variable->min && value <= variable->max && (!variable->is_whole || value == floor(value));
+}
+
 static fmi2Status refuse_reference(const Slave *slave, const char *function, fmi2ValueReference vr)
 {
     return refuse(slave, "%s: unknown value reference %u, there are %d variables", function, vr, N_VARIABLES);
@@ -25,15 +30,14 @@ static fmi2Status refuse_value(const Slave *slave, const Variable *variable, dou
         return refuse(slave, "fmi2SetReal: %s can only be set before the first step", variable->name);
     if (!isfinite(value))
         return refuse(slave, "fmi2SetReal: %s = %g is not finite", variable->name, value);
-    return refuse(slave, "fmi2SetReal: %s = %g is outside %g to %g", variable->name, value, variable->min,
-                  variable->max);
+    return refuse(slave, "fmi2SetReal: %s = %g is outside %g to %g%s", variable->name, value, variable->min,
+                  variable->max, variable->is_whole ? ", or not whole" : "");
 }
 
 /* Inputs may be set at any time, all others have a start value that may be changed until the first step. */
 static bool accepts(const Slave *slave, const Variable *variable, double value)
 {
-    return (variable->is_input || slave->state.mode < STEPPING) && isfinite(value) && value >= variable->min
-           && value <= variable->max;
+    return (variable->is_input || slave->state.mode < STEPPING) && isfinite(value) && holds(variable, value);
 }
 
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])

@@ -3,6 +3,11 @@
 
 #include <math.h>
 
+bool holds(const Variable *variable, double value)
+{
+    return value >= variable->min && value <= variable->max && (!variable->is_whole || value == floor(value));
+}
+
 static const char *const TYPE_NAMES[] = {"Float64", "Float32", "Int32", "Boolean"};
 
 /* Whether `n` references of scalars of `type` go with `n_values` values; logs the first reason why not. */
@@ -50,9 +55,9 @@ static bool accepts(const Slave *slave, Type type, fmi3ValueReference vr, double
         refuse(slave, "fmi3Set%s: %s = %g is not finite", name, variable->name, value);
         return false;
     }
-    if (value < variable->min || value > variable->max) {
-        refuse(slave, "fmi3Set%s: %s = %g is outside %g to %g", name, variable->name, value, variable->min,
-               variable->max);
+    if (!holds(variable, value)) {
+        refuse(slave, "fmi3Set%s: %s = %g is outside %g to %g%s", name, variable->name, value, variable->min,
+               variable->max, variable->is_whole ? ", or not whole" : "");
         return false;
     }
     return true;
