@@ -23,8 +23,8 @@ class Variable:
     """One `[[variable]]` of drive.toml.
 
     In FMI 2.0 drives a Real ScalarVariable (section 2.2.7); in FMI 3.0 drives of one of the types Float64, Float32,
-    Int32, Boolean (section 2.4.7), of which the last two have no unit. `whole`: a number without a fraction, as the number
-    of a kind is; `min = -inf` or `max = inf`: may be infinite in a saved state.
+    Int32, Boolean (section 2.4.7), of which the last two have no unit. `whole`: a number without a
+    fraction, as that of a kind is; `min = -inf` or `max = inf`: it may be infinite in a saved state.
     """
 
     name: str
@@ -42,7 +42,7 @@ class Variable:
     @property
     def is_whole(self) -> bool:
         """Whether values have no fraction: kinds, counts, and all of an integer type."""
-        return self.whole or self.type in TYPE_BOUNDS and self.type != "Float32"
+        return self.whole or (self.type in TYPE_BOUNDS and self.type != "Float32")
 
     @property
     def bounds(self) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Restore states of a shipped drive that are odd in one place: `python -m tests.fmu.forged DRIVE`, a line `> ..` per state.
+"""Restore states of a drive that are odd in one place: `python -m tests.fmu.forged DRIVE FOLDER`, a line per state.
 
 Run as a process of its own, because a drive that believed such a state might crash.
 """

@@ -42,7 +42,7 @@ def test_every_odd_value_in_every_place_of_a_state_is_refused_or_stepped_without
         low, high = variable.bounds
         for value in NUMBERS:
             possible = low <= value <= high and not (variable.is_whole and value % 1)
-            found = next(v for k, v in outcomes[variable.name].items() if k == value or k != k and value != value)
+            found = next(v for k, v in outcomes[variable.name].items() if k == value or (k != k and value != value))
             assert found == ("restored" if possible else "refused"), (variable.name, value)
 
 

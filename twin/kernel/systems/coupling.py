@@ -163,7 +163,7 @@ def initialised(
         solved: loops whose start values are looked for.
         outputs_at_start: see `FmuComponent`, by component.
         hosts: as of `coupled`.
-        free: whether outputs that nothing reads may be NaN, and locals that cannot be read are left out.
+        free: whether outputs that nothing reads need not be finite, and locals that cannot be read are left out.
 
     Raises:
         InputRefused: as `coupled`.
