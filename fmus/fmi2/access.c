@@ -1,7 +1,11 @@
 /* Reading and writing variables (FMI 2.0.4, section 2.1.7). */
 #include "slave.h"
 
+#include <float.h>
 #include <math.h>
+
+/* A bound for people: the largest double stands for none. */
+static double shown(double bound) { return fabs(bound) == DBL_MAX ? copysign(INFINITY, bound) : bound; }
 
 bool holds(const Variable *variable, double value)
 {
@@ -30,8 +34,8 @@ static fmi2Status refuse_value(const Slave *slave, const Variable *variable, dou
         return refuse(slave, "fmi2SetReal: %s can only be set before the first step", variable->name);
     if (!isfinite(value))
         return refuse(slave, "fmi2SetReal: %s = %g is not finite", variable->name, value);
-    return refuse(slave, "fmi2SetReal: %s = %g is outside %g to %g%s", variable->name, value, variable->min,
-                  variable->max, variable->is_whole ? ", or not whole" : "");
+    return refuse(slave, "fmi2SetReal: %s = %g is outside %g to %g%s", variable->name, value, shown(variable->min),
+                  shown(variable->max), variable->is_whole ? ", or not whole" : "");
 }
 
 /* Inputs may be set at any time, all others have a start value that may be changed until the first step. */

@@ -1,7 +1,11 @@
 /* Reading and writing variables (FMI 3.0.2, section 2.2.6.2). */
 #include "slave.h"
 
+#include <float.h>
 #include <math.h>
+
+/* A bound for people: the largest double stands for none. */
+static double shown(double bound) { return fabs(bound) == DBL_MAX ? copysign(INFINITY, bound) : bound; }
 
 bool holds(const Variable *variable, double value)
 {
@@ -56,8 +60,8 @@ static bool accepts(const Slave *slave, Type type, fmi3ValueReference vr, double
         return false;
     }
     if (!holds(variable, value)) {
-        refuse(slave, "fmi3Set%s: %s = %g is outside %g to %g%s", name, variable->name, value, variable->min,
-               variable->max, variable->is_whole ? ", or not whole" : "");
+        refuse(slave, "fmi3Set%s: %s = %g is outside %g to %g%s", name, variable->name, value, shown(variable->min),
+               shown(variable->max), variable->is_whole ? ", or not whole" : "");
         return false;
     }
     return true;
