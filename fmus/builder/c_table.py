@@ -1,5 +1,7 @@
 """The C side of drive.toml: the struct of variables and the table of their names, starts and bounds."""
 
+import math
+
 from .drive import Drive, Variable
 
 
@@ -40,7 +42,12 @@ const Variable variables[N_VARIABLES] = {{
 
 def _row(variable: Variable, fmi: str) -> str:
     is_input = "true" if variable.causality == "input" else "false"
-    low = "-INFINITY" if variable.min is None else repr(float(variable.min))
-    high = "INFINITY" if variable.max is None else repr(float(variable.max))
+    is_whole = "true" if variable.is_whole else "false"
+    low, high = (_number(value) for value in variable.bounds)
     kind = f"{variable.type}, " if fmi == "3.0" else ""
-    return f'{{"{variable.name}", {kind}{is_input}, {float(variable.start)!r}, {low}, {high}}}'
+    return f'{{"{variable.name}", {kind}{is_input}, {is_whole}, {float(variable.start)!r}, {low}, {high}}}'
+
+
+def _number(value: float) -> str:
+    """The C literal of `value`, which may be infinite."""
+    return f"{'-' * (value < 0)}INFINITY" if math.isinf(value) else repr(value)

@@ -1,6 +1,8 @@
 """A drive, or another part, as its folder describes it: variables, sources and the GUID that ties them to a binary."""
 
 import hashlib
+import math
+import sys
 import tomllib
 import uuid
 from dataclasses import dataclass, field
@@ -11,6 +13,8 @@ FMUS = Path(__file__).resolve().parents[1]
 FMI2 = FMUS / "fmi2"
 FMI3 = FMUS / "fmi3"
 PARTS = FMUS / "parts"
+FLOAT32_MAX = 3.4028234663852886e38
+TYPE_BOUNDS = {"Float32": (-FLOAT32_MAX, FLOAT32_MAX), "Int32": (-(2.0**31), 2.0**31 - 1), "Boolean": (0.0, 1.0)}
 GUID_NAMESPACE = uuid.UUID("6f1d4c1e-6d0a-5c0b-9f0e-7d2b1a4c8e35")
 
 
@@ -19,7 +23,8 @@ class Variable:
     """One `[[variable]]` of drive.toml.
 
     In FMI 2.0 drives a Real ScalarVariable (section 2.2.7); in FMI 3.0 drives of one of the types Float64, Float32,
-    Int32, Boolean (section 2.4.7), of which the last two have no unit.
+    Int32, Boolean (section 2.4.7), of which the last two have no unit. `whole`: a number without a
+    fraction, as that of a kind is; `min = -inf` or `max = inf`: it may be infinite in a saved state.
     """
 
     name: str
@@ -32,6 +37,24 @@ class Variable:
     initial: str | None = None
     min: float | None = None
     max: float | None = None
+    whole: bool = False
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether values have no fraction: kinds, counts, and all of an integer type."""
+        return self.whole or (self.type in TYPE_BOUNDS and self.type != "Float32")
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Smallest and largest value; finite unless `min` or `max` is infinite."""
+        low, high = TYPE_BOUNDS.get(self.type, (-sys.float_info.max, sys.float_info.max))
+        return low if self.min is None else float(self.min), high if self.max is None else float(self.max)
+
+    @property
+    def stated_bounds(self) -> dict[str, float]:
+        """Attributes `min` and `max` for modelDescription.xml, where they are given and finite."""
+        given = {"min": self.min, "max": self.max}
+        return {name: float(value) for name, value in given.items() if value is not None and math.isfinite(value)}
 
 
 @dataclass(frozen=True)

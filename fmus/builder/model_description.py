@@ -65,10 +65,8 @@ def _append_variable(variables: ET.Element, variable: Variable, reference: int) 
     if variable.initial is not None:
         scalar.set("initial", variable.initial)
     real = ET.SubElement(scalar, "Real", start=repr(float(variable.start)), unit=variable.unit)
-    if variable.min is not None:
-        real.set("min", repr(float(variable.min)))
-    if variable.max is not None:
-        real.set("max", repr(float(variable.max)))
+    for attribute, bound in variable.stated_bounds.items():
+        real.set(attribute, repr(bound))
 
 
 def _append_structure(root: ET.Element, drive: Drive) -> None:

@@ -81,10 +81,8 @@ def _append_variable(variables: ET.Element, variable: Variable, reference: int) 
         value = getattr(variable, attribute)
         if value is not None:
             element.set(attribute, value)
-    for attribute in ("min", "max"):
-        bound = getattr(variable, attribute)
-        if bound is not None:
-            element.set(attribute, _text(bound, variable.type))
+    for attribute, bound in variable.stated_bounds.items():
+        element.set(attribute, _text(bound, variable.type))
 
 
 def _text(value: float, kind: str) -> str:

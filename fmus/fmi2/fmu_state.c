@@ -1,6 +1,7 @@
 /* Saving, restoring and serialising the state, one struct of plain numbers (FMI 2.0.4, section 2.1.8). */
 #include "slave.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -57,5 +58,12 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
 {
     if (size != sizeof(State))
         return refuse(c, "fmi2DeSerializeFMUstate: %zu bytes given, a state has %zu", size, sizeof(State));
-    return keep(c, bytes, saved);
+    State state;
+    memcpy(&state, bytes, sizeof state);
+    if ((unsigned)state.mode > TERMINATED || !isfinite(state.time))
+        return refuse(c, "fmi2DeSerializeFMUstate: mode %u at %g s is no state of this drive", (unsigned)state.mode, state.time);
+    for (int k = 0; k < N_VARIABLES; k++)
+        if (!holds(&variables[k], state.v.at[k]))
+            return refuse(c, "fmi2DeSerializeFMUstate: %s = %g is no state of this drive", variables[k].name, state.v.at[k]);
+    return keep(c, &state, saved);
 }

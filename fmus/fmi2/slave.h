@@ -11,11 +11,14 @@ typedef enum { INSTANTIATED, INITIALIZATION, STEPPING, TERMINATED } Mode;
 /* A row of the variable table; the value reference is the row number. */
 typedef struct {
     const char *name;
-    bool is_input;
+    bool is_input, is_whole;
     double start, min, max;
 } Variable;
 
 extern const Variable variables[N_VARIABLES];
+
+/* Whether the variable may have this value: within its bounds, no NaN, no fraction where there are only kinds and counts. */
+bool holds(const Variable *variable, double value);
 
 /* Everything that get/setFMUstate must keep; copied as bytes. */
 typedef struct {

@@ -1,7 +1,16 @@
 /* Reading and writing variables (FMI 3.0.2, section 2.2.6.2). */
 #include "slave.h"
 
+#include <float.h>
 #include <math.h>
+
+/* A bound for people: the largest double stands for none. */
+static double shown(double bound) { return fabs(bound) == DBL_MAX ? copysign(INFINITY, bound) : bound; }
+
+bool holds(const Variable *variable, double value)
+{
+    return value >= variable->min && value <= variable->max && (!variable->is_whole || value == floor(value));
+}
 
 static const char *const TYPE_NAMES[] = {"Float64", "Float32", "Int32", "Boolean"};
 
@@ -50,9 +59,9 @@ static bool accepts(const Slave *slave, Type type, fmi3ValueReference vr, double
         refuse(slave, "fmi3Set%s: %s = %g is not finite", name, variable->name, value);
         return false;
     }
-    if (value < variable->min || value > variable->max) {
-        refuse(slave, "fmi3Set%s: %s = %g is outside %g to %g", name, variable->name, value, variable->min,
-               variable->max);
+    if (!holds(variable, value)) {
+        refuse(slave, "fmi3Set%s: %s = %g is outside %g to %g%s", name, variable->name, value, shown(variable->min),
+               shown(variable->max), variable->is_whole ? ", or not whole" : "");
         return false;
     }
     return true;

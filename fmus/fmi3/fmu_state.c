@@ -1,6 +1,7 @@
 /* Saving, restoring and serialising the state, one struct of plain numbers (FMI 3.0.2, section 2.2.6.4). */
 #include "slave.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -57,5 +58,12 @@ fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[]
 {
     if (size != sizeof(State))
         return refuse(instance, "fmi3DeserializeFMUState: %zu bytes given, a state has %zu", size, sizeof(State));
-    return keep(instance, bytes, saved);
+    State state;
+    memcpy(&state, bytes, sizeof state);
+    if ((unsigned)state.mode > TERMINATED || !isfinite(state.time))
+        return refuse(instance, "fmi3DeserializeFMUState: mode %u at %g s is no state of this drive", (unsigned)state.mode, state.time);
+    for (int k = 0; k < N_VARIABLES; k++)
+        if (!holds(&variables[k], state.v.at[k]))
+            return refuse(instance, "fmi3DeserializeFMUState: %s = %g is no state of this drive", variables[k].name, state.v.at[k]);
+    return keep(instance, &state, saved);
 }

@@ -16,11 +16,14 @@ typedef enum { Float64, Float32, Int32, Boolean } Type;
 typedef struct {
     const char *name;
     Type type;
-    bool is_input;
+    bool is_input, is_whole;
     double start, min, max;
 } Variable;
 
 extern const Variable variables[N_VARIABLES];
+
+/* Whether the variable may have this value: within its bounds, no NaN, no fraction where there are only kinds and counts. */
+bool holds(const Variable *variable, double value);
 
 /* Value reference of the independent variable `time`, which FMI 3.0 requires: the one after the table. */
 #define TIME_REFERENCE N_VARIABLES

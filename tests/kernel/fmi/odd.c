@@ -1,7 +1,8 @@
 /* An FMU of FMI 2.0 and of FMI 3.0 for tests of what an importer is given. A variable is an input (value reference below
  * 32), the same value as an output (+ 32), or 1024 times it (+ 64, whole numbers of 64 bits). Its GUID says what is odd:
  * "FUNCTION STATUS STEPS FOLDER": after so many steps that function returns the status, having logged something, or goes
- * to that folder if there is one; a function called "NaN" makes all real outputs NaN. */
+ * to that folder if there is one; a function called "NaN" makes all real outputs NaN, "Inf"
+ * infinite, with the sign of STATUS. */
 #include <math.h>
 #include <stdarg.h>
 #include <stdint.h>
@@ -55,11 +56,13 @@ static void get(Odd *o, const unsigned vr[], size_t n, void *values, size_t size
         memcpy(to, o->v[vr[k] % 32], size);
         if (vr[k] >= 64)
             *(int64_t *)to *= 1024;
-        if (real && vr[k] >= 32 && strcmp(o->odd, "NaN") == 0 && o->steps >= o->after) {
+        const int nan = strcmp(o->odd, "NaN") == 0, infinite = strcmp(o->odd, "Inf") == 0;
+        if (real && vr[k] >= 32 && (nan || infinite) && o->steps >= o->after) {
+            const double value = nan ? NAN : copysign(INFINITY, o->status);
             if (size == 8)
-                *(double *)to = NAN;
+                *(double *)to = value;
             else
-                *(float *)to = NAN;
+                *(float *)to = value;
         }
     }
 }

@@ -1,8 +1,10 @@
 """Whatever integer a function of an FMU returns, the run ends with its name or goes on as the standard says."""
 
+import gc
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.kernel.fmi.odd import odd_fmu
@@ -119,18 +121,40 @@ def test_a_local_that_cannot_be_read_is_left_out_and_listed(tmp_path: Path):
         assert Simulation(made.system, plan.timing.ticks).run().shape[1] == 2
 
 
-def test_nan_in_an_output_is_recorded_with_one_note_where_nothing_reads_it_and_ends_the_run_elsewhere(tmp_path: Path):
-    fmu = odd_fmu(tmp_path / "x.fmu", "NaN 0 2")
+def test_a_state_that_an_fmu_does_not_free_is_a_message_and_ends_nothing(tmp_path: Path):
+    fmu = odd_fmu(tmp_path / "x.fmu", "FreeFMUstate 3 0")
+    with opened(read_system(fmu)) as (plan, made):
+        simulation = Simulation(made.system, plan.timing.ticks)
+        simulation.advance(1)
+        state = simulation.state()
+        (part,) = made.system.components
+        part.take_messages()
+        # as when nothing refers to it any more: a warning that nobody could catch would fail this test
+        del state
+        gc.collect()
+        (logged, reported) = [text for _, text in part.take_messages()]
+        assert logged.startswith("FreeFMUstate of ")
+        assert reported.startswith("x.fmu: fmi2FreeFMUstate failed: fmi2FreeFMUstate returned fmi2Error")
+        simulation.run()
+
+
+@pytest.mark.parametrize(("odd", "value", "word"), [("NaN 0", np.nan, "NaN"), ("Inf -1", -np.inf, "infinity")])
+def test_an_output_that_is_not_finite_is_recorded_with_one_note_where_nothing_reads_it_and_ends_the_run_elsewhere(
+    odd: str, value: float, word: str, tmp_path: Path
+):
+    fmu = odd_fmu(tmp_path / "x.fmu", f"{odd} 2")
     with opened(read_system(fmu)) as (plan, made):
         rows = Simulation(made.system, plan.timing.ticks).run()
         (part,) = made.system.components
-        assert part.take_messages() == [(1, "returns NaN for out_Real, which nothing reads")]
+        assert part.take_messages() == [(1, "returns NaN or infinity for out_Real, which nothing reads")]
         assert part.take_messages() == []
-    assert [bool(row) for row in (rows != rows)[:, 0]] == [False, False, True, True, True, True]
+    np.testing.assert_array_equal(rows[2:, 0], value)
+    assert np.all(np.isfinite(rows[:2, 0]))
     other = odd_fmu(tmp_path / "y.fmu")
     with Cosimulation(0.1, 0.5) as joined:
         joined.load("x", fmu)
         joined.load("y", other)
         joined.wire("x.out_Real", "y.in_Real")
-        with pytest.raises(ComponentFailed, match=r"x.fmu \(x\) returned NaN for out_Real in the step from t = 0.1 s"):
+        said = rf"x.fmu \(x\) returned {word} for out_Real in the step from t = 0.1 s"
+        with pytest.raises(ComponentFailed, match=said):
             joined.run()

@@ -258,8 +258,8 @@ class Component:
         label: what an error sentence calls it (an FMU's file name, say).
         finite: whether NaN or infinity in an output is a failure that ends the run. False for what plays a broken
             sensor, and for what must live on behind one.
-        unread: (number of outputs,) int64: 1 for an output that nothing reads and that may be NaN, 2 + the tick of the
-            step that first returned NaN for it; None if there is no such output.
+        unread: (number of outputs,) int64: 1 for an output that nothing reads and that need not be finite, 2 + the
+            tick of the step after which it first was not; None if there is no such output.
         alive: whether it is handed from one system to the next as it is: states hold its outputs, and nothing inside.
         keep: whatever owns the memory behind the addresses.
     """

@@ -112,9 +112,9 @@ def _step(part, timed, y, t, dt, width, again, held):
         return status
     newest = carray(doubles_at(part.newest), part.y_size)
     for j in range(part.y_size):
-        # asked in this order, a component that may return NaN costs the others nothing
+        # tested first, so that components whose outputs are all read pay nothing for the others
         if not np.isfinite(newest[j]) and part.finite:
-            if part.unread == 0 or not np.isnan(newest[j]):
+            if part.unread == 0:
                 return NOT_FINITE
             unread = carray(integers_at(part.unread), part.y_size)
             if unread[j] == 0:

@@ -43,7 +43,7 @@ def _not_finite(system: System, y: np.ndarray, culprit: int) -> str:
         start += system.outputs_width
     outputs = y[start : start + width(component.outputs)]
     if component.unread is not None:
-        outputs = np.where(np.isnan(outputs) & (component.unread > 0), 0.0, outputs)
+        outputs = np.where(component.unread > 0, 0.0, outputs)
     for name, values in by_port(component.outputs, outputs).items():
         if not np.all(np.isfinite(values)):
             bad = values[~np.isfinite(values)][0]
@@ -286,14 +286,14 @@ class Simulation:
             )
 
     def _refuse_not_finite(self, state: SystemState) -> None:
-        """Raises InputRefused if an output is no number that could never have been recorded so."""
+        """Raise InputRefused if an output that a component reads is not finite."""
         place = 0
         copies = len(self._y) // max(1, self.system.outputs_width)
         for component in self.system.components:
             size = 8 * copies * width(component.outputs)
             outputs = state.memory[place : place + size].view(float).reshape(copies, -1)
             unread = np.zeros(1) if component.unread is None else component.unread
-            if component.finite and not np.all(np.isfinite(outputs) | np.isnan(outputs) & (unread > 0)):
+            if component.finite and not np.all(np.isfinite(outputs) | (unread > 0)):
                 raise InputRefused(f"the state has NaN or infinity in the outputs of {component.name}")
             place += size
 

@@ -17,7 +17,7 @@ import numpy as np
 from twin.kernel.cache_folder import cache_base, cache_folder
 from twin.kernel.cosim.component import Component, Holder, Rewind
 from twin.kernel.cosim.port import by_port
-from twin.kernel.errors import InputRefused, TwinError
+from twin.kernel.errors import ComponentFailed, InputRefused, TwinError
 from twin.kernel.files import json_of
 from twin.kernel.fmi.description import FmuDescription
 from twin.kernel.fmi.exchange import ExchangeStepping, ModelExchange, react
@@ -73,7 +73,11 @@ class FmuStates:
         if self._tokens.pop(token, None) is not None:
             if not self._tokens:
                 self._stepping.memory["final"] = self._final
-            self._instance.forget(token)
+            try:
+                self._instance.forget(token)
+            except ComponentFailed as failure:
+                # states are freed by finalizers, too, where nobody catches what is raised
+                self._instance.report(str(failure))
 
     def pack(self, token: int) -> bytes:
         return self._instance.serialized(self._tokens[token])
@@ -189,7 +193,7 @@ class FmuComponent(Component):
         sampled: whether it is evaluated at t_k; its outputs mean nothing before the first time then.
         instance: of the FMU, in step mode; None: one is made, and initialised with what is said here.
         solver: of the equations of one for model exchange; None: CVODE.
-        unread: names of output ports that nothing reads; they may be NaN.
+        unread: names of output ports that nothing reads; they need not be finite.
 
     Raises:
         InputRefused: the FMU cannot be brought into step mode, or an output is not finite then; there is no CVODE for
@@ -230,7 +234,7 @@ class FmuComponent(Component):
             if p.port.port.name in (outputs_at_start or {}):
                 shift[p.slots] = (outputs_at_start or {})[p.port.port.name] - initial[p.slots]
         may = np.array([p.port.name in unread for p in outputs for _ in range(p.port.size)], dtype=np.int64)
-        if not np.all(np.isfinite(initial) | np.isnan(initial) & (may > 0)):
+        if not np.all(np.isfinite(initial) | (may > 0)):
             self.instance.close()
             raise InputRefused(f"{description.path}: an output is not finite after initialisation: {initial}")
         self._shift = shift
@@ -330,7 +334,7 @@ class FmuComponent(Component):
         for name, marks in by_port(self.outputs, self.unread).items() if self.unread is not None else ():
             if marks.max(initial=0) > 1 and name not in self._unread_reported:
                 self._unread_reported.add(name)
-                text = f"returns NaN for {name}, which nothing reads"
+                text = f"returns NaN or infinity for {name}, which nothing reads"
                 messages.append((int(marks[marks > 1].min()) - 2, text))
         return messages
 

@@ -280,7 +280,7 @@ class Instance:
             os.chdir(folder)
             if not self._moved:
                 self._moved = True
-                self._report("changed the working directory; it is back where it was")
+                self.report("changed the working directory; it is back where it was")
 
     @property
     def when(self) -> str:
@@ -358,9 +358,10 @@ class Instance:
                 self.messages.remove(text)
             del self.messages[:-2]
             self.messages.append(text)
-            self._report(text)
+            self.report(text)
 
-    def _report(self, text: str) -> None:
+    def report(self, text: str) -> None:
+        """Add a message of its own to those that the FMU logged."""
         if len(self._unheard) < MOST_UNHEARD:
             self._unheard.append((int(self.clock[0]), text))
 

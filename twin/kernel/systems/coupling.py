@@ -121,7 +121,7 @@ def initialised(
         given: values at the start of what is no FMU, by output.
         solved: loops whose start values are looked for.
         outputs_at_start: see `FmuComponent`, by component.
-        free: whether outputs that nothing reads may be NaN, and locals that cannot be read are left out.
+        free: whether outputs that nothing reads need not be finite, and locals that cannot be read are left out.
 
     Raises:
         InputRefused: as `coupled`.
