@@ -79,7 +79,7 @@ def same_token(given: str, token: str) -> bool:
 
 
 class OwnPageGate:
-    """Asked about every request to a server of pages of its own, on which files are uploaded and native code runs.
+    """Asked about every request to a server of pages of its own, on which native code runs.
 
     Only its own origin and port are let in, and nothing is answered without the token: not the first page, no read.
     A browser brings the token in the address that the terminal shows, and from then on in a cookie that no other site's

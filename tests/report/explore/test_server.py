@@ -15,7 +15,6 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from tests.kernel.recording.test_writer import largest_file
 from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.process.job import JobLimits
 from twin.report.explore import server as explorer
@@ -362,12 +361,3 @@ def test_without_a_session_there_is_nothing_to_accept(served: Served):
     with served.link() as link:
         link.send(json.dumps({"op": "accept", "id": 1, "proposal": "k_s"}))
         assert heard(link, "accept")["refused"] == "--follow: twin explore was started without a session"
-
-
-def test_a_disk_that_is_full_is_a_sentence_for_who_drops_a_file(served: Served):
-    connection = http.client.HTTPConnection("127.0.0.1", served.port, timeout=10)
-    with largest_file(1000):
-        headers = {"Cookie": served.cookie, "Origin": served.origin}
-        connection.request("POST", "/file?name=robot.csv", b"x" * 100_000, headers)
-        answer = connection.getresponse()
-        assert (answer.status, answer.read()) == (507, b"robot.csv: cannot be written: File too large\n")

@@ -29,13 +29,12 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from websockets.datastructures import Headers
 
 from twin.kernel.cache_folder import cache_folder
-from twin.kernel.errors import InputRefused, NotWritten, SafetyTrip, TwinError, disk_refusals, plain
+from twin.kernel.errors import InputRefused, SafetyTrip, TwinError, plain
 from twin.kernel.live import OwnPageGate
 from twin.kernel.process.guard import guarded
 from twin.kernel.process.job import JobLimits
-from twin.report.explore import EXPLORED_FOLDER, FMU_NAME, LOG_NAME
+from twin.report.explore import EXPLORED_FOLDER
 from twin.report.explore.processes import AnsweringProcess, Outdated
-from twin.studies.left_behind import SCRATCH, held_folder
 
 if TYPE_CHECKING:
     from twin.report.explore.session import LiveSession
@@ -70,13 +69,9 @@ HEADERS = {
     "Cache-Control": "no-store",
 }
 FROM_PAGES = (
-    "describe", "show", "recorded", "runs", "columns", "log", "save", "command", "onset", "loops", "score", "map",
+    "describe", "show", "recorded", "runs", "log", "save", "command", "onset", "loops", "score",
 )  # fmt: skip
 """What a page may ask a process for."""
-MOST_BYTES = 100_000_000
-"""Of a file that is brought in."""
-MOST_BROUGHT = 16
-"""Files that may be brought in while a server lives."""
 STUDY_JOB = "twin.studies.command:answered"
 """A study in a process of its own."""
 RECORD_JOB = "twin.robot.live.runs:recorded_runs"
@@ -194,11 +189,10 @@ class ExplorerServer:
     """
 
     def __init__(self, base: Mapping[str, Any], limits: JobLimits, linger: float, session: "LiveSession | None" = None):
-        self.base, self.limits, self.session = {"settings": (), "uploaded": {}, **base}, limits, session
+        self.base, self.limits, self.session = {"settings": (), **base}, limits, session
         self._linger = linger
         self._processes = [AnsweringProcess(limits) for _ in range(PROCESSES)]
         self._reports: list[Path] = []
-        self._brought: list[Path] = []
         self._answering: set[asyncio.Task[dict[str, Any]]] = set()
         self._pages = 0
         self._ending: asyncio.TimerHandle | None = None
@@ -225,7 +219,6 @@ class ExplorerServer:
         assets = read_assets()
         routes: list[Any] = [Route(path, _sending(*content)) for path, content in assets.items()]
         routes += [Route("/recorded/{number:int}", self._report), WebSocketRoute("/link", self._attend)]
-        routes += [Route("/file", self._take_file, methods=["POST"])]
         gate = OwnPageGate(listening.getsockname()[1], token)
         config = uvicorn.Config(
             Guard(Starlette(routes=routes), gate),
@@ -239,8 +232,7 @@ class ExplorerServer:
         )
         self._server = uvicorn.Server(config)
         try:
-            with held_folder(SCRATCH) as self._scratch:
-                self._server.run(sockets=[listening])
+            self._server.run(sockets=[listening])
         finally:
             for process in self._processes:
                 process.close()
@@ -289,75 +281,6 @@ class ExplorerServer:
             return {"failed": sentence(problem)}
         self._reports.append(folder / "report.html")
         return {"recorded": str(folder), "report": f"/recorded/{len(self._reports) - 1}"}
-
-    async def _take_file(self, request: Request) -> Response:
-        """A file that was dropped onto the page. An FMU stays as it came, nothing of it is looked at yet; a log is one
-        of those below the current folder from now on."""
-        name = request.query_params.get("name", "")
-        is_log = LOG_NAME.fullmatch(name)
-        if not is_log and not FMU_NAME.fullmatch(name):
-            sentence = "expected the name of an .fmu, .csv, .mcap or .db3 file: letters, digits, dots, - and _\n"
-            return PlainTextResponse(sentence, 400)
-        if len(self._brought) >= MOST_BROUGHT:
-            return PlainTextResponse(f"{MOST_BROUGHT} files were brought in already\n", 400)
-        number = len(self._brought)
-        path = self._scratch / str(number) / name
-        self._brought.append(path)
-        size = 0
-        try:
-            with disk_refusals(name):
-                path.parent.mkdir()
-                with path.open("wb") as file:
-                    async for chunk in request.stream():
-                        size += len(chunk)
-                        if size > MOST_BYTES:
-                            break
-                        file.write(chunk)
-        except NotWritten as problem:
-            path.unlink(missing_ok=True)
-            return PlainTextResponse(f"{problem}\n", 507)
-        if size > MOST_BYTES:
-            path.unlink()
-            return PlainTextResponse(f"{name}: expected at most {MOST_BYTES / 1e6:g} MB\n", 413)
-        if not is_log:
-            return PlainTextResponse(str(number))
-        found = await self.answer({"op": "store", "file": str(path)}, threading.Event())
-        path.unlink()
-        refused = found.get("refused") or found.get("failed")
-        return PlainTextResponse(refused or found["stored"], 400 if refused else 200)
-
-    async def inspect(self, ask: Mapping[str, Any]) -> dict[str, Any]:
-        """What an FMU that was brought in is, and which of its variables may play which role."""
-        path = self._brought_file(ask)
-        if path is None:
-            return {"refused": "no such FMU was brought in"}
-        found = await self.answer({"op": "inspect", "file": str(path)}, threading.Event())
-        # where it lies meanwhile is no matter of the page
-        return {key: text.replace(str(path), path.name) if key == "refused" else text for key, text in found.items()}
-
-    async def qualify(self, ask: Mapping[str, Any]) -> dict[str, Any]:
-        """Load an FMU that somebody has agreed to, in a process of its own, and say what it does on the bench."""
-        path = self._brought_file(ask)
-        if path is None:
-            return {"refused": "no such FMU was brought in"}
-        found = await self.answer({"op": "settle", "file": str(path), "how": ask.get("how")}, threading.Event())
-        if "mapping" not in found:
-            return found
-        mapping = Path(found["mapping"])
-        asked = {"fmu": str(mapping), "out": mapping.parent, "apart": True, "sure": False}
-        job = {"study": "twin.studies.qualify.study:qualify", "asked": asked}
-        try:
-            done = await asyncio.to_thread(guarded, STUDY_JOB, job, self.limits)
-        except TwinError as problem:
-            return {"failed": sentence(problem)}
-        if done["exit_code"] != InputRefused.exit_code:
-            self.base["uploaded"] = {**self.base["uploaded"], found["name"]: str(mapping)}
-        return {"name": found["name"], "verdict": plain(done["text"]), "qualified": done["exit_code"] == 0}
-
-    def _brought_file(self, ask: Mapping[str, Any]) -> Path | None:
-        number = ask.get("number")
-        known = isinstance(number, int) and 0 <= number < len(self._brought) and self._brought[number].is_file()
-        return self._brought[int(str(number))] if known else None
 
     async def _report(self, request: Request) -> Response:
         number = request.path_params["number"]
@@ -434,7 +357,7 @@ class PageLink:
     def __init__(self, link: WebSocket, server: ExplorerServer):
         self._link, self._server = link, server
         # what takes longer holds up no picture
-        self._lanes = {name: Lane() for name in ("", "loops", "score", "map", "accept")}
+        self._lanes = {name: Lane() for name in ("", "loops", "score", "accept")}
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def attend(self, greeting: Mapping[str, Any]) -> None:
@@ -463,7 +386,7 @@ class PageLink:
         if not isinstance(ask, dict) or not isinstance(ask.get("op"), str):
             return
         kind = f"{ask['op']} {str(ask.get('slot', ''))[:40]}"
-        if ask["op"] in ("record", "inspect", "qualify"):
+        if ask["op"] == "record":
             if not self._tasks:
                 task = asyncio.create_task(self._aside(ask))
                 self._tasks.add(task)
@@ -472,8 +395,8 @@ class PageLink:
             self._lanes.get(ask["op"], self._lanes[""]).put(kind, ask)
 
     async def _aside(self, ask: Mapping[str, Any]) -> None:
-        """What takes long, and holds up nothing."""
-        found = await getattr(self._server, ask["op"])(ask)
+        """Record a run, which takes long and delays no other answer."""
+        found = await self._server.record(ask)
         await self._send({"op": ask["op"], "id": ask.get("id"), **found})
 
     async def _answer(self, lane: "Lane") -> None:
