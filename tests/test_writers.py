@@ -9,7 +9,7 @@ import pytest
 ALONE = {
     "kernel/writing.py": "the place",
     "kernel/recording/writer.py": "a recording grows, is readable before it is finished, and renamed then",
-    "report/explore/server.py": "a token in the cache, and uploads in a folder of the server that goes with it",
+    "report/explore/server.py": "a token in the cache",
     "studies/sweep/rows.py": "rows are only ever appended to",
     "kernel/cache_folder.py": "a cache",
     "kernel/fmi/unpacked.py": "a cache",

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 PORT = 8766
 LINGER = 60.0
 """s; a page that is loaded anew comes back by then."""
-EXTRA = "starlette", "uvicorn", "websockets"
 
 
 @study(json=False)
@@ -53,10 +52,10 @@ def explore(
     try:
         from twin.report.explore.server import ExplorerServer, lasting_token
     except ImportError as missing:
-        if (missing.name or "").partition(".")[0] not in EXTRA:
+        if (missing.name or "").partition(".")[0] != "websockets":
             raise
-        raise InputRefused(f"explore: {missing.name} is not installed; pip install 'twin[explore]'") from None
-    from twin.kernel.live import HOST
+        raise InputRefused("explore: websockets is not installed; pip install 'websockets>=14'") from None
+    from twin.kernel.gate import HOST
 
     with socket.socket() as listening:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

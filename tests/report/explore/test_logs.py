@@ -1,4 +1,4 @@
-"""A log of a robot beside a run: read with a map as `twin replay` reads it, on its own clock; a page names no path."""
+"""A log of a robot beside a run: read with the map beside it, on its own clock; a page names no path."""
 
 import base64
 import json
@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.kernel.recording.test_writer import largest_file
 from tests.laws.runs import shipped
 from tests.report.explore.test_worker import BASE
-from twin.kernel.errors import NotWritten
 from twin.kernel.process.reporter import DirectReporter
-from twin.report.explore.brought import inspected, settled
-from twin.report.explore.logs import known_logs, stored
+from twin.report.explore.logs import known_logs
 from twin.report.explore.worker import answered
 from twin.robot.run.trace import Trace, run_in_memory
 
@@ -39,6 +36,7 @@ def robot_csv(run: Trace, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> st
     Path("logs").mkdir()
     head = "clock (s),motor1,motor2,motor3,arm1,arm2,arm3,load (N)"
     np.savetxt("logs/robot.csv", rows, "%.9g", ",", header=head, comments="")
+    Path("logs/robot.map.toml").write_text(MAP)
     return "logs/robot.csv"
 
 
@@ -58,7 +56,7 @@ def curve(found: dict[str, Any], label: str, title: str = "Pressing force F_z") 
 
 
 def test_counts_become_the_estimates_that_the_controller_had_and_the_gap_stays_open(run: Trace, robot_csv: str):
-    found = answer("log", log=robot_csv, map=MAP)
+    found = answer("log", log=robot_csv)
     t, height = curve(found, "estimated", "Height z")
     gap = (t > 2.999) & (t < 3.101)
     assert np.all(np.isnan(height[(t > 3.001) & (t < 3.099)])) and not np.any(np.isnan(height[~gap]))
@@ -71,14 +69,19 @@ def test_counts_become_the_estimates_that_the_controller_had_and_the_gap_stays_o
 
 
 def test_a_log_that_begins_later_is_shifted(robot_csv: str):
-    t, _ = curve(answer("log", log=robot_csv, map=MAP, shift_s=2.5), "scale")
+    t, _ = curve(answer("log", log=robot_csv, shift_s=2.5), "scale")
     assert t[0] == pytest.approx(2.5)
 
 
-def test_the_map_that_lies_beside_or_that_of_twin_log_new_is_proposed(robot_csv: str):
-    assert 'column = "clock (s)"' in answer("columns", log=robot_csv)["map"]
-    Path("logs/robot.map.toml").write_text(MAP)
-    assert answer("columns", log=robot_csv)["map"] == MAP
+def test_a_log_without_a_map_beside_it_is_read_by_the_names_of_its_columns(robot_csv: str):
+    Path("logs/robot.map.toml").unlink()
+    refused = answer("log", log=robot_csv)["refused"]
+    assert "clock (s)" in refused and refused.endswith("robot.map.toml: twin log new logs/robot.csv")
+    # names of twin's own need no map
+    table = Path(robot_csv)
+    table.write_text(table.read_text().replace("clock (s)", "t_s").replace("load (N)", "scale.F_z_N"))
+    t, force = curve(answer("log", log=robot_csv), "scale")
+    assert t[0] == pytest.approx(0.0, abs=1e-3) and np.isfinite(force).any()
 
 
 @pytest.mark.parametrize(
@@ -87,20 +90,26 @@ def test_the_map_that_lies_beside_or_that_of_twin_log_new_is_proposed(robot_csv:
         ({"log": "/etc/passwd"}, "no such log below the current folder"),
         ({"log": "logs/../../x.csv"}, "no such log below"),
         ({"log": ["x"]}, "log: expected the path of a log"),
-        ({"map": 'time = "clok (s)"'}, "clok"),
-        ({"map": "/etc/passwd"}, "not valid TOML"),
-        ({"map": "x" * 9000}, "at most 8000 characters"),
-        ({"map": 1}, "at most 8000"),
         ({"shift_s": "now"}, "shift_s: expected a time"),
-        ({"map": 'time = "clock (s)"\n"other.thing" = "arm1"'}, "no signal of the plots that are shown"),
-        ({"map": MAP.replace("arm1", "load (N)")}, "differ in unit"),
     ],
 )
-def test_what_a_page_may_not_name_and_what_fits_no_robot_is_a_sentence(
-    robot_csv: str, more: dict[str, Any], expected: str
-):
-    found = answer("log", **{"log": robot_csv, "map": MAP} | more)
+def test_what_a_page_may_not_name_is_a_sentence(robot_csv: str, more: dict[str, Any], expected: str):
+    found = answer("log", **{"log": robot_csv} | more)
     assert expected in found["refused"]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ('time = "clok (s)"', "clok"),
+        ("/etc/passwd", "not valid TOML"),
+        ('time = "clock (s)"\n"other.thing" = "arm1"', "no signal of the plots that are shown"),
+        (MAP.replace("arm1", "load (N)"), "differ in unit"),
+    ],
+)
+def test_a_map_that_fits_no_robot_is_a_sentence(robot_csv: str, text: str, expected: str):
+    Path("logs/robot.map.toml").write_text(text)
+    assert expected in answer("log", log=robot_csv)["refused"]
 
 
 def test_logs_are_looked_for_below_the_folder_but_not_behind_links_and_not_for_ever(
@@ -117,21 +126,3 @@ def test_logs_are_looked_for_below_the_folder_but_not_behind_links_and_not_for_e
     (here / "link.csv").symlink_to(tmp_path / "away.csv")
     monkeypatch.chdir(here)
     assert known_logs() == ["a.csv", "bag", "deep/er/b.mcap"]
-
-
-def test_a_log_that_was_brought_in_is_one_of_them_under_the_same_name_every_time(robot_csv: str):
-    path = stored(Path(robot_csv))
-    assert path == stored(Path(robot_csv)) and path in known_logs()
-    assert Path(path).read_bytes() == Path(robot_csv).read_bytes()
-
-
-def test_a_disk_that_is_full_is_a_sentence_and_leaves_no_half_of_what_was_brought_in(robot_csv: str, root: Path):
-    fmu = root / "fmus/ideal_velocity/ideal_velocity.fmu"
-    roles = {role["role"]: role["chosen"] for role in inspected(fmu)["commands"]["velocity"] if role["chosen"]}
-    with largest_file(1000):
-        with pytest.raises(NotWritten, match=r"results/explored/robot-\w{8}.csv: cannot be written: File too large"):
-            stored(Path(robot_csv))
-        with pytest.raises(NotWritten, match=r"ideal_velocity.fmu: cannot be written: File too large"):
-            settled(fmu, {"command": "velocity", "roles": roles})
-    assert [path for path in Path("results").rglob("*") if path.is_file()] == []
-    assert Path(stored(Path(robot_csv))).is_file()

@@ -20,7 +20,7 @@ from websockets.sync.server import ServerConnection, serve
 from tests.studies.shadow.live_sessions import ROBOT, SPRING, SoftRobot
 from tests.studies.shadow.test_seen import TOPICS, OneProposal
 from twin.kernel.errors import InputRefused
-from twin.kernel.live import Gate
+from twin.kernel.gate import Gate, viewer_policy
 from twin.report.explore import session as module
 from twin.report.explore.session import SAMPLES, STEP, ForceStrip, LiveSession
 from twin.robot.assembly.load import load_experiment
@@ -173,7 +173,7 @@ class Gains:
 
 
 def test_a_run_is_named_and_not_begun():
-    gate = Gate()
+    gate = Gate(viewer_policy())
     broadcast = Broadcast(0, gate, (), Gains())
     try:
         with listening(f"ws://localhost:{broadcast.port}/?token={gate.token}") as explorer:

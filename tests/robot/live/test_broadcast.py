@@ -12,7 +12,8 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from websockets.exceptions import InvalidStatus
 
 from tests.robot.live.viewer import Viewer
-from twin.kernel.live import Channel, Gate, Message
+from twin.kernel.gate import Gate, viewer_policy
+from twin.kernel.live import Channel, Message
 from twin.kernel.recording.messages import descriptors_of
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
@@ -51,7 +52,7 @@ def served(root: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Broadcast]:
     monkeypatch.setattr(on_air, "serve", partial(on_air.serve, ping_interval=None))
     experiment = load_experiment(root / "experiments" / "fig4_position.toml")
     with assemble(experiment) as assembly:
-        broadcast = Broadcast(0, Gate(), [CHANNEL, MOTTO], Tuning(experiment, assembly))
+        broadcast = Broadcast(0, Gate(viewer_policy()), [CHANNEL, MOTTO], Tuning(experiment, assembly))
         yield broadcast
         broadcast.close()
 

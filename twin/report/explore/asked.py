@@ -8,7 +8,7 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -43,14 +43,12 @@ class Base:
         drive: --drive as it was given.
         body: --body as it was given.
         settings: --set that no slider stands for; they hold in every state.
-        uploaded: files of drives that were brought in through the page, by the names that pages have for them.
     """
 
     experiment: str
     drive: str | None = None
     body: str | None = None
     settings: tuple[str, ...] = ()
-    uploaded: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def drives(self) -> dict[str, str]:
@@ -58,7 +56,7 @@ class Base:
         shelf = located("fmus", Path.cwd())
         known = {path.parent.name for path in (*shelf.glob("*/*.fmu"), *shelf.glob("*/mapping.toml"))}
         given = {self.drive: self.drive} if self.drive else {}
-        return given | {name: name for name in sorted(known)} | dict(self.uploaded)
+        return given | {name: name for name in sorted(known)}
 
     @property
     def bodies(self) -> dict[str, str]:
@@ -243,7 +241,7 @@ def first_state(base: Base, settings: Sequence[str]) -> tuple[Base, dict[str, An
             changed[key] = checked(there, key, value)
         else:
             rest.append(text)
-    held = Base(base.experiment, base.drive, base.body, tuple(rest), base.uploaded)
+    held = Base(base.experiment, base.drive, base.body, tuple(rest))
     return held, {"set": changed, **{key: name for key, name in names.items() if name}}
 
 

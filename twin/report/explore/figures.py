@@ -1,13 +1,13 @@
-"""The paper's figures of a state: the experiments that they take, what those say to the claims, the figures' panels.
+"""The paper's figures of a state: their experiments, the verdicts on the paper's claims, the panels of Fig. 4.
 
 Fig. 4 takes four runs: with force control and without it, on a robot and a scale that stand straight and on those of
 fig4_imperfect.toml; the state is laid over all four. Fig. 5 takes one run of tasks.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -16,31 +16,22 @@ from twin.report.explore.picture import drawn
 from twin.report.page.markup import DataBlock
 from twin.report.page.panels import MM, Panel, PanelCurve, Reader, Samples
 from twin.robot.assembly.load import load_experiment
-from twin.robot.controller.program import PhaseKind, Push, Roll
 from twin.robot.experiment.drive_files import experiment_file
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.source import toml_value
 from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.metrics.requirement import FIG4, FIG5
-from twin.studies.metrics.response import Curve, along_and_off
 from twin.studies.paper.claim import ClaimFinding, judged
 from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, fig4_score, tally
 from twin.studies.paper.fig4_measures import WHOLE, Fig4Run, Fig4Runs
-from twin.studies.paper.fig5 import CLAIMS, TITLES, WORKING, bound_of, manner, seen_part
-from twin.studies.paper.fig5_measures import Mask, TaskRun
+from twin.studies.paper.fig5 import CLAIMS
+from twin.studies.paper.fig5_measures import TaskRun
 from twin.studies.sweep.worker import COMPANION, refuse_unfit
 
 Figure = Literal["fig4", "fig5"]
 FORCE_CONTROL = 'controller.mode="force_position"'
-SIGNALS: Mapping[Figure, tuple[str, ...]] = {
-    "fig4": FIG4,
-    "fig5": (
-        *FIG5, "controller.F_z", "controller.F_z_ref", "controller.p_ref_B", "controller.p_cmd_B", "monitor.tripped",
-    ),
-}  # fmt: skip
-"""What of their runs the figures need."""
-MOST_POINTS = 1000
-"""Of a way in space."""
+FIG5_SIGNALS = (*FIG5, "monitor.tripped")
+"""Signals that the claims of Fig. 5 are judged on."""
 
 
 def figure_of(experiment: Experiment) -> Figure | None:
@@ -119,7 +110,7 @@ def claims(state: PageState) -> dict[str, Any]:
     if figure_of(experiment) == "fig5":
         rows = [
             (f"{task.number} {task.task.kind}: ", judged(claim, task))
-            for task in task_runs(experiment, run_in_memory(experiment, only=SIGNALS["fig5"]))
+            for task in task_runs(experiment, run_in_memory(experiment, only=FIG5_SIGNALS))
             for claim in CLAIMS[task.task.kind]
         ]
         scores = [_score("of the paper's Fig. 5", [finding for _, finding in rows])]
@@ -218,151 +209,3 @@ FIG4_PANELS = (
 def fig4_panels(runs: Fig4Runs, block: DataBlock, span: tuple[float, float], width: int) -> list[dict[str, Any]]:
     """Fig. 4 as the paper has it, by the controller's estimates; see `drawn`."""
     return drawn(FIG4_PANELS, runs, block, span, width)
-
-
-def _of_task(name: str, column: int | None, scale: float) -> Reader:
-    """Reads a curve of a task: of the plant, or a held one of the controller."""
-
-    def samples(run: Any) -> Samples:
-        part = seen_part(run)
-        values = run.commanded(name) if name not in ("F_z_true", "p_B") else run.F_z if name == "F_z_true" else run.p_B
-        return run.t[part], scale * (values if column is None else values[:, column])[part]
-
-    return samples
-
-
-HEIGHT = (
-    PanelCurve("after the force loop", "shifted", _of_task("p_cmd_B", 2, MM)),
-    PanelCurve("reference", "reference", _of_task("p_ref_B", 2, MM)),
-    PanelCurve("true", "truth", _of_task("p_B", 2, MM)),
-)
-FORCE = (
-    PanelCurve("estimated", "belief", _of_task("F_z", None, 1.0)),
-    PanelCurve("true", "truth", _of_task("F_z_true", None, 1.0)),
-    PanelCurve("reference", "reference", _of_task("F_z_ref", None, 1.0)),
-)
-
-
-def fig5_panels(
-    experiment: Experiment, trace: Trace, block: DataBlock, width: int
-) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
-    """Fig. 5 as the paper has it, of each kind of task the last one that was begun: (panels over time, each with the
-    span of its task; ways in space and on the surface), each with the title of its task under "of".
-
-    Args:
-        experiment: has tasks.
-        trace: its run.
-        block: takes the samples.
-        width: of a plot (pixels).
-    """
-    last = {run.task.kind: run for run in task_runs(experiment, trace) if len(run.t)}
-    panels: list[dict[str, Any]] = []
-    ways: list[dict[str, Any]] = []
-    for kind in CLAIMS:
-        if kind not in last:
-            continue
-        run = last[kind]
-        of = f"{TITLES[kind].replace('  ', ' ')}: {manner(run.task)}"
-        t = run.t[seen_part(run)]
-        span = float(t[0]), float(t[-1])
-        over_time = [Panel(f"{TITLES[kind][0]}: pressing force F_z", "N", FORCE)]
-        if isinstance(run.task, Roll | Push):
-            ways += [_in_space(run, experiment, block), _on_surface(run, run.task, block)]
-        else:
-            ways += [_in_space(run, experiment, block)]
-            over_time.insert(0, Panel(f"{TITLES[kind][0]}: height z", "mm", HEIGHT))
-        panels += [one | {"span": span, "of": of} for one in drawn(over_time, run, block, span, width)]
-        for way in ways:
-            way.setdefault("of", of)
-    return panels, ways
-
-
-class WayLine(NamedTuple):
-    """A line of a picture that has no time.
-
-    Attributes:
-        label: what it is.
-        role: decides colour and line; "mark": the work.
-        points: (n, 2) or (n, 3), mm; not a number where it is interrupted.
-        start: time of the first point (s); None: it has no times.
-        step: time from one to the next (s).
-    """
-
-    label: str
-    role: str
-    points: Curve
-    start: float | None = None
-    step: float = 0.0
-
-
-def _way(title: str, axes: Sequence[str], lines: Iterable[WayLine], block: DataBlock, equal: bool) -> dict[str, Any]:
-    """For JSON: of each line its coordinates, each of all points together, in the block."""
-    rows = [
-        {
-            "label": line.label,
-            "role": line.role,
-            "place": block.add(line.points.T),
-            "start": line.start,
-            "step": line.step,
-        }
-        for line in lines
-    ]
-    return {"title": title, "axes": list(axes), "rows": rows, "equal": equal}
-
-
-def _timed(run: TaskRun, label: str, role: str, points: Curve) -> WayLine:
-    """A line of the whole task, or of a part of it, elsewhere not a number."""
-    stride = max(1, len(points) // MOST_POINTS)
-    return WayLine(label, role, points[::stride], float(run.t[0]), stride * float(run.t[1] - run.t[0]))
-
-
-def _only(on: Mask, points: Curve) -> Curve:
-    return np.where(on[:, None], points, np.nan)
-
-
-def _in_space(run: TaskRun, experiment: Experiment, block: DataBlock) -> dict[str, Any]:
-    """The whole task, and in another colour its work; the untouched surface lies below."""
-    p = MM * run.p_B
-    working = np.isin(run.phase, WORKING)
-    lines = [
-        _timed(run, "reference", "reference", MM * run.commanded("p_ref_B")),
-        _timed(run, "true", "truth", p),
-        _timed(run, "working", "mark", _only(working, p)),
-    ]
-    name = TITLES[run.task.kind][0]
-    way = _way(f"{name}: in space", ("x (mm)", "y (mm)", "z (mm)"), lines, block, True)
-    return way | {"surface": experiment.values["contact"]["height_mm"]}
-
-
-def _on_surface(run: TaskRun, task: Roll | Push, block: DataBlock) -> dict[str, Any]:
-    """Of a roll the circle, of a push how far it is off the line; with the bounds of the claims."""
-    name = TITLES[task.kind][0]
-    if isinstance(task, Roll):
-        circling = run.during(PhaseKind.CIRCLE)
-        turn = np.linspace(0.0, 2.0 * np.pi, 73)
-        ring = MM * np.array(task.point) + MM * task.radius * np.column_stack([np.cos(turn), np.sin(turn)])
-        centre, radius = MM * np.array(task.point), bound_of("radius")
-        bounds = [
-            WayLine("bound", "display", centre + (ring - centre) * bound / radius.scale)
-            for bound in (radius.low, radius.high)
-        ]
-        p = MM * run.p_B[:, :2]
-        lines = [
-            _timed(run, "true", "truth", _only(circling, p)),
-            _timed(run, "full turns", "mark", _only(run.full_turns, p)),
-            WayLine("reference", "reference", ring),
-            *bounds,
-        ]
-        return _way(f"{name}: on the surface", ("x (mm)", "y (mm)"), lines, block, True)
-    pushing = run.during(PhaseKind.PUSH)
-    along, off = along_and_off(run.p_B[:, :2], task.point, task.to)
-    length, bound = MM * float(np.hypot(*np.subtract(task.to, task.point))), bound_of("line_worst").high
-    lines = [
-        _timed(run, "pushing", "mark", _only(pushing, MM * np.column_stack([along, off]))),
-        *(
-            WayLine("reference" if side == 0.0 else "bound", "reference" if side == 0.0 else "display",
-                    np.array([[0.0, side], [length, side]]))
-            for side in (0.0, -bound, bound)
-        ),
-    ]  # fmt: skip
-    return _way(f"{name}: off the line", ("along (mm)", "off (mm)"), lines, block, False)

@@ -1,10 +1,8 @@
 """Logs of robots below the current folder, laid beside a run: what they hold, and what the estimator makes of it.
 
-They are read as `twin replay` reads them, with the same map of columns.
+They are read as `twin replay` reads them, with the map of columns that `twin log new` writes beside them.
 """
 
-import hashlib
-import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -12,17 +10,12 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.files import read_text
 from twin.kernel.recording.folder import RECORDING
 from twin.kernel.recording.logs.bag import is_bag
-from twin.kernel.recording.logs.column_map import columns_in
-from twin.kernel.recording.logs.csv_file import read_table
+from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import Log, LogSeries
-from twin.kernel.recording.logs.proposal import proposal
-from twin.kernel.recording.logs.reader import LogKind, kind_of, read_log
+from twin.kernel.recording.logs.reader import read_log
 from twin.kernel.recording.messages import Field
-from twin.kernel.writing import made_folder, written
-from twin.report.explore import EXPLORED_FOLDER
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.metrics.response import Curve
 from twin.studies.replay.model import model_of
@@ -40,8 +33,6 @@ MOST_SHIFT = 1e6
 """s"""
 MISSING = 0.75
 """Sample periods after a sample in which the next one should have come."""
-LONGEST_MAP = 8000
-"""Characters."""
 MOST_SAMPLES = 4_000_000
 """Of one series, gaps included."""
 
@@ -71,48 +62,12 @@ def _entries(folder: Path, depth: int) -> Iterator[Path]:
             yield from _entries(entry, depth - 1)
 
 
-def stored(file: Path) -> str:
-    """A log that was brought in, from now on one below the current folder: its path there; the same one for the same
-    bytes.
-
-    Raises:
-        NotWritten: the disk refuses.
-    """
-    with file.open("rb") as content:
-        digest = hashlib.file_digest(content, "sha256").hexdigest()[:8]
-    stem, dot, ending = file.name.partition(".")
-    path = made_folder(EXPLORED_FOLDER) / f"{stem}-{digest}{dot}{ending}"
-    if not path.exists():
-        with written(path) as beside:
-            shutil.copyfile(file, beside)
-    return str(path)
-
-
 def _chosen(name: Any) -> Path:
     if not isinstance(name, str) or name not in known_logs():
         raise InputRefused(
             f"log {str(name)[:80]!r}: no such log below the current folder; {nearest(str(name)[:80], known_logs())}"
         )
     return Path(name)
-
-
-def proposed_map(ask: Mapping[str, Any]) -> dict[str, Any]:
-    """The map that lies beside a log as NAME.map.toml, or else what `twin log new` would write there.
-
-    Args:
-        ask: "log" one of `known_logs`; it may say anything.
-
-    Raises:
-        InputRefused: it is none, or a damaged one.
-    """
-    path = _chosen(ask.get("log"))
-    beside = path.with_suffix(".map.toml")
-    if beside.is_file():
-        return {"log": str(path), "map": read_text(beside, LONGEST_MAP)}
-    if kind_of(path) is LogKind.CSV:
-        return {"log": str(path), "map": proposal(read_table(path))[0]}
-    hint = "" if kind_of(path) is LogKind.RECORDING else '# "scale.F_z" = { column = "/topic.field", unit = "N" }\n'
-    return {"log": str(path), "map": hint}
 
 
 class LogRun:
@@ -190,19 +145,23 @@ class LogRun:
 
 
 def log_run(ask: Mapping[str, Any], experiment: Experiment) -> tuple[LogRun, str]:
-    """(a log for the panels, what was wrong with its file).
+    """Return a log for the panels, read with the NAME.map.toml beside it if there is one, and notes on its file.
 
     Args:
-        ask: "log" one of `known_logs`, "map" text of a TOML file, "shift_s"; it may say anything.
+        ask: "log" one of `known_logs`, "shift_s"; values may be anything.
         experiment: describes the robot.
 
     Raises:
-        InputRefused: it says something else, or as `read_log` and `LogRun`.
+        InputRefused: the log is not listed, or as `read_log` and `LogRun`.
     """
-    path, text, shift = _chosen(ask.get("log")), ask.get("map") or "", ask.get("shift_s") or 0.0
-    if not isinstance(text, str) or len(text) > LONGEST_MAP:
-        raise InputRefused(f"map: expected at most {LONGEST_MAP} characters")
+    path, shift = _chosen(ask.get("log")), ask.get("shift_s") or 0.0
     if not isinstance(shift, int | float) or isinstance(shift, bool) or not abs(shift) < MOST_SHIFT:
         raise InputRefused("shift_s: expected a time in s")
-    log = read_log(path, columns_in(text, "map"))
+    beside = path.with_suffix(".map.toml")
+    mapped = beside.is_file()
+    try:
+        log = read_log(path, column_map([beside] if mapped else []))
+    except InputRefused as refusal:
+        hint = "" if mapped else f"; a map of its columns belongs beside it as {beside.name}: twin log new {path}"
+        raise InputRefused(f"{refusal}{hint}") from None
     return LogRun(log, experiment, float(shift)), "; ".join(log.notes)

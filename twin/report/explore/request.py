@@ -57,7 +57,6 @@ def _record_of(fields: Mapping[str, Check]) -> Check:
 STATE = _record_of(
     {"set": _table_of(_is_scalar), "drive": _is_text, "body": _is_text, "faults": _list_of(_table_of(_is_scalar))}
 )
-HOW = _record_of({"command": _is_text, "roles": _table_of(_is_text), "loop": _table_of(_is_number)})
 ACCEPTED = _list_of(_table_of(_is_scalar))
 LOOK: Mapping[str, Check] = {
     "panels": _list_of(_is_text),
@@ -78,17 +77,12 @@ FIELDS: Mapping[str, Mapping[str, Check]] = {
     "command": OF_STATE,
     "onset": OF_STATE,
     "adopt": {**OF_STATE, "accepted": ACCEPTED},
-    "columns": {"log": _is_text},
-    "log": {"log": _is_text, "map": _is_text, "shift_s": _is_number, **LOOK},
-    "store": {"file": _is_text},
+    "log": {"log": _is_text, "shift_s": _is_number, **LOOK},
     "loops": {**OF_STATE, "point": _is_index},
     "score": OF_STATE,
-    "map": OF_STATE,
-    "inspect": {"file": _is_text},
-    "settle": {"file": _is_text, "how": HOW},
 }
 """Operation -> its fields."""
-NEEDED = ("state", "run", "log", "file", "settings", "name", "accepted", "how")
+NEEDED = ("state", "run", "log", "settings", "name", "accepted")
 """Fields without which an operation that has them is refused; others may be missing or null."""
 
 
@@ -99,10 +93,8 @@ EXPECTED = {
     "width": "a number of pixels",
     "run": "a run of results/",
     "log": "the path of a log",
-    "map": "text of at most 8000 characters",
     "point": "a whole number",
     "shift_s": "a time in s",
-    "how": "command, roles and loop",
 }
 """What the fields are, where their names do not say it."""
 

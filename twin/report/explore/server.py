@@ -9,33 +9,31 @@ import asyncio
 import base64
 import contextlib
 import json
+import logging
+import re
 import secrets
 import socket
 import struct
 import sys
 import threading
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Mapping
+from http import HTTPStatus
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import uvicorn
-from starlette.applications import Starlette
-from starlette.requests import Request
-from starlette.responses import FileResponse, PlainTextResponse, RedirectResponse, Response
-from starlette.routing import Route, WebSocketRoute
-from starlette.types import ASGIApp, Receive, Scope, Send
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.http11 import Request, Response
 
 from twin.kernel.cache_folder import cache_folder
-from twin.kernel.errors import InputRefused, NotWritten, SafetyTrip, TwinError, disk_refusals, plain
-from twin.kernel.live import OwnPageGate
+from twin.kernel.errors import InputRefused, SafetyTrip, TwinError, plain
+from twin.kernel.gate import HOST, Gate, own_page_policy
 from twin.kernel.process.guard import guarded
 from twin.kernel.process.job import JobLimits
-from twin.report.explore import EXPLORED_FOLDER, FMU_NAME, LOG_NAME
+from twin.report.explore import EXPLORED_FOLDER
 from twin.report.explore.processes import AnsweringProcess, Outdated
-from twin.studies.left_behind import SCRATCH, held_folder
 
 if TYPE_CHECKING:
     from twin.report.explore.session import LiveSession
@@ -50,14 +48,20 @@ ROBOT_PACE = 0.2
 """s between two looks of a page at the robot."""
 PROCESSES = 2
 """That run experiments."""
+LINK = "/link"
+"""Path of the WebSocket of a page."""
 GOODBYE = 1.0
 """How long (s) connections may take to end."""
+
+# a page learns itself what it does wrong; in the terminal it would only disturb
+_SILENT = logging.getLogger("twin.report.explore")
+_SILENT.setLevel(logging.CRITICAL + 1)
 
 ASSETS = files("twin.report.explore") / "assets"
 SHARED = files("twin.report.page") / "assets"
 OF_REPORT = ("data", "clock", "look", "plot", "plots", "scene", "player")
 """Scripts that the explorer has in common with the report, in an order in which each finds what it needs."""
-KINDS = {"css": "text/css", "js": "text/javascript", "html": "text/html"}
+KINDS = {kind: f"text/{name}; charset=utf-8" for kind, name in (("css", "css"), ("js", "javascript"), ("html", "html"))}
 POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self' {link}; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -70,13 +74,9 @@ HEADERS = {
     "Cache-Control": "no-store",
 }
 FROM_PAGES = (
-    "describe", "show", "recorded", "runs", "columns", "log", "save", "command", "onset", "loops", "score", "map",
+    "describe", "show", "recorded", "runs", "log", "save", "command", "onset", "loops", "score",
 )  # fmt: skip
 """What a page may ask a process for."""
-MOST_BYTES = 100_000_000
-"""Of a file that is brought in."""
-MOST_BROUGHT = 16
-"""Files that may be brought in while a server lives."""
 STUDY_JOB = "twin.studies.command:answered"
 """A study in a process of its own."""
 RECORD_JOB = "twin.robot.live.runs:recorded_runs"
@@ -125,64 +125,6 @@ def sentence(problem: TwinError) -> str:
     return f"a mistake of twin, see the terminal: {lines[-1]}"
 
 
-class Guard:
-    """Lets no request through that is not of the server's own page; the first one brings the token in its address.
-
-    Args:
-        app: that it stands before.
-        gate: asked about every request.
-    """
-
-    def __init__(self, app: ASGIApp, gate: OwnPageGate):
-        self._app, self._gate = app, gate
-        link = gate.origin.replace("http", "ws", 1)
-        self._headers = HEADERS | {"Content-Security-Policy": POLICY.format(link=link)}
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """See ASGI."""
-        if scope["type"] not in ("http", "websocket"):
-            return
-        headers = Headers([(name.decode("latin-1"), value.decode("latin-1")) for name, value in scope["headers"]])
-        changes = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
-        if refusal := self._gate.refusal(headers, changes):
-            await self._refuse(f"{plain(refusal)}\n", scope, receive, send)
-            return
-        if not self._has_cookie(headers):
-            await self._first(scope, receive, send)
-            return
-
-        async def dressed(message: Any) -> None:
-            if message["type"] == "http.response.start":
-                given = {name.lower() for name, _ in message.get("headers", [])}
-                more = [(name.encode(), value.encode()) for name, value in self._headers.items()]
-                added = [pair for pair in more if pair[0].lower() not in given]
-                message = {**message, "headers": [*message.get("headers", []), *added]}
-            await send(message)
-
-        await self._app(scope, receive, dressed)
-
-    def _has_cookie(self, headers: Headers) -> bool:
-        pairs = [pair.strip().partition("=") for line in headers.get_all("Cookie") for pair in line.split(";")]
-        return any(name == self._gate.cookie and self._gate.knows(value) for name, _, value in pairs)
-
-    async def _first(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Of a browser without the cookie: it gets one for the token in the address, and nothing else."""
-        if scope["type"] == "http" and scope["path"] == "/":
-            given = Request(scope).query_params.get("token")
-            if self._gate.knows(given):
-                answer = RedirectResponse("/", 303, HEADERS)
-                answer.set_cookie(self._gate.cookie, str(given), httponly=True, samesite="strict")
-                await answer(scope, receive, send)
-                return
-        await self._refuse(STRANGER, scope, receive, send)
-
-    async def _refuse(self, text: str, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008, "reason": "refused"})
-        else:
-            await PlainTextResponse(text, 403, HEADERS)(scope, receive, send)
-
-
 class ExplorerServer:
     """Answers pages until the last one has been closed for a while.
 
@@ -194,11 +136,10 @@ class ExplorerServer:
     """
 
     def __init__(self, base: Mapping[str, Any], limits: JobLimits, linger: float, session: "LiveSession | None" = None):
-        self.base, self.limits, self.session = {"settings": (), "uploaded": {}, **base}, limits, session
+        self.base, self.limits, self.session = {"settings": (), **base}, limits, session
         self._linger = linger
         self._processes = [AnsweringProcess(limits) for _ in range(PROCESSES)]
         self._reports: list[Path] = []
-        self._brought: list[Path] = []
         self._answering: set[asyncio.Task[dict[str, Any]]] = set()
         self._pages = 0
         self._ending: asyncio.TimerHandle | None = None
@@ -222,28 +163,82 @@ class ExplorerServer:
         Raises:
             KeyboardInterrupt: Ctrl-C.
         """
-        assets = read_assets()
-        routes: list[Any] = [Route(path, _sending(*content)) for path, content in assets.items()]
-        routes += [Route("/recorded/{number:int}", self._report), WebSocketRoute("/link", self._attend)]
-        routes += [Route("/file", self._take_file, methods=["POST"])]
-        gate = OwnPageGate(listening.getsockname()[1], token)
-        config = uvicorn.Config(
-            Guard(Starlette(routes=routes), gate),
-            log_level="critical",
-            access_log=False,
-            server_header=False,
-            lifespan="off",
-            ws_max_size=LARGEST,
-            ws_per_message_deflate=False,
-            timeout_graceful_shutdown=int(GOODBYE),
-        )
-        self._server = uvicorn.Server(config)
         try:
-            with held_folder(SCRATCH) as self._scratch:
-                self._server.run(sockets=[listening])
+            asyncio.run(self._serve(listening, token))
         finally:
             for process in self._processes:
                 process.close()
+
+    async def _serve(self, listening: socket.socket, token: str) -> None:
+        port = listening.getsockname()[1]
+        self._gate = Gate(own_page_policy(port), token)
+        self._policy = POLICY.format(link=f"ws://{HOST}:{port}")
+        self._assets = read_assets()
+        self._loop, self._over = asyncio.get_running_loop(), asyncio.Event()
+        self._idle: asyncio.LifoQueue[AnsweringProcess] = asyncio.LifoQueue()
+        for process in reversed(self._processes):
+            self._idle.put_nowait(process)
+        following = asyncio.create_task(self.session.attend()) if self.session else None
+        async with serve(
+            self._attend,
+            sock=listening,
+            process_request=self._admit,
+            compression=None,
+            max_size=LARGEST,
+            close_timeout=GOODBYE,
+            server_header=None,
+            logger=_SILENT,
+        ):
+            await self._over.wait()
+        if following:
+            following.cancel()
+
+    def end(self) -> None:
+        """End `serve`; from any thread."""
+        self._loop.call_soon_threadsafe(self._over.set)
+
+    async def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
+        """Answer a request of HTTP; None if it is for the link and let in. The first request of a browser brings the
+        token in its address, and gets a cookie for it and nothing else."""
+        path = request.path.partition("?")[0]
+        # before websockets 17 a connection with another method ends unanswered
+        reads = getattr(request, "method", "GET") == "GET"
+        if refusal := self._gate.refusal(request.headers, changes=path == LINK or not reads):
+            return self._response(HTTPStatus.FORBIDDEN, f"{plain(refusal)}\n")
+        if not self._gate.knows_cookie(request.headers):
+            if path != "/" or not reads or not self._gate.knows(request.path):
+                return self._response(HTTPStatus.FORBIDDEN, STRANGER)
+            cookie = f"{self._gate.policy.cookie}={self._gate.token}; HttpOnly; SameSite=Strict; Path=/"
+            return self._response(HTTPStatus.SEE_OTHER, "", {"Location": "/", "Set-Cookie": cookie})
+        if not reads:
+            return self._response(HTTPStatus.METHOD_NOT_ALLOWED, "expected GET\n")
+        if path == LINK:
+            full = self._pages >= PAGES
+            return self._response(HTTPStatus.SERVICE_UNAVAILABLE, f"{PAGES} pages are open\n") if full else None
+        if path in self._assets:
+            content, kind = self._assets[path]
+            return self._response(HTTPStatus.OK, content, {"Content-Type": kind})
+        return await self._report(path)
+
+    async def _report(self, path: str) -> Response:
+        found = re.fullmatch(r"/recorded/([0-9]{1,6})", path)
+        if not found or int(found[1]) >= len(self._reports):
+            return self._response(HTTPStatus.NOT_FOUND, "no such page\n")
+        content = await asyncio.to_thread(self._reports[int(found[1])].read_bytes)
+        # a page of its own, from which nothing reaches this server
+        alone = {"Content-Type": KINDS["html"], "Content-Security-Policy": "sandbox allow-scripts"}
+        return self._response(HTTPStatus.OK, content, alone)
+
+    def _response(self, status: HTTPStatus, body: str | bytes, more: Mapping[str, str] | None = None) -> Response:
+        content = body.encode() if isinstance(body, str) else body
+        headers = {
+            **HEADERS,
+            "Content-Security-Policy": self._policy,
+            "Content-Type": "text/plain; charset=utf-8",
+            "Content-Length": str(len(content)),
+            "Connection": "close",
+        }
+        return Response(status, status.phrase, Headers({**headers, **(more or {})}), content)
 
     async def answer(self, ask: Mapping[str, Any], outdated: threading.Event) -> dict[str, Any]:
         """Of a process that has time; a sentence under "refused" or "failed" if there is no other answer."""
@@ -290,93 +285,7 @@ class ExplorerServer:
         self._reports.append(folder / "report.html")
         return {"recorded": str(folder), "report": f"/recorded/{len(self._reports) - 1}"}
 
-    async def _take_file(self, request: Request) -> Response:
-        """A file that was dropped onto the page. An FMU stays as it came, nothing of it is looked at yet; a log is one
-        of those below the current folder from now on."""
-        name = request.query_params.get("name", "")
-        is_log = LOG_NAME.fullmatch(name)
-        if not is_log and not FMU_NAME.fullmatch(name):
-            sentence = "expected the name of an .fmu, .csv, .mcap or .db3 file: letters, digits, dots, - and _\n"
-            return PlainTextResponse(sentence, 400)
-        if len(self._brought) >= MOST_BROUGHT:
-            return PlainTextResponse(f"{MOST_BROUGHT} files were brought in already\n", 400)
-        number = len(self._brought)
-        path = self._scratch / str(number) / name
-        self._brought.append(path)
-        size = 0
-        try:
-            with disk_refusals(name):
-                path.parent.mkdir()
-                with path.open("wb") as file:
-                    async for chunk in request.stream():
-                        size += len(chunk)
-                        if size > MOST_BYTES:
-                            break
-                        file.write(chunk)
-        except NotWritten as problem:
-            path.unlink(missing_ok=True)
-            return PlainTextResponse(f"{problem}\n", 507)
-        if size > MOST_BYTES:
-            path.unlink()
-            return PlainTextResponse(f"{name}: expected at most {MOST_BYTES / 1e6:g} MB\n", 413)
-        if not is_log:
-            return PlainTextResponse(str(number))
-        found = await self.answer({"op": "store", "file": str(path)}, threading.Event())
-        path.unlink()
-        refused = found.get("refused") or found.get("failed")
-        return PlainTextResponse(refused or found["stored"], 400 if refused else 200)
-
-    async def inspect(self, ask: Mapping[str, Any]) -> dict[str, Any]:
-        """What an FMU that was brought in is, and which of its variables may play which role."""
-        path = self._brought_file(ask)
-        if path is None:
-            return {"refused": "no such FMU was brought in"}
-        found = await self.answer({"op": "inspect", "file": str(path)}, threading.Event())
-        # where it lies meanwhile is no matter of the page
-        return {key: text.replace(str(path), path.name) if key == "refused" else text for key, text in found.items()}
-
-    async def qualify(self, ask: Mapping[str, Any]) -> dict[str, Any]:
-        """Load an FMU that somebody has agreed to, in a process of its own, and say what it does on the bench."""
-        path = self._brought_file(ask)
-        if path is None:
-            return {"refused": "no such FMU was brought in"}
-        found = await self.answer({"op": "settle", "file": str(path), "how": ask.get("how")}, threading.Event())
-        if "mapping" not in found:
-            return found
-        mapping = Path(found["mapping"])
-        asked = {"fmu": str(mapping), "out": mapping.parent, "apart": True, "sure": False}
-        job = {"study": "twin.studies.qualify.study:qualify", "asked": asked}
-        try:
-            done = await asyncio.to_thread(guarded, STUDY_JOB, job, self.limits)
-        except TwinError as problem:
-            return {"failed": sentence(problem)}
-        if done["exit_code"] != InputRefused.exit_code:
-            self.base["uploaded"] = {**self.base["uploaded"], found["name"]: str(mapping)}
-        return {"name": found["name"], "verdict": plain(done["text"]), "qualified": done["exit_code"] == 0}
-
-    def _brought_file(self, ask: Mapping[str, Any]) -> Path | None:
-        number = ask.get("number")
-        known = isinstance(number, int) and 0 <= number < len(self._brought) and self._brought[number].is_file()
-        return self._brought[int(str(number))] if known else None
-
-    async def _report(self, request: Request) -> Response:
-        number = request.path_params["number"]
-        if number >= len(self._reports):
-            return PlainTextResponse("no such report\n", 404)
-        # the page of its own, of which nothing can reach this server
-        return FileResponse(self._reports[number], headers={"Content-Security-Policy": "sandbox allow-scripts"})
-
-    async def _attend(self, link: WebSocket) -> None:
-        if self._pages >= PAGES:
-            await link.close(1013)
-            return
-        if not hasattr(self, "_idle"):
-            self._idle: asyncio.LifoQueue[AnsweringProcess] = asyncio.LifoQueue()
-            for process in reversed(self._processes):
-                self._idle.put_nowait(process)
-            if self.session:
-                self._listening = asyncio.create_task(self.session.attend())
-        await link.accept()
+    async def _attend(self, link: ServerConnection) -> None:
         self._pages += 1
         if self._ending:
             self._ending.cancel()
@@ -385,10 +294,7 @@ class ExplorerServer:
         finally:
             self._pages -= 1
             if not self._pages:
-                self._ending = asyncio.get_running_loop().call_later(self._linger, self._end)
-
-    def _end(self) -> None:
-        self._server.should_exit = True
+                self._ending = self._loop.call_later(self._linger, self._over.set)
 
 
 class Lane:
@@ -431,10 +337,10 @@ class PageLink:
         server: that answers.
     """
 
-    def __init__(self, link: WebSocket, server: ExplorerServer):
+    def __init__(self, link: ServerConnection, server: ExplorerServer):
         self._link, self._server = link, server
         # what takes longer holds up no picture
-        self._lanes = {name: Lane() for name in ("", "loops", "score", "map", "accept")}
+        self._lanes = {name: Lane() for name in ("", "loops", "score", "accept")}
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def attend(self, greeting: Mapping[str, Any]) -> None:
@@ -444,10 +350,9 @@ class PageLink:
         if self._server.session:
             answering.append(asyncio.create_task(self._show(self._server.session)))
         try:
-            while True:
-                self._take(await self._link.receive_text())
-        # also of a frame that is no text
-        except (WebSocketDisconnect, KeyError):
+            async for frame in self._link:
+                self._take(frame)
+        except ConnectionClosed:
             pass
         finally:
             for task in (*answering, *self._tasks):
@@ -455,15 +360,15 @@ class PageLink:
             for lane in self._lanes.values():
                 lane.outdated.set()
 
-    def _take(self, text: str) -> None:
+    def _take(self, frame: str | bytes) -> None:
         try:
-            ask = json.loads(text)
+            ask = json.loads(frame)
         except (ValueError, RecursionError):
             return
         if not isinstance(ask, dict) or not isinstance(ask.get("op"), str):
             return
         kind = f"{ask['op']} {str(ask.get('slot', ''))[:40]}"
-        if ask["op"] in ("record", "inspect", "qualify"):
+        if ask["op"] == "record":
             if not self._tasks:
                 task = asyncio.create_task(self._aside(ask))
                 self._tasks.add(task)
@@ -472,8 +377,8 @@ class PageLink:
             self._lanes.get(ask["op"], self._lanes[""]).put(kind, ask)
 
     async def _aside(self, ask: Mapping[str, Any]) -> None:
-        """What takes long, and holds up nothing."""
-        found = await getattr(self._server, ask["op"])(ask)
+        """Record a run, which takes long and delays no other answer."""
+        found = await self._server.record(ask)
         await self._send({"op": ask["op"], "id": ask.get("id"), **found})
 
     async def _answer(self, lane: "Lane") -> None:
@@ -500,21 +405,14 @@ class PageLink:
 
     async def _send(self, answer: dict[str, Any]) -> None:
         # the page may be gone
-        with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+        with contextlib.suppress(ConnectionClosed):
             if "block" not in answer:
-                await self._link.send_text(json.dumps(answer))
+                await self._link.send(json.dumps(answer))
                 return
             block = base64.b64decode(answer.pop("block"))
             head = json.dumps(answer).encode()
             head += b" " * (-len(head) % 4)
-            await self._link.send_bytes(struct.pack("<I", len(head)) + head + block)
-
-
-def _sending(content: bytes, kind: str) -> Callable[[Request], Awaitable[Response]]:
-    async def send(request: Request) -> Response:
-        return Response(content, media_type=kind)
-
-    return send
+            await self._link.send(struct.pack("<I", len(head)) + head + block)
 
 
 def recorded(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Path:

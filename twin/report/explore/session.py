@@ -25,7 +25,8 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 
 from twin.kernel.errors import InputRefused, plain
-from twin.kernel.live import HOST, SUBPROTOCOLS, unpacked_data
+from twin.kernel.gate import HOST
+from twin.kernel.live import SUBPROTOCOLS, unpacked_data
 from twin.studies.shadow import ACCEPT, ACCEPTED, LINE, PROPOSAL
 
 ADDRESS = re.compile(r"ws://(?:localhost|127\.0\.0\.1|\[::1\]):([0-9]{1,5})/?(\?token=[\w-]+)?")

@@ -17,9 +17,8 @@ from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import recording_in
 from twin.report.explore import EXPLORED_FOLDER
 from twin.report.explore.asked import Base, PageState, adopted, asked, first_state, known, saved
-from twin.report.explore.brought import inspected, settled
-from twin.report.explore.figures import SIGNALS, claims, fig4_panels, fig4_runs, fig5_panels, figure_of
-from twin.report.explore.logs import known_logs, log_run, proposed_map, stored
+from twin.report.explore.figures import claims, fig4_panels, fig4_runs, figure_of
+from twin.report.explore.logs import known_logs, log_run
 from twin.report.explore.picture import AT_FIRST, EXPLORED, MemoryRun, Tile, drawn, poses, shown_panels, tiles
 from twin.report.explore.request import checked_request
 from twin.report.page.markup import DataBlock
@@ -34,6 +33,8 @@ from twin.robot.run.trace import Trace, fields_of
 from twin.robot.run.watch import run_observers
 from twin.studies.faults.matrix import default_onsets
 from twin.studies.faults.trials import healthy_run
+from twin.studies.metrics.requirement import FIG4
+from twin.studies.paper.fig4_measures import Fig4Runs
 from twin.studies.results.stored import stored_runs
 
 WIDEST = 4000
@@ -41,9 +42,8 @@ WIDEST = 4000
 MOST_TICKS = 400_000
 """Of an experiment that is run while a slider moves: about half a second, and half a gigabyte of rows."""
 
-Layout = Literal["", "fig4", "fig5"]
-FIGURES: dict[Layout, str] = {"fig4": "Fig. 4", "fig5": "Fig. 5"}
-"""Layouts that take the place of the panels."""
+Layout = Literal["", "fig4"]
+"""What takes the place of the panels: Fig. 4 as the paper has it; "": nothing."""
 MOST_RUNS = 100
 """Of results/ that are offered."""
 NO_MONITOR = "no monitor here"
@@ -153,8 +153,10 @@ def _run(state: PageState, experiment: Experiment, look: "Look", only: frozenset
             none = "a third-party monitor reports no time"
         numbers.append(Tile("monitor trips after the fault", "s", delay, "" if trip else none, 3))
     run = MemoryRun(trace, fields, experiment.values)
-    found = look.picture(run, run.end, _panels_of(state, experiment, look, trace))
-    _looked_at[look.form] = frozenset(run.looked_at).union(SIGNALS[look.layout] if look.layout else ())
+    if look.layout and figure_of(experiment) != look.layout:
+        raise InputRefused("layout: this experiment is none of the paper's Fig. 4")
+    found = look.picture(run, run.end, fig4_runs(state, (experiment, trace)) if look.layout else None)
+    _looked_at[look.form] = frozenset(run.looked_at).union(FIG4 if look.layout else ())
     return found | {
         "trip": trip_reason(done.simulation),
         "numbers": numbers,
@@ -164,27 +166,6 @@ def _run(state: PageState, experiment: Experiment, look: "Look", only: frozenset
             if event.level != "DEBUG"
         ],
     }
-
-
-PanelMaker = Callable[[DataBlock, tuple[float, float]], dict[str, Any]]
-"""What a page draws of a span of time (s), for JSON, with its samples in the block."""
-
-
-def _panels_of(state: PageState, experiment: Experiment, look: "Look", trace: Trace) -> PanelMaker | None:
-    """Of a layout of the paper's; None: of no such."""
-    if not look.layout:
-        return None
-    if look.layout != figure_of(experiment):
-        raise InputRefused(f"layout: this experiment is none of the paper's {FIGURES[look.layout]}")
-    if look.layout == "fig4":
-        runs = fig4_runs(state, (experiment, trace))
-        return lambda block, span: {"panels": fig4_panels(runs, block, span, look.width)}
-
-    def made(block: DataBlock, span: tuple[float, float]) -> dict[str, Any]:
-        panels, ways = fig5_panels(experiment, trace, block, look.width)
-        return {"panels": panels, "ways": ways}
-
-    return made
 
 
 def _moved(state: PageState, experiment: Experiment) -> dict[str, Any]:
@@ -236,19 +217,19 @@ class Look:
             raise InputRefused("span: expected two times in s, the earlier one first")
         if not isinstance(width, int) or not 10 <= width <= WIDEST:
             raise InputRefused(f"width: expected pixels from 10 to {WIDEST}")
-        layout = ask.get("layout") or ""
-        if layout not in ("", *FIGURES):
-            raise InputRefused(f"layout: expected {' or '.join(FIGURES)}")
+        layout: Layout = ask.get("layout") or ""
+        if layout not in ("", "fig4"):
+            raise InputRefused("layout: expected fig4")
         begin, end = map(float, numbers)
         return cls(titles, (begin, end), width, ask.get("robot") is True, ask.get("list") is True, layout)
 
-    def picture(self, run: PanelRun, end: float, made: "PanelMaker | None" = None) -> dict[str, Any]:
-        """It, for JSON.
+    def picture(self, run: PanelRun, end: float, fig4: Fig4Runs | None = None) -> dict[str, Any]:
+        """Return what the page wants to see of `run`, for JSON.
 
         Args:
-            run: of which.
+            run: a run, or a log that reads like one.
             end: of the run (s).
-            made: makes what takes the place of the panels.
+            fig4: the four runs of Fig. 4, whose panels take the place of the others; None: none do.
         """
         block = DataBlock()
         span = self.span[0], min(self.span[1], end)
@@ -258,7 +239,9 @@ class Look:
             "scene": poses(run, block) if self.robot else None,
         }
         panels = [] if self.layout else [panel for panel in EXPLORED if panel.title in self.titles]
-        found |= made(block, span) if made else {"panels": drawn(panels, run, block, span, self.width)}
+        found["panels"] = (
+            fig4_panels(fig4, block, span, self.width) if fig4 else drawn(panels, run, block, span, self.width)
+        )
         return found | {"block": base64.b64encode(block.content()).decode("ascii")}
 
 
@@ -279,7 +262,7 @@ def _log(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     if not ask.get("layout") and not any(row["curve"] for panel in found["panels"] for row in panel["rows"]):
         raise InputRefused(
             "the log has no signal of the plots that are shown; map its columns to encoder.count_m[0..2] and "
-            "count_l[0..2], or scale.F_z, or show other plots"
+            "count_l[0..2], or scale.F_z, in NAME.map.toml beside it (twin log new LOG writes one), or show other plots"
         )
     return {"title": ask["log"], "trip": "", "numbers": [], "events": [], "values": {}, "command": "", "note": note,
             **found}  # fmt: skip
@@ -329,26 +312,6 @@ def _score(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     return claims(asked(base, ask["state"]))
 
 
-def _mapped(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """The numbers alone of a state, for a point of a map."""
-    experiment = _bounded(asked(base, ask["state"]).loaded())
-    with assemble(experiment) as assembly:
-        own = run_observers(experiment, assembly)
-        simulate(assembly, experiment.duration_ticks, [own.tally]).completed()
-    return {"numbers": tiles(own.tally.outcome, own.tally.held)}
-
-
-def _inspected(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """An FMU that was brought in; the server says which file."""
-    return inspected(Path(ask["file"]))
-
-
-def _settled(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
-    """An FMU that somebody has agreed to, with its mapping; the server says which file."""
-    name, mapping = settled(Path(ask["file"]), ask.get("how"))
-    return {"name": name, "mapping": str(mapping)}
-
-
 ANSWERS: Mapping[str, Callable[[Base, Mapping[str, Any]], dict[str, Any]]] = {
     "begin": _begun,
     "describe": _described,
@@ -359,13 +322,8 @@ ANSWERS: Mapping[str, Callable[[Base, Mapping[str, Any]], dict[str, Any]]] = {
     "command": _command,
     "onset": _onset,
     "adopt": lambda base, ask: {"state": adopted(base, ask["state"], ask["accepted"])},
-    "columns": lambda base, ask: proposed_map(ask),
     "log": _log,
-    "store": lambda base, ask: {"stored": stored(Path(ask["file"]))},
     "loops": _loops,
     "score": _score,
-    "map": _mapped,
-    "inspect": _inspected,
-    "settle": _settled,
 }
 """By what a page asks for."""

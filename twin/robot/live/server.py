@@ -26,6 +26,7 @@ from twin.kernel import live
 from twin.kernel import live as protocol
 from twin.kernel.cosim.observers import TickEvent
 from twin.kernel.errors import InputRefused
+from twin.kernel.gate import HOST, Gate, viewer_policy
 from twin.kernel.recording.recorder import RowStream
 from twin.robot.live.topics import Drawn, Topics
 
@@ -243,7 +244,7 @@ class Broadcast:
         OSError: the port is taken.
     """
 
-    def __init__(self, port: int, gate: live.Gate, channels: Sequence[live.Channel], tuning: Parameters):
+    def __init__(self, port: int, gate: Gate, channels: Sequence[live.Channel], tuning: Parameters):
         self.news: SimpleQueue[str | None] = SimpleQueue()
         self.wanted: frozenset[int] = frozenset()
         self.lacking: frozenset[int] = frozenset()
@@ -279,7 +280,7 @@ class Broadcast:
             # no context manager: its end waits for viewers that do not read
             server = await serve(
                 self._attend,
-                live.HOST,
+                HOST,
                 self.port,
                 subprotocols=live.SUBPROTOCOLS,
                 process_request=self._admit,
@@ -360,7 +361,7 @@ class LiveServer:
         port: to listen at; 0: any that is free.
         announce: called with the address, `ws://127.0.0.1:8765/?token=...`, whenever a run waits for its first viewer.
         warn: called with a sentence about connections that are refused.
-        origins: see `Gate`.
+        origins: see `viewer_policy`.
         waits: whether a run begins with its first viewer; a robot does not wait for one.
 
     Raises:
@@ -375,13 +376,13 @@ class LiveServer:
         origins: Sequence[str] = (),
         waits: bool = True,
     ):
-        self._announce, self._warn, self._gate, self._waits = announce, warn, live.Gate(origins), waits
+        self._announce, self._warn, self._gate, self._waits = announce, warn, Gate(viewer_policy(origins)), waits
         self._held = socket.socket()
         if os.name == "posix":
             # what is left of viewers of a session before must not hold up the next one for a minute
             self._held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
-            self._held.bind((live.HOST, port))
+            self._held.bind((HOST, port))
         except OSError as problem:
             self._held.close()
             raise _refusal(port, problem) from None
@@ -409,7 +410,7 @@ class LiveServer:
         except OSError as problem:
             raise _refusal(self._port, problem) from None
         self._on_air = broadcast, None
-        self._announce(f"ws://{live.HOST}:{self._port}/?token={self._gate.token}")
+        self._announce(f"ws://{HOST}:{self._port}/?token={self._gate.token}")
         if self._waits:
             for refusal in iter(broadcast.news.get, None):
                 self._warn(refusal)

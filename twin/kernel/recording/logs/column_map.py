@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.files import read_toml, toml_of
+from twin.kernel.files import read_toml
 from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.units import ATOMS, Unit, known_unit, weight_hint
 
@@ -68,23 +68,6 @@ def column_map(entries: Sequence[str | Path]) -> dict[str, MappedColumn]:
             mistakes.append(f"--map {entry}: expected NAME=COLUMN, NAME=COLUMN[UNIT] or a TOML file")
         else:
             columns[name] = _column(source)
-    if mistakes:
-        raise LogRefused("\n".join(mistakes))
-    return columns
-
-
-def columns_in(text: str, where: str) -> dict[str, MappedColumn]:
-    """Columns by signal from the text of a TOML file.
-
-    Raises:
-        LogRefused: as `column_map`.
-    """
-    columns: dict[str, MappedColumn] = {}
-    mistakes: list[str] = []
-    try:
-        _gather(Path(where), "", toml_of(text, where), columns, mistakes)
-    except InputRefused as problem:
-        mistakes.append(str(problem))
     if mistakes:
         raise LogRefused("\n".join(mistakes))
     return columns

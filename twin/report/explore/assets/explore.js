@@ -1,11 +1,9 @@
 // Puts the page together: settings change the state, the state is asked for, answers are drawn.
 
-import { Brought } from "./brought.js";
 import { Faults } from "./faults.js";
 import { Link } from "./link.js";
 import { Log } from "./log.js";
 import { Loops } from "./loops.js";
-import { Mapped } from "./map.js";
 import { FaultMarks } from "./marks.js";
 import { Picture } from "./picture.js";
 import { Robot } from "./robot.js";
@@ -53,16 +51,10 @@ const sliders = new Sliders(element("sliders"), element("search"), change);
 
 const loops = new Loops(element("loops"), (point) => link.ask({ op: "loops", state: history.now, point }));
 const score = new Score(element("score"), (slot) => link.ask({ op: "score", slot, state: slot === "file" ? fresh() : history.now }));
-const map = new Mapped(element("map"), (state, slot) => link.ask({ op: "map", slot, state }), (state) => go(state), () => history.now);
 const askOnset = () => link.ask({ op: "onset", state: { ...history.now, faults: [] } });
 const faults = new Faults(element("faults"), breakIt, askOnset, () => picture.clock.time);
 const marks = new FaultMarks(faults);
 const log = new Log((what) => link.ask({ ...what, ...look("try") }), say, addPin);
-const useDrive = (name) => go({ ...copied(history.now), drive: name });
-const brought = new Brought((what) => link.ask(what), say, useDrive, (path) => {
-  link.ask({ op: "runs" });
-  log.open(path);
-});
 
 const robot = new Robot(element("beside-robot"), (what) => link.ask(what), say, () => history.now, go);
 
@@ -89,7 +81,6 @@ function askNow(since = performance.now()) {
   if (id) asked.set(id, since);
   loops.changed();
   score.changed();
-  map.changed();
 }
 
 function askPin(pin, number) {
@@ -110,17 +101,13 @@ function hear(answer) {
   if (answer.op === "begin") begin(answer);
   else if (answer.op === "describe") describe(answer);
   else if (answer.op === "runs") offerBeside(answer);
-  else if (answer.op === "columns") log.proposed(answer);
   else if (answer.slot === "try") log.tried(answer);
   else if (answer.op === "save") say(answer.saved ? `Saved: ${answer.saved}` : answer.refused ?? answer.failed, !answer.saved);
   else if (answer.op === "record") tellRecorded(answer);
   else if (answer.op === "onset") faults.begin(answer.onset);
   else if (["robot", "accept", "adopt"].includes(answer.op)) robot.take(answer);
   else if (answer.op === "score") score.take(answer);
-  else if (answer.op === "map") map.take(answer);
   else if (answer.op === "loops") loops.take(answer);
-  else if (answer.op === "inspect") brought.inspected(answer);
-  else if (answer.op === "qualify") brought.qualified(answer);
   else if (answer.slot === "file") tellFile(answer);
   else if (answer.slot === 0) showNow(answer);
   else if (answer.slot > 0) showPin(answer);
@@ -158,11 +145,11 @@ function lookAs(seen) {
 
 const FIGURES = { fig4: "Fig. 4", fig5: "Fig. 5" };
 
-/** The layout of the figure that the experiment is one of. */
+/** The layout of Fig. 4 where the experiment is one of it, and the scorecard of its figure. */
 function offerLayout(figure) {
-  const own = figure ? [made("option", { value: figure }, `as ${FIGURES[figure]}`)] : [];
+  const own = figure === "fig4" ? [made("option", { value: figure }, `as ${FIGURES[figure]}`)] : [];
   element("layout").replaceChildren(made("option", { value: "" }, "plots"), ...own);
-  element("layout").value = view.layout === figure ? view.layout : "";
+  element("layout").value = own.length ? view.layout : "";
   element("panels").hidden = element("layout").value !== "";
   element("score").hidden = !figure;
   element("score").querySelector("summary").textContent = `Scorecard of ${FIGURES[figure]}`;
@@ -176,7 +163,6 @@ function describe(answer) {
   listed = false;
   sliders.describe(answer.sliders);
   sliders.show(history.now.set);
-  map.describe(answer.sliders);
   faults.describe(answer.kinds, answer.duration);
   faults.show(history.now.faults);
 }

@@ -35,7 +35,7 @@ export class Link {
       this.changed(false, false);
       setTimeout(() => this.open(), this.patience);
       this.patience = Math.min(LATEST, 2 * this.patience);
-      const answer = await fetch("explore.css", { method: "HEAD" }).catch(() => null);
+      const answer = await fetch("explore.css").catch(() => null);
       if (answer?.status === 403) this.changed(false, true);
     };
   }

@@ -1,14 +1,11 @@
 // The picture: the report's plots and player, fed by answers. Run 0 is the present state, the others are pinned.
 
-import { Way, withPoints } from "./ways.js";
-
 const MAIN = ["truth", "reference"];
 
 /** The rows of an answer's panels with curves that the plots draw. */
 function withCurves(answer) {
   return answer.panels.map((panel) => ({
     ...panel,
-    span: panel.span && { from: panel.span[0], to: panel.span[1] },
     rows: panel.rows.map((row) => ({ ...row, curve: row.curve && new Curve(answer.samples, row.curve) })),
   }));
 }
@@ -25,7 +22,6 @@ export class Picture {
     this.answers = [null];
     this.switched = new Map();
     this.labels = ["now"];
-    this.ways = [];
     const by = (id, act) => document.getElementById(id).addEventListener("click", () => this.plots && act(this.plots));
     by("closer", (plots) => plots.zoomBy(0.5));
     by("wider", (plots) => plots.zoomBy(2));
@@ -56,7 +52,7 @@ export class Picture {
 
   /** Show an answer as run `number`. */
   take(number, answer) {
-    this.answers[number] = { panels: withCurves(answer), ways: withPoints(answer), end: answer.end };
+    this.answers[number] = { panels: withCurves(answer), end: answer.end };
     if (number === 0) {
       page.events = answer.events;
       if (answer.scene) answer.scene.samples = answer.samples;
@@ -91,15 +87,10 @@ export class Picture {
         return { ...panel, rows: rows.filter(({ curves }) => curves.some(Boolean)) };
       })
       .filter(({ rows }) => rows.length);
-    const ways = now.ways.map(({ title }) => this.answers.map((answer) => answer?.ways.find((way) => way.title === title) ?? null));
     const end = Math.max(...this.answers.map((answer) => answer?.end ?? 0));
-    const form = JSON.stringify([end, this.labels, this.answers.map(Boolean), panels.map(({ title, of, rows }) => [title, of, rows.map(({ label }) => label)])]);
+    const form = JSON.stringify([end, this.labels, this.answers.map(Boolean), panels.map(({ title, rows }) => [title, rows.map(({ label }) => label)])]);
     if (form === this.form) {
-      page.panels.forEach((panel, p) => {
-        if (panel.span) Object.assign(panel.span, panels[p].span);
-        panel.rows.forEach((row, r) => (row.curves = panels[p].rows[r].curves));
-      });
-      this.ways.forEach((way, w) => way.put(ways[w]));
+      page.panels.forEach((panel, p) => panel.rows.forEach((row, r) => (row.curves = panels[p].rows[r].curves)));
       for (const plot of this.plots.plots) plot.decimals = plot.fittingDecimals();
       this.plots.redraw();
       this.plots.point();
@@ -113,22 +104,10 @@ export class Picture {
     for (const panel of panels) for (const row of panel.rows) row.before = row.shown = this.isShown(panel, row);
     page.panels = panels;
     this.form = form;
-    this.rebuild(end, ways);
+    this.rebuild(end);
   }
 
-  /** Of several tasks each has its heading, as in Fig. 5. */
-  arrange() {
-    const figures = [...this.ways.map(({ way, figure }) => [way.of, figure]), ...this.plots.plots.map(({ panel, figure }) => [panel.of, figure])];
-    for (const of of new Set(figures.map(([one]) => one).filter(Boolean))) {
-      const own = figures.filter(([one]) => one === of).map(([, figure]) => figure);
-      this.box.append(made("section", { className: "task" }, made("h3", {}, of), ...own));
-    }
-    this.box.classList.toggle("tasks", this.ways.length > 0);
-    // each plot shows its task, and no span in common
-    this.box.parentElement.classList.toggle("tasks-shown", this.ways.length > 0);
-  }
-
-  rebuild(end, ways) {
+  rebuild(end) {
     const span = this.span;
     this.clock.end = end;
     this.player.slider.max = end;
@@ -136,14 +115,7 @@ export class Picture {
     this.plots?.forget();
     this.box.replaceChildren();
     this.plots = new Plots(this.box, this.clock);
-    this.ways = ways.map((runs) => new Way(runs, this.clock));
-    this.arrange();
-    const drawWays = () => this.ways.forEach((way) => way.draw());
-    if (ways.length) this.clock.listen(drawWays);
-    this.plots.drawn = () => {
-      drawWays();
-      this.drawn();
-    };
+    this.plots.drawn = () => this.drawn();
     if (span && span[1] <= end) this.plots.zoom(...span);
     else this.plots.all();
     this.plots.zoomed = () => this.zoomed();

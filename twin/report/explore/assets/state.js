@@ -26,7 +26,7 @@ function understood(found) {
   return { set: Object.fromEntries(pairs), drive, body, faults: broken };
 }
 
-const LAYOUTS = ["", "fig4", "fig5"];
+const LAYOUTS = ["", "fig4"];
 const MOST_PANELS = 100;
 
 /** How a state is looked at: the layout, and the titles of plots; null: those that come first. */
@@ -74,10 +74,10 @@ export function read(text) {
     }
     else if (key !== "pin") set.push([key, content]);
     else if (pins.length < MOST_PINS && typeof content?.name === "string") {
-      const { name, log, map = "", shift_s = 0 } = content;
+      const { name, log, shift_s = 0 } = content;
       const inner = content.run === undefined && log === undefined ? understood(content.state) : null;
       if (typeof content.run === "string") pins.push({ name, run: content.run });
-      else if (typeof log === "string" && typeof map === "string" && typeof shift_s === "number") pins.push({ name, log, map, shift_s });
+      else if (typeof log === "string" && typeof shift_s === "number") pins.push({ name, log, shift_s });
       else if (inner) pins.push({ name, state: inner });
       else return null;
     } else return null;

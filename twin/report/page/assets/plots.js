@@ -8,7 +8,7 @@ class Plots {
     // for pages that want to know
     this.drawn = this.zoomed = () => {};
     this.span = { from: 0, to: clock.end };
-    this.plots = page.panels.map((panel) => new Plot(panel, panel.span ?? this.span));
+    this.plots = page.panels.map((panel) => new Plot(panel, this.span));
     this.stale = new Set(this.plots);
     this.seen = new Set();
     box.append(...this.plots.map((plot) => plot.figure));
@@ -104,7 +104,7 @@ class Plots {
         return;
       }
       // a panel with a span of its own shows all of it
-      const zooming = began !== null && plot.span === this.span && event.pointerType !== "touch" && Math.abs(event.clientX - began) > 4;
+      const zooming = began !== null && event.pointerType !== "touch" && Math.abs(event.clientX - began) > 4;
       if (zooming) this.showBrush(plot, began, event.clientX);
       else if (!this.clock.playing) this.clock.set(time(event));
     });

@@ -4,11 +4,11 @@ import pytest
 from websockets.datastructures import Headers
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.live import Gate
+from twin.kernel.gate import Gate, viewer_policy
 
 
 def refusal(*headers: tuple[str, str], origins: tuple[str, ...] = ()) -> str:
-    return Gate(origins).refusal(Headers(headers))
+    return Gate(viewer_policy(origins)).refusal(Headers(headers))
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8765", "localhost", "LOCALHOST:1", "[::1]:8765"])
@@ -83,13 +83,13 @@ def test_an_origin_can_be_added():
 @pytest.mark.parametrize("origin", ["null", "*", "https://*", "viewer.example", "https://viewer.example/", ""])
 def test_what_is_no_origin_cannot_be_added(origin: str):
     with pytest.raises(InputRefused, match=r"^--origin .*: expected scheme://host"):
-        Gate([origin])
+        viewer_policy([origin])
 
 
 def test_the_token_is_known_by_itself_only():
-    gate = Gate()
+    gate = Gate(viewer_policy())
     assert len(gate.token) == 22
-    assert gate.token != Gate().token
+    assert gate.token != Gate(viewer_policy()).token
     assert gate.knows(f"/?token={gate.token}") is True
     assert gate.knows(f"/any/path?a=b&token={gate.token}") is True
     assert gate.knows("/") is None

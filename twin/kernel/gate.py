@@ -1,0 +1,136 @@
+"""Access control of the servers on this machine's own address, decided from the head of a request.
+
+A browser lets any page open a WebSocket to this machine, and names the page's site only in Origin; so that header is
+checked here. Host is checked because a page may resolve its own name to our address ("DNS rebinding"). A page cannot
+forge either. Programs can.
+
+Sources: RFC 6455, 10.2 (Origin); RFC 6454 (origins).
+"""
+
+import re
+import secrets
+from collections.abc import Sequence
+from dataclasses import dataclass
+from urllib.parse import parse_qs, urlsplit
+
+from websockets.datastructures import Headers
+
+from twin.kernel.errors import InputRefused
+
+HOST = "127.0.0.1"
+"""This machine's own address: no other one reaches a server that listens there."""
+HERE = r"(localhost|127\.0\.0\.1|\[::1\])(:[0-9]{1,5})?"
+VIEWERS = ("https://app.foxglove.dev", "https://lichtblick-suite.github.io", "file://")
+"""Origins of Foxglove's and Lichtblick's pages, and of their desktop programs, which are pages out of a file."""
+
+
+@dataclass(frozen=True)
+class GatePolicy:
+    """What a server lets in.
+
+    Attributes:
+        hosts: pattern of the Host header in lower case.
+        expected_host: end of the error message on another one.
+        origins: pattern of the Origin header in lower case.
+        expected_origin: end of the error message on another one; ORIGIN stands for it.
+        own_pages_only: whether a request that does more than read needs an Origin, and pages of other sites may not
+            even load a picture or a script; False lets programs and links of other sites in.
+        cookie: name of the cookie that carries the token; "" if there is none.
+    """
+
+    hosts: str
+    expected_host: str
+    origins: str
+    expected_origin: str
+    own_pages_only: bool
+    cookie: str = ""
+
+
+def viewer_policy(origins: Sequence[str] = ()) -> GatePolicy:
+    """Policy of the live server: viewers, pages of this machine and programs watch; the token lets them tune.
+
+    Args:
+        origins: allowed besides `VIEWERS` and pages of this machine.
+
+    Raises:
+        InputRefused: one of `origins` is none.
+    """
+    for origin in origins:
+        if not re.fullmatch(r"[a-z][a-z0-9+.-]*://[^\s/?#@*]*", origin.lower()):
+            raise InputRefused(f"--origin {origin}: expected scheme://host or scheme://host:port, without a path")
+    known = "|".join(re.escape(origin.lower()) for origin in (*VIEWERS, *origins))
+    return GatePolicy(
+        hosts=HERE,
+        expected_host="not a name of this machine's own address; open ws://127.0.0.1",
+        origins=f"{known}|https?://{HERE}",
+        expected_origin="not an origin that may watch; --origin ORIGIN lets it in",
+        own_pages_only=False,
+    )
+
+
+def own_page_policy(port: int) -> GatePolicy:
+    """Policy of a server whose own pages run native code: only its own origin and port, nothing without the token.
+
+    A browser brings the token in the address that the terminal shows, and from then on in a cookie that no other site's
+    page can make it send (SameSite=Strict) and no script can read (HttpOnly). Cookies are those of a host, so its name
+    has the port.
+    """
+    address = f"{HOST}:{port}"
+    return GatePolicy(
+        hosts=re.escape(address),
+        expected_host=f"expected {address}",
+        origins=re.escape(f"http://{address}"),
+        expected_origin=f"only those of http://{address} may ask",
+        own_pages_only=True,
+        cookie=f"twin_{port}",
+    )
+
+
+class Gate:
+    """Checks every request to a server.
+
+    Args:
+        policy: what is let in.
+        token: proves that a request comes from who has seen the terminal; a new one by default.
+    """
+
+    def __init__(self, policy: GatePolicy, token: str | None = None):
+        self.policy, self.token = policy, token or secrets.token_urlsafe(16)
+
+    def refusal(self, headers: Headers, changes: bool = True) -> str:
+        """Return why a request with these headers is refused, or "".
+
+        Args:
+            headers: of the request.
+            changes: whether it does more than read, as a WebSocket does.
+        """
+        policy, hosts, origins = self.policy, headers.get_all("Host"), headers.get_all("Origin")
+        if len(hosts) != 1 or not re.fullmatch(policy.hosts, hosts[0].lower()):
+            return f"Host {', '.join(hosts)}: {policy.expected_host}"
+        known = len(origins) == 1 and re.fullmatch(policy.origins, origins[0].lower())
+        if not known and (origins or (changes and policy.own_pages_only)):
+            named = ", ".join(origins) if origins else "nowhere"
+            return f"a page of {named}: {policy.expected_origin.replace('ORIGIN', named)}"
+        # set by browsers for pictures, scripts and links, which have no Origin
+        sites = headers.get_all("Sec-Fetch-Site")
+        if policy.own_pages_only and any(site not in ("same-origin", "none") for site in sites):
+            return "asked for by a page of another site"
+        return ""
+
+    def knows(self, path: str) -> bool | None:
+        """Whether the `path` of a request names the token; None if it names none at all."""
+        try:
+            named = parse_qs(urlsplit(path).query).get("token")
+        # a path such as //[
+        except ValueError:
+            return None
+        return None if named is None else any(map(self._is_token, named))
+
+    def knows_cookie(self, headers: Headers) -> bool:
+        """Whether a cookie of the request carries the token."""
+        pairs = [pair.strip().partition("=") for line in headers.get_all("Cookie") for pair in line.split(";")]
+        return any(name == self.policy.cookie and self._is_token(value) for name, _, value in pairs)
+
+    def _is_token(self, given: str) -> bool:
+        """Whether `given` is the token; the time of the comparison does not depend on it."""
+        return secrets.compare_digest(given.encode(), self.token.encode())
