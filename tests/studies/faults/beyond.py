@@ -80,8 +80,7 @@ def row(body: str, kind: str) -> str:
     best = ideal(body, kind, worst)
     cells = [
         f"`{kind}`", body, magnitude_text(kind, worst.magnitude), worst.target, f"{worst.onset:g}",
-        f"{worst.felt.peak:.1f}", "-" if best is None else f"{best:.1f}", worst.felt.reason or worst.felt.failure[:60] or "-",
-        str(len(tried)),
+        f"{worst.felt.peak:.1f}", "-" if best is None else f"{best:.1f}", worst.felt.reason or "-", str(len(tried)),
     ]  # fmt: skip
     return "| " + " | ".join(cells) + " |"
 
