@@ -25,7 +25,7 @@ def share(wrong: TriedFault) -> float:
     """Two kinds violate: one everywhere if it is large, and most at one time; one only early."""
     if wrong.kind == "surface_jump":
         assert wrong.magnitude is not None
-        return 1.0 - 0.06 * wrong.magnitude + abs(wrong.onset - WORST_ONSET) / TICKS
+        return 1.0 - 0.15 * min(wrong.magnitude, 10.0) + abs(wrong.onset - WORST_ONSET) / TICKS
     if wrong.kind == "encoder_drift":
         return 0.5 if wrong.onset > 2_000 else -0.2
     return 1.0
@@ -206,7 +206,8 @@ def test_a_second_fault_is_searched_at_every_delay_and_down_to_drives_that_creep
     assert nearest < 0.0 and kind in ordered_names()
     speeds = [search_space.magnitude(kind, wrong.shares[1], 1) or 0.0 for wrong in search.tried]
     assert min(map(abs, speeds)) < 0.06 and max(map(abs, speeds)) > 8.0
-    assert {wrong.delay for wrong in search.tried} >= {0, 1000, 3000} and search_space.first_alone(found).delay == 0
+    delays = {wrong.delay for wrong in search.tried}
+    assert min(delays) < 100 and max(delays) > 2900 and search_space.first_alone(found).delay == 0
 
 
 def test_a_search_goes_beyond_the_largest_magnitude_of_the_catalogue():

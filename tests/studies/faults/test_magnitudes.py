@@ -31,7 +31,8 @@ def test_every_kind_with_a_magnitude_has_an_upper_end_no_smaller_than_the_catalo
     assert UPPER_ENDS.keys() == {kind for kind, known in CATALOGUE.items() if known.magnitudes}
     for kind, end in UPPER_ENDS.items():
         smallest, *_, largest = CATALOGUE[kind].magnitudes or ()
-        assert end.why and end.magnitude / largest >= 1.0 or largest < smallest and end.magnitude < largest
+        assert end.why and end.magnitude * largest > 0.0
+        assert abs(end.magnitude) <= abs(largest) if abs(largest) < abs(smallest) else end.magnitude / largest >= 1.0
 
 
 def test_the_page_has_a_row_for_every_kind_with_its_upper_end():
