@@ -4,7 +4,8 @@ A common cause breaks several parts at once: three drives on one bus or driver b
 one batch. A pair are two faults of different components that begin together; the list has one kind for each component.
 """
 
-from itertools import combinations
+import re
+from itertools import combinations, permutations
 from typing import Any, NamedTuple
 
 from twin.kernel.errors import InputRefused
@@ -93,6 +94,14 @@ PAIRS = tuple(
 )
 
 
+RUNAWAY = "drive_runaway"
+ALL_DRIVES = PairPart("drives", RUNAWAY, "all drives", 4.0)
+"""A second fault that presses harder than that of one drive."""
+ORDERED_PAIRS = tuple(both for pair in PAIRS for both in permutations(pair))
+ORDERED_PAIRS += tuple((first, ALL_DRIVES) for first, second in ORDERED_PAIRS if second.kind == RUNAWAY)
+"""Every pair in both orders; where a drive runs away second, all drives do, too."""
+
+
 def expects(cause: CommonCause, magnitude: float | None, in_contact: bool) -> bool:
     """Whether the monitor is said to see `cause` of one of the catalogue's magnitudes."""
     start = cause.seen.contact if in_contact else cause.seen.free
@@ -109,8 +118,9 @@ def table(kind: str, target: str, magnitude: float | None, onset: float) -> dict
     return {"kind": kind, "target": target, "onset_s": onset} | ({key: magnitude} if key else {})
 
 
-OF, AND = "@", "+"
-"""In names of sets of faults: `drive_runaway@all_drives`, `drive_runaway+sample_loss`."""
+OF, AND, THEN = "@", "+", "-then-"
+"""In names of sets of faults: `drive_runaway@all_drives`, `drive_runaway+sample_loss`, and
+`sample_loss-then-drive_runaway`, of which the second begins after the trip that the first one causes."""
 ALL, EACH = "all ", "each "
 """Of a group that breaks at once: with one magnitude, or each member with a magnitude and a sign of its own."""
 
@@ -134,7 +144,7 @@ def named_set(name: str) -> tuple[SetPart, ...]:
         InputRefused: there is no such kind or group.
     """
     parts = []
-    for text in name.split(AND):
+    for text in re.split(f"{re.escape(AND)}|{THEN}", name):
         kind, of, group = text.partition(OF)
         if kind not in CATALOGUE:
             raise InputRefused(f"--kind {name}: {expected(kind, tuple(CATALOGUE))}")
@@ -174,5 +184,13 @@ def pair_names() -> tuple[str, ...]:
     return tuple(dict.fromkeys(AND.join(_named(part) for part in pair) for pair in PAIRS))
 
 
+def ordered_names() -> tuple[str, ...]:
+    """Sets of pairs of which one fault begins after the trip of the other, in both orders."""
+    return tuple(dict.fromkeys(THEN.join(_named(part) for part in pair) for pair in ORDERED_PAIRS))
+
+
 def _named(part: PairPart) -> str:
-    return f"{part.kind}{OF}{part.target}" if CATALOGUE[part.kind].targets == ("controller", "bus") else part.kind
+    known = CATALOGUE[part.kind]
+    group = part.target in known.groups and part.target not in known.targets
+    one_place = group or known.targets == ("controller", "bus")
+    return f"{part.kind}{OF}{part.target.replace(' ', '_')}" if one_place else part.kind

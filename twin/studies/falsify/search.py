@@ -27,15 +27,17 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.experiment.measure import Required, requirement, signals_of
+from twin.robot.experiment.together import THEN
 from twin.robot.mechanism.geometry import geometry_of
-from twin.robot.monitor.component import trip_reason
+from twin.robot.monitor.component import own_monitor, trip_reason
 from twin.robot.run.past import NOT_WANTED, SharedPast, before_fault
 from twin.robot.run.trace import Trace, fields_of
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.command import Say
-from twin.studies.falsify.space import Ended, Place, Requirement, Space, TriedFault, offset_text, ways_of
+from twin.studies.falsify.space import Ended, Place, Requirement, Space, TriedFault, creeps, offset_text, ways_of
+from twin.studies.faults.magnitudes import BEYOND
 from twin.studies.faults.matrix import default_onsets
-from twin.studies.faults.together import HERE
+from twin.studies.faults.together import DELAYS, HERE
 from twin.studies.faults.trials import fault_trial_of
 from twin.studies.metrics.requirement import checked_requirement
 from twin.studies.sweep.measures import RunFinding
@@ -94,7 +96,8 @@ def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str =
         claims: nothing.
 
     Returns:
-        Of a run without a fault besides `onsets`, ticks in contact and in free motion at which one may begin.
+        Besides "trip", the tick of the trip or None; of a run without a fault "onsets", ticks in contact and in free
+        motion at which one may begin.
     """
     began = time.perf_counter()
     try:
@@ -123,7 +126,9 @@ def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str =
         return RunFinding(status, str(problem), {}, time.perf_counter() - began, 0.0)
     trip = trip_reason(done.simulation)
     status, reason = ("failed", str(done.failure)) if done.failure else ("tripped" if trip else "done", trip)
-    return RunFinding(status, reason, found, time.perf_counter() - began, done.stepping, {"onsets": onsets})
+    own = own_monitor(done.simulation.system)
+    more = {"onsets": onsets, "trip": own.trip.tick if own and own.trip else None}
+    return RunFinding(status, reason, found, time.perf_counter() - began, done.stepping, more)
 
 
 TRIAL = "twin.studies.falsify.search:judged"
@@ -188,6 +193,7 @@ class Judge:
         self._experiment, self._scratch, self._runs, self._say = experiment, scratch, runs, say
         self._scales: dict[str, float] = {}
         self._moved: dict[TriedFault, str] = {}
+        self._trips: dict[TriedFault, int] = {}
         self.distances: dict[TriedFault, dict[str, float]] = {}
         self.first: dict[str, int] = {}
         self.ended: dict[TriedFault, Ended] = {}
@@ -253,11 +259,21 @@ class Judge:
         value = facts.get("metrics", {}).get(f"{name}.distance")
         return math.inf if value is None else value
 
+    def trip(self, wrong: TriedFault) -> int:
+        """Tick from which the second fault of an ordered pair that was run is delayed."""
+        return self._trips[self._space.first_alone(wrong)] if THEN in wrong.kind else 0
+
     def _found(self, batch: Sequence[TriedFault]) -> list[dict]:
+        first = dict.fromkeys(self._space.first_alone(wrong) for wrong in batch if THEN in wrong.kind)
+        new = [one for one in first if one not in self._trips]
+        if new:
+            # not counted as runs: they are judged as single faults
+            trips = [facts.get("trip") for facts in self._found(new)]
+            self._trips |= {one: one.onset if trip is None else trip for one, trip in zip(new, trips, strict=True)}
         files = []
         for number, wrong in enumerate(batch):
             files.append(self._scratch / f"{number}.toml")
-            write_text(files[-1], self._space.file(wrong, self._experiment))
+            write_text(files[-1], self._space.file(wrong, self._experiment, trip=self.trip(wrong)))
         self._say(f"{len(self.distances)} of {self._runs} runs", len(self.distances) / self._runs)
         facts = self._workers.findings(files)
         self.seconds += sum(one.get("seconds") or 0.0 for one in facts)
@@ -303,6 +319,8 @@ POPULATION = 6
 runs are few."""
 BREADTH = 0.7
 """Share of the runs that the race takes at most, but for the first run of every kind."""
+SLOWEST = 0.01
+"""Share of the speed of a drive that creeps after a trip; not 0, which has no direction."""
 SEEDS = 1000
 """Seeds that the search draws from."""
 
@@ -394,39 +412,47 @@ class Search:
         return rounds
 
     def _probe(self, kind: str, lap: int, rounds: Sequence[tuple[Place, int]]) -> TriedFault:
-        """The run of `kind` in a round: at its largest in `rounds`, later ever finer between all times, sizes and
-        offsets."""
+        """The run of `kind` in a round: at the catalogue's largest in `rounds`, later ever finer between all times,
+        sizes up to the upper end, offsets and delays."""
         place, onset = rounds[lap % len(rounds)]
-        shares, offset = [1.0] * len(place.ways), HERE
+        shares, offset, ordered = [1.0] * len(place.ways), HERE, THEN in kind
+        delay = DELAYS[(lap + _number(kind)) % len(DELAYS)] if ordered else 0.0
+        if creeps(kind):
+            shares[1] = (1.0, SLOWEST, 0.5)[lap % 3]
         if lap >= len(rounds):
-            wide = 1 + len(shares) + (2 if self.space.reach else 0)
+            wide = 1 + len(shares) + ordered + (2 if self.space.reach else 0)
             time, *rest = (float(each) for each in qmc.Halton(wide, scramble=False).random(lap + 1)[-1])
             onset = round(time * (self.space.ticks - 1))
-            shares = [1.0 - 0.5 * less for less in rest[: len(shares)]]
+            shares = [0.5 + (BEYOND - 0.5) * more for more in rest[: len(shares)]]
+            if creeps(kind):
+                shares[1] = max(SLOWEST, BEYOND * rest[1])
+            delay = DELAYS[-1] * rest[2] if ordered else 0.0
             offset = self.space.offset(*rest[-2:]) if self.space.reach else HERE
         shares = [way * share for way, share in zip(place.ways, shares, strict=True)]
         seed = lap if self.space.draws(kind) else 0
-        return self.space.fault(kind, (place.target, place.body), shares, onset, seed, offset)
+        return self.space.fault(kind, (place.target, place.body), shares, onset, seed, offset, delay)
 
     def _evolve(self, kind: str, runs: int) -> None:
         """Spend `runs` around what is known of `kind`."""
         space = self.space
         targets, bodies = space.targets(kind), space.bodies
         seeds = SEEDS if space.draws(kind) else 0
-        sizes = [(float(min(0, *ways)), 1.0) for ways in ways_of(kind)]
+        sizes = [(BEYOND * min(0, *ways), BEYOND) for ways in ways_of(kind)]
         bounds: list[tuple[float, float]] = [(0, space.ticks - 1), *sizes]
         bounds += [(0, len(targets) - 1), (0, len(bodies) - 1), (0, seeds)]
         whole = [True, *[False] * len(sizes), True, True, True]
-        if space.reach:
-            bounds += [(0.0, 1.0)] * 2
-            whole += [False] * 2
+        ordered = THEN in kind
+        more = [(0.0, DELAYS[-1])] * ordered + [(0.0, 1.0)] * (2 if space.reach else 0)
+        bounds += more
+        whole += [False] * len(more)
         best = self.worst[kind][0]
 
         def made(x: NDArray[np.float64]) -> TriedFault:
             onset, *rest = (float(each) for each in x)
             shares, (target, body, seed) = rest[: len(sizes)], map(round, rest[len(sizes) : len(sizes) + 3])
             offset = space.offset(*rest[-2:]) if space.reach else HERE
-            return space.fault(kind, (targets[target], bodies[body]), shares, round(onset), seed, offset)
+            delay = rest[len(sizes) + 3] if ordered else 0.0
+            return space.fault(kind, (targets[target], bodies[body]), shares, round(onset), seed, offset, delay)
 
         last = len(self.tried) + min(runs, self._left)
 
@@ -440,7 +466,8 @@ class Search:
         population = lower + first * (upper - lower)
         where = targets.index(best.target), bodies.index(best.body)
         here = space.polar(best.offset) if space.reach else ()
-        population[0] = best.onset, *space.shares(best), *where, best.seed, *here
+        late = (best.delay * space.tick,) if ordered else ()
+        population[0] = best.onset, *space.shares(best), *where, best.seed, *late, *here
         # a generation may bring fewer runs than it has members: some have been made before
         differential_evolution(
             shares, bounds, maxiter=max(1, runs), init=population, integrality=np.array(whole), seed=0, polish=False,

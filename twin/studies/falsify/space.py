@@ -14,10 +14,20 @@ import tomlkit
 
 from twin.robot.experiment.fault import CATALOGUE, Kind
 from twin.robot.experiment.source import laid_over
-from twin.robot.experiment.together import AND, OF, common_names, named_set, pair_names
+from twin.robot.experiment.together import (
+    AND,
+    OF,
+    RUNAWAY,
+    THEN,
+    common_names,
+    named_set,
+    ordered_names,
+    pair_names,
+)
+from twin.studies.faults.magnitudes import has_two_ways, magnitude_between, share_of
 from twin.studies.faults.matrix import GLITCH_SHARE
 from twin.studies.faults.text import magnitude_text
-from twin.studies.faults.together import HERE, has_two_ways, magnitude_between, moved_tasks, on_disc, share_of
+from twin.studies.faults.together import HERE, SLOW, moved_tasks, on_disc
 from twin.studies.result import Block, Cell, Column, Note, Result, Table, counted, wrapped
 
 RANDOM = (
@@ -55,6 +65,8 @@ class TriedFault:
         seed: of the fault, and added to that of the encoders' noise.
         shares: of a set of several faults that of each, see `Space.magnitude`.
         offset: by which all tasks are moved, x and y (m).
+        delay: ticks from the trip that the first fault causes to the second (from its onset if it causes none); of
+            faults that begin together 0.
     """
 
     kind: str
@@ -65,6 +77,7 @@ class TriedFault:
     seed: int = 0
     shares: tuple[float, ...] = ()
     offset: tuple[float, float] = HERE
+    delay: int = 0
 
 
 @dataclass(frozen=True)
@@ -123,18 +136,20 @@ class Space:
         onset: int,
         seed: int = 0,
         offset: tuple[float, float] = HERE,
+        delay: float = 0.0,
     ) -> TriedFault:
         """The run of `kind` at a target and on a body.
 
         Args:
             shares: of each of its faults, see `magnitude`.
+            delay: of the second fault after the trip (s).
         """
         target, body = place
         if alone(kind) is not None:
             return TriedFault(kind, target, self.magnitude(kind, shares[0]), onset, body, seed, offset=offset)
         # four digits are enough of a search
         rounded = tuple(float(f"{share:.4g}") for share in shares)
-        return TriedFault(kind, target, None, onset, body, seed, rounded, offset)
+        return TriedFault(kind, target, None, onset, body, seed, rounded, offset, round(delay / self.tick))
 
     def offset(self, outward: float, around: float) -> tuple[float, float]:
         """See `on_disc`."""
@@ -145,9 +160,16 @@ class Space:
         x, y = offset
         return min(1.0, (math.hypot(x, y) / self.reach) ** 2), math.atan2(y, x) / (2.0 * math.pi) % 1.0
 
-    def magnitude(self, kind: str, share: float) -> float | None:
-        """Of a single `kind`, see `magnitude_between`."""
-        return magnitude_between(named_set(kind)[0].kind, share, self.tick)
+    def magnitude(self, kind: str, share: float, number: int = 0) -> float | None:
+        """Of fault `number` of a set, see `magnitude_between`; a drive that runs away second may creep."""
+        one = named_set(kind)[number].kind
+        return magnitude_between(one, share, self.tick, SLOW[0] if creeps(kind) and number == 1 else None)
+
+    def first_alone(self, wrong: TriedFault) -> TriedFault:
+        """The first fault of an ordered pair, without the second."""
+        kind, target = wrong.kind.partition(THEN)[0], wrong.target.partition(AND)[0]
+        size = self.magnitude(kind, wrong.shares[0])
+        return replace(wrong, kind=kind, target=target, magnitude=size, shares=(), delay=0)
 
     def shares(self, wrong: TriedFault) -> tuple[float, ...]:
         """Those that `fault` makes `wrong` of; 0 where the kind has no magnitude."""
@@ -155,33 +177,38 @@ class Space:
             wrong.shares if alone(wrong.kind) is None else (share_of(named_set(wrong.kind)[0].kind, wrong.magnitude),)
         )
 
-    def file(self, wrong: TriedFault, experiment: Path, comments: Sequence[str] = ()) -> str:
+    def file(self, wrong: TriedFault, experiment: Path, comments: Sequence[str] = (), trip: int = 0) -> str:
         """The experiment with what is wrong in it and what is required of it, as TOML that `twin run` takes.
 
         Args:
             experiment: the file that it extends, as it is found from where it will stand.
+            trip: tick from which the second fault of an ordered pair is delayed.
         """
         tables = {"extends": str(experiment)} | laid_over(
             self.base,
             ({"contact": {"body": wrong.body}} if wrong.body is not None else {})
             | ({"seed": self.seed + wrong.seed} if wrong.seed else {})
             | ({"task": moved_tasks(self.tasks, wrong.offset)} if wrong.offset != HERE else {})
-            | ({"fault": self._tables(wrong)} if wrong.kind else {}),
+            | ({"fault": self._tables(wrong, trip)} if wrong.kind else {}),
         )
         tables["measure"] = [
             {"name": name, "kind": "requirement", "formula": formula} for name, formula in self.requirements
         ]
         return "".join(f"# {comment}\n" for comment in comments) + tomlkit.dumps(tables)
 
-    def _tables(self, wrong: TriedFault) -> list[dict[str, Any]]:
+    def _tables(self, wrong: TriedFault, trip: int) -> list[dict[str, Any]]:
         parts, targets = named_set(wrong.kind), wrong.target.split(AND)
         sizes = [wrong.magnitude]
         if len(parts) > 1:
-            sizes = [self.magnitude(part.kind, share) for part, share in zip(parts, wrong.shares, strict=True)]
-        return [
+            sizes = [self.magnitude(wrong.kind, share, number) for number, share in enumerate(wrong.shares)]
+        tables = [
             self._table(wrong, part.kind, target, size)
             for part, target, size in zip(parts, targets, sizes, strict=True)
         ]
+        if THEN in wrong.kind:
+            later = min(trip + wrong.delay, self.ticks - 1)
+            tables[1]["onset_s"] = self.onset(replace(wrong, onset=later))
+        return tables
 
     def _table(self, wrong: TriedFault, kind: str, target: str, magnitude: float | None) -> dict[str, Any]:
         """Of one of its faults."""
@@ -198,6 +225,11 @@ class Space:
     def onset(self, wrong: TriedFault) -> float:
         """When it begins (s), without the digits that rounding leaves."""
         return float(f"{wrong.onset * self.tick:.12g}")
+
+
+def creeps(kind: str) -> bool:
+    """Whether the second fault of an ordered pair turns drives, which may be slow."""
+    return THEN in kind and named_set(kind)[1].kind == RUNAWAY
 
 
 def alone(kind: str) -> Kind | None:
@@ -232,7 +264,7 @@ def known_sets(kinds: Sequence[str], sets: Collection[str]) -> tuple[str, ...]:
             *(kind for kind in CATALOGUE if kind in kinds),
             *(k for k in dict.fromkeys(kinds) if k not in CATALOGUE),
         )
-    lists = {"single": tuple(CATALOGUE), "common": common_names(), "pairs": pair_names()}
+    lists = {"single": tuple(CATALOGUE), "common": common_names(), "pairs": pair_names(), "ordered": ordered_names()}
     return tuple(name for each, names in lists.items() if each in sets for name in names)
 
 
@@ -399,6 +431,7 @@ class Found:
             "shares": list(wrong.shares),
             "offset_mm": [1e3 * each for each in wrong.offset],
             "onset_s": space.onset(wrong),
+            "after_trip_s": wrong.delay * space.tick if THEN in wrong.kind else None,
             "body": wrong.body,
             "seed": wrong.seed,
             "distances": self.distances,
@@ -464,7 +497,7 @@ def falsify_result(
 def _table(found: Sequence[Found], requirements: Sequence[Requirement], holes: Holes, space: Space) -> Table:
     """One row each; names of sets are longer than those of kinds, and say where they are."""
     rows = [_row(one, requirements, holes, space) for one in found]
-    sets = any(OF in one.wrong.kind or AND in one.wrong.kind for one in found)
+    sets = any(mark in one.wrong.kind for one in found for mark in (OF, AND, THEN))
     name, distance, magnitude, onset, target, *rest = COLUMNS
     if sets:
         return Table(
@@ -482,7 +515,16 @@ def _row(one: Found, requirements: Sequence[Requirement], holes: Holes, space: S
         f"{space.onset(wrong):.3f} s",
         wrong.target,
         one.run,
-        " ".join(filter(None, (f"on {wrong.body}" if wrong.body else "", offset_text(wrong.offset)))),
+        " ".join(
+            filter(
+                None,
+                (
+                    f"2nd {wrong.delay * space.tick:.3g} s later" if THEN in wrong.kind else "",
+                    f"on {wrong.body}" if wrong.body else "",
+                    offset_text(wrong.offset),
+                ),
+            )
+        ),
     ]
 
 

@@ -24,6 +24,7 @@ class Sets(StrEnum):
     SINGLE = "single"
     COMMON = "common"
     PAIRS = "pairs"
+    ORDERED = "ordered"
 
 
 @study(before=[load_experiments])
@@ -40,13 +41,15 @@ def falsify(
     ] = (),
     kinds: Annotated[
         Sequence[str],
-        Option("Only this kind of fault, or set: KIND@GROUP, KIND+KIND; may be repeated.", "KIND", "--kind"),
+        Option(
+            "Only this kind of fault, or set: KIND@GROUP, KIND+KIND, KIND-then-KIND; may be repeated.", "KIND", "--kind"
+        ),
     ] = (),
     sets: Annotated[
         Sequence[Sets],
         Option(
-            "Single faults, common causes, or pairs; may be repeated. Default: single.",
-            "single|common|pairs",
+            "Single faults, common causes, pairs, or pairs one after the other; may be repeated. Default: single.",
+            "single|common|pairs|ordered",
             "--set-of",
         ),
     ] = (Sets.SINGLE,),
@@ -68,7 +71,8 @@ def falsify(
 
     Which kind, at which joint, when, how large, with which sign, body and seed;
     also of common causes, such as drive_runaway@all_drives, and of two faults
-    that begin together, such as drive_runaway+sample_loss.
+    that begin together, such as drive_runaway+sample_loss, or 0 to 3 s after the
+    trip of the first one, such as sample_loss-then-drive_runaway@all_drives.
 
     A requirement is a formula over recorded signals, such as always
     (|plant.F_ee_B| <= 18 N). A violation is written as an experiment: run it,
@@ -137,7 +141,7 @@ def falsify(
     ]
     violating = [one for one in found if one.share < 0.0]
     for one in violating:
-        text = space.file(one.wrong, findable(path, folder), header(path.stem, one, wanted))
+        text = space.file(one.wrong, findable(path, folder), header(path.stem, one, wanted), judge.trip(one.wrong))
         write_text(folder / f"{one.wrong.kind}.toml", text)
     holes = Holes.of(space, list(search.tried), judge.ended, {one.wrong.kind for one in violating})
     shown = out or HOME / path.stem

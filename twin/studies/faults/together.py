@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
-from itertools import permutations, product
+from itertools import product
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -17,8 +17,19 @@ import numpy as np
 from twin.kernel.errors import InputRefused
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE, Fault, checked_faults
-from twin.robot.experiment.together import COMMON_CAUSES, PAIRS, CommonCause, PairPart, expects, table
+from twin.robot.experiment.together import (
+    COMMON_CAUSES,
+    ORDERED_PAIRS,
+    PAIRS,
+    RUNAWAY,
+    CommonCause,
+    PairPart,
+    expects,
+    table,
+)
+from twin.robot.monitor.component import own_monitor
 from twin.robot.run.runs import Outcome
+from twin.studies.faults.magnitudes import directions
 from twin.studies.faults.trials import Trials
 
 REACHABLE = 1.5
@@ -91,13 +102,20 @@ class FeltRuns(Trials):
         super().__init__(experiment, share, SIGNALS)
         self._trips: dict[tuple[Fault, ...], float] = {}
 
-    def delayed(self, faults: Sequence[Fault], delay: float) -> tuple[Fault, ...]:
-        """`faults`, the last of them `delay` (s) after the trip that the first one causes; see `Together.delay`."""
-        first = tuple(fault for fault in faults if fault.table == 1)
-        if first not in self._trips:
-            self._trips[first] = self.felt(first).seen or 0.0
-        later = round((self._trips[first] + delay) / self._experiment.cosim.tick)
-        return (*first, *(replace(fault, onset=fault.onset + later) for fault in faults if fault.table != 1))
+    def delayed(self, tables: Sequence[dict[str, Any]], delay: float) -> tuple[dict[str, Any], ...]:
+        """`tables` of two [[fault]]s, the second `delay` (s) after the trip that the first one causes; see
+        `Together.delay`.
+
+        Raises:
+            InputRefused: the first one does not fit.
+        """
+        first, second = tables
+        faults = faults_of(self._experiment, [first])
+        if faults not in self._trips:
+            self._trips[faults] = self.felt(faults).seen or 0.0
+        last = self._experiment.duration_ticks - 1
+        later = min(round((first["onset_s"] + self._trips[faults] + delay) / self._experiment.cosim.tick), last)
+        return first, second | {"onset_s": float(f"{later * self._experiment.cosim.tick:.12g}")}
 
     def felt(self, faults: Sequence[Fault], watched: bool = True, since: int | None = None) -> Felt:
         """The run with `faults`, with the monitor or without.
@@ -178,46 +196,6 @@ class Together(NamedTuple):
     delay: float | None = None
 
 
-def has_two_ways(kind: str) -> bool:
-    """Whether a magnitude of `kind` may have the other sign, or be the inverse of a factor."""
-    known = CATALOGUE[kind]
-    return known.unit == "factor" or (known.magnitudes is not None and not {"gt", "ge"} & known.bounds.keys())
-
-
-def magnitude_between(kind: str, share: float, tick: float) -> float | None:
-    """Of `kind`, |share| of the way from its smallest to its largest in the catalogue, by ratio; None: it has none.
-
-    Args:
-        share: -1 .. 1; negative: the other sign, or, of a factor, its inverse.
-        tick: (s).
-    """
-    known = CATALOGUE[kind]
-    if known.magnitudes is None:
-        return None
-    smallest, largest = known.magnitudes[0], known.magnitudes[-1]
-    # the largest is the catalogue's to the last bit
-    size = largest if abs(share) >= 1.0 else smallest * (largest / smallest) ** abs(share)
-    if known.unit == "ms":
-        # delays are whole ticks
-        return float(f"{1e3 * tick * max(1, round(1e-3 * size / tick)):.12g}")
-    turned = size if share >= 0.0 else 1.0 / size if known.unit == "factor" else -size
-    # four digits are enough of a search
-    return largest if turned == largest else float(f"{turned:.4g}")
-
-
-def share_of(kind: str, magnitude: float | None) -> float:
-    """The share that makes `magnitude`, see `magnitude_between`; 0 where there is none."""
-    known = CATALOGUE[kind]
-    if known.magnitudes is None or magnitude is None:
-        return 0.0
-    size, middle = magnitude, 1.0 if known.unit == "factor" else 0.0
-    way = -1 if (size - middle) * (known.magnitudes[-1] - middle) < 0.0 else 1
-    if way < 0:
-        size = 1.0 / size if known.unit == "factor" else -size
-    smallest, largest = known.magnitudes[0], known.magnitudes[-1]
-    return way * float(np.log(size / smallest) / np.log(largest / smallest))
-
-
 HERE = (0.0, 0.0)
 """Where the experiment's own tasks are."""
 
@@ -272,11 +250,6 @@ def places(reach: float) -> tuple[tuple[float, float], ...]:
     return (HERE, (reach, 0.0), (0.0, reach), (-reach, 0.0), (0.0, -reach)) if reach else (HERE,)
 
 
-def directions(kind: str) -> tuple[float, ...]:
-    """Signs with which magnitudes of `kind` are tried: both, where a magnitude has one."""
-    return (1.0, -1.0) if has_two_ways(kind) and CATALOGUE[kind].unit != "factor" else (1.0,)
-
-
 def common_causes(onset: float, kinds: Sequence[str] = ()) -> Iterator[Together]:
     """Common causes at `onset` (s): each magnitude and each direction; of `kinds` only, if some are named."""
     for cause in COMMON_CAUSES:
@@ -305,9 +278,6 @@ ONE_DELAY = (1.0,)
 SLOW, ONE_SLOW = (0.05, 0.1, 0.2, 0.4), (0.4,)
 """Speeds (rad/s) of a second drive fault besides that of its pair: motors that creep, which no limit of speed shows;
 and the one that `twin faults` tries."""
-RUNAWAY = "drive_runaway"
-ALL_DRIVES = PairPart("drives", RUNAWAY, "all drives", 4.0)
-"""A second fault that presses harder than that of one drive."""
 
 
 def _signed(part: PairPart) -> list[float | None]:
@@ -321,9 +291,7 @@ def ordered_pairs(
 
     Where a drive runs away second, all drives do, too, and each also at the speeds `slow` (rad/s) downwards.
     """
-    both = [pair for one in PAIRS for pair in permutations(one)]
-    both += [(first, ALL_DRIVES) for first, second in both if second.kind == RUNAWAY]
-    for first, second in both:
+    for first, second in ORDERED_PAIRS:
         if kinds and not {first.kind, second.kind} <= set(kinds):
             continue
         sizes = [*_signed(second), *(slow if second.kind == RUNAWAY else ())]
@@ -474,11 +442,9 @@ def together_row(stage: Stage, runs: FeltRuns, one: Together, onset: float, in_c
     """The row of `one`; `runs` are those of the stage."""
     experiment = stage.experiment
     assert experiment.monitor is not None
-    faults = faults_of(experiment, one.tables)
     if one.delay is not None:
-        faults = runs.delayed(faults, one.delay)
-        last = round((faults[-1].onset - faults[0].onset) * experiment.cosim.tick, 9)
-        one = one._replace(tables=(one.tables[0], one.tables[1] | {"onset_s": round(onset + last, 9)}))
+        one = one._replace(tables=runs.delayed(one.tables, one.delay))
+    faults = faults_of(experiment, one.tables)
     watched, unwatched = runs.both(faults)
     ideal = None if watched.seen is None else runs.ideal_peak(faults, watched.seen)
     return TogetherRow(one, stage, onset, in_contact, experiment.monitor.force_limit, watched, unwatched, ideal)

@@ -13,7 +13,8 @@ from twin.kernel.errors import InputRefused, TwinError
 from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.run.trace import fields_of, run_in_memory
-from twin.studies.faults.together import HERE, Felt, directions, has_two_ways, magnitude_between, on_disc, share_of
+from twin.studies.faults.magnitudes import directions, has_two_ways, magnitude_between, share_of
+from twin.studies.faults.together import HERE, Felt, on_disc
 from twin.studies.metrics.requirement import checked_requirement, distance
 from twin.studies.safety.evidence import (
     EvidenceRun,

@@ -1,0 +1,91 @@
+"""Each kind of fault from the catalogue's largest magnitude up to where another rule, or physics, limits it.
+
+`python -m tests.studies.faults.beyond > rows.md` makes the table of docs/safety.md.
+"""
+
+import math
+from collections.abc import Iterator
+from functools import cache
+from typing import NamedTuple
+
+from tests.laws.runs import EXPERIMENTS
+from twin.robot.assembly.load import load_experiment
+from twin.robot.experiment.fault import CATALOGUE
+from twin.robot.experiment.together import table
+from twin.studies.faults.magnitudes import BEYOND, CLAIMED, UPPER_ENDS, has_two_ways, magnitude_between
+from twin.studies.faults.matrix import healthy_trial, onsets_of
+from twin.studies.faults.text import magnitude_text
+from twin.studies.faults.together import Felt, FeltRuns, faults_of, with_share
+
+BODIES = ("back", "shoulder")
+RATIO = 2.0
+"""At most, of one magnitude to the next."""
+
+
+class Tried(NamedTuple):
+    """One run: where, what, and what a person feels."""
+
+    target: str
+    magnitude: float
+    onset: float
+    felt: Felt
+
+
+@cache
+def robot(body: str) -> tuple[FeltRuns, tuple[float, ...]]:
+    """Runs of pressing.toml, default drive, and onsets: in free motion, in contact, and the middle of both (s)."""
+    experiment = load_experiment(EXPERIMENTS / "pressing.toml", (), None, body)
+    free, contact = onsets_of(experiment, healthy_trial(experiment), ())
+    return FeltRuns(experiment), (free, round(0.5 * (free + contact), 3), contact)
+
+
+def targets(kind: str) -> tuple[str, ...]:
+    """The first target of the kind and, where it has any, its groups."""
+    return (CATALOGUE[kind].targets[0], *CATALOGUE[kind].groups)
+
+
+def magnitudes(kind: str) -> list[float]:
+    """From the catalogue's largest to the upper end, evenly by ratio, in either direction."""
+    largest, upper = (CATALOGUE[kind].magnitudes or (1.0,))[-1], UPPER_ENDS[kind].magnitude
+    steps = math.ceil(abs(math.log(upper / largest)) / math.log(RATIO) - 1e-9)
+    shares = [CLAIMED + (BEYOND - CLAIMED) * step / steps for step in range(steps + 1)] if steps else [CLAIMED]
+    ways = (1.0, -1.0) if has_two_ways(kind) else (1.0,)
+    return [size for share in shares for way in ways if (size := magnitude_between(kind, way * share, 0.001))]
+
+
+def run(body: str, kind: str, target: str, magnitude: float, onset: float) -> Felt:
+    runs, _ = robot(body)
+    faults = faults_of(runs._experiment, [with_share(table(kind, target, magnitude, onset))])
+    return runs.felt(faults)
+
+
+def ladder(body: str, kind: str) -> Iterator[Tried]:
+    """Every magnitude, target and onset."""
+    for target in targets(kind):
+        for magnitude in magnitudes(kind):
+            for onset in robot(body)[1]:
+                yield Tried(target, magnitude, onset, run(body, kind, target, magnitude, onset))
+
+
+def ideal(body: str, kind: str, one: Tried) -> float | None:
+    runs, _ = robot(body)
+    faults = faults_of(runs._experiment, [with_share(table(kind, one.target, one.magnitude, one.onset))])
+    return None if one.felt.seen is None else runs.ideal_peak(faults, one.felt.seen)
+
+
+def row(body: str, kind: str) -> str:
+    """The worst run as a row of the page."""
+    tried = list(ladder(body, kind))
+    worst = max(tried, key=lambda one: one.felt.peak)
+    best = ideal(body, kind, worst)
+    cells = [
+        f"`{kind}`", body, magnitude_text(kind, worst.magnitude), worst.target, f"{worst.onset:g}",
+        f"{worst.felt.peak:.1f}", "-" if best is None else f"{best:.1f}", worst.felt.reason or "-", str(len(tried)),
+    ]  # fmt: skip
+    return "| " + " | ".join(cells) + " |"
+
+
+if __name__ == "__main__":
+    for kind in UPPER_ENDS:
+        for body in BODIES:
+            print(row(body, kind), flush=True)

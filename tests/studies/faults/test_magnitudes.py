@@ -1,0 +1,87 @@
+"""How large a fault may be, and what the pages say of the worst."""
+
+import random
+import re
+
+import pytest
+
+from tests.laws.runs import EXPERIMENTS
+from tests.studies.faults.beyond import BODIES, Tried, ideal, ladder, run
+from twin.robot.experiment.fault import CATALOGUE
+from twin.studies.faults.magnitudes import UPPER_ENDS, directions
+
+PAGE = EXPERIMENTS.parent / "docs" / "safety.md"
+SEED, DRAWN = 50, 6
+
+
+def cells(line: str) -> list[str]:
+    return [cell.strip() for cell in line.strip().strip("|").split("|")]
+
+
+def section(title: str) -> list[list[str]]:
+    """Rows of the table below a heading of docs/safety.md."""
+    text = PAGE.read_text().split(f"\n{title}\n")[1].split("\n## ")[0]
+    return [cells(line) for line in text.splitlines() if line.startswith("| `")]
+
+
+WORST = "## Larger than the catalogue"
+
+
+def test_every_kind_with_a_magnitude_has_an_upper_end_no_smaller_than_the_catalogue():
+    assert UPPER_ENDS.keys() == {kind for kind, known in CATALOGUE.items() if known.magnitudes}
+    for kind, end in UPPER_ENDS.items():
+        smallest, *_, largest = CATALOGUE[kind].magnitudes or ()
+        assert end.why and end.magnitude * largest > 0.0
+        assert abs(end.magnitude) <= abs(largest) if abs(largest) < abs(smallest) else end.magnitude / largest >= 1.0
+
+
+def test_the_page_has_a_row_for_every_kind_with_its_upper_end():
+    rows = section(WORST)
+    assert [row[0].strip("`") for row in rows] == list(UPPER_ENDS)
+    for row in rows:
+        assert float(row[1].split()[0].replace(",", "")) == UPPER_ENDS[row[0].strip("`")].magnitude
+
+
+@pytest.mark.slow
+def test_the_worst_runs_that_the_page_states_give_its_numbers():
+    """Of a draw of rows, on both bodies; the drifts always."""
+    rows = {row[0].strip("`"): row for row in section(WORST)}
+    drawn = {"encoder_drift", *random.Random(SEED).sample(sorted(rows), DRAWN)}
+    for kind in sorted(drawn):
+        for body, text in zip(BODIES, rows[kind][3:5], strict=True):
+            stated = re.fullmatch(r"([\d.]+)(?: \(([\d.]+)\))?: (-?[\d.]+) ?[^,]*, ([a-z_0-9 ]+), ([\d.]+) s", text)
+            assert stated is not None, text
+            size, target, onset = float(stated[3]), stated[4], float(stated[5])
+            felt = run(body, kind, target, size, onset)
+            # another processor may round
+            assert felt.peak == pytest.approx(float(stated[1]), rel=0.02, abs=0.06), (kind, body)
+            best = ideal(body, kind, Tried(target, size, onset, felt))
+            assert (best is None) == (stated[2] is None)
+            assert best is None or best == pytest.approx(float(stated[2]), rel=0.02, abs=0.06)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", random.Random(SEED + 1).sample(sorted({*UPPER_ENDS} - {"encoder_drift"}), 3))
+def test_no_run_of_a_drawn_kind_presses_harder_than_the_page_states(kind: str):
+    (row,) = (row for row in section(WORST) if row[0] == f"`{kind}`")
+    for body, text in zip(BODIES, row[3:5], strict=True):
+        assert max(one.felt.peak for one in ladder(body, kind)) < 1.02 * float(text.split(" ")[0].rstrip(":")) + 0.06
+
+
+@pytest.mark.slow
+def test_faster_drifts_of_all_joint_encoders_press_as_the_page_states():
+    """A draw of cells: worst of three onsets and both signs."""
+    lines = [cells(line) for line in PAGE.read_text().splitlines() if line.startswith("| all joint encoders, deg/s")]
+    header = lines[0][1:]
+    table = [
+        cells(line) for line in PAGE.read_text().splitlines() if re.match(r"\| (back|shoulder) \| [\d.]+ \|", line)
+    ]
+    chosen = random.Random(SEED).sample([(row[0], n) for row in table for n in range(len(header) - 1)], 3)
+    for body, n in chosen:
+        (row,) = (row for row in table if row[0] == body)
+        peaks = [
+            run(body, "encoder_drift", "all joint encoders", sign * float(header[n]), onset).peak
+            for onset in (0.5, 2.5, 5.5)
+            for sign in directions("encoder_drift")
+        ]
+        assert max(peaks) == pytest.approx(float(row[n + 1]), rel=0.02), (body, header[n])
