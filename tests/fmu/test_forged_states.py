@@ -30,8 +30,8 @@ def test_every_odd_value_in_every_place_of_a_state_is_refused_or_stepped_without
     assert (done.returncode, last) == (0, "end"), f"{done.returncode} after {lines[-1:]}: {done.stderr}"
     outcomes: dict[str, dict[float, str]] = defaultdict(dict)
     for line in lines:
-        name, value, outcome = line.split()
-        outcomes[name][float(value)] = outcome
+        name, number, outcome = line.split()
+        outcomes[name][float(number)] = outcome
     assert {mode: outcomes["mode"][mode] for mode in MODES} == {
         mode: "restored" if 0 <= mode < 4 else "refused" for mode in MODES
     }

@@ -143,7 +143,7 @@ class LiveSession:
     def facts(self) -> dict[str, Any]:
         """What is known now, for the page."""
         silent = "" if EVENTS not in self._types or ALARM in self._types else (
-            "No alarms, and so no proposals: twin shadow was started without --fleet."
+            "No alarms, and so no proposals: twin shadow runs without an alarm; its text says why."
         )  # fmt: skip
         return {
             "problem": self._problem,

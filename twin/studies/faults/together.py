@@ -27,7 +27,6 @@ from twin.robot.experiment.together import (
     expects,
     table,
 )
-from twin.robot.monitor.component import own_monitor
 from twin.robot.run.runs import Outcome
 from twin.studies.faults.magnitudes import directions
 from twin.studies.faults.trials import Trials

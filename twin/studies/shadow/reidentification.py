@@ -70,6 +70,8 @@ GROUPS = 4
 """Groups of windows, 2 s each, of which fewer say nothing about their scatter."""
 SURE = 1e-3
 """Share to which a spring is known at best: a rotor's inertia and what it does in a window are not known better."""
+SURE_WITH_DEAD_ZONE = 5e-3
+"""The same where its dead zone is fitted, too: what a torque has wrong with its sign moves both."""
 ALONE = 0.85
 """Share of a contact's stiffness that one group may say: what one press has wrong, the others do not show."""
 STILL = "nothing moves slowly and evenly"
@@ -195,8 +197,9 @@ def reidentified(
     slow = _slow_motion(samples, believed)
     if slow is None:
         return (*_springs([None] * 3, STILL, plant), _contact(None, STILL, plant))
+    springs: list[Spring] = [None] * 3
     if not loads:
-        springs, why = [None] * 3, NOT_WITH_DRIVE
+        why = NOT_WITH_DRIVE
     elif np.isfinite(slow.tau).any():
         torque = slow.tau - rotor * believed.N * slow.seen.acceleration
         zeros = np.subtract(believed.motor_zero, np.multiply(believed.N, believed.joint_zero))
@@ -208,7 +211,7 @@ def reidentified(
         springs = [_by_torque(d[:, i], torque[:, i], slow.seen.cluster, usable[:, i], belt) for i in range(3)]
         why = "its torque varies too little"
     else:
-        springs, why = [None] * 3, "no motor torque is measured"
+        why = "no motor torque is measured"
     contact = _by_scale(slow.seen, believed) if slow.force else None
     contact_why = "too few presses vary the force" if slow.force else "no force is measured; it could be the springs"
     return (*_springs(springs, why, plant), _contact(contact, contact_why, plant))
@@ -243,15 +246,20 @@ def _slow_motion(samples: FilterSamples, believed: Belief) -> SlowMotion | None:
 
 
 def _sure(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.int64]) -> Line | None:
-    """The `line`, no surer than if all errors were independent: few groups can agree by chance. None: too few."""
+    """The `line`, no surer than if all errors were independent: few groups can agree by chance. None: too few.
+
+    Each coefficient beyond a slope and a constant takes one group from the degrees of freedom (Cameron and Miller 2015,
+    Sec. VI.D).
+    """
     groups = len(np.unique(cluster))
     found = line(A, y, cluster) if groups >= GROUPS else None
     if found is None:
         return None
     left, inverse = y - A @ found.coefficients, np.linalg.pinv(A)
     variance = left @ left / max(len(y) - A.shape[1], 1)
-    alone = t_factor(groups) * np.sqrt(variance * np.sum(inverse**2, axis=1))
-    return Line(found.coefficients, np.maximum(found.half_widths, alone))
+    factor = t_factor(groups - (A.shape[1] - 2))
+    alone = factor * np.sqrt(variance * np.sum(inverse**2, axis=1))
+    return Line(found.coefficients, np.maximum(factor / t_factor(groups) * found.half_widths, alone))
 
 
 def _by_torque(d, torque, cluster, usable, belt: float) -> Spring:
@@ -267,7 +275,8 @@ def _by_torque(d, torque, cluster, usable, belt: float) -> Spring:
         return None
     (yields, zero, *_), (width, zero_width, *_) = found
     k = 1.0 / (yields - belt)
-    return Estimate(k, math.hypot(k * k * width, SURE * k), "N m/rad"), Estimate(zero, zero_width, "rad"), both
+    sure = SURE_WITH_DEAD_ZONE if both else SURE
+    return Estimate(k, math.hypot(k * k * width, sure * k), "N m/rad"), Estimate(zero, zero_width, "rad"), both
 
 
 def _by_scale(seen: Windows, believed: Belief) -> Estimate | None:
