@@ -27,7 +27,16 @@ from twin.kernel.process.reporter import Reporter
 from twin.kernel.writing import made_folder, write_json, write_text
 from twin.robot.assembly.drives import planned
 from twin.robot.experiment.drive_files import lone_drive
-from twin.studies.reference.outcome import BAD, TOLERANCE, WORDS, ReferenceOutcome, Trial, carried, outcome_of, references
+from twin.studies.reference.outcome import (
+    BAD,
+    TOLERANCE,
+    WORDS,
+    ReferenceOutcome,
+    Trial,
+    carried,
+    outcome_of,
+    references,
+)
 from twin.studies.result import counted, labelled, markdown
 from validation.systems import system_row, systems_below
 

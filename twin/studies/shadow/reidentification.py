@@ -70,7 +70,7 @@ GROUPS = 4
 """Groups of windows, 2 s each, of which fewer say nothing about their scatter."""
 SURE = 1e-3
 """Share to which a spring is known at best: a rotor's inertia and what it does in a window are not known better."""
-SURE_WITH_DEAD_ZONE = 5e-3
+SURE_WITH_DEAD_ZONE = 4e-3
 """The same where its dead zone is fitted, too: what a torque has wrong with its sign moves both."""
 ALONE = 0.85
 """Share of a contact's stiffness that one group may say: what one press has wrong, the others do not show."""
