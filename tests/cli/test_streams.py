@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.cli import line
+from twin.cli import app, line
 from twin.cli.streams import READER_GONE, Aside, Outlet, Unread, standard_streams
 from twin.kernel.errors import NotWritten
 from twin.kernel.process.black_box import BlackBox
@@ -81,7 +81,7 @@ def test_every_end_has_its_code_and_no_traceback(
     def failing(words: list[str]) -> None:
         raise problem
 
-    monkeypatch.setattr(line, "answered", failing)
+    monkeypatch.setattr(app, "carried_out", failing)
     with pytest.raises(SystemExit) as end:
         line.main()
     assert end.value.code == code

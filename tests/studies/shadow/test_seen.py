@@ -210,7 +210,7 @@ def test_a_session_shows_every_slice_and_all_that_happens_and_records_that_too(t
     robot, columns, of_now = opened(str(log), column_map(ANGLES), wanted, model.belief, 10.0, [])
     twin = twin_of(experiment, model, "robot")
     viewer: Any = onlooker
-    session = Session(robot, columns, wanted, twin, model, 0.03, np.inf, of_now, lambda text: None, viewer=viewer)
+    session = Session(robot, {}, wanted, twin, model, 0.03, np.inf, of_now, lambda text: None, viewer=viewer)
     session.wait()
     followed = session.follow(lambda: tmp_path / "run.mcap")
     assert onlooker.samples == followed.counts.samples == 1000

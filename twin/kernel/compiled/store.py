@@ -182,10 +182,10 @@ def source_digest(*modules: str) -> str:
 
 @cache
 def _sources() -> Sources:
-    return Sources(_kept_digests())
+    return Sources(_read_digests())
 
 
-def _kept_digests() -> dict[str, SourceFile]:
+def _read_digests() -> dict[str, SourceFile]:
     """What earlier processes have found in source files; empty if nothing is kept, or it is damaged."""
     with contextlib.suppress(OSError, ValueError, TypeError, AttributeError):
         path = folder() / DIGESTS
@@ -199,7 +199,7 @@ def _kept_digests() -> dict[str, SourceFile]:
 
 def _keep_digests(sources: Sources) -> None:
     """Keep them beside the object files, with those that another process has kept meanwhile."""
-    both = _kept_digests() | sources.known
+    both = _read_digests() | sources.known
     keep(DIGESTS, json.dumps(dict([*both.items()][-MAX_DIGESTS:])).encode())
 
 

@@ -76,7 +76,7 @@ class FmuStates:
             try:
                 self._instance.forget(token)
             except ComponentFailed as failure:
-                # states are freed by finalizers, too, where nobody catches what is raised
+                # a finalizer frees states, too, and nothing catches what it raises
                 self._instance.report(str(failure))
 
     def pack(self, token: int) -> bytes:
