@@ -207,7 +207,7 @@ def test_a_session_shows_every_slice_and_all_that_happens_and_records_that_too(t
     log = write_log(tmp_path / "log.csv", run, angles=True)
     head, *lines = log.read_text().splitlines()
     log.write_text("\n".join([head, *(lines[k] for k in there)]))
-    robot, columns, of_now = opened(str(log), column_map(ANGLES), wanted, model.belief, 10.0, [])
+    robot, _, of_now = opened(str(log), column_map(ANGLES), wanted, model.belief, 10.0, [])
     twin = twin_of(experiment, model, "robot")
     viewer: Any = onlooker
     session = Session(robot, {}, wanted, twin, model, 0.03, np.inf, of_now, lambda text: None, viewer=viewer)
