@@ -113,10 +113,12 @@ def without(recording: Recording, *names: str) -> Recording:
 def test_what_a_run_cannot_be_scored_by_is_said_before_what_it_is_better_in(force_position: Recording):
     whole, part = ReportRun("A", force_position), ReportRun("B", without(force_position, "F_z_ref"))
     lost = "error since the first touch (no controller.F_z_ref)"
-    assert verdict([whole, part]).headline.startswith(f"not scored of B: {lost}; B beside A: the same in ")
+    held = "hold error, overshoot, settling time (the controller reports no reference of the force)"
+    both = f"not scored of B: {lost}; not scored of B: {held}; "
+    assert verdict([whole, part]).headline.startswith(f"{both}B beside A: the same in ")
     # whichever of the two is first
-    assert verdict([part, whole]).headline.startswith(f"not scored of B: {lost}; A beside B: the same in ")
-    assert f"; not scored: {lost}" in verdict([part]).headline
+    assert verdict([part, whole]).headline.startswith(f"{both}A beside B: the same in ")
+    assert f"not scored: {lost}" in verdict([part]).headline
     said = verdict([whole, ReportRun("B", without(force_position, "F_z_ref", "F_z"))]).headline
     every = "the estimated force, error since the first touch"
     assert said.startswith(f"not scored of B: {every} (no controller.F_z, controller.F_z_ref); B beside A: ")
