@@ -121,7 +121,9 @@ def test_what_a_run_cannot_be_scored_by_is_said_before_what_it_is_better_in(forc
     assert f"not scored: {lost}" in verdict([part]).headline
     said = verdict([whole, ReportRun("B", without(force_position, "F_z_ref", "F_z"))]).headline
     every = "the estimated force, error since the first touch"
-    assert said.startswith(f"not scored of B: {every} (no controller.F_z, controller.F_z_ref); B beside A: ")
+    assert said.startswith(
+        f"not scored of B: {every} (no controller.F_z, controller.F_z_ref); not scored of B: {held}; B beside A: "
+    )
 
 
 def test_a_run_that_never_touched_is_not_scored_on_its_force(force_position: Recording):
