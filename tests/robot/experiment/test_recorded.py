@@ -101,6 +101,14 @@ def test_values_of_ones_own_robot_are_counted_apart_from_inherited_assumptions(r
     assert counts(load_experiment(own, ["robot.k_s_Nm_per_rad=2"])) == {"own": 3, "assumed": 16}
 
 
+@pytest.mark.parametrize("source", ["assumed: weighed by hand", "datasheet of the rods"])
+def test_a_value_that_is_restated_with_a_source_of_ones_own_is_own(root: Path, tmp_path: Path, source: str):
+    shipped, own = root / "experiments/fig4_position.toml", tmp_path / "own.toml"
+    own.write_text(f'extends = "{shipped}"\n[robot]\nm_b_g = {{ value = 30.0, source = "{source}" }}\n')
+    assert load_experiment(own).values["robot"] == load_experiment(shipped).values["robot"]
+    assert counts(load_experiment(own)) == {"own": 1, "assumed": 17}
+
+
 def test_a_robot_that_was_written_out_is_still_assumed(root: Path, tmp_path: Path):
     file, _ = start_experiment(DECLARED, tmp_path / "mine.toml", "pressing")
     assert counts(load_experiment(file)) == {"own": 0, "assumed": 18}

@@ -190,6 +190,18 @@ def test_each_step_of_the_reference_has_two_seconds_of_its_own():
     assert found["hold_settling_time"].value == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize("off_at", [15.0, 14.5])
+def test_every_hold_counts_whether_or_not_it_is_over_and_the_first_one_settles(off_at: float):
+    t = np.arange(1500) * 1e-2
+    R = np.select([t < 5.0, t < 10.0], [5.0, 7.0], 6.0)
+    # 1 N off for 0.4, 0.8 and 1.2 s after the first touch and after each step
+    F = R - 1.0 * ((t < 0.4) | ((t >= 5.0) & (t < 5.8)) | ((t >= 10.0) & (t < 11.2)))
+    found = Rows(F, t < off_at, R).measures()
+    assert found["holds"].value == 3.0
+    assert (found["hold_begin"].value, found["hold_end"].value) == pytest.approx((2.0, off_at - 0.01))
+    assert (found["hold_error"].value, found["hold_settling_time"].value) == pytest.approx((0.0, 0.4))
+
+
 def test_a_reference_of_zero_has_no_measures():
     found = Rows(np.full(1000, 2.0), np.ones(1000), np.zeros(1000)).measures()
     assert (found["hold_error"].value, found["hold_error"].reason) == (None, "the reference is 0 N")

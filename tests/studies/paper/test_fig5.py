@@ -1,22 +1,35 @@
 """Claims of Fig. 5 on recordings with known answers, on flawed ones that have to fail, and on the shipped massage."""
 
 import dataclasses
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.studies.paper.fig5_recordings import pressed, pushed, rolled, tapped
 from twin.kernel.errors import InputRefused
 from twin.kernel.recording.reader import Recording, read
 from twin.robot.assembly.load import load_experiment
-from twin.robot.run.run import execute
+from twin.robot.controller.program import PhaseKind
+from twin.robot.run.hold import HoldRequest
+from twin.robot.run.run import Run, execute
+from twin.robot.run.view import outcome_of
 from twin.studies.paper.claim import ClaimFinding
 from twin.studies.paper.fig4 import bound_used, tally
 from twin.studies.paper.fig5 import CLAIMS, fig5_score
-from twin.studies.paper.fig5_measures import body_of, drive_of, height_before, speed_of_touch, task_runs, trip_sentence
+from twin.studies.paper.fig5_measures import (
+    body_of,
+    drive_of,
+    force_error,
+    height_before,
+    speed_of_touch,
+    task_runs,
+    trip_sentence,
+)
 
 GOOD: dict[str, Callable[..., Recording]] = {"press": pressed, "tap": tapped, "roll": rolled, "push": pushed}
 HALF = np.arange(2000) < 500
@@ -74,9 +87,14 @@ def findings(recording: Recording) -> dict[str, ClaimFinding]:
 
 
 @pytest.fixture(scope="module")
-def massage(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Recording:
+def massage_run(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The four tasks in one run."""
-    return read(execute(load_experiment(root / "experiments/massage.toml"), tmp_path_factory.mktemp("run")).recording)
+    return execute(load_experiment(root / "experiments/massage.toml"), tmp_path_factory.mktemp("run"))
+
+
+@pytest.fixture(scope="module")
+def massage(massage_run: Run) -> Recording:
+    return read(massage_run.recording)
 
 
 def test_no_claim_fails_on_the_shipped_massage(massage: Recording):
@@ -211,6 +229,54 @@ def test_a_task_that_the_run_never_came_to_fails(tmp_path: Path):
     run = dataclasses.replace(task_runs(recording)[0], number=2)
     values = [claim.measure(run) for claim in CLAIMS["press"] if claim.measure is not None]
     assert all(value > claim.high for value, claim in zip(values, CLAIMS["press"], strict=True))
+
+
+def hold_error(recording: Recording) -> float | None:
+    """Of the one task of a recording, in the table of a run's measures (N)."""
+    values = json.loads(recording.metadata["experiment"]["values"])
+    outcome = outcome_of(recording, HoldRequest.recorded(values))
+    assert outcome is not None
+    return outcome.measures["hold_error"].value
+
+
+def test_claims_on_the_force_are_the_run_s_own_measures_but_for_the_turns_that_spiral(
+    massage_run: Run, massage: Recording
+):
+    press, _, roll, push = massage_run.held
+    scores = {task.kind: task.run for task in fig5_score([massage]).tasks}
+    claims = {
+        kind: {claim.key: claim.measure(scores[kind]) for claim in CLAIMS[kind] if claim.measure is not None}
+        for kind in scores
+    }
+    # sums in another order round differently
+    held, pressing = scores["press"].during(PhaseKind.HOLD), scores["press"]
+    e = (pressing.F_z - pressing.commanded("F_z_ref"))[held]
+    assert (e.mean(), np.sqrt(np.mean(e**2))) == pytest.approx((press.mean_error, press.error), rel=1e-9)
+    # of a press the reference still nears the task's force in the hold, by 1e-6 of it
+    own = press.force * (claims["press"]["hold_mean"] - 1.0)
+    assert own == pytest.approx(press.mean_error, abs=1e-5) and own != pytest.approx(press.mean_error, abs=1e-7)
+    assert np.hypot(own, claims["press"]["hold_std"]) == pytest.approx(press.error, abs=1e-5)
+    assert claims["push"]["force_rms"] == pytest.approx(push.error, rel=1e-9)
+    circling = scores["roll"]
+    assert force_error(circling, circling.during(PhaseKind.CIRCLE)) == pytest.approx(roll.error, rel=1e-9)
+    assert claims["roll"]["force_rms"] != pytest.approx(roll.error, rel=1e-3)
+
+
+def test_the_force_of_a_claim_has_its_task_s_reference_goes_on_after_a_trip_and_leaves_out_spirals(tmp_path: Path):
+    # 0.1 N off in the first quarter of the work, 0.3 N in the rest
+    def off(n: int) -> NDArray[np.float64]:
+        return np.where(np.arange(n) < n // 4, 0.1, 0.3)
+
+    # work begins at 2.5 s and lasts 1 s; the trip counts from its own row on
+    assert hold_error(pushed(tmp_path, force=off(1000), trip=2.75)) == pytest.approx(0.1, rel=1e-9)
+    of_all = (0.25 * 0.1**2 + 0.75 * 0.3**2) ** 0.5
+    tripped = findings(pushed(tmp_path, force=off(1000), trip=2.75))
+    assert tripped["force_rms"].value == pytest.approx(of_all, rel=1e-9)
+    assert hold_error(pushed(tmp_path, force=off(1000))) == pytest.approx(of_all, rel=1e-9)
+    # the first turn of 0.5 s leads in, the last one leads out
+    outer = np.where((np.arange(2500) < 499) | (np.arange(2500) > 2001), 1.0, 0.0)
+    assert findings(rolled(tmp_path, force=outer))["force_rms"].value == 0.0
+    assert hold_error(rolled(tmp_path, force=outer)) == pytest.approx((outer.sum() / 2500) ** 0.5, rel=1e-9)
 
 
 def test_a_run_without_tasks_is_refused(force_position: Recording):
