@@ -348,7 +348,15 @@ def test_what_is_left_is_told_once_it_can_be_known(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr("twin.cli.terminal.time.monotonic", lambda: now[0])
     line, said = PlainProgress(), list[str]()
     monkeypatch.setattr(line, "say", said.append)
-    for at, what, share in ((0.0, "a", 0.0), (200.0, "b", 0.25), (201.0, "c", None), (799.5, "d", 0.9995)):
+    steps = (
+        (0.0, "a", 0.0),
+        (60.0, "first of 774", 1 / 774),
+        (200.0, "b", 0.25),
+        (201.0, "c", None),
+        (799.5, "d", 0.9995),
+    )
+    for at, what, share in steps:
         now[0] = at
         line.step(what, share)
-    assert said == ["a  0%", "b  25%  about 10 minutes left", "c", "d  100%"]
+    # the first of many has compiled: by it the others would take 13 hours
+    assert said == ["a  0%", "first of 774  0%", "b  25%  about 10 minutes left", "c", "d  100%"]

@@ -19,6 +19,8 @@ NARROW = 60
 """A line of so many columns has no room for a bar."""
 SOON = 1.0
 """s. What is over sooner needs no estimate."""
+LEAST_SHARE = 0.01
+"""Share of all that has to be over before what is left is estimated: the first part also compiles."""
 PATIENCE = 3.0
 """s. Who waits longer for code that is compiled wants to know."""
 MINUTE = 60.0
@@ -89,7 +91,7 @@ class PlainProgress:
             self._began, self._first = now, share
         self._share = share
         taken, gone = now - self._began, share - self._first
-        return gone / taken if taken > 0.1 else 0.0, taken * (1.0 - share) / gone if gone > 0.0 else 0.0
+        return gone / taken if taken > 0.1 else 0.0, taken * (1.0 - share) / gone if gone >= LEAST_SHARE else 0.0
 
 
 class PlainLine(PlainProgress):

@@ -31,7 +31,7 @@ def test_a_log_holds_its_measured_force_at_the_reference_of_the_twin_s_controlle
     assert found["hold_mean_error"].value == pytest.approx(held.mean(), rel=1e-9)
     # the true force is off by 0.094 N, and the scale has steps of 0.05 N; the estimate would say 0.036 N
     assert found["hold_error"].value == pytest.approx(0.094, abs=0.01)
-    assert text_of(found).startswith("hold error 0.088 N, overshoot 0.0 %, settling time 0.83 s")
+    assert text_of(found) == "hold error 0.088 N, overshoot 0.0 %, settling time 0.83 s; of the measured force"
 
 
 def test_a_log_without_a_force_has_no_measures_but_the_reason(replay: Replay):

@@ -110,7 +110,7 @@ def compare_blocks(compared: DriveTrials) -> list[Block]:
         lines = [(one.measure.text, f"{one.text}: {one.verdict}") for one in found]
         differences += ["", head, Table(PAIRED, lines)]
     return [
-        Table([Column("", first, unit=_cut(compared.name, first - 1), left=True), *columns], rows, indent=0),
+        Table([Column("", first, left=True), *columns], rows, indent=0),
         *(Note(f"- {note} ({', '.join(names)})", later=2) for note, names in notes.items()),
         *(Note(f"FAILED {trial.name}: {trial.failure}", later=2) for trial in trials if trial.failure),
         *differences,

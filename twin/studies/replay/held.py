@@ -98,4 +98,5 @@ def text_of(values: Values) -> str:
     error = values["hold_error"]
     if error.value is None:
         return f"none: {error.reason}"
-    return ", ".join(labelled(key, values) for key in HEADLINE if values[key].value is not None)
+    found = ", ".join(labelled(key, values) for key in HEADLINE if values[key].value is not None)
+    return f"{found}; of the measured force"

@@ -487,7 +487,8 @@ def stored_sweep(folder: Path) -> SweepRows:
     facts = _read(folder / FACTS, _FACTS)
     if not facts:
         raise InputRefused(
-            f"{folder}: not the folder of a sweep, {FACTS} is missing; expected a folder that twin sweep wrote"
+            f"{folder}: not the folder of a sweep, {FACTS} is missing; expected one that twin sweep, or twin run with "
+            "--sweep, wrote"
         )
     path = folder / ROWS
     columns = read_columns(path)[0].by_run()
