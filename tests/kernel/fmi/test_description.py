@@ -55,6 +55,16 @@ def test_a_zip_without_description_is_refused(tmp_path: Path, servo: Path):
     assert "no modelDescription.xml" in refusal(bad)
 
 
+def test_a_description_that_is_packed_elsewhere_is_refused_with_its_place(tmp_path: Path, servo: Path):
+    for place in (f"./{DESCRIPTION}", f"servo/{DESCRIPTION}"):
+        bad = altered(servo, tmp_path / "bad.fmu", lambda n, c, to=place: (to if n == DESCRIPTION else n, c))
+        with pytest.raises(InputRefused) as refusal:
+            described(bad)
+        assert f"bad.fmu: its {DESCRIPTION} is packed as '{place}'; pack it again without that folder" in str(
+            refusal.value
+        )
+
+
 def test_an_unreadable_description_is_refused(tmp_path: Path, servo: Path):
     bad = altered(servo, tmp_path / "bad.fmu", lambda n, c: (n, c[:100] if n == DESCRIPTION else c))
     assert "cannot be read" in refusal(bad)

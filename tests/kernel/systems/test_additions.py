@@ -111,6 +111,16 @@ def test_an_input_follows_an_expression_of_time_from_the_step_in_which_it_holds(
     assert facts["inputs"] == {"omega_ref": "1 + 2*step(0.003)"} and "ideal_velocity.omega_ref" not in facts["not_fed"]
 
 
+@pytest.mark.parametrize("length", [255, 256, 257, 1000])
+def test_an_expression_may_be_longer_than_a_file_name(alone: Alone, length: int):
+    text = "1 + 2*step(0.003)" + " + 0" * ((length - 17) // 4)
+    run, _ = alone(inputs=[f"omega_ref={text.rjust(length, '+')}"])
+    np.testing.assert_array_equal(run["ideal_velocity.omega_m"][1:], [1, 1, 1, 3, 3, 3, 3, 3, 3, 3])
+    for given, told in ((f"omega_ref={'u' * length}", "--input omega_ref"), ("u" * length, "expected NAME=SOURCE")):
+        with pytest.raises(InputRefused, match=told):
+            alone(inputs=[given])
+
+
 @pytest.mark.parametrize("by", ["omega_ref={}", "{}", "ideal_velocity.omega_ref={}:omega_ref"])
 def test_columns_of_a_csv_file_are_joined_by_lines_for_a_continuous_input(alone: Alone, tmp_path: Path, by: str):
     file = tmp_path / "in.csv"
