@@ -6,6 +6,7 @@ import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,7 +46,7 @@ class Rpm(Fmi2Slave):
         self.steps += 1
         return True
 '''
-MAPPING = {
+MAPPING: dict[str, Any] = {
     "inputs": {"omega_ref": "speed_cmd[rpm]", "tau_load": "torque[N.mm]"},
     "outputs": {"omega_m": "speed[rpm]", "theta_m": "angle[rad]"},
 }

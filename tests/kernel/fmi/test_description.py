@@ -57,12 +57,15 @@ def test_a_zip_without_description_is_refused(tmp_path: Path, servo: Path):
 
 def test_a_description_that_is_packed_elsewhere_is_refused_with_its_place(tmp_path: Path, servo: Path):
     for place in (f"./{DESCRIPTION}", f"servo/{DESCRIPTION}"):
-        bad = altered(servo, tmp_path / "bad.fmu", lambda n, c, to=place: (to if n == DESCRIPTION else n, c))
+
+        def moved(name: str, content: bytes, to: str = place) -> tuple[str, bytes]:
+            return (to if name == DESCRIPTION else name), content
+
+        bad = altered(servo, tmp_path / "bad.fmu", moved)
         with pytest.raises(InputRefused) as refusal:
             described(bad)
-        assert f"bad.fmu: its {DESCRIPTION} is packed as '{place}'; pack it again without that folder" in str(
-            refusal.value
-        )
+        told = f"{bad}: its {DESCRIPTION} is packed as '{place}'; pack it again without that folder"
+        assert str(refusal.value) == told
 
 
 def test_an_unreadable_description_is_refused(tmp_path: Path, servo: Path):
