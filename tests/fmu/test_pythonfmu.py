@@ -64,10 +64,11 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_it_runs_by_cosim_with_a_note_that_names_the_attribute_and_the_option(built: Path, tmp_path: Path):
     assert described(built).needs_tool and not any(v.unit for v in described(built).variables.values())
-    words = ["--tick-ms", "10", "--stop-s", "1", "--set", "speed_cmd=30", "--json"]
+    words = ["--tick-ms", "10", "--stop-s", "1", "--set", "speed_cmd=30", "--out", "new/folders/run", "--json"]
     done = twin("cosim", built, *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     facts = json.loads(done.stdout)
+    assert facts["recording"] == "new/folders/run/run.mcap"
     (note,) = facts["forgiven"]
     assert "needsExecutionTool" in note and "--no-external-tool" in note
     exported = twin("export", facts["recording"], "--csv", cwd=tmp_path)

@@ -130,6 +130,18 @@ def test_columns_of_a_csv_file_are_joined_by_lines_for_a_continuous_input(alone:
     assert facts["ignored"] == (["in.csv: other"] if by == "{}" else [])
 
 
+@pytest.mark.parametrize("first", [-3.0, 5.0, 1.7e9])
+def test_an_input_without_a_time_inside_the_run_is_refused(alone: Alone, tmp_path: Path, first: float):
+    file = tmp_path / "in.csv"
+    file.write_text(f"t_s,omega_ref\n{first!r},1\n{first + 1.0!r},2\n")
+    with pytest.raises(InputRefused, match=r"--input omega_ref: its samples are from .* the run from 0 to 0\.01 s"):
+        alone(inputs=[f"omega_ref={file}"])
+    # one that ends as the run begins, or begins as it ends, is inside
+    for t in (-1.0, 0.01):
+        file.write_text(f"t_s,omega_ref\n{t!r},1\n{t + 1.0!r},2\n")
+        alone(inputs=[f"omega_ref={file}"])
+
+
 def test_what_is_not_continuous_is_held_between_samples(alone: Alone, ideal: Path, tmp_path: Path):
     speed = 'name="omega_ref" valueReference="0" causality="input" variability="continuous"'
     stepped = redescribed(ideal, tmp_path / "d.fmu", speed, speed.replace("continuous", "discrete"))
