@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from twin.kernel.files import read_json
 from validation.__main__ import commit
 from validation.trial import names, of_file, tried
 
@@ -37,6 +38,9 @@ def test_the_list_of_mutants_can_be_drawn(root: Path):
 
 
 def test_the_table_says_at_which_commit_it_was_made(root: Path):
-    assert re.fullmatch(r"[0-9a-f]{7,40}(-dirty)?", commit())
+    known = r"[0-9a-f]{7,40}(-dirty)?"
+    assert re.fullmatch(known, commit())
+    (stated,) = re.findall(rf"at commit ({known}):", (root / "docs" / "validation.md").read_text())
+    assert stated[0] == read_json(root / "docs" / "validation.json")["commit"]
     page = (root / "docs" / "validation.md").read_text()
     assert re.search(r"^On .*, at commit [0-9a-f]{7,40}: \d+ of \d+ hold", page, re.MULTILINE)

@@ -55,6 +55,27 @@ def test_a_zip_without_description_is_refused(tmp_path: Path, servo: Path):
     assert "no modelDescription.xml" in refusal(bad)
 
 
+def test_a_description_that_is_packed_elsewhere_is_refused_with_its_place(tmp_path: Path, servo: Path):
+    for place in (f"./{DESCRIPTION}", f"servo/{DESCRIPTION}"):
+
+        def moved(name: str, content: bytes, to: str = place) -> tuple[str, bytes]:
+            return (to if name == DESCRIPTION else name), content
+
+        bad = altered(servo, tmp_path / "bad.fmu", moved)
+        with pytest.raises(InputRefused) as refusal:
+            described(bad)
+        told = f"{bad}: its {DESCRIPTION} is packed as '{place}'; pack it again without that folder"
+        assert str(refusal.value) == told
+
+
+def test_two_variables_of_one_name_are_refused_with_both_references(tmp_path: Path, servo: Path):
+    bad = redescribed(servo, tmp_path / "bad.fmu", 'name="omega_m"', 'name="theta_m"')
+    first, second = (described(servo).variables[name].reference for name in ("theta_m", "omega_m"))
+    references = rf"\(value references {min(first, second)} and {max(first, second)}\)"
+    with pytest.raises(InputRefused, match=rf"two variables are named 'theta_m' {references}"):
+        described(bad)
+
+
 def test_an_unreadable_description_is_refused(tmp_path: Path, servo: Path):
     bad = altered(servo, tmp_path / "bad.fmu", lambda n, c: (n, c[:100] if n == DESCRIPTION else c))
     assert "cannot be read" in refusal(bad)

@@ -111,6 +111,16 @@ def test_an_input_follows_an_expression_of_time_from_the_step_in_which_it_holds(
     assert facts["inputs"] == {"omega_ref": "1 + 2*step(0.003)"} and "ideal_velocity.omega_ref" not in facts["not_fed"]
 
 
+@pytest.mark.parametrize("length", [255, 256, 257, 1000])
+def test_an_expression_may_be_longer_than_a_file_name(alone: Alone, length: int):
+    text = "1 + 2*step(0.003)" + " + 0" * ((length - 17) // 4)
+    run, _ = alone(inputs=[f"omega_ref={text.rjust(length, '+')}"])
+    np.testing.assert_array_equal(run["ideal_velocity.omega_m"][1:], [1, 1, 1, 3, 3, 3, 3, 3, 3, 3])
+    for given, told in ((f"omega_ref={'u' * length}", "--input omega_ref"), ("u" * length, "expected NAME=SOURCE")):
+        with pytest.raises(InputRefused, match=told):
+            alone(inputs=[given])
+
+
 @pytest.mark.parametrize("by", ["omega_ref={}", "{}", "ideal_velocity.omega_ref={}:omega_ref"])
 def test_columns_of_a_csv_file_are_joined_by_lines_for_a_continuous_input(alone: Alone, tmp_path: Path, by: str):
     file = tmp_path / "in.csv"
@@ -118,6 +128,18 @@ def test_columns_of_a_csv_file_are_joined_by_lines_for_a_continuous_input(alone:
     run, facts = alone(inputs=[by.format(file)])
     np.testing.assert_allclose(run["ideal_velocity.omega_m"][1:], [0, 1, 2, 3, 10, 10, 10, 10, 10, 10], atol=1e-12)
     assert facts["ignored"] == (["in.csv: other"] if by == "{}" else [])
+
+
+@pytest.mark.parametrize("first", [-3.0, 5.0, 1.7e9])
+def test_an_input_without_a_time_inside_the_run_is_refused(alone: Alone, tmp_path: Path, first: float):
+    file = tmp_path / "in.csv"
+    file.write_text(f"t_s,omega_ref\n{first!r},1\n{first + 1.0!r},2\n")
+    with pytest.raises(InputRefused, match=r"--input omega_ref: its samples are from .* the run from 0 to 0\.01 s"):
+        alone(inputs=[f"omega_ref={file}"])
+    # one that ends as the run begins, or begins as it ends, is inside
+    for t in (-1.0, 0.01):
+        file.write_text(f"t_s,omega_ref\n{t!r},1\n{t + 1.0!r},2\n")
+        alone(inputs=[f"omega_ref={file}"])
 
 
 def test_what_is_not_continuous_is_held_between_samples(alone: Alone, ideal: Path, tmp_path: Path):

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
+from tests.kernel.fmi.archives import redescribed
 from tests.kernel.fmi.odd import FMI2, FMI3, RANGES, odd_fmu
 from twin.kernel.cosim.port import Port
 from twin.kernel.cosim.simulation import Simulation
@@ -204,3 +205,33 @@ def test_a_whole_number_beyond_what_a_double_holds_ends_the_run_by_name_and_is_e
         part: Any = made.system.components[0]
         part.instance.write([(part.instance.description.variables[f"in_{name}"], 2.0**51 + 1.0)])
         simulation.run()
+
+
+@pytest.mark.parametrize(
+    ("in_", "out", "factor"),
+    [(2**31, 32, 1), (2**32 - 1, 63, 1), (0, 2**31, 1024), (31, 2**32 - 1, 1024), (2**31, 2**32 - 32, 1024)],
+)
+def test_value_references_of_32_bits_reach_their_variables(in_: int, out: int, factor: int, tmp_path: Path):
+    assert by_set(referring(tmp_path, in_, out), "Int64", 3) == 3 * factor
+    with Cosimulation(0.1, STOP) as made:
+        made.load("x", tmp_path / "x.fmu")
+        made.load("y", tmp_path / "x.fmu")
+        made.wire("x.out_Int64", "y.in_Int64")
+        made.set("x.in_Int64", 5)
+        made.step(2)
+        assert made.get("y.out_Int64") == 5 * factor**2
+
+
+@pytest.mark.parametrize("reference", [2**32, 2**63, -1])
+def test_a_value_reference_beyond_32_bits_is_refused_by_name(reference: int, tmp_path: Path):
+    with pytest.raises(
+        InputRefused, match=rf"'out_Int64' has the value reference {reference}; expected 0 .. 4294967295"
+    ):
+        read_system(referring(tmp_path, 0, reference))
+
+
+def referring(folder: Path, in_: int, out: int) -> Path:
+    """The FMU x.fmu with these value references of its input and output; odd.c takes them by their last bits."""
+    plain = odd_fmu(folder / "plain.fmu", types=["Int64"])
+    first = redescribed(plain, folder / "first.fmu", 'valueReference="0"', f'valueReference="{in_}"')
+    return redescribed(first, folder / "x.fmu", 'valueReference="32"', f'valueReference="{out}"')

@@ -112,6 +112,20 @@ def test_a_step_that_does_not_fit_is_refused(ran: Ran, step: float, told: str):
     assert told in str(refused.value)
 
 
+def test_a_step_that_does_not_divide_the_run_is_rounded_by_lenient_with_a_note(ran: Ran):
+    whole = structure(system([A, B], [SPEED]), 0.1)
+    with pytest.raises(InputRefused, match=r"steps of 3 ms; set --stop-s or --tick-ms, or add --lenient"):
+        ran(whole, tick=0.003)
+    run, facts = ran(whole, tick=0.003, lenient=True)
+    # 33.3 steps
+    assert run.time("a").size == 34 and run.time("a")[-1] == pytest.approx(0.1, abs=1e-12)
+    (told,) = facts["forgiven"]
+    assert told.endswith("the step of 3 ms rounded to 3.0303 ms, so that the run is 33 steps")
+    assert run["b.theta_m"][-1] == pytest.approx(0.1, abs=1e-9)
+    # one that divides it is no offence
+    assert ran(whole, tick=0.002, lenient=True)[1]["forgiven"] == []
+
+
 def test_the_order_is_asked_for_or_annotated_or_that_of_the_file(ran: Ran):
     backward = system([B, A], [SPEED])
     note = '<ssc:Annotation type="twin.order"><order><component name="a"/></order></ssc:Annotation>'

@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.command_line import twin
 from tests.kernel.fmi.odd import odd_fmu
 from twin.kernel.errors import InputRefused
+from twin.kernel.recording.reader import read
 from twin.kernel.systems.reading import read_system
 from twin.studies.systems.joined import joined
 
@@ -20,6 +22,18 @@ def test_the_only_output_of_the_fmus_before_feeds_an_input(tmp_path: Path):
     a, b = odd_fmu(tmp_path / "A.fmu"), odd_fmu(tmp_path / "B.fmu")
     assert wires(a, b) == ["A.out_Real -> B.in_Real"]
     assert wires(b, a) == ["B.out_Real -> A.in_Real"]
+
+
+def test_two_fmus_of_one_name_are_two_components_of_the_system(tmp_path: Path):
+    for folder in ("one", "other"):
+        (tmp_path / folder).mkdir()
+        odd_fmu(tmp_path / folder / "A.fmu")
+    done = twin("cosim", "one/A.fmu", "other/A.fmu", "--set", "A.in_Real=2", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    facts = json.loads(done.stdout)
+    run = read(tmp_path / facts["recording"])
+    assert list(facts["components"]) == ["A", "A_2"]
+    assert run["A.out_Real"][-1] == run["A_2.out_Real"][-1] == 2.0
 
 
 def test_what_is_no_fmu_or_has_nothing_to_join_is_refused(tmp_path: Path):

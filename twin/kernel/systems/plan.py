@@ -168,7 +168,7 @@ def planned(
 
     Raises:
         InputRefused: an FMU that cannot be used, a connection that cannot be made, a value that cannot be set, an
-            input that has no value, or the length of a step or of the run is not stated.
+            input that has no value or no sample inside the run, or the length of a step or of the run is not stated.
     """
     choice.refuse_unknown(flat.components, f"{package.file}")
     reader = _Planner(package, flat, files, choice, beside, patterns)
@@ -178,6 +178,13 @@ def planned(
     if not any(part.recorded for part in parts):
         raise InputRefused(f"{package.file}: no FMU has an output that is a number; there is nothing to record")
     when = when or timing(package, flat, used, choice)
+    begin, end = when.first * when.tick, when.ticks * when.tick
+    for name, (first, last) in beside.spans.items():
+        if first > end or last < begin:
+            raise InputRefused(
+                f"{package.file}: --input {name}: its samples are from {first:g} to {last:g} s, the run from {begin:g} "
+                f"to {end:g} s; expected samples inside the run: shift their times, or give --start-s and --stop-s"
+            )
     ignored = (*flat.ignored, *reader.ignored, *beside.ignored)
     offences = [*reader.forgiven, *([f"{package.file.name}: {when.rounded}"] if when.rounded else [])]
     wires, forgiven = tuple(reader.wires()), tuple(dict.fromkeys(offences))

@@ -123,13 +123,6 @@ def _without_effect(plan: SystemPlan, made: PreparedSystem, state_every: float |
         yield from (f"{option}: there is one FMU, {plan.parts[0].path}" for option, value in asked.items() if value)
     if state_every is not None and state_every >= timing.duration:
         yield f"--state-every-s {state_every:g}: the run is over after {timing.duration:g} s"
-    begin, end = timing.first * timing.tick, timing.ticks * timing.tick
-    for name, (first, last) in plan.beside.spans.items():
-        if first > end or last < begin:
-            yield (
-                f"--input {name}: its samples are from {first:g} to {last:g} s, the run from {begin:g} to {end:g} s; "
-                f"the {'first' if first > end else 'last'} one holds"
-            )
 
 
 def _start(part: SystemPart, variable: Variable) -> Any:

@@ -270,6 +270,13 @@ def test_a_folder_without_files_of_a_bag_is_refused(tmp_path: Path):
     )
 
 
+def test_a_folder_with_bags_in_it_is_refused_with_their_names(lab: Path):
+    folder = lab.parent
+    assert refusal(folder, "F=/tool.F_N") == f"{folder}: no recording, but the bag {lab}; name it"
+    with pytest.raises(LogRefused, match="name it"):
+        is_recording(folder)
+
+
 def test_without_rosbags_the_extra_is_named(lab: Path, monkeypatch: pytest.MonkeyPatch):
     for name in ("rosbags.serde", "rosbags.typesys"):
         monkeypatch.setitem(sys.modules, name, None)
