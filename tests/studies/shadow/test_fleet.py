@@ -3,6 +3,7 @@
 from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
+from tempfile import mkdtemp
 
 import numpy as np
 import pytest
@@ -41,14 +42,26 @@ Means = tuple[list[float], np.ndarray]
 
 
 @cache
+def identified_fleet() -> Path:
+    """The file of robots whose springs and dead zones are identified: those do not vary."""
+    text = FLEET.read_text().replace("../massage.toml", str(EXPERIMENTS / "massage.toml"))
+    head, *varied = text.split("[[vary]]\n")
+    kept = [one for one in varied if "plant.k_s_" not in one and "plant.backlash_" not in one]
+    assert len(kept) == len(varied) - 2
+    file = Path(mkdtemp()) / "identified_fleet.toml"
+    file.write_text("[[vary]]\n".join([head, *kept]))
+    return file
+
+
+@cache
 def fig4_limits() -> Tolerances:
-    """Of the fleet of the file, in the motion of Fig. 4."""
-    return fleet_limits(read_fleet(FLEET, FIG4))[0]
+    """Of identified robots, in the motion of Fig. 4."""
+    return fleet_limits(read_fleet(identified_fleet(), FIG4))[0]
 
 
 @cache
 def fig4_twin() -> Experiment:
-    return read_fleet(FLEET, FIG4).twin()
+    return read_fleet(identified_fleet(), FIG4).twin()
 
 
 def robot(*settings: str) -> FilterSamples:
@@ -185,7 +198,7 @@ def catalogue() -> list[str]:
 
 @pytest.mark.slow
 def test_nine_of_ten_faults_that_move_a_residual_by_twice_its_tolerance_are_found_within_ten_seconds():
-    fleet, limits = read_fleet(FLEET, FIG4), fig4_limits()
+    fleet, limits = read_fleet(identified_fleet(), FIG4), fig4_limits()
     tolerance = np.array([limits.tolerance[name] for name in CHANNELS])
     ends, healthy = block_means(fig4_twin(), fleet.samples(0))
     found, moved = [], 0
