@@ -24,12 +24,14 @@ def changed(name: str) -> list[str]:
         maps = maps.replace("q_m1", "?").replace("q_m2", "q_m1").replace("?", "q_m2")
     elif name == "sides":
         maps = maps.replace("q_m", "?").replace("q_l", "q_m").replace("?", "q_l")
+    elif name == "opposite":
+        maps = maps.replace("=q_m2", "=-q_m2")
     else:
         maps = maps.replace("[deg]", "[rad]")
     return maps.splitlines()
 
 
-@pytest.mark.parametrize("what", ["force", "legs", "sides", "degrees"])
+@pytest.mark.parametrize("what", ["force", "legs", "sides", "degrees", "opposite"])
 def test_replay_and_identify_refuse_a_wrong_map_with_the_one_to_write(tmp_path: Path, what: str):
     path = write_log(tmp_path / "a.csv", ran(FIG4), angles=True)
     for judge in (replayed, identified):

@@ -17,7 +17,7 @@ from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.run.trace import run_in_memory
 from twin.studies.replay.model import loaded_model, motions
 from twin.studies.replay.replay import angle_rounding, drift
-from twin.studies.shadow.alarm import CHANNELS, FIRST_BLOCKS, ShadowWatch, Tolerances
+from twin.studies.shadow.alarm import CHANNELS, FIRST_BLOCKS, ShadowWatch, Tolerances, tolerances_at
 from twin.studies.shadow.fleet import (
     LATE,
     LOST,
@@ -33,6 +33,7 @@ from twin.studies.shadow.fleet import (
 )
 from twin.studies.shadow.layout import INPUTS
 from twin.studies.shadow.samples import FilterSamples, samples_of
+from twin.studies.shadow.tolerances import shipped_fleet, tolerances_of
 
 EVERY = 2
 """Ticks: samples at 500 Hz, the controller's."""
@@ -73,7 +74,7 @@ def alarms_of(
     samples: FilterSamples, twin: Experiment | None = None, per_hour: float = 1.0, limits: Tolerances | None = None
 ):
     ends, means = block_means(twin or fig4_twin(), samples)
-    return watched(ends, means, ShadowWatch(fig4_limits(), per_hour))
+    return watched(ends, means, ShadowWatch(limits or fig4_limits(), per_hour))
 
 
 def test_robots_are_the_same_each_time_and_different_from_each_other():
@@ -217,6 +218,31 @@ def test_nine_of_ten_faults_that_move_a_residual_by_twice_its_tolerance_are_foun
         found.append(bool(later) and later[0].t <= ONSET + 10.0)
     assert moved >= 25
     assert np.mean(found) >= 0.9
+
+
+WITHOUT = {"all": (), "no torques, no force": ("tau_motor", "F_z"), "angles": ("tau_motor", "F_z", "omega_ref")}
+"""Inputs that a robot does not send."""
+
+
+@pytest.mark.slow
+def test_the_fewer_signals_a_robot_sends_the_fewer_faults_of_the_catalogue_are_found():
+    fleet = shipped_fleet(FIG4)
+    limits = tolerances_at(tolerances_of(fleet)[0], 500.0)
+    assert isinstance(limits, Tolerances)
+    found, runs = dict.fromkeys(WITHOUT, 0), 0
+    for fault in catalogue():
+        try:
+            whole = fleet.samples(0, 1, [f"fault=[{fault}]"])
+        except TwinError:
+            continue
+        runs += 1
+        for name, missing in WITHOUT.items():
+            samples = FilterSamples(whole.t, whole.u.copy())
+            for port in missing:
+                samples.only(port)[:] = np.nan
+            found[name] += any(one.t > ONSET for one in alarms_of(samples, per_hour=0.01, limits=limits))
+    # docs/shadow_method.md has this table
+    assert (runs, *found.values()) == (80, 32, 27, 16)
 
 
 def spread(twin: Experiment, samples: FilterSamples) -> np.ndarray:

@@ -1,18 +1,26 @@
 """A session whose topics begin and end apart, lose a joint, contradict each other; what it says, and its verdict."""
 
+import re
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.kernel.recording.logs.bags import NS
+from tests.kernel.recording.logs.bags import NS, STORE, wrench
+from tests.kernel.recording.logs.bags import joints as joint_message
 from tests.studies.replay.logs import FIG4, ran
 from tests.studies.shadow.test_following import EXPERIMENT, MODEL, N, said
 from tests.studies.shadow.test_study import MAP, ROBOT, bag
+from twin.kernel.process.process import environment
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.reader import read
 from twin.kernel.recording.sources.arrival import Arrival
 from twin.kernel.recording.sources.signals import Reading
+from twin.studies.shadow import session as session_module
 from twin.studies.shadow.alarm import CHANNELS, Tolerances, WatchState
 from twin.studies.shadow.following import AlarmWatch, twin_of
 from twin.studies.shadow.mapping import wanted_signals
@@ -177,3 +185,85 @@ def test_a_truncated_bag_is_reported(tmp_path: Path):
     (path / "metadata.yaml").unlink()
     report = shadow(ROBOT, str(path), MAP, speed=0.0, out=tmp_path / "out")
     assert "no metadata.yaml: the recorder was stopped before it wrote one" in " ".join(report.text.split())
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="a signal of POSIX")
+@pytest.mark.parametrize("name", ["SIGHUP", "SIGTERM"])
+def test_a_session_that_a_signal_ends_has_its_summary_and_exit_code(tmp_path: Path, name: str):
+    out = tmp_path / "out"
+    words = [sys.executable, "-m", "twin", "shadow", FIG4, "--source", str(ran(FIG4).path), "--speed", "0.1"]
+    process = subprocess.Popen(
+        [*words, "--no-alarm", "--out", str(out)], env=environment(), text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE, preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),
+    )  # fmt: skip
+    try:
+        # the log lasts 200 s
+        while not (out / "run.mcap.partial").is_file():
+            assert process.poll() is None, process.communicate()
+            time.sleep(0.05)
+        process.send_signal(getattr(signal, name))
+        text, errors = process.communicate()
+    finally:
+        process.kill()
+    assert process.returncode == 0, errors
+    assert "ended by hand" in text and "  verdict    not watched" in text
+    assert read(out).complete
+
+
+class Clock:
+    """`time` of a session, whose sleeps take no time."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now += seconds
+
+
+def test_after_ten_seconds_without_a_topic_domain_interfaces_and_causes_are_printed_once(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    clock, printed = Clock(), list[tuple[float, str]]()
+
+    class Late(Topics):
+        def seen(self) -> dict[str, str]:
+            return super().seen() if clock.now > 140.0 else {}
+
+    monkeypatch.setattr(session_module, "time", clock)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "7")
+    columns, wanted = column_map([*MAP, *COMMANDED]), wanted_signals(MODEL.belief)
+    session = Session(
+        Late([]), columns, wanted, twin_of(EXPERIMENT, MODEL, "robot"), MODEL, 0.03, np.inf, True, lambda text: None,
+        announce=lambda text: printed.append((clock.now, text)),
+    )  # fmt: skip
+    session.wait()
+    ((begin, waiting), (at, hint)) = printed
+    assert (begin, waiting) == (100.0, "waiting for /joint_states, /commands; no topics here yet")
+    assert 10.0 < at - begin < 10.3
+    assert re.match(r"robot: no publisher of /joint_states, /commands on domain 7, interfaces .*; usual causes: ", hint)
+    assert "another ROS_DOMAIN_ID on the robot" in hint and "multicast" in hint
+
+
+def test_messages_of_another_type_are_counted_and_printed_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    from rosbags.rosbag2 import Writer
+
+    kind, run = "sensor_msgs/msg/JointState", ran(FIG4)
+    angles = np.hstack([run["estimator.theta_m"], run["estimator.theta_l"]])[:1000].tolist()
+    with Writer(tmp_path / "bag", version=9) as writer:
+        topic = writer.add_connection("/joint_states", kind, typestore=STORE)
+        for k, row in enumerate(angles):
+            at = 1000.0 + 0.002 * k
+            right = joint_message(at, **dict(zip(("m1", "m2", "m3", "l1", "l2", "l3"), row, strict=True)))
+            writer.write(topic, round(at * NS), STORE.serialize_cdr(right, kind))
+            if k >= 500:
+                wrong = STORE.serialize_cdr(wrench(at, 1.0), "geometry_msgs/msg/WrenchStamped")
+                writer.write(topic, round(at * NS) + 1000, wrong)
+    report = shadow(ROBOT, str(tmp_path / "bag"), MAP, speed=0.0, no_alarm=True, out=tmp_path / "out")
+    printed = capsys.readouterr().err.splitlines()
+    assert len([line for line in printed if "/joint_states" in line]) == 1, printed
+    assert "500 messages could not be read" in " ".join(report.text.split())
+    assert report.facts["counts"]["samples"] == 1000 and report.exit_code == 0

@@ -5,10 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.kernel.recording.logs.bags import NS
 from tests.studies.replay.logs import ANGLES, EXPERIMENTS, FIG4, ran, write_log
+from tests.studies.replay.test_plausible import changed
 from twin.kernel.errors import InputRefused
+from twin.kernel.recording.logs.column_map import column_map
+from twin.kernel.recording.logs.log import LogRefused
+from twin.kernel.recording.logs.reader import read_log
 from twin.kernel.recording.reader import Recording, read
 from twin.report.page.page import write_report
 from twin.studies.command import silent
@@ -23,21 +28,36 @@ MAP = [
 ]  # fmt: skip
 
 
-def bag(path: Path, run: Recording, keep: slice = slice(None)) -> Path:
-    """A bag of the robot of `run`, with stamps of its own clock, in which joints come in another order."""
+def angles_of(run: Recording) -> NDArray[np.float64]:
+    """Of joints and motors (n, 6), rad."""
+    return np.hstack([run["estimator.theta_l"], run["estimator.theta_m"]])
+
+
+def bag(
+    path: Path, run: Recording, keep: slice = slice(None), angles: NDArray[np.float64] | None = None, lag: float = 0.0
+) -> Path:
+    """A bag of the robot of `run`, with stamps of its own clock, in which joints come in another order.
+
+    Args:
+        path: folder of the bag.
+        run: of the robot.
+        keep: rows.
+        angles: of joints and motors (n, 6), rad, in place of those of `run`.
+        lag: by which the recorder falls behind more and more (s/s).
+    """
     from rosbags.rosbag2 import Writer
 
     from tests.kernel.recording.logs.bags import STORE, joints
 
     kind = "sensor_msgs/msg/JointState"
-    angles = np.hstack([run["estimator.theta_l"], run["estimator.theta_m"]])[keep]
+    angles = angles_of(run)[keep] if angles is None else angles
     with Writer(path, version=9) as writer:
         topic = writer.add_connection("/joint_states", kind, typestore=STORE)
         for t, row in zip(run.time("estimator")[keep].tolist(), angles.tolist(), strict=True):
             names = ["l1", "l2", "l3", "m1", "m2", "m3"]
             message = joints(1000.0 + t, **dict(zip(names, row, strict=True)))
             # a recorder that is 3 ms behind
-            writer.write(topic, round((1_700_000_000.003 + t) * NS), STORE.serialize_cdr(message, kind))
+            writer.write(topic, round((1_700_000_000.003 + (1.0 + lag) * t) * NS), STORE.serialize_cdr(message, kind))
     return path
 
 
@@ -188,3 +208,72 @@ def test_a_joint_that_the_bag_has_not_is_named(tmp_path: Path):
     maps = [*MAP[:5], "estimator.theta_l[2]=/joint_states.position.l4"]
     with pytest.raises(InputRefused, match=r"has no 'position.l4' for estimator.theta_l\[2\]; did you mean 'l3'"):
         shadow(ROBOT, str(bag(tmp_path / "bag", ran(FIG4), slice(1000))), maps, speed=0.0, out=tmp_path / "out")
+
+
+@pytest.mark.parametrize(("kind", "start"), [("csv", 5.0), ("log times", 5.0), ("stamps", 1005.0)])
+def test_a_part_of_a_log_is_the_one_that_replay_takes(tmp_path: Path, kind: str, start: float):
+    if kind == "csv":
+        log, maps = write_log(tmp_path / "log.csv", ran(FIG4), angles=True), ANGLES
+    else:
+        log = bag(tmp_path / "bag", ran(FIG4), lag=0.01)
+        maps = MAP if kind == "log times" else [*MAP, "time=header.stamp"]
+    report = shadow(
+        ROBOT, str(log), maps, speed=0.0, from_s=start, to_s=start + 1.5, no_alarm=True, out=tmp_path / "out"
+    )
+    expected = read_log(log, column_map(maps), (start, start + 1.5)).vector("estimator.theta_m").values
+    # a recorder that falls behind writes fewer samples in the same time
+    assert len(expected) == (742 if kind == "log times" else 751)
+    assert report.facts["counts"]["samples"] == len(expected)
+    found = read(tmp_path / "out")["estimator.theta_m"]
+    np.testing.assert_allclose(found[[0, -1]], expected[[0, -1]], rtol=0, atol=1e-9)
+
+
+def test_a_part_without_samples_is_refused_with_the_times_that_there_are(tmp_path: Path):
+    log = bag(tmp_path / "bag", ran(FIG4), slice(1001))
+    with pytest.raises(LogRefused, match="no samples from 5 to 6 s; it has 1000 to 1002 s"):
+        shadow(ROBOT, str(log), [*MAP, "time=header.stamp"], from_s=5.0, to_s=6.0, speed=0.0, out=tmp_path / "out")
+
+
+@pytest.mark.parametrize(("each", "is_refused"), [(16, False), (17, True)])
+def test_samples_of_a_bag_that_lack_one_of_six_angles_may_be_5_percent_together(
+    tmp_path: Path, each: int, is_refused: bool
+):
+    angles = angles_of(ran(FIG4))[:2000]
+    for column in range(6):
+        # other samples for each of the six
+        angles[100 + 6 * np.arange(each) + column, column] = np.nan
+    log = str(bag(tmp_path / "bag", ran(FIG4), slice(2000), angles))
+
+    def follow() -> int:
+        report = shadow(ROBOT, log, MAP, speed=0.0, no_alarm=True, out=tmp_path / "out")
+        return report.facts["counts"]["invalid"]
+
+    if is_refused:
+        with pytest.raises(LogRefused, match="102 of 2000 samples of an encoder are NaN, null or infinite"):
+            follow()
+    else:
+        assert follow() == 96
+
+
+@pytest.mark.parametrize("what", ["force", "legs", "sides", "degrees", "opposite"])
+def test_a_wrong_map_ends_with_the_one_to_write(tmp_path: Path, what: str):
+    log = str(write_log(tmp_path / "a.csv", ran(FIG4), angles=True))
+    maps = changed(what)
+    # of angles in degrees the joints are found first
+    for mistake in range(1 + (what == "degrees")):
+        text = map_to_write(log, maps, tmp_path / f"out{mistake}")
+        assert ("motor and joint 2 turn in opposite senses" in text) == (what == "opposite")
+        (tmp_path / "map.toml").write_text(text.split("write in the map:\n")[1])
+        maps = [str(tmp_path / "map.toml")]
+    again = shadow(ROBOT, log, maps, speed=0.0, no_alarm=True, out=tmp_path / "again")
+    assert again.facts["verdict"] == "not watched"
+
+
+def map_to_write(log: str, maps: list[str], out: Path) -> str:
+    """What a session says of a wrong map: it is refused, or ends with the verdict that the two part."""
+    try:
+        report = shadow(ROBOT, log, maps, speed=0.0, no_alarm=True, out=out)
+    except InputRefused as refused:
+        return str(refused)
+    assert (report.facts["verdict"], report.exit_code) == ("part", 1)
+    return str(report.facts["verdict_text"])

@@ -89,7 +89,7 @@ def opened(
             f"{source}: has {there}; name its joints with --map robot.toml, where\n{proposed_map(next(iter(topics)))}"
         )
     columns = followed_columns(source, columns, wanted)
-    return Playback(source, topics, speed=speed, part=part), columns, False
+    return Playback(source, topics, speed=speed, part=part, time=columns.get(TIME)), columns, False
 
 
 def live_source(transport: str, name: str) -> RobotSource:

@@ -195,6 +195,7 @@ class TopicReading:
     Attributes:
         notes: on its clocks.
         delay: by which its log times are later than its stamps, s; 0 without stamps.
+        t: of its messages (n,), s; NaN of one without a time.
     """
 
     def __init__(
@@ -220,10 +221,10 @@ class TopicReading:
         stamps = found[stamp_path]
         self.notes: list[str] = []
         self._by_stamp = time is not None
-        self._t = logged if time is None else self._stamped(time, stamps, len(logged))
+        self.t = logged if time is None else self._stamped(time, stamps, len(logged))
         self.delay = 0.0
         if isinstance(stamps, Numbers) and len(stamps.rows) == len(logged) and np.any(stamps.values):
-            stamped = stamps.values if time is None else self._t
+            stamped = stamps.values if time is None else self.t
             self.delay = float(np.median(logged - stamped))
             note = clock_note(name, logged, stamped, by_stamp=time is not None)
             self.notes += [note] if note else []
@@ -239,15 +240,15 @@ class TopicReading:
         if isinstance(numbers, LogRefused):
             raise numbers
         factor = factor_of(column, field_path, numbers.unit, self._path)
-        stamped = np.isfinite(self._t[numbers.rows])
-        rows, t = numbers.rows[stamped], self._t[numbers.rows[stamped]]
+        stamped = np.isfinite(self.t[numbers.rows])
+        rows, t = numbers.rows[stamped], self.t[numbers.rows[stamped]]
         if len(t) < 2:
             raise NoNumbers(f"{where}.{field_path} is in {len(t)} message, expected at least 2")
         if again := restart(t):
             instead = "leave out --map time=... to take log times" if self._by_stamp else "choose --map time=FIELD"
             raise LogRefused(
                 f"{where}: its {'stamps' if self._by_stamp else 'log times'} start anew at message "
-                f"{rows[again] + 1} of {len(self._t)}: from {t[again - 1]:.6f} s back to {t[again]:.6f} s; cut "
+                f"{rows[again] + 1} of {len(self.t)}: from {t[again - 1]:.6f} s back to {t[again]:.6f} s; cut "
                 f"the log there, or {instead}"
             )
         # writers need not order messages by time
@@ -257,7 +258,7 @@ class TopicReading:
         if len(repeated):
             hint = "" if self._by_stamp else "; choose the messages' own stamp with --map time=FIELD"
             raise LogRefused(f"{where} has two messages at {t[repeated[0]] - t[0]:.9g} s after its first{hint}")
-        invalid = self._t[numbers.invalid]
+        invalid = self.t[numbers.invalid]
         return LogSeries(t, values, factor.si, np.sort(invalid[np.isfinite(invalid)]))
 
     def _stamped(self, time: MappedColumn, stamps: "Numbers | LogRefused", count: int) -> NDArray[np.float64]:

@@ -2,13 +2,16 @@
 
 import time
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
+
+import numpy as np
 
 from twin.kernel.recording.logs.bag import bag_topics
 from twin.kernel.recording.logs.column_map import MappedColumn
 from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.logs.reader import WALL_CLOCK, LogKind, interval, no_samples
-from twin.kernel.recording.logs.topics import LoggedTopic, merged, topics_in
+from twin.kernel.recording.logs.topics import LoggedTopic, NoField, TopicReading, merged, topics_in
 from twin.kernel.recording.sources.arrival import Arrival
 from twin.kernel.recording.writer import OthersTopic
 
@@ -42,7 +45,9 @@ class Playback:
         topics: with their messages; empty for `readings`.
         readings: what came in place of messages, in order; empty for `topics`.
         speed: 1 is real time, 0 as fast as possible.
-        part: start and end (s) of the part to play, by log times; those of a wall clock count from the first message.
+        part: start and end (s) of the part to play, by the times that `read_log` has: those of `time`, or log times;
+            those of a wall clock count from the first message.
+        time: field of the messages with the time; None: log times.
     """
 
     def __init__(
@@ -52,9 +57,10 @@ class Playback:
         readings: Iterable[Arrival] = (),
         speed: float = 1.0,
         part: tuple[float | None, float | None] = (None, None),
+        time: MappedColumn | None = None,
     ):
         self.name, self.ended = name, False
-        self._topics, self._speed, self._part = topics, speed, part
+        self._topics, self._speed, self._part, self._time = topics, speed, part, time
         self._readings = list(readings)
         self._subscribed: dict[str, None] = {}
         self._order: list[Arrival] | None = None
@@ -107,25 +113,35 @@ class Playback:
     def _arrivals(self) -> list[Arrival]:
         if self._order is None:
             found = list(self._readings)
+            times = [one.arrived / 1e9 for one in found]
             for name in self._subscribed:
                 topic = self._topics[name]
                 found += [Arrival(name, when, data) for when, data in zip(topic.times, topic.data, strict=True)]
-            self._order = self._cut(sorted(found, key=lambda one: one.arrived))
+                times += self._times(name)
+            self._order = sorted(self._cut(found, times), key=lambda one: one.arrived)
             self._began = time.monotonic()
         return self._order
 
-    def _cut(self, order: list[Arrival]) -> list[Arrival]:
-        """The arrivals of the part to play.
+    def _times(self, name: str) -> list[float]:
+        """Times of the messages of topic `name` (s) that a part is cut by; NaN of one without a stamp."""
+        topic = self._topics[name]
+        if self._time is not None and self._part != (None, None):
+            with suppress(NoField):
+                return TopicReading(Path(self.name), name, topic, self._time, ()).t.tolist()
+        return [one / 1e9 for one in topic.times]
+
+    def _cut(self, found: list[Arrival], times: list[float]) -> list[Arrival]:
+        """The arrivals of the part to play; `times` (s) belong to `found`.
 
         Raises:
             LogRefused: there are none.
         """
-        if self._part == (None, None) or not order:
-            return order
-        first = order[0].arrived if order[0].arrived > WALL_CLOCK * 1e9 else 0
+        if self._part == (None, None) or not found:
+            return found
+        first, last = np.nanmin(times), np.nanmax(times)
+        shift = first if first > WALL_CLOCK else 0.0
         start, end = interval(self.name, self._part)
-        times = [one.arrived - first for one in (order[0], order[-1])]
-        found = [one for one in order if start * 1e9 <= one.arrived - first <= end * 1e9]
-        if not found:
-            raise no_samples(self.name, start, end, times[0] / 1e9, times[1] / 1e9)
-        return found
+        part = [one for one, t in zip(found, times, strict=True) if start <= t - shift <= end]
+        if not part:
+            raise no_samples(self.name, start, end, float(first - shift), float(last - shift))
+        return part
