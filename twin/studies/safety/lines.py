@@ -181,7 +181,7 @@ def _numbers(run: EvidenceRun, robot: HazardRobot, cause: Cause, reach: float) -
         for number, (kind, one) in enumerate(zip(kinds, run.tables, strict=True))
     ]
     each = [0.5 * (1.0 + share) if has_two_ways(kind) else share for kind, share in zip(kinds, shares, strict=True)]
-    late = ()
+    late: tuple[float, ...] = ()
     if cause.ordered:
         first, second = run.tables
         after = second["onset_s"] - first["onset_s"] - robot.runs.trip_after(first)
