@@ -53,8 +53,24 @@ def drawn_rows(bodies: Sequence[str], count: int | None, seed: int) -> list[Toge
     return rows
 
 
+RETRACTION = 0.262
+"""Duration (s) of a retraction."""
+
+
+def unseen(row: TogetherRow) -> bool:
+    """Whether all drives run away during a retraction that no message shows: the exception that the page states."""
+    first, second = row.faults.tables
+    lost = first["kind"] == "sample_loss" and first["magnitude_share"] == 1.0
+    assert row.faults.delay is not None
+    return lost and second["target"] == "all drives" and row.faults.delay < RETRACTION
+
+
 def beyond(rows: Sequence[TogetherRow]) -> list[tuple]:
-    return [(row.stage.body, row.faults.tables, row.watched.peak, row.bound) for row in rows if row.beyond]
+    return [
+        (row.stage.body, row.faults.tables, row.watched.peak, row.bound)
+        for row in rows
+        if row.beyond and not unseen(row)
+    ]
 
 
 def test_every_pair_is_tried_in_both_orders_at_every_delay():
@@ -79,6 +95,19 @@ def test_a_second_fault_begins_after_the_trip_of_the_first():
     assert row.watched.seen is not None
     assert row.faults.tables[1]["onset_s"] == pytest.approx(6.0 + row.watched.seen + 0.5)
     assert row.facts()["after_trip_s"] == 0.5
+
+
+@pytest.mark.parametrize(("delay", "keeps"), [(0.0, False), (0.1, False), (0.2, True), (0.3, True)])
+def test_all_drives_that_run_away_in_an_unseen_retraction_are_the_one_pair_beyond_the_bound(delay: float, keeps: bool):
+    (one,) = (
+        pair
+        for pair in ordered_pairs(5.5, ("sample_loss", "drive_runaway"), [delay])
+        if pair.tables[0]["kind"] == "sample_loss" and pair.tables[1] == table("drive_runaway", "all drives", 4.0, 5.5)
+    )
+    experiment = pressing("back")
+    with FeltRuns(experiment) as runs:
+        row = together_row(Stage("back", experiment, ()), runs, one, 5.5, True)
+    assert row.beyond is not keeps and unseen(row) is (delay < 0.262)
 
 
 @pytest.mark.parametrize("body", ["back", "shoulder"])

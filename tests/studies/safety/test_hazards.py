@@ -33,6 +33,7 @@ def test_the_shipped_table_has_limits_causes_and_evidence(root: Path):
     assert [hazard.table.id for hazard in table.hazards] == [f"H{n}" for n in range(1, 9)]
     assert all(hazard.evidence.bodies for hazard in table.hazards)
     assert sum(threshold.published for threshold in table.thresholds) >= 2 and table.sensitivity is not None
+    assert sum(cause.ordered for hazard in table.hazards for cause in hazard.causes) == 3
     assert all(threshold.source for threshold in table.thresholds)
 
 
@@ -56,6 +57,12 @@ def test_a_line_is_read_as_it_stands(tmp_path: Path):
         (HEAD + LINE.replace("all drives", "all wheels") + EVIDENCE, "no kind of fault states it: target"),
         (HEAD + LINE.replace("fault =", "cause =") + EVIDENCE, r'"H1" cause .*expected fault ='),
         (HEAD + LINE + EVIDENCE + LINE + EVIDENCE, 'id = "H1": given twice'),
+        (
+            HEAD
+            + LINE.replace(" }]", ', and = { fault = "sample_loss" }, then = { fault = "belief_eta" } }]')
+            + EVIDENCE,
+            "one of and =, then =",
+        ),
         (HEAD, "none; expected at least one line"),
         (HEAD + LINE.replace('harm = "pain"\n', "") + EVIDENCE, "missing key 'harm'"),
         (HEAD + LINE.replace("{ fault", '{ requirement = "always", fault') + EVIDENCE, "expected fault ="),
@@ -64,6 +71,14 @@ def test_a_line_is_read_as_it_stands(tmp_path: Path):
 def test_what_is_missing_or_wrong_is_refused_by_name(tmp_path: Path, text: str, sentence: str):
     with pytest.raises(InputRefused, match=sentence):
         read(tmp_path, text)
+
+
+@pytest.mark.parametrize(("word", "ordered"), [("and", False), ("then", True)])
+def test_a_second_fault_begins_with_the_first_or_after_its_trip(tmp_path: Path, word: str, ordered: bool):
+    text = LINE.replace(" }]", f', {word} = {{ fault = "sample_loss" }} }}]')
+    ((cause,),) = (hazard.causes for hazard in read(tmp_path, HEAD + text + EVIDENCE).hazards)
+    assert [kind for kind, _ in cause.faults] == ["drive_runaway", "sample_loss"] and cause.ordered is ordered
+    assert (", then " in str(cause)) is ordered
 
 
 @pytest.mark.parametrize("keys", ["", "pressure_kPa = 130.0\nforce_N = 30.0\n"])

@@ -19,6 +19,7 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import Trace
 from twin.studies.command import silent
+from twin.studies.faults.together import DELAYS
 from twin.studies.safety.changes import old_lines, worse
 from twin.studies.safety.evidence import CONFIDENCE, EvidenceRun, HazardLine, HazardRobot, interval, robot_of
 from twin.studies.safety.hazards import read_hazards
@@ -138,6 +139,30 @@ def test_draws_are_of_the_seed_and_within_what_the_table_says(table: Path, lines
             assert 0.5 <= abs(one["magnitude_rad_per_s"]) <= 8.0 and 0.0 <= one["onset_s"] < 13.0
             (where,) = run.settings
             assert math.hypot(*json.loads(where.partition("=")[2])) <= 5.0 + 0.15
+
+
+def test_a_second_fault_is_tried_at_every_delay_and_speed_after_the_trip_of_the_first(tmp_path: Path):
+    """In the grid at the delays of ordered pairs; in search and draws at any, with drives that creep, too."""
+    file = tmp_path / "table.toml"
+    then = LINE.replace('"drive_runaway", ', '"sample_loss", then = { fault = "drive_runaway", ').replace(
+        " }]", " } }]"
+    )
+    file.write_text(HEAD + then + EVIDENCE.replace("search = 0", "search = 12\ndraws = 12"))
+    (line,), _ = written_page(read_hazards(file), (), tmp_path, True, silent)
+    assert not line.failed
+    delays = []
+    for run in line.runs:
+        if run.found == "grid":
+            assert run.watched is not None and run.watched.seen is not None
+            delays.append(round(run.tables[1]["onset_s"] - run.tables[0]["onset_s"] - run.watched.seen, 3))
+    assert set(delays) == set(DELAYS)
+    for found in ("search", "draw"):
+        tables = [run.tables for run in line.runs if run.found == found]
+        speeds = [abs(second["magnitude_rad_per_s"]) for _, second in tables]
+        assert 0.05 <= min(speeds) < 0.4 < 1.0 < max(speeds) <= 8.0
+        assert max(second["onset_s"] - first["onset_s"] for first, second in tables) > 1.5
+    # a second failure in a retraction that no message shows
+    assert line.worst is not None and line.value > 22.5 and line.status == "exceeded"
 
 
 def test_a_place_where_the_robot_cannot_be_is_drawn_again_and_one_where_it_trips_fails(table: Path):

@@ -27,7 +27,7 @@ from twin.robot.experiment.together import (
 from twin.studies.faults.magnitudes import has_two_ways, magnitude_between, share_of
 from twin.studies.faults.matrix import GLITCH_SHARE
 from twin.studies.faults.text import magnitude_text
-from twin.studies.faults.together import HERE, SLOW, moved_tasks, on_disc
+from twin.studies.faults.together import HERE, moved_tasks, on_disc, slowest
 from twin.studies.result import Block, Cell, Column, Note, Result, Table, counted, wrapped
 
 RANDOM = (
@@ -163,7 +163,7 @@ class Space:
     def magnitude(self, kind: str, share: float, number: int = 0) -> float | None:
         """Of fault `number` of a set, see `magnitude_between`; a drive that runs away second may creep."""
         one = named_set(kind)[number].kind
-        return magnitude_between(one, share, self.tick, SLOW[0] if creeps(kind) and number == 1 else None)
+        return magnitude_between(one, share, self.tick, slowest(one, THEN in kind and number == 1))
 
     def first_alone(self, wrong: TriedFault) -> TriedFault:
         """The first fault of an ordered pair, without the second."""

@@ -109,12 +109,16 @@ class FeltRuns(Trials):
             InputRefused: the first one does not fit.
         """
         first, second = tables
+        last = self._experiment.duration_ticks - 1
+        later = min(round((first["onset_s"] + self.trip_after(first) + delay) / self._experiment.cosim.tick), last)
+        return first, second | {"onset_s": float(f"{later * self._experiment.cosim.tick:.12g}")}
+
+    def trip_after(self, first: dict[str, Any]) -> float:
+        """From the onset of a [[fault]] to the trip that it causes alone (s); 0: it causes none."""
         faults = faults_of(self._experiment, [first])
         if faults not in self._trips:
             self._trips[faults] = self.felt(faults).seen or 0.0
-        last = self._experiment.duration_ticks - 1
-        later = min(round((first["onset_s"] + self._trips[faults] + delay) / self._experiment.cosim.tick), last)
-        return first, second | {"onset_s": float(f"{later * self._experiment.cosim.tick:.12g}")}
+        return self._trips[faults]
 
     def felt(self, faults: Sequence[Fault], watched: bool = True, since: int | None = None) -> Felt:
         """The run with `faults`, with the monitor or without.
@@ -277,6 +281,11 @@ ONE_DELAY = (1.0,)
 SLOW, ONE_SLOW = (0.05, 0.1, 0.2, 0.4), (0.4,)
 """Speeds (rad/s) of a second drive fault besides that of its pair: motors that creep, which no limit of speed shows;
 and the one that `twin faults` tries."""
+
+
+def slowest(kind: str, later: bool) -> float | None:
+    """Smallest magnitude of a search where it is not the catalogue's: drives that run away `later` may creep."""
+    return SLOW[0] if later and kind == RUNAWAY else None
 
 
 def _signed(part: PairPart) -> list[float | None]:

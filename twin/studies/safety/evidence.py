@@ -257,15 +257,20 @@ def robot_of(
     return HazardRobot(body, point, (*settings, *moved), experiment, onsets, FeltRuns(experiment, share))
 
 
-def run_of(robot: HazardRobot, cause: Cause, tables: Sequence[dict[str, Any]], found: Origin = "grid") -> EvidenceRun:
+def run_of(
+    robot: HazardRobot, cause: Cause, tables: Sequence[dict[str, Any]], found: Origin = "grid", delay: float = 0.0
+) -> EvidenceRun:
     """One run with the monitor, a drawn one also without; one that is refused or fails is a failed run, never none.
 
     Args:
         tables: of its [[fault]]s.
+        delay: of the second fault of an ordered cause after the trip that the first one causes (s).
     """
     one = EvidenceRun(str(cause), robot.body, robot.settings, tuple(tables), robot.experiment.seed, None, found=found)
     try:
-        faults = faults_of(robot.experiment, tables)
+        if cause.ordered:
+            one = replace(one, tables=robot.runs.delayed(tables, delay))
+        faults = faults_of(robot.experiment, one.tables)
         watched, unwatched = robot.runs.both(faults) if found == "draw" else (robot.runs.felt(faults), None)
     except TwinError as problem:
         return replace(one, failure=str(problem))
@@ -276,7 +281,7 @@ def run_of(robot: HazardRobot, cause: Cause, tables: Sequence[dict[str, Any]], f
 
 
 def tables_of(cause: Cause, sizes: Sequence[float | None], onset: float, seed: int = 0) -> list[dict[str, Any]]:
-    """The [[fault]]s of `cause`, which begin together at `onset` (s)."""
+    """The [[fault]]s of `cause`, all at `onset` (s); see `run_of` for the delay of an ordered one."""
     parts = zip(cause.faults, sizes, strict=True)
     made = [with_share(table(kind, target, size, onset)) for (kind, target), size in parts]
     return [one | ({"seed": seed} if seed else {}) for one in made]

@@ -21,8 +21,8 @@ from twin.robot.experiment.source import read_source
 
 LIMITS = {"limit_N": "peak force", "limit_kPa": "pressure over the head", "limit_s": "time above 10 N"}
 """Keys of a limit, and what it limits."""
-PAIR = " + "
-"""Between the kinds of faults that begin together."""
+PAIR, LATER = " + ", ", then "
+"""Between the kinds of faults that begin together, and between those of which one begins after the other's trip."""
 
 
 class HazardFile(Settings):
@@ -106,15 +106,19 @@ class Cause:
     """What may lead to a hazard.
 
     Attributes:
-        faults: (kind, target) of faults that begin together; none: nothing breaks.
+        faults: (kind, target) of faults; none: nothing breaks.
         requirement: of the healthy robot; "".
+        ordered: whether the second fault begins after the trip of the first; otherwise they begin together.
     """
 
     faults: tuple[tuple[str, str], ...] = ()
     requirement: str = ""
+    ordered: bool = False
 
     def __str__(self) -> str:
-        return self.requirement or PAIR.join(f"{kind} of {target}" for kind, target in self.faults)
+        return self.requirement or (LATER if self.ordered else PAIR).join(
+            f"{kind} of {target}" for kind, target in self.faults
+        )
 
 
 @dataclass(frozen=True)
@@ -254,11 +258,14 @@ def _cause(name: str, one: Any, mistakes: list[str]) -> Cause | None:
             mistakes.append(f'{name} requirement = "{one["requirement"]}": {problem}')
             return None
         return Cause(requirement=str(one["requirement"]))
-    if not keys or not keys <= {"fault", "target", "and"} or "fault" not in keys:
-        mistakes.append(f"{name} cause {one!r}: expected fault = with target = and and =, or requirement =")
+    others = keys & {"and", "then"}
+    if not keys <= {"fault", "target", "and", "then"} or "fault" not in keys or len(others) > 1:
+        mistakes.append(
+            f"{name} cause {one!r}: expected fault = with target = and one of and =, then =, or requirement ="
+        )
         return None
     faults = []
-    for part in (one, *([one["and"]] if "and" in keys else ())):
+    for part in (one, *(one[key] for key in others)):
         kind = str(part.get("fault")) if isinstance(part, Mapping) else str(part)
         try:
             known = kind_named(0, kind)
@@ -269,7 +276,7 @@ def _cause(name: str, one: Any, mistakes: list[str]) -> Cause | None:
             mistakes.append(f"{name} cause: no kind of fault states it: {problem_text}")
             return None
         faults.append((kind, target))
-    return Cause(tuple(faults))
+    return Cause(tuple(faults), ordered="then" in keys)
 
 
 def magnitudes_of(cause: Cause, signs: Mapping[str, Sequence[float]]) -> list[tuple[float | None, ...]]:

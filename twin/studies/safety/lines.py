@@ -3,7 +3,7 @@
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from itertools import islice
+from itertools import islice, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.run.trace import fields_of, run_in_memory
 from twin.studies.faults.magnitudes import directions, has_two_ways, magnitude_between, share_of
-from twin.studies.faults.together import HERE, Felt, on_disc
+from twin.studies.faults.together import DELAYS, HERE, Felt, on_disc, slowest
 from twin.studies.metrics.requirement import checked_requirement, distance
 from twin.studies.safety.evidence import (
     EvidenceRun,
@@ -57,9 +57,9 @@ def line_of(
             except TwinError as problem:
                 made.append((EvidenceRun("healthy", body, (), (), 0, None, failure=str(problem)), None))
                 continue
-            for cause, sizes, onset in _cases(hazard, robot):
+            for cause, sizes, onset, delay in _cases(hazard, robot):
                 causes[len(made)] = cause
-                made.append((run_of(robot, cause, tables_of(cause, sizes, onset)), robot))
+                made.append((run_of(robot, cause, tables_of(cause, sizes, onset), delay=delay), robot))
             for cause in hazard.causes:
                 if cause.requirement:
                     found, failed = _distance(robot, cause.requirement)
@@ -83,13 +83,14 @@ def line_of(
     return replace(line, runs=every), there
 
 
-def _cases(hazard: Hazard, robot: HazardRobot) -> Iterator[tuple[Cause, tuple[float | None, ...], float]]:
+def _cases(hazard: Hazard, robot: HazardRobot) -> Iterator[tuple[Cause, tuple[float | None, ...], float, float]]:
+    """Cause, magnitudes, onset and, of an ordered cause, delay (s)."""
     for cause in hazard.causes:
         if cause.faults:
             signs = {kind: directions(kind) for kind, _ in cause.faults}
             for sizes in magnitudes_of(cause, signs):
-                for onset in robot.onsets:
-                    yield cause, sizes, onset
+                for onset, delay in product(robot.onsets, DELAYS if cause.ordered else (0.0,)):
+                    yield cause, sizes, onset, delay
 
 
 def _distance(robot: HazardRobot, formula: str) -> tuple[dict[str, float], list[EvidenceRun]]:
@@ -116,8 +117,9 @@ def searched(
     """Runs in search of a worse one than `worst`, on its body and of its cause.
 
     Times over the whole run, of each fault the magnitude between the catalogue's smallest and largest and its
-    direction, and the place within reach: first everywhere, then about the worst until then. Points of a Halton
-    sequence, scrambled by the seed of the evidence: the same seed gives the same runs.
+    direction, of an ordered cause the delay after the trip, and the place within reach: first everywhere, then about
+    the worst until then. Points of a Halton sequence, scrambled by the seed of the evidence: the same seed gives the
+    same runs.
 
     Args:
         robots: see `line_of`.
@@ -125,8 +127,9 @@ def searched(
         measured: what the limit limits.
     """
     budget, reach = hazard.evidence.search, hazard.evidence.reach
-    points = qmc.Halton(1 + len(cause.faults) + (2 if reach else 0), seed=hazard.evidence.seed).random(budget)
-    best, most = _numbers(worst, robot, reach), -1.0 if worst.watched is None else measured(worst.watched)
+    wide = 1 + len(cause.faults) + cause.ordered + (2 if reach else 0)
+    points = qmc.Halton(wide, seed=hazard.evidence.seed).random(budget)
+    best, most = _numbers(worst, robot, cause, reach), -1.0 if worst.watched is None else measured(worst.watched)
     for number, point in enumerate(points):
         if number >= (1.0 - NEAR) * budget:
             point = np.clip(best + WIDTH * (point - 0.5), 0.0, 1.0)
@@ -143,7 +146,7 @@ def searched(
 def drawn(hazard: Hazard, robots: Robots) -> Iterator[Made]:
     """Runs drawn independently of each other: cause, body and point evenly from those of the table, place evenly over
     the disc of its reach, time evenly over the run, magnitudes evenly by ratio between the catalogue's smallest and
-    largest, either direction as often.
+    largest, either direction as often, delays of ordered causes evenly from 0 to the longest.
 
     Places where the healthy robot cannot be are drawn again.
     """
@@ -156,7 +159,7 @@ def drawn(hazard: Hazard, robots: Robots) -> Iterator[Made]:
         cause = broken[rng.integers(len(broken))]
         body = evidence.bodies[rng.integers(len(evidence.bodies))]
         point = evidence.points[rng.integers(len(evidence.points))]
-        numbers = rng.random(3 + len(cause.faults))
+        numbers = rng.random(3 + len(cause.faults) + cause.ordered)
         seed = int(rng.integers(1, 2**31))
         try:
             robot = robots(body, point)
@@ -169,16 +172,21 @@ def drawn(hazard: Hazard, robots: Robots) -> Iterator[Made]:
     yield from islice(possible, evidence.draws)
 
 
-def _numbers(run: EvidenceRun, robot: HazardRobot, reach: float) -> NDArray[np.float64]:
+def _numbers(run: EvidenceRun, robot: HazardRobot, cause: Cause, reach: float) -> NDArray[np.float64]:
     """Those that `_made` makes `run` of."""
     experiment, kinds = robot.experiment, [one["kind"] for one in run.tables]
     time = run.tables[0]["onset_s"] / experiment.cosim.tick / (experiment.duration_ticks - 1)
     shares = [
-        share_of(kind, one.get(CATALOGUE[kind].magnitude_key or ""))
-        for kind, one in zip(kinds, run.tables, strict=True)
+        share_of(kind, one.get(CATALOGUE[kind].magnitude_key or ""), slowest(kind, cause.ordered and number == 1))
+        for number, (kind, one) in enumerate(zip(kinds, run.tables, strict=True))
     ]
     each = [0.5 * (1.0 + share) if has_two_ways(kind) else share for kind, share in zip(kinds, shares, strict=True)]
-    return np.array([time, *each, *((0.0, 0.0) if reach else ())])
+    late: tuple[float, ...] = ()
+    if cause.ordered:
+        first, second = run.tables
+        after = second["onset_s"] - first["onset_s"] - robot.runs.trip_after(first)
+        late = (min(1.0, max(0.0, after / DELAYS[-1])),)
+    return np.array([time, *each, *late, *((0.0, 0.0) if reach else ())])
 
 
 def _made(
@@ -190,15 +198,21 @@ def _made(
     found: Origin,
     seed: int,
 ) -> Made | None:
-    """The run that `numbers`, 0 .. 1 each, stand for: time, each fault, and where the tasks are; None: not there."""
+    """The run that `numbers`, 0 .. 1 each, stand for: time, each fault, delay of an ordered cause, place of the tasks.
+
+    None: the tasks cannot be there.
+    """
     time, *rest = (float(number) for number in numbers)
     experiment, reach = robot.experiment, hazard.evidence.reach
     onset = float(f"{round(time * (experiment.duration_ticks - 1)) * experiment.cosim.tick:.12g}")
     tick = experiment.cosim.tick
     sizes = [
-        magnitude_between(kind, 2.0 * number - 1.0 if has_two_ways(kind) else number, tick)
-        for (kind, _), number in zip(cause.faults, rest, strict=False)
+        magnitude_between(
+            kind, 2.0 * share - 1.0 if has_two_ways(kind) else share, tick, slowest(kind, cause.ordered and number == 1)
+        )
+        for number, ((kind, _), share) in enumerate(zip(cause.faults, rest, strict=False))
     ]
+    delay = DELAYS[-1] * rest[len(sizes)] if cause.ordered else 0.0
     tables = tables_of(cause, sizes, onset, seed)
     offset = on_disc(reach, *rest[-2:]) if reach else HERE
     if offset != HERE:
@@ -218,4 +232,4 @@ def _made(
                 found=found,
                 failure=str(problem),
             ), None
-    return run_of(robot, cause, tables, found), robot
+    return run_of(robot, cause, tables, found, delay), robot
