@@ -2,6 +2,7 @@
 
 from functools import cache
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import NamedTuple
 
 import numpy as np
@@ -235,3 +236,15 @@ def turns(model: Experiment) -> NDArray[np.float64]:
     """A count of each of the six encoders (rad)."""
     plant = model.plant
     return 2 * np.pi / np.repeat([plant.motor_counts_per_turn, plant.joint_counts_per_turn], 3)
+
+
+@cache
+def identified_fleet() -> Path:
+    """The file of robots whose springs and dead zones are identified: those do not vary."""
+    text = FLEET.read_text().replace("../massage.toml", str(EXPERIMENTS / "massage.toml"))
+    head, *varied = text.split("[[vary]]\n")
+    kept = [one for one in varied if "plant.k_s_" not in one and "plant.backlash_" not in one]
+    assert len(kept) == len(varied) - 2
+    file = Path(mkdtemp()) / "identified_fleet.toml"
+    file.write_text("[[vary]]\n".join([head, *kept]))
+    return file

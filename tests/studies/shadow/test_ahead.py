@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from tests.studies.shadow.robots import EXPERIMENTS, FIG4, FLEET
+from tests.studies.shadow.robots import EXPERIMENTS, FIG4, identified_fleet
 from twin.kernel.cosim.component import Pieces
 from twin.kernel.cosim.delay import named
 from twin.kernel.cosim.simulation import Simulation
@@ -91,13 +91,13 @@ class Foretold(NamedTuple):
 def of_a_fleet(name: str, seed: int, number: int) -> tuple[Experiment, FilterSamples, Trace]:
     """The twin of a healthy robot that does `name`, samples as they arrive, and the run: zeros, skin, height, friction
     and noise as the fleet has them, samples lost and late."""
-    fleet = read_fleet(FLEET, EXPERIMENTS / f"{name}.toml", seed=seed)
+    fleet = read_fleet(identified_fleet(), EXPERIMENTS / f"{name}.toml", seed=seed)
     random = np.random.default_rng([seed, number])
     zeros = [f"plant.{side}_zero_deg={random.uniform(-0.05, 0.05, 3).tolist()}" for side in ("motor", "joint")]
     settings = [*SCALE, *fleet.robots[number], *zeros, f"seed={int(random.integers(1 << 31))}"]
     robot = load_experiment(fleet.experiment, settings)
     run = run_in_memory(robot, robot.controller_ticks)
-    samples = arrived(samples_of(run), random)
+    samples = arrived(samples_of(run), random, 0.01, 0.2e-3)
     early = samples.t < LENGTH
     return fleet.twin(), FilterSamples(samples.t[early], samples.u[early]), run
 

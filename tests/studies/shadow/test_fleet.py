@@ -3,13 +3,12 @@
 from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
-from tempfile import mkdtemp
 
 import numpy as np
 import pytest
 
 from tests.studies.replay.logs import drifting, softened
-from tests.studies.shadow.robots import EXPERIMENTS, FIG4, FLEET
+from tests.studies.shadow.robots import EXPERIMENTS, FIG4, FLEET, identified_fleet
 from twin.kernel.errors import InputRefused, TwinError
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
@@ -40,18 +39,6 @@ EVERY = 2
 FRESH = 1000
 """Seed of robots that no tolerance was taken from."""
 Means = tuple[list[float], np.ndarray]
-
-
-@cache
-def identified_fleet() -> Path:
-    """The file of robots whose springs and dead zones are identified: those do not vary."""
-    text = FLEET.read_text().replace("../massage.toml", str(EXPERIMENTS / "massage.toml"))
-    head, *varied = text.split("[[vary]]\n")
-    kept = [one for one in varied if "plant.k_s_" not in one and "plant.backlash_" not in one]
-    assert len(kept) == len(varied) - 2
-    file = Path(mkdtemp()) / "identified_fleet.toml"
-    file.write_text("[[vary]]\n".join([head, *kept]))
-    return file
 
 
 @cache
