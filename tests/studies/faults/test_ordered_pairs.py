@@ -98,7 +98,7 @@ def test_a_second_fault_begins_after_the_trip_of_the_first():
 
 
 @pytest.mark.parametrize(("delay", "keeps"), [(0.0, False), (0.1, False), (0.2, True), (0.3, True)])
-def test_all_drives_that_run_away_in_an_unseen_retraction_are_the_one_pair_beyond_the_bound(delay: float, keeps: bool):
+def test_all_drives_that_run_away_in_an_unseen_retraction_are_a_pair_beyond_the_bound(delay: float, keeps: bool):
     (one,) = (
         pair
         for pair in ordered_pairs(5.5, ("sample_loss", "drive_runaway"), [delay])
