@@ -20,7 +20,7 @@ NARROW = 60
 SOON = 1.0
 """s. What is over sooner needs no estimate."""
 LEAST_SHARE = 0.01
-"""Share of all that has to be over before what is left is estimated: the first part also compiles."""
+"""Smallest share done at which the remaining time is estimated; the first part also compiles code."""
 PATIENCE = 3.0
 """s. Who waits longer for code that is compiled wants to know."""
 MINUTE = 60.0

@@ -50,7 +50,7 @@ def viewer_policy(origins: Sequence[str] = ()) -> GatePolicy:
     """Policy of the live server: viewers, pages of this machine and programs watch; the token lets them tune.
 
     Args:
-        origins: allowed besides `VIEWERS` and pages of this machine.
+        origins: further allowed origins, besides `VIEWERS` and pages of this machine.
 
     Raises:
         InputRefused: one of `origins` is none.
@@ -71,9 +71,9 @@ def viewer_policy(origins: Sequence[str] = ()) -> GatePolicy:
 def own_page_policy(port: int) -> GatePolicy:
     """Policy of a server whose own pages run native code: only its own origin and port, nothing without the token.
 
-    A browser brings the token in the address that the terminal shows, and from then on in a cookie that no other site's
-    page can make it send (SameSite=Strict) and no script can read (HttpOnly). Cookies are those of a host, so its name
-    has the port.
+    A browser sends the token first in the address that the terminal shows, then in a cookie. Pages of other sites
+    cannot make it send the cookie (SameSite=Strict), and scripts cannot read it (HttpOnly). Browsers share cookies
+    between the ports of a host, so its name has the port.
     """
     address = f"{HOST}:{port}"
     return GatePolicy(

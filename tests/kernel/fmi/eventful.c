@@ -7,14 +7,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* In place of access.c: fmu_state.c asks of each value of a state; the table of variables is empty here. */
-bool holds(const Variable *variable, double value)
-{
-    (void)variable;
-    (void)value;
-    return true;
-}
-
 enum {
     FOLLOWS = 0,      /* theta' = omega_ref, taken at intermediate times where it may be set there */
     FLIPS = 1,        /* theta' = +-omega_ref, the sign flips every `period` seconds: time events, over which it won't step */

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.kernel.fmi.archives import DESCRIPTION, altered
-from tests.kernel.fmi.compiled import Edit, compiled_library
+from tests.kernel.fmi.compiled import ACCESS, Edit, compiled_library
 
 KINDS = {
     "follows": 0, "flips": 1, "bounces": 2, "samples": 3, "switches": 4, "discards": 5,
@@ -66,7 +66,8 @@ def eventful_library(root: Path, folder: Path) -> bytes:
         "lifecycle.c": Path(__file__).with_name("eventful.c").read_text(),
         "not_offered.c": _not_offered,
         "variables.h": VARIABLES,
-        **dict.fromkeys(("access.c", "model.c", "variables.c"), ""),
+        "access.c": ACCESS,
+        **dict.fromkeys(("model.c", "variables.c"), ""),
     }
     return compiled_library(good, folder / "eventful.build", replaced)
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from tests.kernel.fmi.archives import DESCRIPTION, altered
-from tests.kernel.fmi.compiled import compiled_library
+from tests.kernel.fmi.compiled import ACCESS, compiled_library
 
 VARIABLES = """
 #define GUID "{three-axes}"
@@ -51,7 +51,7 @@ def three_axes_drive(root: Path, folder: Path, size: int = 3) -> Path:
     replaced = {
         "model.c": Path(__file__).with_name("three_axes.c").read_text(),
         "variables.h": VARIABLES,
-        "access.c": "",
+        "access.c": ACCESS,
         "variables.c": "",
     }
     library = compiled_library(good, folder / "three_axes.build", replaced)

@@ -46,7 +46,7 @@ def digest_of(content: bytes) -> str:
 
 
 def parsed(content: bytes) -> SourceFile:
-    """Parse a file's `content`; what is no Python has the digest of the whole of it."""
+    """Parse the content of a Python file; other content is hashed whole."""
     try:
         text = decode_source(content)
         nodes = list(ast.walk(ast.parse(text)))
@@ -98,11 +98,11 @@ class Sources:
     """Source files of modules that are not installed, each read once.
 
     Args:
-        known: digest of a file's whole content -> what was found in it, by an earlier process.
+        known: parsed files of earlier processes, by the digest of their whole content.
 
     Attributes:
-        known: the same, with what was parsed since.
-        parsed: how many files were.
+        known: the same, and the files parsed by this process.
+        parsed: number of files parsed by this process.
     """
 
     def __init__(self, known: dict[str, SourceFile]):
@@ -142,7 +142,7 @@ class Sources:
         return self.known[whole]
 
     def _imported(self, module: str, source: SourceFile) -> set[str]:
-        """Modules that `module` may import: what is imported of a package may be one, or a name of it."""
+        """Modules that `module` may import; a name imported from a package may be a module."""
         file = source_file(module) or ""
         package = module if file.endswith("__init__.py") else module.rpartition(".")[0]
         found: set[str] = set()

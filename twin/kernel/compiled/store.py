@@ -38,9 +38,9 @@ SEAL = 16
 CARRIED = Path(__file__).with_name("objects")
 """Where a wheel has object files; they are looked at first and never written."""
 DIGESTS = "sources.json"
-"""File of what was found in source files, see `twin.kernel.compiled.source`."""
+"""File of parsed source files, see `twin.kernel.compiled.source`."""
 MAX_DIGESTS = 1000
-"""Source files of which that is kept: seven versions of all there are."""
+"""Maximum number of source files in it: seven versions of each."""
 _OBJECT = re.compile(r".+\.(o|ll)")
 _refusal: list[str] = []
 _reported: set[Path] = set()

@@ -76,7 +76,7 @@ class FmuStates:
             try:
                 self._instance.forget(token)
             except ComponentFailed as failure:
-                # a finalizer frees states, too, and nothing catches what it raises
+                # finalizers call this, and their exceptions are lost
                 self._instance.report(str(failure))
 
     def pack(self, token: int) -> bytes:

@@ -4,6 +4,7 @@ A study generates experiments, asks for a run of each, and reduces the outcomes.
 last outcome.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, Self
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from twin.kernel.cosim.observers import Observer, Simulated, TickEvent, simulate
 from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed
 from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
@@ -31,11 +33,13 @@ class RunRequest(NamedTuple):
         signals: signals of the trace, `topic.field` each; None: all; empty: no trace.
         tally: whether to sum up the numbers.
         idle: whether to find out if the monitor ever acted.
+        check: called with each experiment and its system before the first tick, to refuse what cannot be measured.
     """
 
     signals: frozenset[str] | None = frozenset()
     tally: bool = False
     idle: bool = False
+    check: Callable[[Experiment, System], None] | None = None
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,25 @@ class Outcome:
         return self
 
 
+def simulation_outcome(
+    done: Simulated, trace: Trace | None = None, numbers: RunOutcome | None = None, idle: bool = True
+) -> Outcome:
+    """Return the outcome of a simulation; `trace`, `numbers` and `idle` as observed, see `Outcome`."""
+    monitor, trip = own_monitor(done.simulation.system), trip_reason(done.simulation)
+    return Outcome(
+        status="failed" if done.failure else "tripped" if trip else "done",
+        reason=str(done.failure or trip),
+        trace=trace,
+        numbers=numbers,
+        trip=monitor.trip if monitor else None,
+        power_off_tick=monitor.power_off_tick if monitor else None,
+        idle=idle,
+        culprit=done.simulation.culprit,
+        failure=done.failure,
+        stepping=done.stepping,
+    )
+
+
 class _Watch:
     """The observers of one run.
 
@@ -97,23 +120,24 @@ class _Watch:
             self.work = MonitorWork(past.work if past else None)
         if request.tally:
             self.tally = _SharedTally(HoldRequest.of(experiment), past.tally if past else None)
-        self.observers: list[Observer] = [one for one in (self.trace, self.work, self.tally) if one is not None]
+        check = _Check(request.check, experiment) if request.check else None
+        self.observers: list[Observer] = [one for one in (check, self.trace, self.work, self.tally) if one is not None]
 
     def outcome(self, done: Simulated) -> Outcome:
-        monitor, trip = own_monitor(done.simulation.system), trip_reason(done.simulation)
         tally = self.tally.tally if self.tally and not done.failure else None
-        return Outcome(
-            status="failed" if done.failure else "tripped" if trip else "done",
-            reason=str(done.failure or trip),
-            trace=self.trace,
-            numbers=tally.outcome if tally else None,
-            trip=monitor.trip if monitor else None,
-            power_off_tick=monitor.power_off_tick if monitor else None,
-            idle=self.work is None or self.work.idle,
-            culprit=done.simulation.culprit,
-            failure=done.failure,
-            stepping=done.stepping,
+        return simulation_outcome(
+            done, self.trace, tally.outcome if tally else None, self.work is None or self.work.idle
         )
+
+
+class _Check(Observer):
+    """Calls `RunRequest.check` before the first tick of a run."""
+
+    def __init__(self, check: Callable[[Experiment, System], None], experiment: Experiment):
+        self._check, self._experiment = check, experiment
+
+    def begin(self, simulation: Simulation) -> None:
+        self._check(self._experiment, simulation.system)
 
 
 class _SharedTally(Observer):

@@ -29,8 +29,8 @@ from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.experiment.measure import Required, requirement, signals_of
 from twin.robot.experiment.together import THEN
 from twin.robot.mechanism.geometry import geometry_of
-from twin.robot.monitor.component import own_monitor, trip_reason
 from twin.robot.run.past import NOT_WANTED, SharedPast, before_fault
+from twin.robot.run.runs import simulation_outcome
 from twin.robot.run.trace import Trace, fields_of
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.command import Say
@@ -38,7 +38,7 @@ from twin.studies.falsify.space import Ended, Place, Requirement, Space, TriedFa
 from twin.studies.faults.magnitudes import BEYOND
 from twin.studies.faults.matrix import default_onsets
 from twin.studies.faults.together import DELAYS, HERE
-from twin.studies.faults.trials import fault_trial_of
+from twin.studies.faults.trials import fault_trial
 from twin.studies.metrics.requirement import checked_requirement
 from twin.studies.sweep.measures import RunFinding
 from twin.studies.sweep.plan import Task
@@ -109,6 +109,7 @@ def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str =
         onset = min((fault.onset for fault in experiment.faults), default=experiment.duration_ticks)
         done = past.go_on(experiment, onset, [run])
         refuse_unknown(experiment, done.simulation.system)
+        ended = simulation_outcome(done, run)
         signals = Signals(run, geometry_of(experiment.controller.model))
         found: dict[str, float | None] = {
             name: m.value for measure in required for name, m in metrics_of_measure(measure, signals).items()
@@ -117,18 +118,15 @@ def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str =
         if not experiment.faults:
             try:
                 # in contact first: that is where a fault can press
-                onsets = list(reversed(default_onsets(fault_trial_of(run, done))))
+                onsets = list(reversed(default_onsets(fault_trial(ended))))
             except InputRefused:
                 onsets = [round(0.5 * experiment.duration_ticks)]
     # a mistake of ours in one run costs that run, as in a sweep
     except Exception as problem:
         status = "refused" if isinstance(problem, InputRefused) else "failed"
         return RunFinding(status, str(problem), {}, time.perf_counter() - began, 0.0)
-    trip = trip_reason(done.simulation)
-    status, reason = ("failed", str(done.failure)) if done.failure else ("tripped" if trip else "done", trip)
-    own = own_monitor(done.simulation.system)
-    more = {"onsets": onsets, "trip": own.trip.tick if own and own.trip else None}
-    return RunFinding(status, reason, found, time.perf_counter() - began, done.stepping, more)
+    more = {"onsets": onsets, "trip": ended.trip.tick if ended.trip else None}
+    return RunFinding(ended.status, ended.reason, found, time.perf_counter() - began, ended.stepping, more)
 
 
 TRIAL = "twin.studies.falsify.search:judged"

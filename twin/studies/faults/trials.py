@@ -11,14 +11,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.cosim.observers import Simulated, simulate
-from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import Fault
 from twin.robot.monitor.checks import Trip
-from twin.robot.monitor.component import own_monitor
 from twin.robot.run.runs import Outcome, RunRequest, Runs
-from twin.robot.run.trace import Trace
 
 SIGNALS = ("plant.F_ee_B", "plant.p_B")
 
@@ -50,9 +46,7 @@ def healthy_run(experiment: Experiment) -> FaultTrial:
     Raises:
         InputRefused: a part of the robot does not fit.
     """
-    run = Trace(only=SIGNALS)
-    with assemble(experiment) as assembly:
-        return fault_trial_of(run, simulate(assembly, experiment.duration_ticks, [run]))
+    return fault_trial(Runs(RunRequest(frozenset(SIGNALS)), most=0).run(experiment))
 
 
 def fault_trial(run: Outcome) -> FaultTrial:
@@ -65,19 +59,6 @@ def fault_trial(run: Outcome) -> FaultTrial:
         power_off_tick=run.power_off_tick,
         failure=str(run.failure or ""),
         culprit=run.culprit,
-    )
-
-
-def fault_trial_of(run: Trace, done: Simulated) -> FaultTrial:
-    """What became of a run that has kept force and position."""
-    monitor = own_monitor(done.simulation.system)
-    return FaultTrial(
-        force=np.linalg.norm(run["plant.F_ee_B"], axis=1),
-        z=run["plant.p_B"][:, 2],
-        trip=monitor.trip if monitor else None,
-        power_off_tick=monitor.power_off_tick if monitor else None,
-        failure=str(done.failure or ""),
-        culprit=done.simulation.culprit,
     )
 
 

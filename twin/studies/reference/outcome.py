@@ -518,19 +518,17 @@ def outcome_of(
     file: Path, trial: Trial, ended: Callable[[ReferenceOutcome], None] = lambda outcome: None
 ) -> ReferenceOutcome:
     """Run an experiment of the FMU `file` in this process; `ended` gets the outcome before the FMU is freed."""
-    name = trial.name
     outcomes: list[ReferenceOutcome] = []
 
     def judge(run: BareRun) -> None:
-        outcomes.append(_judged(name, run, files.results))
+        outcomes.append(_judged(trial.name, run, files.results))
         ended(outcomes[-1])
 
     try:
         description, files = _files(file, trial)
         bare_run(description, trial, files, judge)
     except TwinError as trouble:
-        word = "refused" if isinstance(trouble, InputRefused) else "failed"
-        return ReferenceOutcome(name, word, str(trouble))
+        return ReferenceOutcome(trial.name, "refused" if isinstance(trouble, InputRefused) else "failed", str(trouble))
     return outcomes[-1]
 
 

@@ -19,7 +19,6 @@ from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.process.job import function_called
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.writing import made_folder
-from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import geometry_of
@@ -164,7 +163,7 @@ def _status_and_reason(problem: Exception) -> tuple[str, str]:
 
 AFTER = 2
 """Runs in a row with the same past from the start, before the past is run: that takes about as long as two."""
-NUMBERS, WHOLE_RUN = RunRequest(tally=True), RunRequest(signals=None, tally=True)
+NUMBERS, WHOLE_RUN = RunRequest(tally=True), RunRequest(signals=None, tally=True, check=refuse_unknown)
 _runs = Runs(NUMBERS, AFTER, most=1)
 """Of this process; runs whose keys act from the start have no past in common."""
 
@@ -174,8 +173,6 @@ def _simulated(experiment: Experiment, whole: bool) -> tuple[Outcome, dict[str, 
     if not (experiment.measures or whole):
         done = _runs.run(experiment).completed()
         return done, *_measured(done)
-    with assemble(experiment) as assembly:
-        refuse_unknown(experiment, assembly.system)
     done = Runs(WHOLE_RUN, most=0).run(experiment).completed()
     metrics, no_hold = _measured(done)
     assert done.trace is not None

@@ -103,7 +103,6 @@ class Plots {
         this.zoom(moved.from + by, moved.to + by);
         return;
       }
-      // a panel with a span of its own shows all of it
       const zooming = began !== null && event.pointerType !== "touch" && Math.abs(event.clientX - began) > 4;
       if (zooming) this.showBrush(plot, began, event.clientX);
       else if (!this.clock.playing) this.clock.set(time(event));
