@@ -43,7 +43,7 @@ def test_a_crash_in_reset_or_when_it_is_freed_does_not_disqualify(
 LIES = {
     "SetFMUstate": ("memcpy(&slave->state, saved, sizeof(State));", "(void)saved;", {"state", "written"}),
     "DeSerializeFMUstate": (
-        "return keep(c, bytes, saved);",
+        "return keep(c, &state, saved);",
         "return keep(c, &((const Slave *)c)->state, saved);",
         {"written"},
     ),
