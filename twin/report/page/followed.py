@@ -19,7 +19,7 @@ from twin.studies.metrics.response import Curve
 from twin.studies.result import counted
 from twin.studies.shadow.alarm import nis_per_count
 from twin.studies.shadow.branching import HORIZON, LEADS, SPACING
-from twin.studies.shadow.session import Running
+from twin.studies.shadow.verdict import Running
 
 MOST_GAPS = 30
 """That are listed, the longest."""

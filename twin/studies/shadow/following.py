@@ -19,7 +19,7 @@ from twin.kernel.cosim.component import Component, Pieces
 from twin.kernel.cosim.delay import NOTHING, named, play
 from twin.kernel.cosim.port import Port, places, width
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.recording.logs.column_map import MappedColumn
+from twin.kernel.recording.logs.log import MappedColumn
 from twin.kernel.recording.sources.stamps import Sample
 from twin.robot.assembly.build import controller
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF, SHARE, Belief, Estimator
