@@ -28,7 +28,7 @@ def test_the_fields_of_a_record_are_options_in_its_place():
 def test_a_study_gets_its_record_of_what_is_asked():
     asked = {"path": "a", "speed": 2.0, "slow": True, "last": 4}
     assert moved(**asked) == ("a", SpeedOptions(2.0, True), 4)  # type: ignore[arg-type]
-    assert moved(**{"path": "a"}) == ("a", SpeedOptions(), 3)  # type: ignore[call-arg]
+    assert moved(**{"path": "a"}) == ("a", SpeedOptions(), 3)  # type: ignore[arg-type]
 
 
 def test_a_study_without_records_stays_the_function_that_it_is():

@@ -17,6 +17,7 @@ from twin.kernel.recording.logs.log import Log, LogSeries
 from twin.kernel.recording.logs.reader import read_log
 from twin.kernel.recording.messages import Field
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.view import held_samples
 from twin.studies.metrics.response import Curve
 from twin.studies.replay.model import model_of
 from twin.studies.replay.replay import estimates, pressing, robot_log
@@ -141,7 +142,7 @@ class LogRun:
     def held(self, key: str, t: Curve) -> Curve:
         """Samples of a series as they held at times `t` (n,) in s."""
         grid = self.times[key.rpartition(".")[0]]
-        return self._columns[key][np.clip(np.searchsorted(grid, t, side="right") - 1, 0, len(grid) - 1)]
+        return self._columns[key][held_samples(grid, t)]
 
 
 def log_run(ask: Mapping[str, Any], experiment: Experiment) -> tuple[LogRun, str]:

@@ -32,6 +32,12 @@ def held_samples(times: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[
     return (times.searchsorted(t + 5e-10, side="right") - 1).clip(min=0)
 
 
+def sample_and_hold(run: RunView, key: str, t: NDArray[np.float64]) -> NDArray:
+    """Return the newest values of `topic.field` at each of `t` (s), (n,) or (n, size); the first before it came."""
+    values: NDArray = run[key][held_samples(run.time(key.rpartition(".")[0]), t)]
+    return values
+
+
 class BelievedRun:
     """A run with the controller's own pressing force in place of the true one."""
 
@@ -41,7 +47,7 @@ class BelievedRun:
     def __getitem__(self, key: str) -> NDArray:
         if key != "plant.F_ee_B":
             return self._run[key]
-        F_z = self._run["controller.F_z"][held_samples(self.time("controller"), self.time("plant"))]
+        F_z = sample_and_hold(self._run, "controller.F_z", self.time("plant"))
         return np.column_stack([np.zeros((len(F_z), 2)), -F_z])
 
 

@@ -25,9 +25,9 @@ from twin.robot.assembly.build import controller
 from twin.robot.controller.controller import ESTIMATOR_OUTPUTS, OMEGA_REF, SHARE, Belief, Estimator
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.plant.component import OUTPUTS as MOTION
-from twin.robot.plant.dynamics import PlantParameters
+from twin.robot.plant.dynamics import LONGEST_GAP, PlantParameters
 from twin.robot.plant.encoder import SCALE_OUTPUTS
-from twin.studies.replay.model import LONGEST_GAP, PlantRun, RobotModel
+from twin.studies.replay.model import PlantRun, RobotModel
 from twin.studies.replay.plausible import MapCheck
 from twin.studies.replay.text import ENCODER, FORCE_RESIDUAL, JOINT_RESIDUAL
 from twin.studies.shadow.alarm import (

@@ -19,7 +19,8 @@ from twin.kernel.recording.sources.arrival import Arrival, RobotSource
 from twin.kernel.recording.sources.signals import MessageReader, WantedSignal
 from twin.kernel.recording.sources.stamps import Aligner, Counts, rows_of
 from twin.kernel.recording.writer import OthersTopic
-from twin.studies.replay.model import LONGEST_GAP, RobotModel
+from twin.robot.plant.dynamics import LONGEST_GAP
+from twin.studies.replay.model import RobotModel
 from twin.studies.result import counted
 from twin.studies.shadow.alarm import nis_per_count
 from twin.studies.shadow.following import AlarmWatch, Happening, Rows, Twin
