@@ -275,7 +275,7 @@ def sweep_show(
         InputRefused: there is no such sweep, metric or parameter.
         NotWritten: the disk refuses.
     """
-    from twin.robot.experiment.drive_files import sweep_file
+    from twin.robot.experiment.experiment_files import sweep_file
     from twin.studies.sweep.rows import HOME, stored_sweep
 
     # a sweep by its file or its name; else its folder

@@ -16,8 +16,8 @@ from twin.report.explore.picture import drawn
 from twin.report.page.markup import DataBlock
 from twin.report.page.panels import MM, Panel, PanelCurve, Reader, Samples
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.drive_files import experiment_file
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.experiment_files import experiment_file
 from twin.robot.experiment.source import toml_value
 from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.metrics.requirement import FIG4, FIG5

@@ -42,17 +42,15 @@ from twin.report.page.run import (
 from twin.report.page.system import is_system, system_sections
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.load import recorded_experiment
-from twin.robot.experiment.recorded import (
+from twin.robot.experiment.command_words import options, repeating_words, run_command
+from twin.robot.experiment.differences import (
     FROM_ROBOT,
     differing,
     flat,
     name_and_unit,
-    options,
     recorded_facts,
-    repeating_words,
     robot_values,
     robot_values_text,
-    run_command,
     toml_text,
 )
 from twin.robot.experiment.source import COMMAND_LINE

@@ -22,7 +22,7 @@ from twin.kernel.recording.logs.reader import LogKind, is_recording, kind_of, re
 from twin.kernel.recording.reader import origin
 from twin.kernel.writing import finite
 from twin.robot.assembly.declared import DECLARED
-from twin.robot.experiment.recorded import differing, recorded_facts
+from twin.robot.experiment.differences import differing, recorded_facts
 from twin.studies.compare.tolerance import (
     Alignment,
     Allowance,

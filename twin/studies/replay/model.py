@@ -21,12 +21,12 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.assembly.roles import refuse_other_parts
 from twin.robot.controller.controller import Belief
 from twin.robot.controller.task_controller import Computer
-from twin.robot.experiment.drive_files import rest_of, role_named
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.mistakes import sentences, unknown
 from twin.robot.experiment.recorded import recorded_name, recorded_values
 from twin.robot.experiment.schema import Cosim
 from twin.robot.experiment.source import Source, override
+from twin.robot.experiment.stand_in import rest_of, role_named
 from twin.robot.mechanism.statics import G_ACCELERATION
 from twin.robot.plant.component import OUTPUTS, Plant
 from twin.robot.plant.contact_law import Body, Contact, Motion

@@ -64,7 +64,7 @@ def sweep_run(
         Interrupted: Ctrl-C, after there were rows.
         TwinError: see `run_sweep`.
     """
-    from twin.robot.experiment.drive_files import sweep_file
+    from twin.robot.experiment.experiment_files import sweep_file
     from twin.studies.sweep.plan import planned, read_definition
     from twin.studies.sweep.rows import HOME
 
@@ -101,7 +101,7 @@ def short_sweep(
     Raises:
         InputRefused, Interrupted, TwinError: as `sweep_run`.
     """
-    from twin.robot.experiment.drive_files import experiment_file
+    from twin.robot.experiment.experiment_files import experiment_file
     from twin.studies.sweep.plan import plan_of, short_definition
     from twin.studies.sweep.rows import HOME
 

@@ -16,7 +16,8 @@ from twin.kernel.errors import InputRefused, disk_refusals
 from twin.kernel.files import read_bytes
 from twin.kernel.fmi.variable import MOST_BYTES
 from twin.kernel.places import located
-from twin.robot.experiment.drive_files import FILE, FOLDERS, MAPPING, completed, shelved
+from twin.robot.experiment.drive_files import FILE, MAPPING, completed, shelved
+from twin.robot.experiment.experiment_files import FOLDERS
 from twin.robot.experiment.source import RETAINED, read_source, source_text
 from twin.studies.sweep.dask.cluster import difference, refusal, versions
 from twin.studies.sweep.plan import Task
