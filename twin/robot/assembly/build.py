@@ -24,7 +24,8 @@ from twin.kernel.settings import Triple
 from twin.robot.assembly.drives import DrivePlan, Start, drive, planned
 from twin.robot.assembly.roles import OtherPart
 from twin.robot.controller import program as programs
-from twin.robot.controller.adaptive import Adapting, SchedulePoint, Scheduling
+from twin.robot.controller.adaptive import Adapting
+from twin.robot.controller.compliance import Believed
 from twin.robot.controller.controller import (
     OMEGA_REF,
     P_REF_B,
@@ -35,8 +36,9 @@ from twin.robot.controller.controller import (
     WayPointReference,
 )
 from twin.robot.controller.energy_tank import Tank, TankValve
-from twin.robot.controller.pid import Believed, Gains, force_gains
+from twin.robot.controller.pid import Gains, force_gains
 from twin.robot.controller.program import Phase
+from twin.robot.controller.schedule import SchedulePoint, Scheduling
 from twin.robot.controller.task_controller import Computer, TaskController
 from twin.robot.controller.tissue import Sensing
 from twin.robot.experiment.experiment import Experiment
@@ -48,10 +50,11 @@ from twin.robot.mechanism.statics import G_ACCELERATION, Masses, leg_inertia, mo
 from twin.robot.monitor.checks import Limits, Monitor
 from twin.robot.monitor.component import LINES, POWER, MonitorBelief, SafetyMonitor
 from twin.robot.plant.component import Plant, resting
-from twin.robot.plant.contact_law import Body, Contact, Motion, MotionKind
+from twin.robot.plant.contact_law import Contact
 from twin.robot.plant.dynamics import PlantParameters, Robot, TrueRobot
 from twin.robot.plant.encoder import INPUTS as ANGLES
 from twin.robot.plant.encoder import Encoder, Scale, Shaft
+from twin.robot.plant.surface_motion import Body, Motion, MotionKind
 from twin.robot.shaft import Unpowered, UnpoweredShaft
 
 SUDDEN = 0.02

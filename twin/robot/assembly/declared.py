@@ -6,11 +6,13 @@ from typing import NamedTuple
 
 from twin.kernel.cosim.component import MemoryPlace
 from twin.kernel.settings import FieldSource, Settings, Values, taken
-from twin.robot.controller.adaptive import Breath, Scheduling
+from twin.robot.controller.breath import Breath
+from twin.robot.controller.compliance import Believed, Damping
 from twin.robot.controller.controller import Belief, Law
 from twin.robot.controller.energy_tank import EnergyTank, Tank
-from twin.robot.controller.pid import Believed, Damping, ForceLoop, PositionLoop, Processor
+from twin.robot.controller.pid import ForceLoop, PositionLoop, Processor
 from twin.robot.controller.program import TASKS, Approach
+from twin.robot.controller.schedule import Scheduling
 from twin.robot.controller.task_controller import Computer, Touch
 from twin.robot.controller.tissue import Sensing
 from twin.robot.experiment.experiment import NEEDED, OPTIONAL

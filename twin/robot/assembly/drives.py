@@ -24,7 +24,8 @@ from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Conversion, Setting, Setup, Variable, stop_time
 from twin.kernel.settings import numbers
 from twin.kernel.units import NUMBER
-from twin.robot.controller.pid import DriveSpeedIntegrator, DriveSpeedLoop, Gains, Servo
+from twin.robot.controller.drive_loops import DriveSpeedIntegrator, DriveSpeedLoop, Servo
+from twin.robot.controller.pid import Gains
 from twin.robot.drive.contract import COMMANDS, LOAD, OMEGA_M, SHAFT, THETA_M, DriveRotor, Unwrapped
 from twin.robot.drive.mapping import Binding, Wiring, bindings, split_mapped
 from twin.robot.experiment.schema import Drive, PositionCommand

@@ -33,8 +33,8 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.stand_in import StandIn
 from twin.robot.monitor.component import INPUTS as MONITOR_INPUTS
 from twin.robot.monitor.component import OUTPUTS as MONITOR_OUTPUTS
-from twin.robot.plant.contact_law import OUTPUTS as BODY_OUTPUTS
 from twin.robot.plant.encoder import SCALE_INPUTS, SCALE_OUTPUTS
+from twin.robot.plant.surface_motion import OUTPUTS as BODY_OUTPUTS
 
 if TYPE_CHECKING:
     from twin.kernel.systems.enclosed import EnclosedSystem

@@ -32,8 +32,8 @@ from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, by_port, memory_of, record, record_of, states, width
 from twin.kernel.settings import Settings, Values, optional, setting, taken
+from twin.robot.controller.compliance import load_torques
 from twin.robot.controller.controller import OMEGA_REF
-from twin.robot.controller.pid import load_torques
 from twin.robot.mechanism.geometry import Model
 
 INPUTS = (

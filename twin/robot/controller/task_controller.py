@@ -17,7 +17,19 @@ from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, memory_of, record, states
 from twin.kernel.cosim.system import System
 from twin.kernel.settings import Settings, numbers, setting
-from twin.robot.controller.adaptive import Adapting, Breath, adapt, tell, with_adaptive
+from twin.robot.controller.adaptive import Adapting, adapt, tell, with_adaptive
+from twin.robot.controller.breath import Breath
+from twin.robot.controller.compliance import (
+    DAMPER,
+    FEED_FORWARD,
+    Believed,
+    Damping,
+    FeedForward,
+    damp,
+    damper,
+    friction_force,
+    load_torques,
+)
 from twin.robot.controller.controller import INPUTS as ESTIMATES
 from twin.robot.controller.controller import (
     LAW,
@@ -31,28 +43,10 @@ from twin.robot.controller.controller import (
     ports,
 )
 from twin.robot.controller.energy_tank import EnergyTank
-from twin.robot.controller.machine import MACHINE, learn_taps, motion, walk
-from twin.robot.controller.pid import (
-    DAMPER,
-    FEED_FORWARD,
-    LOW_PASS,
-    PID,
-    Believed,
-    Damping,
-    FeedForward,
-    ForceLoop,
-    Gains,
-    PositionLoop,
-    Processor,
-    cached_share,
-    damp,
-    damper,
-    friction_force,
-    load_torques,
-    loop,
-    rest,
-)
+from twin.robot.controller.machine import MACHINE, motion, walk
+from twin.robot.controller.pid import LOW_PASS, PID, ForceLoop, Gains, PositionLoop, Processor, cached_share, loop, rest
 from twin.robot.controller.program import PHASE, Phase
+from twin.robot.controller.taps import learn_taps
 from twin.robot.controller.tissue import Tissue
 from twin.robot.mechanism.geometry import Model
 

@@ -41,19 +41,9 @@ from twin.robot.mechanism.statics import (
     moving_mass,
     platform_weight,
 )
-from twin.robot.plant.contact import (
-    ANCHORS,
-    apex_frame,
-    drag,
-    friction_torque,
-    gripped,
-    hanging,
-    stop_torque,
-    stopped,
-    touch,
-    upward,
-)
+from twin.robot.plant.contact import apex_frame, touch
 from twin.robot.plant.contact_law import Contact
+from twin.robot.plant.joints import ANCHORS, drag, friction_torque, gripped, hanging, stop_torque, stopped, upward
 
 ZEROS = (0.0, 0.0, 0.0)
 LONGEST_GAP = 0.1
