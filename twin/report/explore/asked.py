@@ -32,6 +32,9 @@ MOST_FAULTS = 8
 MOST_KEYS = 200
 """That one state may change."""
 SAVED_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
+AS_FAULT = {"k_s_share": "spring_softened", "slip": "belt_slip"}
+"""Of one joint no key says anything; a fault from the start does."""
+CONTACT_KEY = "contact.stiffness_N_per_m"
 
 
 @dataclass(frozen=True)
@@ -102,11 +105,7 @@ class PageState:
         return [*self.base.settings, *texts]
 
     def loaded(self) -> Experiment:
-        """The experiment.
-
-        Raises:
-            InputRefused: with every mistake, one sentence each.
-        """
+        """The experiment."""
         return load_experiment(self.base.experiment, self.settings, self.drive, self.body)
 
     @property
@@ -146,9 +145,6 @@ def asked(base: Base, state: Any) -> PageState:
         base: of the command line.
         state: {"set": {key: value}, "drive": name, "body": name, "faults": [{"kind", "target", "onset_s", ..}]};
             each may be missing. It may come from anybody.
-
-    Raises:
-        InputRefused: it is something else, or names what is not there.
     """
     if not isinstance(state, dict) or state.keys() - {"set", "drive", "body", "faults"}:
         raise InputRefused("state: expected set, drive, body and faults")
@@ -164,11 +160,6 @@ def asked(base: Base, state: Any) -> PageState:
     return PageState(base, drive, body, values, tuple(map(_fault, faults)))
 
 
-AS_FAULT = {"k_s_share": "spring_softened", "slip": "belt_slip"}
-"""Of one joint no key says anything; a fault from the start does."""
-CONTACT_KEY = "contact.stiffness_N_per_m"
-
-
 def adopted(base: Base, state: Any, accepted: Any) -> dict[str, Any]:
     """The `state` of a page, of a robot as it is now: by its own keys and faults.
 
@@ -176,9 +167,6 @@ def adopted(base: Base, state: Any, accepted: Any) -> dict[str, Any]:
         base: of the command line.
         state: see `asked`.
         accepted: what a session has accepted, see `twin.studies.shadow.seen.accepted_values`; it may be anything.
-
-    Raises:
-        InputRefused: `state` or `accepted` is something else, or the experiment has no such parameter.
     """
     k_s = asked(base, state).loaded().plant.k_s
     found = {**state, "set": dict(state.get("set") or {}), "faults": list(state.get("faults") or [])}
@@ -227,11 +215,7 @@ def _one_of(what: str, name: Any, files: Mapping[str, str]) -> str:
 
 
 def first_state(base: Base, settings: Sequence[str]) -> tuple[Base, dict[str, Any]]:
-    """What `settings` of the command line are to a page: (the base with those that no slider stands for, the state).
-
-    Raises:
-        InputRefused: one is not of the form key=value, or the experiment is refused.
-    """
+    """What `settings` of the command line are to a page: (the base with those that no slider stands for, the state)."""
     names = {"drive": base.drive, "body": base.body}
     there = known(Base(base.experiment), base.drive, base.body)
     rest, changed = [], {}
@@ -262,10 +246,6 @@ def saved(state: PageState, name: str) -> Path:
     Args:
         state: what it shall do.
         name: of the file, without suffix.
-
-    Raises:
-        InputRefused: the name is none, there is such a file, or the experiment is refused.
-        NotWritten: the disk refuses.
     """
     if not SAVED_NAME.fullmatch(name):
         raise InputRefused(f"{name[:80]!r}: expected a name of letters, digits, - and _")

@@ -27,19 +27,11 @@ from twin.report.page.followed import (
     refuse_others,
 )
 from twin.report.page.markup import DataBlock, Markup, dark_filter, element, joined, section, table
-from twin.report.page.panels import Panel, curves, scene
+from twin.report.page.panels import curves, scene
 from twin.report.page.picture import picture
-from twin.report.page.run import (
-    PageVerdict,
-    ReportRun,
-    RunGroup,
-    RunMeasure,
-    key_measures,
-    number,
-    report_runs,
-    verdict,
-)
+from twin.report.page.run import ReportRun, RunMeasure, key_measures, number, report_runs
 from twin.report.page.system import is_system, system_sections
+from twin.report.page.verdict import PageVerdict, RunGroup, verdict
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.load import recorded_experiment
 from twin.robot.experiment.recorded import (
@@ -59,6 +51,7 @@ from twin.robot.experiment.source import COMMAND_LINE
 from twin.studies.accuracy import budget as budgeting
 from twin.studies.accuracy.budget import headline
 from twin.studies.command import Answer, Say, silent
+from twin.studies.panel import Panel
 from twin.studies.paper.claim import ClaimFinding
 from twin.studies.paper.fig4 import standing, tally
 from twin.studies.result import Cell, Column, Table
@@ -66,6 +59,29 @@ from twin.studies.result import Cell, Column, Table
 HEAD = tuple(f"{column.name}, N" for column in budgeting.NUMBERS)
 MEANING = "what it means"
 WHY = "why so much, assumed"
+MARKS = {
+    "holds": ("✓ holds", "good"),
+    "fails": ("✗ fails", "bad"),
+    "trivial": ("- trivial", ""),
+    "not reproduced": ("- not reproduced", ""),
+    "reproduced after all": ("✓ reproduced after all", "good"),
+    "not scored": ("? not scored", ""),
+}
+MOST_BOXED = 4
+"""Runs whose key numbers stand beside the verdict."""
+FEW = 5
+"""Claims that are shown at once even if all of them hold."""
+LOOKS = {True: ("✓ ", "good"), False: ("✗ ", "bad"), None: ("", "plain")}
+ASSETS = files("twin.report.page") / "assets"
+SCRIPTS = ("data", "clock", "look", "plot", "plots", "scene", "player", "page")
+"""In an order in which each finds what it needs."""
+REPORT = "report.html"
+SEVERAL = Path("results/report")
+FORCES = Markup('<span class="true">true</span> <span class="estimated">estimated</span>')
+SESSION_KEY = Markup(
+    '<span class="estimated">by the robot\'s counts</span>; <span class="true">plant model</span>, its force and pose'
+)
+"""What the player shows."""
 
 
 def accuracy(budget: budgeting.Budget, label: str) -> Markup:
@@ -222,23 +238,6 @@ def _format_value(value: object, unit: str) -> str:
     return number(value, unit) if isinstance(value, float) else "not recorded"
 
 
-MARKS = {
-    "holds": ("✓ holds", "good"),
-    "fails": ("✗ fails", "bad"),
-    "trivial": ("- trivial", ""),
-    "not reproduced": ("- not reproduced", ""),
-    "reproduced after all": ("✓ reproduced after all", "good"),
-    "not scored": ("? not scored", ""),
-}
-
-
-MOST_BOXED = 4
-"""Runs whose key numbers stand beside the verdict."""
-FEW = 5
-"""Claims that are shown at once even if all of them hold."""
-LOOKS = {True: ("✓ ", "good"), False: ("✗ ", "bad"), None: ("", "plain")}
-
-
 class Section(NamedTuple):
     """A section of the page, and what the list of contents calls it."""
 
@@ -392,18 +391,6 @@ def _of_each(runs: Sequence[ReportRun], write: Callable[[ReportRun], Markup]) ->
     if len(runs) == 1:
         return write(runs[0])
     return joined([part for run in runs for part in (element("h3", run.label), write(run))])
-
-
-ASSETS = files("twin.report.page") / "assets"
-SCRIPTS = ("data", "clock", "look", "plot", "plots", "scene", "player", "page")
-"""In an order in which each finds what it needs."""
-REPORT = "report.html"
-SEVERAL = Path("results/report")
-FORCES = Markup('<span class="true">true</span> <span class="estimated">estimated</span>')
-SESSION_KEY = Markup(
-    '<span class="estimated">by the robot\'s counts</span>; <span class="true">plant model</span>, its force and pose'
-)
-"""What the player shows."""
 
 
 def write_report(

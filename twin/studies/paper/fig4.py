@@ -235,6 +235,8 @@ QUALITY = (
 )  # fmt: skip
 
 OUT_OF_SCOPE = ("user experience scores (Sec. III.B): people are not part of the model",)
+PAPERS, OWN = "claims of the paper's text", "of this run's own checks"
+"""Names of scores: of claims that the paper's text makes, and of what is asked of the true force."""
 
 
 def failed(findings: Iterable[ClaimFinding]) -> list[str]:
@@ -257,10 +259,6 @@ def tally(findings: Iterable[ClaimFinding]) -> tuple[int, int]:
     verdicts = [f.verdict for f in findings]
     holds = verdicts.count("holds") + verdicts.count("reproduced after all")
     return holds, len(verdicts) - verdicts.count("trivial") - verdicts.count("not scored")
-
-
-PAPERS, OWN = "claims of the paper's text", "of this run's own checks"
-"""Names of scores: of claims that the paper's text makes, and of what is asked of the true force."""
 
 
 def standing(findings: Sequence[ClaimFinding], name: str) -> str:
