@@ -12,7 +12,8 @@ from twin.report.explore.asked import Base, asked
 from twin.report.explore.figures import fig4_runs
 from twin.studies.faults.matrix import onsets_of
 from twin.studies.faults.trials import healthy_run
-from twin.studies.paper.fig4 import fig4_score, tally
+from twin.studies.paper.claim import tally
+from twin.studies.paper.fig4 import fig4_score
 
 pytestmark = pytest.mark.slow
 

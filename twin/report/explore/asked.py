@@ -73,7 +73,6 @@ class PageState:
     """One state of a page, checked.
 
     Attributes:
-        base: of the command line.
         drive: what `--drive` takes; None: the file's own.
         body: what `--body` takes; None: the file's own.
         values: by key, as a file would have them; of `PACE` the factor.
@@ -142,7 +141,6 @@ def asked(base: Base, state: Any) -> PageState:
     """What the `state` of a page asks for.
 
     Args:
-        base: of the command line.
         state: {"set": {key: value}, "drive": name, "body": name, "faults": [{"kind", "target", "onset_s", ..}]};
             each may be missing. It may come from anybody.
     """
@@ -164,8 +162,6 @@ def adopted(base: Base, state: Any, accepted: Any) -> dict[str, Any]:
     """The `state` of a page, of a robot as it is now: by its own keys and faults.
 
     Args:
-        base: of the command line.
-        state: see `asked`.
         accepted: what a session has accepted, see `twin.studies.shadow.seen.accepted_values`; it may be anything.
     """
     k_s = asked(base, state).loaded().plant.k_s
@@ -241,12 +237,7 @@ def _single(text: str) -> tuple[str, Any]:
 
 
 def saved(state: PageState, name: str) -> Path:
-    """Write an experiment that extends the old one with exactly what differs, in the current folder.
-
-    Args:
-        state: what it shall do.
-        name: of the file, without suffix.
-    """
+    """Write an experiment that extends the old one with exactly what differs, in the current folder."""
     if not SAVED_NAME.fullmatch(name):
         raise InputRefused(f"{name[:80]!r}: expected a name of letters, digits, - and _")
     path = Path(f"{name}.toml")

@@ -16,8 +16,8 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.source import toml_value
 from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.metrics.required_series import FIG4, FIG5
-from twin.studies.paper.claim import ClaimFinding, judged
-from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, fig4_score, tally
+from twin.studies.paper.claim import ClaimFinding, judged, tally
+from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, fig4_score
 from twin.studies.paper.fig4_measures import WHOLE, Fig4Run, Fig4Runs
 from twin.studies.paper.fig5 import CLAIMS
 from twin.studies.paper.task_run import TaskRun
@@ -70,7 +70,6 @@ def fig4_runs(state: PageState, known: tuple[Experiment, Trace] | None = None) -
     """Their runs.
 
     Args:
-        state: of the page.
         known: an experiment with its run, which need not be made again.
     """
     own = known[0].values if known else None

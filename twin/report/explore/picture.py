@@ -57,9 +57,6 @@ def drawn(
     stays coarse.
 
     Args:
-        panels: which ones.
-        run: what is drawn: what the panels read.
-        block: takes the samples.
         span: from when to when (s).
         width: of a plot (pixels).
     """

@@ -98,11 +98,7 @@ FIELDS: Mapping[str, Mapping[str, Check]] = {
 
 
 def checked_request(ask: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the operation and the fields of a request; other fields are dropped.
-
-    Args:
-        ask: a JSON object, whatever it holds.
-    """
+    """Return the operation and the fields of a request; other fields are dropped."""
     op = ask.get("op")
     if not isinstance(op, str) or op not in FIELDS:
         raise InputRefused(f"op {str(op)[:80]!r}: no such operation")

@@ -334,12 +334,7 @@ class Lane:
 
 
 class PageLink:
-    """The link to one page.
-
-    Args:
-        link: to it.
-        server: that answers.
-    """
+    """The link to one page."""
 
     def __init__(self, link: ServerConnection, server: ExplorerServer):
         self._link, self._server = link, server
@@ -430,9 +425,7 @@ def recorded(experiment: str, how: Mapping[str, Any], limits: JobLimits) -> Path
     """The folder of a run that was made in a process of its own, with its report.
 
     Args:
-        experiment: file or name.
         how: "drive", "body" and "settings" as `twin run` takes them.
-        limits: of the process.
 
     Raises:
         TwinError: see `guarded`.

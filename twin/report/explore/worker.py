@@ -57,7 +57,6 @@ def answered(reporter: Reporter, here: str, base: dict[str, Any], ask: dict[str,
 
     Args:
         here: the folder in which the command was started; an FMU may have changed it.
-        base: fields of `Base`.
         ask: "op" and what belongs to it, as it came from the page: it may say anything.
     """
     reporter.loading()

@@ -52,8 +52,7 @@ from twin.studies.accuracy import budget as budgeting
 from twin.studies.accuracy.budget import headline
 from twin.studies.command import Answer, Say, silent
 from twin.studies.panel import Panel
-from twin.studies.paper.claim import ClaimFinding
-from twin.studies.paper.fig4 import standing, tally
+from twin.studies.paper.claim import ClaimFinding, standing, tally
 from twin.studies.result import Cell, Column, Table
 
 HEAD = tuple(f"{column.name}, N" for column in budgeting.NUMBERS)
@@ -85,12 +84,7 @@ SESSION_KEY = Markup(
 
 
 def accuracy(budget: budgeting.Budget, label: str) -> Markup:
-    """The sentence, what is in the run, and what is not: the twin's own error and beliefs that may be off.
-
-    Args:
-        budget: of the run's experiment.
-        label: of the run.
-    """
+    """The sentence, what is in the run, and what is not: the twin's own error and beliefs that may be off."""
     found, why = headline(budget), budgeting.details(budget)
     together = ("all of them", budget.bias, None, budget.together, "sum of biases, root of squares")
     added = ("all of them", None, None, budget.parameters, "root of the sum of squares")
@@ -495,12 +489,7 @@ def _filled(
 def _data(
     runs: Sequence[ReportRun], shown: Sequence[Panel] | None = None, robot: str = "plant", model: str = ""
 ) -> tuple[dict[str, Any], int]:
-    """What the scripts of the page work on, and the factor by which samples are thinned.
-
-    Args:
-        shown: see `curves`.
-        robot, model: see `scene`.
-    """
+    """What the scripts of the page work on, and the factor by which samples are thinned."""
     blocks = [DataBlock() for _ in runs]
     # side by side: what adds up and compresses holds no lock
     with ThreadPoolExecutor(2) as pool:
@@ -563,7 +552,6 @@ def plain_page(
     """The HTML of a page.
 
     Args:
-        title, subtitle: at its head.
         sections: key, title and content of each.
         links: key of a section and text, for the head.
         made_of: what follows "Made by twin VERSION" at its foot.

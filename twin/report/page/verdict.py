@@ -9,9 +9,9 @@ from twin.kernel.recording.reader import Recording
 from twin.report.page.run import ReportRun, outcome, scored, unscored
 from twin.studies.metrics.standing import one_run_each
 from twin.studies.paper import fig4_measures
-from twin.studies.paper.claim import ClaimFinding, judged
-from twin.studies.paper.fig4 import OWN, PAPERS, QUALITY, failed, fig4_score, tally
-from twin.studies.paper.fig4 import standing as claims_standing
+from twin.studies.paper.claim import OWN, PAPERS, ClaimFinding, failed, judged, tally
+from twin.studies.paper.claim import standing as claims_standing
+from twin.studies.paper.fig4 import QUALITY, fig4_score
 from twin.studies.paper.fig5 import Fig5Score, fig5_score
 
 FIG4 = "fig4"

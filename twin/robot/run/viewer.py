@@ -26,7 +26,6 @@ class Viewer(Protocol):
 
         Args:
             streams: in the order of the recording.
-            scene: draws rows.
             tick: duration of a tick (s).
             tuning: what may be changed, by any thread, until the run is over.
         """

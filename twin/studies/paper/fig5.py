@@ -14,8 +14,7 @@ from twin.kernel.recording.reader import Recording
 from twin.robot.controller.program import PhaseKind, Press, Push, Roll, Tap, Task
 from twin.studies.metrics.response import overshoot, rms
 from twin.studies.paper import fig5_measures as measure
-from twin.studies.paper.claim import Claim, ClaimFinding, as_facts, judged
-from twin.studies.paper.fig4 import failed
+from twin.studies.paper.claim import Claim, ClaimFinding, as_facts, failed, judged
 from twin.studies.paper.task_run import Mask, TaskRun, body_of, drive_of, task_runs, trip_sentence
 
 PRESS_DOWN = "goes down gently"

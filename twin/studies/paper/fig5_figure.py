@@ -179,7 +179,6 @@ def draw_in_space(axes: "Axes3D", run: TaskRun, floor: float) -> None:
     """Draw the task into `axes`.
 
     Args:
-        run: has samples.
         floor: lowest height that any of the pictures shows (m).
     """
     bottom = 1e3 * floor - MARGIN

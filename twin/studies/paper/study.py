@@ -8,8 +8,8 @@ from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.reader import Recording, read
 from twin.studies.command import judged
 from twin.studies.paper import fig5
-from twin.studies.paper.claim import ClaimFinding
-from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, OWN, PAPERS, Score, bound_used, fig4_score, standing, tally
+from twin.studies.paper.claim import OWN, PAPERS, ClaimFinding, bound_used, standing, tally
+from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, Score, fig4_score
 from twin.studies.paper.fig4_figure import draw_fig4
 from twin.studies.paper.fig4_measures import fig4_runs
 from twin.studies.paper.fig5_figure import draw_fig5
