@@ -52,10 +52,10 @@ def _distances(formula: Formula, tick: float, held: Held) -> Curve:
             return sign * _largest(sign * _distances(of, tick, held), *_ticks(begin, end, tick))
         case Until(hold, goal, begin, end):
             first, last = _ticks(begin, end, tick)
-            kept, reached = _distances(hold, tick, held), _distances(goal, tick, held)
+            fulfilled, reached = _distances(hold, tick, held), _distances(goal, tick, held)
             # with hold until begin, and from there untimed; that the goal is in time is the third of them
-            before = -_largest(-kept, 0, first - 1)
-            after = _shifted(_untimed(kept, reached), first)
+            before = -_largest(-fulfilled, 0, first - 1)
+            after = _shifted(_untimed(fulfilled, reached), first)
             return np.minimum(np.minimum(before, after), _largest(reached, first, last))
 
 

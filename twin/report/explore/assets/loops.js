@@ -10,9 +10,9 @@ const said = (value, unit, digits = 3) => (value === null ? "none" : `${value.to
 
 export class Loops {
   /** `ask` is called when the loops are to be seen again: once nothing has changed for a while, or the answer before is
-   * there; `told` when the margin is another one. */
-  constructor(box, ask, told) {
-    Object.assign(this, { box, ask, told, margin: null, reason: "not there yet" });
+   * there; `redraw` when the margin is another one. */
+  constructor(box, ask, redraw) {
+    Object.assign(this, { box, ask, redraw, margin: null, reason: "not there yet" });
     this.point = made("select", {});
     this.point.setAttribute("aria-label", "Operating point");
     this.table = made("div", { className: "scroll" });
@@ -63,7 +63,7 @@ export class Loops {
     const gains = (answer.loops ?? []).map(({ gain_dB }) => gain_dB).filter((gain) => gain !== null);
     this.margin = gains.length ? Math.min(...gains) : null;
     this.reason = gains.length ? "" : answer.loops ? (answer.stable ? "none is limited" : "unstable") : "no linear model";
-    this.told();
+    this.redraw();
     if (!answer.loops) return;
     this.found = answer;
     this.point.replaceChildren(...answer.points.map((text, value) => made("option", { value }, text)));
