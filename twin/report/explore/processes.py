@@ -26,9 +26,6 @@ class AnsweringProcess:
     """One process; a fresh one takes the place of one that has ended.
 
     What ends it, a crash of a drive say, costs the answer that it was making and nothing else.
-
-    Args:
-        limits: of the process.
     """
 
     def __init__(self, limits: JobLimits):
@@ -50,8 +47,6 @@ class AnsweringProcess:
         """What `twin.report.explore.worker.answered` answers.
 
         Args:
-            base: fields of `Base`.
-            ask: of the page.
             outdated: set when a newer one is wanted.
 
         Raises:

@@ -146,7 +146,7 @@ def _checked(plan: "SweepPlan", by: str | None, sure: bool) -> "SweepPlan":
     if sure:
         return plan
     from twin.robot.assembly.load import load_experiment
-    from twin.robot.run.watch import estimate
+    from twin.robot.run.cost import estimate
 
     first = plan.tasks[0]
     seconds, _ = estimate(load_experiment(plan.experiment, first.settings, first.drive))
