@@ -12,7 +12,6 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypeVar
 
@@ -113,12 +112,8 @@ Isolation = Literal["run", "drive", "none"]
 """The same of a run, whose drives may have processes of their own."""
 
 
-class PictureFormat(StrEnum):
-    """What pictures are written as for a paper; not a `Literal`, of which Typer takes no lists."""
-
-    SVG = "svg"
-    PDF = "pdf"
-
+PictureFormat = Literal["svg", "pdf"]
+"""What pictures are written as for a paper."""
 
 Isolate = Annotated[
     JobIsolation,
@@ -233,9 +228,9 @@ def recorded(reporter: "Reporter", name: str, asked: Asked) -> dict[str, Any]:
 
 def confirmed(question: str) -> bool:
     """Whether who sits at the terminal says yes."""
-    import typer
+    import click
 
-    return typer.confirm(question, err=True)
+    return click.confirm(question, err=True)
 
 
 class Say(Protocol):
