@@ -291,9 +291,6 @@ def judged(name: str, folder: Path, result: Result, draw: Callable[[Path], None]
         result: with the facts of the verdict.
         draw: draws the picture, into a file.
         notes: on what was compared.
-
-    Raises:
-        InputRefused, NotWritten: the folder or the disk refuses.
     """
     files = {"picture": made_folder(folder) / f"{name}.png", "verdict": folder / f"{name}.json"}
     draw(files["picture"])

@@ -97,9 +97,6 @@ def operating_points(experiment: Experiment) -> tuple[list[OperatingPoint], list
     and 1 mm above.
 
     A surface that moves is taken where it is at the beginning.
-
-    Raises:
-        InputRefused: there is not one point with a linear model.
     """
     parameters = plant_parameters(experiment.plant, experiment.contact)
     points: list[OperatingPoint] = []
@@ -263,10 +260,6 @@ def identified(plan: DrivePlan, tick: float, tau_load: float) -> DriveModel:
     """The linear model of a drive around a steady load `tau_load` (N m).
 
     The same drive gives the same model: the draws of the phases are always the same.
-
-    Raises:
-        InputRefused: the drive cannot be loaded, or no linear model describes it.
-        ComponentFailed: the drive failed.
     """
     measured = frequency_response(plan, tick, tau_load, AT_REST)
     # whatever it refuses, the measurement of the turning shaft may still be shown
@@ -284,9 +277,6 @@ def frequency_response(
     """(frequencies (n,) in Hz from 0, advance of the shaft per tick over command and load (n, 2), its uncertainty), SI.
 
     The uncertainty (n, 2) is the standard deviation of the mean over the draws.
-
-    Raises:
-        ComponentFailed: the drive failed.
     """
     samples = round(PERIOD / tick)
     lines = np.unique(np.round(np.geomspace(1.0, HIGHEST * samples, LINES)).astype(int))
@@ -365,10 +355,6 @@ class Linearised:
     Attributes:
         drives: one model per joint.
         labels: what the drives are called.
-
-    Raises:
-        InputRefused: a drive has no linear model, or a rate is not one that the analysis knows.
-        ComponentFailed: a drive failed while it was measured.
     """
 
     def __init__(self, experiment: Experiment, points: list[OperatingPoint]):

@@ -348,9 +348,6 @@ def passivity(experiment: Experiment, tried: bool, say: Say) -> Passivity:
     Args:
         tried: whether the mass that makes it swing is tried in the co-simulation.
         say: called with what is being done.
-
-    Raises:
-        InputRefused: as of `twin.studies.analyse.stability.stability`. ComponentFailed: a drive failed.
     """
     refuse_other_parts(experiment, "twin analyse", ("controller", "estimator"))
     say("identifying the drives")

@@ -97,11 +97,7 @@ class LimitCheck:
 def checked_limit(
     experiment: Experiment, point: OperatingPoint, law: str, predicted: float | None, drives: Sequence[DriveModel]
 ) -> LimitCheck:
-    """The `predicted` limit of `law` at `point`, tried in the co-simulation, which decides.
-
-    Raises:
-        InputRefused: a drive FMU does not fit.
-    """
+    """The `predicted` limit of `law` at `point`, tried in the co-simulation, which decides."""
 
     @cache
     def lasting(factor: float) -> Lasting:
@@ -158,11 +154,7 @@ def narrowed(lasts: Callable[[float], bool], low: float, high: float) -> tuple[f
 
 
 def lasting_nudges(experiment: Experiment, point: OperatingPoint, law: str, factor: float) -> Lasting:
-    """Which nudges, large and small, last at `point` with `factor` times the gains of `law`.
-
-    Raises:
-        InputRefused: a drive FMU does not fit.
-    """
+    """Which nudges, large and small, last at `point` with `factor` times the gains of `law`."""
     sizes = (LARGE_PRESSING if point.in_contact else LARGE, SMALL)
     left = aftermaths(experiment, point, law, factor, sizes)
     return tuple(size for size, one in zip(sizes, left, strict=True) if one.lasts(size))
@@ -324,10 +316,6 @@ def stability(experiment: Experiment, tried: bool = False, say: Say = silent) ->
     Args:
         tried: whether the gain limits are tried in the co-simulation, too.
         say: called with what is being done.
-
-    Raises:
-        InputRefused: no operating point, no linear model of a drive, or a rate that the analysis does not know.
-        ComponentFailed: a drive failed while it was measured.
     """
     _refuse_other_laws(experiment)
     points, problems = operating_points(experiment)
@@ -346,12 +334,7 @@ def stability(experiment: Experiment, tried: bool = False, say: Say = silent) ->
 
 
 def force_loop_margins(experiment: Experiment) -> list[Margins]:
-    """Compute the margins of the force loop at each operating point in contact; its drives are run in this process.
-
-    Raises:
-        InputRefused: see `stability`; or no force loop closes in contact, or the loops are unstable there.
-        ComponentFailed: a drive failed while it was measured.
-    """
+    """Compute the margins of the force loop at each operating point in contact; its drives are run in this process."""
     _refuse_other_laws(experiment)
     points = [point for point in operating_points(experiment)[0] if point.in_contact and point.force_on]
     if not points:

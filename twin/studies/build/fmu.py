@@ -162,9 +162,6 @@ def packed(
         readme: documentation.
         wanted: the file, for sentences.
         say: called with what is being done.
-
-    Raises:
-        InputRefused: a step cannot leave Python, or the compiler refuses.
     """
     steps = linking.emitted_steps(layout, platforms, say)
     variables = layout.variables if fmi == "3.0" else layout.scalars()
@@ -232,10 +229,6 @@ def build_fmu(
         out: the file; None: results/build/EXPERIMENT/PART.fmu.
         settings: laid over the experiment.
         say: called with what is being done.
-
-    Raises:
-        InputRefused: the experiment or the part cannot be used, or there is no compiler.
-        NotWritten: the disk refuses.
     """
     targets = linking.platforms_named(platforms, fmi)
     loaded = load_experiment(experiment, settings)

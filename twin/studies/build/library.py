@@ -201,10 +201,6 @@ def build_c(
         out: the folder; None: results/build/EXPERIMENT/c.
         settings: laid over the experiment.
         say: called with what is being done.
-
-    Raises:
-        InputRefused: the experiment cannot be used, or there is no compiler.
-        NotWritten: the disk refuses.
     """
     targets = linking.platforms_named(platforms)
     loaded = load_experiment(experiment, settings)

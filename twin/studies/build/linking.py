@@ -87,9 +87,6 @@ def platforms_named(names: Sequence[str], fmi: str | None = None) -> list[Platfo
     Args:
         names: tuples of FMI 3.0.
         fmi: for which version; None: for no FMU.
-
-    Raises:
-        InputRefused: there is no such platform, or FMI 2.0 knows no folder for it.
     """
     able = {name: platform for name, platform in PLATFORMS.items() if platform.fmi2 or fmi != "2.0"}
     for name in names:
@@ -149,11 +146,7 @@ def emitted(step: Module, platform: Platform, form: Form) -> Emitted:
 def emitted_steps(
     layout: Layout, platforms: Sequence[Platform], say: Callable[[str], None]
 ) -> dict[Platform, list[Emitted]]:
-    """All steps of a layout in all forms for each platform.
-
-    Raises:
-        InputRefused: a step cannot leave Python.
-    """
+    """All steps of a layout in all forms for each platform."""
     modules = []
     for row in layout.rows:
         say(f"compiling {row.component.name}")
@@ -192,11 +185,7 @@ def guid_of(*contents: bytes) -> str:
 
 
 def refuse_platform(wanted: Path, platforms: Sequence[Platform]) -> None:
-    """Refuse where code cannot be linked for all of `platforms`, or cannot be tried.
-
-    Raises:
-        InputRefused: this is not x86-64 Linux, or there is no C compiler for one of them.
-    """
+    """Refuse where code cannot be linked for all of `platforms`, or cannot be tried."""
     if sys.platform != "linux" or machine.machine() not in ("x86_64", "AMD64"):
         here = f"{machine.machine()} {machine.system()}"
         raise InputRefused(f"{wanted}: native code is built on x86-64 Linux; this is {here}")
@@ -215,9 +204,6 @@ def shared_library(
         files: it, what it includes, and object files, by name.
         options: of the compiler.
         wanted: what is built, for sentences.
-
-    Raises:
-        InputRefused: there is no compiler, or it refuses.
     """
     # nothing undefined but what the system's own libraries have
     elf = ("-Wl,-z,now", "-Wl,-z,defs", "-lm")
@@ -239,9 +225,6 @@ def static_library(source: str, platform: Platform, files: Mapping[str, bytes], 
     Args:
         source: the C file.
         platform, files, wanted: as of `shared_library`.
-
-    Raises:
-        InputRefused: there is no compiler, or it refuses.
     """
     # none of what a system adds to have its C library look on
     bare = ("-fno-stack-protector", "-U_FORTIFY_SOURCE", "-fno-strict-aliasing")

@@ -101,11 +101,7 @@ def drive_commands(part: RobotPart) -> dict[str, str]:
 
 
 def part_of(experiment: Experiment, name: str) -> RobotPart:
-    """The part `name` of the robot of `experiment`.
-
-    Raises:
-        InputRefused: there is no such part, or it cannot be taken out of the experiment.
-    """
+    """The part `name` of the robot of `experiment`."""
     plant, theta_m = at_rest(experiment, "body" in experiment.stand_ins)
     build = Build(experiment, (), HERE, plant, theta_m)
     made = {row.name: _made(row, build) for row in ROBOT}

@@ -50,9 +50,6 @@ def refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> N
     Args:
         experiment: whose part `name` it is.
         wanted: the components of the part.
-
-    Raises:
-        InputRefused: it is.
     """
     if name.startswith("drive"):
         raise InputRefused(f"{name}: a drive is an FMU already; expected another part of {experiment.name}")
@@ -87,11 +84,7 @@ def _refuse_alone(name: str, kind: str) -> None:
 
 
 def refuse_changed(experiment: Experiment, wanted: Sequence[str]) -> None:
-    """Refuse components that the experiment itself changes on the way.
-
-    Raises:
-        InputRefused: it does.
-    """
+    """Refuse components that the experiment itself changes on the way."""
     for change in experiment.changes:
         if PLACES[change.key].component in wanted:
             raise InputRefused(
@@ -107,9 +100,6 @@ def refuse_broken(experiment: Experiment, name: str, wanted: Sequence[str], soun
         experiment: whose part `name` it is.
         wanted: the components of the part.
         sound, feeds: what joins all components without faults, and with them.
-
-    Raises:
-        InputRefused: a fault acts within the part.
     """
     instead = f"or build the sound {name} with --set fault=[]"
     for target, source in sound.items():
@@ -180,11 +170,7 @@ class JointDrive:
 
 
 def travelling_drives(experiment: Experiment) -> tuple[JointDrive, ...]:
-    """The drives of the three joints.
-
-    Raises:
-        InputRefused: a drive cannot be used, or one needs more than a step of its FMUs in each tick.
-    """
+    """The drives of the three joints."""
     plans = planned_drives(experiment)
     if experiment.monitor is not None:
         plans = tuple(plan.switchable() for plan in plans)

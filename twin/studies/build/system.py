@@ -161,10 +161,6 @@ def build_ssp(
         drive: of every joint, in place of the experiment's own.
         settings: laid over the experiment.
         say: called with what is being done.
-
-    Raises:
-        InputRefused: the experiment cannot be used or cannot travel, or there is no compiler.
-        NotWritten: the disk refuses.
     """
     targets = platforms_named(platforms, fmi)
     loaded = load_experiment(experiment, settings, drive)

@@ -221,11 +221,7 @@ def known_baseline(folder: Path, experiment: str, drive: str) -> Baseline | None
 
 
 def read_baseline(file: Path) -> Baseline:
-    """The baseline in `file`.
-
-    Raises:
-        InputRefused: it cannot be read, or is no baseline.
-    """
+    """The baseline in `file`."""
     try:
         table = read_toml(file)
     except InputRefused as problem:
@@ -251,11 +247,7 @@ def baseline_text(baseline: Baseline) -> str:
 
 
 def write_baseline(file: Path, text: str) -> None:
-    """Write the `text` of a baseline.
-
-    Raises:
-        InputRefused, NotWritten: the disk refuses.
-    """
+    """Write the `text` of a baseline."""
     made_folder(file.parent)
     write_text(file, text)
 
@@ -550,11 +542,7 @@ def _labelled(label: str, text: str) -> list[Note]:
 
 
 def check_pictures(verdicts: Sequence[CheckVerdict], folder: Path) -> list[Path]:
-    """Draw the first MOST of `verdicts` with curves outside, a PNG each in `folder`; the files.
-
-    Raises:
-        InputRefused, NotWritten: the disk refuses.
-    """
+    """Draw the first MOST of `verdicts` with curves outside, a PNG each in `folder`; the files."""
     drawn = []
     made_folder(folder)
     for verdict in [verdict for verdict in verdicts if verdict.outside][:MOST]:

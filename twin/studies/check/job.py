@@ -75,11 +75,7 @@ def measured_with(file: Path, drive: str) -> tuple[Experiment, Measured]:
 
 
 def stored_baseline(folder: Path, file: Path, drive: str) -> stored.Baseline:
-    """The baseline of the experiment in `file` with `drive`.
-
-    Raises:
-        InputRefused: there is none, and it says how one is made; or it is damaged, or of something else.
-    """
+    """The baseline of the experiment in `file` with `drive`."""
     known = stored.known_baseline(folder, file.stem, drive)
     if known is None:
         # a misspelt experiment or drive is reported
@@ -149,9 +145,6 @@ def pairs(
         drives: as --drive has them; none: those with a baseline, or the experiment's own.
         baselines: their folder; None: see `baselines_of`, and without experiments tests/baselines.
         update: see `baselines_of`.
-
-    Raises:
-        InputRefused: nothing to check, or a drive that none of the experiments finds.
     """
     files = [experiment_file(experiment) for experiment in experiments]
     if not experiments:

@@ -58,10 +58,6 @@ def check(
     refused, or no baseline; 3 a drive failed; 4 the safety monitor tripped.
 
     Example: twin check experiments/step_z_air.toml --drive velocity_servo
-
-    Raises:
-        InputRefused: see `pairs`; or an update has no reason.
-        NotWritten: the disk refuses.
     """
     from twin.studies.check.baseline import baseline_file, check_pictures, check_result, write_baseline
     from twin.studies.check.job import outcomes, pairs

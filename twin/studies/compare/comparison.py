@@ -56,10 +56,6 @@ def both(
     Args:
         maps: entries of a column map for logs that twin did not record.
         part: start and end (s) of the part to compare.
-
-    Raises:
-        ComparisonRefused: a map, but nothing to map.
-        LogRefused, RecordingRefused: as `read_log` and `column_map`.
     """
     columns = column_map(maps)
     if columns and is_recording(a) and is_recording(b):
@@ -318,11 +314,6 @@ def compared(
         given: rules of tolerance, after the default and the uncertainty that a digitised curve states.
         signals: patterns of the signals to compare; empty: all that both have.
         how: to align the times.
-
-    Raises:
-        ComparisonRefused: no signal in common, units of different dimensions, no overlap in time, a pattern that fits
-            no signal, a tolerance in another dimension; every mistake, each in one sentence.
-        LogRefused: the signal to align by is not there.
     """
     units = paired(a, b, signals, given)
     digitised = [read for log in (a, b) if (read := provenance(log))]

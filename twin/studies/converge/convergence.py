@@ -69,11 +69,7 @@ def chosen(plant: Samples, theta_m: NDArray[np.float64]) -> Samples:
 
 
 def sampled_run(experiment: Experiment) -> tuple[Samples, float]:
-    """The signals of `experiment` run in this process, and wall time per simulated time of the master (1).
-
-    Raises:
-        InputRefused: a drive does not fit. ComponentFailed: a component failed.
-    """
+    """The signals of `experiment` run in this process, and wall time per simulated time of the master (1)."""
     run = Trace(experiment.controller_ticks)
     with assemble(experiment) as assembly:
         done = simulate(assembly, experiment.duration_ticks, [run]).completed()
@@ -154,11 +150,7 @@ class PowerResidual:
 
 
 def power_residuals(experiment: Experiment) -> tuple[PowerResidual, PowerResidual, PowerResidual]:
-    """Run `experiment` in this process and balance what drives and springs make of it, joint by joint.
-
-    Raises:
-        InputRefused: a drive does not fit. ComponentFailed: a component failed.
-    """
+    """Run `experiment` in this process and balance what drives and springs make of it, joint by joint."""
     with assemble(experiment) as assembly:
         W_drive, W_spring = _work(experiment, assembly)
     created, h = W_spring - W_drive, experiment.cosim.tick
@@ -236,11 +228,7 @@ class Coupling:
         return 1 if self.inputs == "hold" else 2
 
     def of(self, experiment: Experiment, tick: float) -> Experiment:
-        """`experiment` coupled so at `tick` (s).
-
-        Raises:
-            InputRefused: a duration or period is not a whole number of ticks.
-        """
+        """`experiment` coupled so at `tick` (s)."""
         return with_cosim(experiment, tick=tick, scheme=self.scheme, inputs=self.inputs, iterations=self.iterations)
 
 
@@ -274,11 +262,7 @@ class ReferenceRun:
 
 
 def reference_of(experiment: Experiment) -> ReferenceRun:
-    """Without any coupling where the drives' equations are known, else the finest co-simulation.
-
-    Raises:
-        InputRefused, ComponentFailed: as any run.
-    """
+    """Without any coupling where the drives' equations are known, else the finest co-simulation."""
     with assemble(experiment) as assembly:
         drives = servos(assembly.drives)
     why = "no equations of this drive are known here"
@@ -325,11 +309,7 @@ class Smooth:
 
 
 def comparable(experiment: Experiment) -> Smooth:
-    """With exact encoders and a force loop that starts when it did, not when a count says so.
-
-    Raises:
-        InputRefused: something in it breaks, or is led by what it feels: then no two runs do the same.
-    """
+    """With exact encoders and a force loop that starts when it did, not when a count says so."""
     if experiment.faults:
         raise InputRefused(f"{experiment.name}: has faults, whose effect is no coupling error; remove [[fault]]")
     if experiment.tasks:
@@ -453,10 +433,6 @@ def convergence(
         duration: of each run (s); None: the whole experiment.
         smooth: take backlash and friction out as well.
         say: called with what is being run.
-
-    Raises:
-        InputRefused: the experiment has faults or tasks, or a drive does not fit.
-        ComponentFailed: a component failed in the experiment as it is, or in the reference.
     """
     steps = Steps(say, 1 + len(COUPLINGS))
     steps.next("reference")

@@ -30,10 +30,6 @@ def converge(
     Exit code: 0 done, 1 no coupling does, 2 input refused, 3 a drive failed.
 
     Example: twin converge experiments/fig4_force_position.toml --duration 6
-
-    Raises:
-        InputRefused: the experiment, a drive or the folder cannot be used.
-        ComponentFailed: a component failed in the experiment as it is.
     """
     from twin.kernel.writing import made_folder, write_json
     from twin.robot.assembly.load import load_experiment

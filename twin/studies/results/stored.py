@@ -168,9 +168,6 @@ def stored_runs(results: Path, experiments: Sequence[str] = ()) -> list[StoredRu
     Args:
         results: folder.
         experiments: names; empty: all there are.
-
-    Raises:
-        InputRefused: no run is of one of `experiments`.
     """
     runs = [run for home in _folders(results) for run in _runs(home)]
     runs.sort(key=lambda run: (run.experiment, run.named))
@@ -374,9 +371,6 @@ def listed(results: Path, experiments: Sequence[str], say: Say) -> Answer:
         results: folder.
         experiments: only runs of these; empty: all, and what else is there.
         say: called with what is being read.
-
-    Raises:
-        InputRefused: no run is of one of `experiments`.
     """
     runs, now = stored_runs(results, experiments), ExperimentsNow()
     found = []
@@ -412,9 +406,6 @@ def doomed_runs(results: Path, experiments: Sequence[str], keep: int) -> list[St
     """The runs of each experiment but the newest `keep`, and but the one that its folder means by `latest`.
 
     A run that its user has given a name stays, and does not count.
-
-    Raises:
-        InputRefused: no run is of one of `experiments`.
     """
     seen: dict[str, int] = {}
     doomed = []
@@ -436,11 +427,7 @@ def doomed_text(doomed: Sequence[StoredRun]) -> str:
 
 
 def removed(doomed: Sequence[StoredRun]) -> str:
-    """Take the folders of `doomed` away; what has become of them.
-
-    Raises:
-        NotWritten: one cannot be removed.
-    """
+    """Take the folders of `doomed` away; what has become of them."""
     size = 0
     others = sum(len(run.others) for run in doomed)
     for run in doomed:
