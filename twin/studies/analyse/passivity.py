@@ -10,7 +10,7 @@ The stiffness that the force loop renders along z, over virtual stiffness and da
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import differential_evolution
@@ -71,17 +71,12 @@ class PassivityTrial:
         """Whether a nudge dies out just inside and grows just outside."""
         return self.simulated[0] < 0.0 < self.simulated[1]
 
-    def facts(self) -> dict[str, Any]:
-        """For JSON, SI."""
-        simulated = [growth if np.isfinite(growth) else None for growth in self.simulated]
-        return {
-            "p_B": list(self.point.p_B),
-            "mass": self.mass,
-            "tried": [INSIDE * self.mass, OUTSIDE * self.mass],
-            "growth_predicted": list(self.predicted),
-            "growth_simulated": simulated,
-            "confirmed": self.confirmed,
-        }
+    @property
+    def tried(self) -> tuple[float, float]:
+        """Masses (kg) that were tried."""
+        return INSIDE * self.mass, OUTSIDE * self.mass
+
+    JSON_KEYS = "p_B=point.p_B mass tried growth_predicted=predicted growth_simulated=simulated confirmed"
 
 
 def tried_mass(shared: Linearised, points: list[OperatingPoint], most: float) -> PassivityTrial | None:
@@ -172,19 +167,11 @@ class Width:
     largest: tuple[float, float, float]
     spring: float
 
-    def facts(self) -> dict[str, Any]:
-        """For JSON, SI."""
-        rendered, stiffness, damping = self.largest
-        return {
-            "p_B": list(self.point.p_B),
-            "largest_passive_stiffness": rendered,
-            "its_virtual_stiffness": stiffness,
-            "its_virtual_damping": damping,
-            "spring_stiffness": self.spring,
-            "virtual_stiffness": self.stiffness.tolist(),
-            "virtual_damping": self.damping.tolist(),
-            "least_power_share": [[None if np.isnan(v) else v for v in row] for row in self.least.tolist()],
-        }
+    JSON_KEYS = (
+        "p_B=point.p_B largest_passive_stiffness=largest.0 its_virtual_stiffness=largest.1 "
+        "its_virtual_damping=largest.2 spring_stiffness=spring virtual_stiffness=stiffness "
+        "virtual_damping=damping least_power_share=least"
+    )
 
 
 def z_width(shared: Linearised, point: OperatingPoint) -> Width:
@@ -297,18 +284,10 @@ class PointPassivity:
     bands: dict[str, Band | None]
     worst: Environment
 
-    def facts(self) -> dict[str, Any]:
-        """For JSON, SI."""
-        return {
-            "name": self.point.name,
-            "p_B": list(self.point.p_B),
-            "F_z": self.point.F_z,
-            "force_loop": self.point.force_on,
-            "stable": self.stable,
-            "spring_stiffness": self.springs.tolist(),
-            "not_passive": {name: band._asdict() if band else None for name, band in self.bands.items()},
-            "worst_environment": self.worst._asdict(),
-        }
+    JSON_KEYS = (
+        "name=point.name p_B=point.p_B F_z=point.F_z force_loop=point.force_on stable "
+        "spring_stiffness=springs not_passive=bands worst_environment=worst"
+    )
 
 
 @dataclass(frozen=True)
@@ -331,15 +310,7 @@ class Passivity:
     tried: bool
     trial: PassivityTrial | None
 
-    def facts(self) -> dict[str, Any]:
-        """For JSON, SI."""
-        return {
-            "experiment": self.experiment.name,
-            "points": [point.facts() for point in self.points],
-            "without_linear_model": self.problems,
-            "z_width": self.width.facts() if self.width else None,
-            "trial": self.trial.facts() if self.trial else None,
-        }
+    JSON_KEYS = "experiment=experiment.name points without_linear_model=problems z_width=width trial"
 
 
 def passivity(experiment: Experiment, tried: bool, say: Say) -> Passivity:

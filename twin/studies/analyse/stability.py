@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from twin.kernel.errors import InputRefused
+from twin.kernel.serialise import to_dict
 from twin.robot.assembly.roles import refuse_other_parts
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.analyse.linear.loops import COMMANDS, LOOPS, DriveModel, closed_poles, spectral_radius
@@ -80,18 +81,12 @@ class LimitCheck:
         """Whether a nudge lasts with the gains as they are set."""
         return self.high is not None and self.high <= 1.0
 
-    def facts(self) -> dict[str, Any]:
-        """For JSON, SI; factors on the gains that are set."""
-        return {
-            "law": self.law,
-            "p_B": list(self.point.p_B),
-            "F_z": self.point.F_z,
-            "predicted": self.predicted,
-            "holds": self.holds,
-            "simulated": self.simulated,
-            "simulated_between": [self.low, self.high],
-            "reason": self.reason,
-        }
+    @property
+    def between(self) -> tuple[float | None, float | None]:
+        """`low` and `high`."""
+        return self.low, self.high
+
+    JSON_KEYS = "law p_B=point.p_B F_z=point.F_z predicted holds simulated simulated_between=between reason"
 
 
 def checked_limit(
@@ -213,22 +208,15 @@ class PointStability:
         """The pole of the smallest damping ratio."""
         return min(self.poles, key=lambda pole: pole.zeta)
 
-    def facts(self) -> dict[str, Any]:
-        """For JSON, SI."""
-        point = self.linear.point
-        return {
-            "name": point.name,
-            "p_B": list(point.p_B),
-            "F_z": point.F_z,
-            "force_loop": point.force_on,
-            "stable": self.stable,
-            "loops": {name: found._asdict() for name, found in self.margins.items()},
-            "disk_margins": {name: found.facts() for name, found in self.disks.items()},
-            "sensitivity": self.sensitivity,
-            "gain_limits": self.limits,
-            "poles": [pole._asdict() for pole in self.poles[:MOST_POLES]],
-            "least_damped": self.least_damped._asdict(),
-        }
+    @property
+    def slowest(self) -> list[Pole]:
+        """The poles of the slowest decay."""
+        return self.poles[:MOST_POLES]
+
+    JSON_KEYS = (
+        "name=linear.point.name p_B=linear.point.p_B F_z=linear.point.F_z force_loop=linear.point.force_on "
+        "stable loops=margins disk_margins=disks sensitivity gain_limits=limits poles=slowest least_damped"
+    )
 
 
 @dataclass(frozen=True)
@@ -249,16 +237,7 @@ class StabilityMap:
     factors: np.ndarray
     zeta: np.ndarray
 
-    def facts(self) -> dict[str, Any]:
-        """For JSON, SI; None where there is no operating point."""
-        return {
-            "law": self.law,
-            "p_B": list(self.at.point.p_B),
-            "F_z": self.at.point.F_z,
-            "stiffness": self.stiffness.tolist(),
-            "factors": self.factors.tolist(),
-            "zeta": [[None if np.isnan(value) else value for value in row] for row in self.zeta.tolist()],
-        }
+    JSON_KEYS = "law p_B=at.point.p_B F_z=at.point.F_z stiffness factors zeta"
 
 
 @dataclass(frozen=True)
@@ -303,10 +282,10 @@ class Stability:
                 {"drive": label, "states": len(model.A), "residual": model.residual, "turning": model.turning}
                 for label, model in zip(self.shared.labels, self.shared.drives, strict=True)
             ],
-            "points": [point.facts() for point in self.points],
-            "gain_limits": [check.facts() for check in self.checks],
+            "points": to_dict(self.points),
+            "gain_limits": to_dict(self.checks),
             "without_linear_model": self.problems,
-            "maps": [chart.facts() for chart in self.maps],
+            "maps": to_dict(self.maps),
         }
 
 

@@ -10,7 +10,7 @@ import json
 import os
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import pairwise
 from math import nan
 from pathlib import Path
@@ -24,7 +24,7 @@ from twin import __version__
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_toml
 from twin.kernel.places import HOME, is_clone
-from twin.kernel.writing import finite, inline_table, made_folder, write_text
+from twin.kernel.writing import inline_table, made_folder, write_text
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.mistakes import sentences
 from twin.studies.check.measurement import POINTS, Measured, Metric, SampledCurve
@@ -352,10 +352,6 @@ class CheckVerdict:
     @property
     def deviations(self) -> tuple[CheckRow, ...]:
         return tuple(row for row in self.rows if row.word != "ok")
-
-    def facts(self) -> dict[str, Any]:
-        """For JSON; None for what is not a number."""
-        return finite(asdict(self))
 
 
 def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: Measured) -> CheckVerdict:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from twin.kernel.errors import InputRefused, plain
+from twin.kernel.serialise import to_dict
 from twin.studies.command import JOB_ISOLATION, Argument, Isolate, Option, Say, study
 from twin.studies.first_look import find_experiments
 from twin.studies.result import Result
@@ -86,6 +87,6 @@ def check(
     return replace(
         result,
         body=[*result.body, *([""] if places else []), *places],
-        facts={"verdicts": [verdict.facts() for verdict in verdicts], "failures": failed},
+        facts={"verdicts": to_dict(verdicts), "failures": failed},
         exit_code=failures[0].exit_code if failures else int(deviates),
     )

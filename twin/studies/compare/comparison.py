@@ -9,9 +9,8 @@ A comparison as text of at most 80 columns and as a picture: the answer first.
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import Log, LogSeries, in_gap, sampling
 from twin.kernel.recording.logs.reader import LogKind, is_recording, kind_of, read_log
 from twin.kernel.recording.reader import origin
-from twin.kernel.writing import finite
+from twin.kernel.serialise import to_dict
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.experiment.recorded import differing, recorded_facts
 from twin.studies.compare.tolerance import (
@@ -98,6 +97,7 @@ class SignalRow:
         used: share of the tolerance that the worst value takes after the tolerance in time; inside is up to 1.
         outside: how many instants are outside of the tube.
         first_exit: the first of them.
+        inside: whether there is none.
     """
 
     signal: str
@@ -113,6 +113,7 @@ class SignalRow:
     used: float
     outside: int
     first_exit: Exit | None
+    inside: bool
 
 
 @dataclass(frozen=True)
@@ -172,6 +173,7 @@ def row(
         used=float(used),
         outside=len(out),
         first_exit=first,
+        inside=first is None,
     )
 
 
@@ -281,20 +283,12 @@ class Comparison:
         shares = [(row.signal, row.covered) for row in self.rows] + [(name, 0.0) for name in self.apart]
         return min(shares, key=lambda share: share[1])
 
-    def facts(self) -> dict[str, Any]:
-        """Everything but the curves, for JSON; SI units, None for what is infinite or not a number."""
-        return finite({
-            "a": str(self.a),
-            "b": str(self.b),
-            "identical": self.identical,
-            "inside": not self.outside,
-            "covered": self.least_covered[1],
-            "shift": self.shift.seconds,
-            "rows": [asdict(row) | {"inside": row.first_exit is None} for row in self.rows],
-            "only_a": self.only_a,
-            "only_b": self.only_b,
-            "notes": self.notes,
-        })  # fmt: skip
+    @property
+    def inside(self) -> bool:
+        """Whether no signal leaves its tube."""
+        return not self.outside
+
+    JSON_KEYS = "a b identical inside covered=least_covered.1 shift=shift.seconds rows only_a only_b notes"
 
 
 def compared(
@@ -387,7 +381,7 @@ def comparison_result(comparison: Comparison, partial: bool = False, differences
         *map(_note, comparison.notes),
         *differences_lines(differences),
     ]
-    facts = comparison.facts() | {"experiments": differences}
+    facts = to_dict(comparison) | {"experiments": differences}
     common = len(comparison.rows) + len(comparison.apart)
     share = f"{common} of {comparison.most} signals in common: " if common < comparison.most else ""
     answer = Note(share + _answer(comparison, partial), later=2, whole=True)

@@ -148,6 +148,8 @@ class PowerResidual:
     energy: float
     throughput: float
 
+    JSON_KEYS = "mean_W=mean peak_W=peak created_J=energy throughput_J=throughput"
+
 
 def power_residuals(experiment: Experiment) -> tuple[PowerResidual, PowerResidual, PowerResidual]:
     """Run `experiment` in this process and balance what drives and springs make of it, joint by joint."""
@@ -359,6 +361,8 @@ class TickPoint:
     errors: dict[str, float]
     cost: float
 
+    JSON_KEYS = "tick_s=tick cost_s_per_s=cost largest_error=errors"
+
 
 @dataclass(frozen=True)
 class CouplingSeries:
@@ -374,6 +378,8 @@ class CouplingSeries:
     orders: dict[str, Order]
     residuals: tuple[PowerResidual, ...]
 
+    JSON_KEYS = "coupling points order=orders power=residuals"
+
 
 @dataclass(frozen=True)
 class CouplingChoice:
@@ -381,6 +387,8 @@ class CouplingChoice:
 
     coupling: Coupling
     point: TickPoint
+
+    JSON_KEYS = "coupling tick_s=point.tick error_N=point.errors.F_z"
 
 
 @dataclass(frozen=True)
@@ -394,7 +402,7 @@ class CouplingStudy:
         changes: what was taken out of the experiment.
         reference: what errors are measured against.
         series: by coupling.
-        left_out: (coupling's name, why).
+        left_out: why, by the coupling's name.
         tolerance: of the force (N).
         choice: None: no run met it, or nothing is pressed.
         resolution: step of the scale's display (N); None: there is no scale.
@@ -407,10 +415,15 @@ class CouplingStudy:
     changes: tuple[str, ...]
     reference: ReferenceRun
     series: tuple[CouplingSeries, ...]
-    left_out: tuple[tuple[str, str], ...]
+    left_out: dict[str, str]
     tolerance: float
     choice: CouplingChoice | None
     resolution: float | None = None
+
+    JSON_KEYS = (
+        "experiment=name duration_s=duration tick_s=tick coupling changes reference=reference.meaning "
+        "floor=reference.floor tolerance_N=tolerance recommended=choice series left_out"
+    )
 
     @property
     def judged(self) -> Signal:
@@ -441,7 +454,7 @@ def convergence(
     used = smoothed(cut) if smooth else cut
     reference = reference_of(used.experiment)
     series: list[CouplingSeries] = []
-    left_out: list[tuple[str, str]] = []
+    left_out: dict[str, str] = {}
     for coupling in COUPLINGS:
         steps.next(coupling.name)
         try:
@@ -450,7 +463,7 @@ def convergence(
             # what is never refused is why the experiment itself cannot be run
             if coupling == COUPLINGS[0]:
                 raise
-            left_out.append((coupling.name, str(why)))
+            left_out[coupling.name] = str(why)
     cosim = experiment.cosim
     return CouplingStudy(
         name=experiment.name,
@@ -460,7 +473,7 @@ def convergence(
         changes=used.changes,
         reference=reference,
         series=tuple(series),
-        left_out=tuple(left_out),
+        left_out=left_out,
         tolerance=tolerance,
         choice=recommended(series, tolerance) if reference.pressed else None,
         resolution=experiment.scale.resolution * G_ACCELERATION if experiment.scale else None,
