@@ -28,12 +28,7 @@ SETTINGS = {"show_default": True}
 
 
 class StudyCommand(click.Command):
-    """A command whose study is imported when it is made ready: to import all takes longer than most of them.
-
-    Args:
-        words: all of the command.
-        text: of its file.
-    """
+    """A command whose study is imported when it is made ready: to import all takes longer than most of them."""
 
     def __init__(self, words: str, text: CommandText):
         super().__init__(words.split()[-1], help=text.help, context_settings=SETTINGS)
@@ -128,8 +123,6 @@ class CommandList(click.Group):
 
     Args:
         name: "" of all commands of twin.
-        commands: by name.
-        text: its help.
         sections: headings of the list, and the names below each.
         default: the command that is meant where none is named.
     """

@@ -135,12 +135,7 @@ def run(
 
 
 class Reported:
-    """Writes one page on all runs when they are over, also if one of them did not end well.
-
-    Args:
-        wanted: whether to.
-        as_json: tell it as JSON.
-    """
+    """Writes one page on all runs when they are over, also if one of them did not end well."""
 
     def __init__(self, wanted: bool, as_json: bool):
         self._wanted = wanted

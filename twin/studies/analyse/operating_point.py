@@ -71,11 +71,8 @@ class OperatingPoint:
     """The robot at rest.
 
     Attributes:
-        name: for people.
         p_B: platform position (m).
         F_z: pressing force (N); 0 in free air.
-        force_on: whether the force loop is closed.
-        parameters: what is true.
         x, theta_m: state (8,) and motor angles (3,) at rest: friction sticks, with its bristle straight.
     """
 
@@ -335,7 +332,6 @@ class LinearPoint:
     """The loops at one operating point.
 
     Attributes:
-        point: where.
         loops: all open, see `twin.studies.analyse.linear.loops.open_loops`.
         gains: 1 for each loop that is closed there.
     """

@@ -55,7 +55,6 @@ class PassivityTrial:
     """A mass in the hand, in the air.
 
     Attributes:
-        point: where.
         mass: at which the linear model begins to swing (kg).
         predicted: growth at `INSIDE` and `OUTSIDE` of it (1/s).
         simulated: the same of the co-simulation; infinite: it flew off.
@@ -152,7 +151,6 @@ class Width:
     1/(kp kp_F) beside it.
 
     Attributes:
-        point: where.
         stiffness, damping: virtual, N/m (n,) and N s/m (m,).
         least: smallest `power_share` (m, n); NaN: unstable in the air.
         largest: stiffness at rest that the robot renders passively (N/m), and the virtual stiffness and damping with
@@ -267,8 +265,6 @@ class PointPassivity:
     """What a hand feels at one operating point.
 
     Attributes:
-        point: where.
-        stable: whether the robot is, with nothing in the hand.
         frequency: Hz (n,).
         admittance: (n, 3, 3), m/s per N.
         springs: stiffness (3,) with the motors held and the other axes held (N/m).
@@ -295,11 +291,8 @@ class Passivity:
     """A robot in the hand, judged.
 
     Attributes:
-        experiment: what it is of.
-        points: each operating point.
         problems: sentences about points that have no linear model.
         width: None where no force loop presses.
-        tried: whether what was predicted was to be tried in the co-simulation.
         trial: what came of it; None: there was nothing to try.
     """
 
@@ -314,12 +307,7 @@ class Passivity:
 
 
 def passivity(experiment: Experiment, tried: bool, say: Say) -> Passivity:
-    """Judge `experiment`, of which the body is taken away; its drives are run in this process.
-
-    Args:
-        tried: whether the mass that makes it swing is tried in the co-simulation.
-        say: called with what is being done.
-    """
+    """Judge `experiment`, of which the body is taken away; its drives are run in this process."""
     refuse_other_parts(experiment, "twin analyse", ("controller", "estimator"))
     say("identifying the drives")
     points, problems = operating_points(experiment)

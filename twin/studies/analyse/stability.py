@@ -53,8 +53,6 @@ class LimitCheck:
     """The gain limit of a law at an operating point, predicted and tried.
 
     Attributes:
-        law: "position" or "force".
-        point: where.
         predicted: factor on all gains of the law, see `twin.studies.analyse.linear.margins.gain_limit`.
         low, high: factors between which a nudge begins to last in the co-simulation, each None if it was not reached.
         holds: whether the prediction is confirmed within `HOLDS`.
@@ -115,7 +113,6 @@ def bracket(lasts: Callable[[float], bool], expected: float, ends: bool = True) 
     These are `borders` if the limit is between them, else at most `CLOSE` apart.
 
     Args:
-        lasts: whether a nudge lasts with a factor on the gains.
         ends: whether `expected` is a limit, not just a value up to which there is none.
     """
     low, high = borders(expected)
@@ -185,10 +182,8 @@ class PointStability:
     """One operating point, judged; margins only where it is stable, for elsewhere they mean nothing.
 
     Attributes:
-        linear: its loops.
         stable: whether every pole is inside the unit circle.
         poles: slowest decay first.
-        margins: by loop.
         disks: of all loops at once, opened at the "laws", at the "motors", or at "both".
         sensitivity: of all loops at once, largest singular value; None if unstable.
         limits: "position", "force" -> factor on all gains of that law up to which the point is stable, see
@@ -224,8 +219,6 @@ class StabilityMap:
     """Damping over contact stiffness and gains at one pressing point, its pose and force kept.
 
     Attributes:
-        law: "position" or "force".
-        at: the point.
         stiffness: N/m (n,).
         factors: on all gains of the law (m,).
         zeta: smallest damping ratio of a pole (m, n); < 0: unstable; NaN: no operating point.
@@ -245,9 +238,6 @@ class Stability:
     """An experiment's loops, judged.
 
     Attributes:
-        experiment: what it is of.
-        shared: drives, settings and stepping of all points.
-        points: judged.
         problems: sentences about points that have no linear model.
         maps: empty where nothing is pressed on.
         checks: the gain limits that were tried in the co-simulation.
@@ -290,12 +280,7 @@ class Stability:
 
 
 def stability(experiment: Experiment, tried: bool = False, say: Say = silent) -> Stability:
-    """Judge the loops of `experiment`; its drives are run in this process, its faults are left out.
-
-    Args:
-        tried: whether the gain limits are tried in the co-simulation, too.
-        say: called with what is being done.
-    """
+    """Judge the loops of `experiment`; its drives are run in this process, its faults are left out."""
     _refuse_other_laws(experiment)
     points, problems = operating_points(experiment)
     steps = Steps(say, len(points) + 2 + tried)

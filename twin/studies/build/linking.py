@@ -82,12 +82,7 @@ HERE = PLATFORMS["x86_64-linux"]
 
 
 def platforms_named(names: Sequence[str], fmi: str | None = None) -> list[Platform]:
-    """The platform where it is built, and those of `names` beside it; "all" are all.
-
-    Args:
-        names: tuples of FMI 3.0.
-        fmi: for which version; None: for no FMU.
-    """
+    """The platform where it is built, and those of `names` beside it; "all" are all."""
     able = {name: platform for name, platform in PLATFORMS.items() if platform.fmi2 or fmi != "2.0"}
     for name in names:
         if name == ALL or name in able:
@@ -109,13 +104,7 @@ def summary(title: str, rows: Mapping[str, str]) -> str:
 
 
 class Emitted(NamedTuple):
-    """A step for one platform.
-
-    Attributes:
-        symbol: of the function.
-        text: LLVM's assembly of what was written.
-        content: of the object file.
-    """
+    """A step for one platform."""
 
     symbol: str
     text: str
@@ -200,10 +189,7 @@ def shared_library(
 
     Args:
         name: without a suffix.
-        source: the C file.
         files: it, what it includes, and object files, by name.
-        options: of the compiler.
-        wanted: what is built, for sentences.
     """
     # nothing undefined but what the system's own libraries have
     elf = ("-Wl,-z,now", "-Wl,-z,defs", "-lm")
@@ -220,12 +206,7 @@ def shared_library(
 
 
 def static_library(source: str, platform: Platform, files: Mapping[str, bytes], wanted: Path) -> bytes:
-    """A static library of one C file, and of the object files beside it, which needs libm at most.
-
-    Args:
-        source: the C file.
-        platform, files, wanted: as of `shared_library`.
-    """
+    """A static library of one C file, and of the object files beside it, which needs libm at most."""
     # none of what a system adds to have its C library look on
     bare = ("-fno-stack-protector", "-U_FORTIFY_SOURCE", "-fno-strict-aliasing")
     built = Path(source).with_suffix(".o").name

@@ -64,8 +64,6 @@ class RobotPart:
     """What is built.
 
     Attributes:
-        name: of the part.
-        experiment: that it is from.
         components: in the order of a tick, sampled ones first.
         feeds: what joins them.
         beginnings: by component.
@@ -215,11 +213,9 @@ class OpenParameter(NamedTuple):
 
     Attributes:
         key: of the file, `plant.k_s_Nm_per_rad`.
-        meaning: one phrase.
         start: its values.
         unit: of them; `text` as the file spells it.
         limits: above, at least, below, at most; None where there is none.
-        destinations: where it goes.
         tunable: whether it may change between two steps.
     """
 

@@ -63,7 +63,6 @@ class BaselineMetric(_Table):
     """A number of a baseline: off by more than its bound either way is a deviation.
 
     Attributes:
-        value, bound: in `unit`, SI.
         keep: the bound has been chosen by somebody, and an update leaves it.
     """
 
@@ -110,8 +109,6 @@ class Baseline(_Table):
     """What is stored.
 
     Attributes:
-        experiment, drive: their names.
-        fingerprint: of the experiment.
         twin: version that measured it.
         fmus: SHA-256 by file name.
         history: oldest first.
@@ -141,7 +138,6 @@ def baselines_of(file: Path, update: bool) -> Path:
     it: the baselines of any other experiment are beside its file.
 
     Args:
-        file: of the experiment.
         update: whether they are written, and not only read: then never to those that a wheel carries.
     """
     of_twin = file.resolve().parent == (HOME / "experiments").resolve() and (HOME / FOLDER / file.stem).is_dir()
@@ -296,11 +292,9 @@ class CheckRow:
 
     Attributes:
         name: "measure.metric", or "measure.tube".
-        unit: SI.
         before, now: None where there is none.
         bound: how far apart they may be; None likewise.
         at: for a tube, the time (s) at which it is farthest outside, or nearest to that; before, now are values there.
-        word: what it comes to.
     """
 
     name: str
@@ -317,8 +311,6 @@ class Outside:
     """A curve that has left its tube, at the instants t (s) of the tube, (n,); in `unit`, NaN where it has no value.
 
     Attributes:
-        name: of its row.
-        signal: what it is.
         before: the baseline.
         lower, upper: the tube around it.
     """
@@ -338,7 +330,6 @@ class CheckVerdict:
     """An experiment with one drive against its baseline.
 
     Attributes:
-        rows: numbers, then tubes.
         notes: what has changed besides, a sentence each.
         outside: of what tubes have lost.
     """
@@ -458,12 +449,7 @@ MOST = 5
 
 
 def check_result(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> Result:
-    """The answer first; of a single check every number, of many only those that deviate.
-
-    Args:
-        verdicts: of the checks that could be done.
-        failures: sentences on those that could not.
-    """
+    """The answer first; of a single check every number, of many only those that deviate."""
     parts: list[Block] = []
     shown = verdicts if len(verdicts) == 1 else [verdict for verdict in verdicts if verdict.deviations]
     shown = [verdict for verdict in shown if len(verdicts) == 1 or not _first(verdict)]

@@ -120,7 +120,6 @@ class CheckOutcome:
         verdict: None if it could not be measured or compared.
         text: of the baseline's file as it would be after an update; "" if that changes nothing, or none was asked for.
         failure: why there is no verdict, in a sentence; "" if there is one.
-        exit_code: that goes with it.
     """
 
     pair: Pair
@@ -141,10 +140,7 @@ def pairs(
     """What `twin check EXPERIMENT... --drive ...` means.
 
     Args:
-        experiments: files or names; none: all that have a baseline.
         drives: as --drive has them; none: those with a baseline, or the experiment's own.
-        baselines: their folder; None: see `baselines_of`, and without experiments tests/baselines.
-        update: see `baselines_of`.
     """
     files = [experiment_file(experiment) for experiment in experiments]
     if not experiments:
@@ -177,13 +173,7 @@ def _file_of(name: str) -> Path:
 
 
 def checked(reporter: Any, work: Sequence[Pair], date: str, reason: str) -> None:
-    """Check each pair of `work`; a job of the guard. Notes: an `CheckOutcome`, taken apart, per pair, in their order.
-
-    Args:
-        work: what to check.
-        date: of an update.
-        reason: of an update; "": none was asked for.
-    """
+    """Check each pair of `work`; a job of the guard. Notes: an `CheckOutcome`, taken apart, per pair, in their order."""
     for pair in work:
         reporter.loading()
         try:
@@ -218,10 +208,7 @@ def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> li
     """The outcome of every pair, in their order.
 
     Args:
-        pairs: what to check.
-        reason: of an update; "": none was asked for.
         processes: how many at a time; 0: this one, where a drive that crashes takes it along.
-        say: called with how many are done.
 
     Raises:
         KeyboardInterrupt: after every process has ended.

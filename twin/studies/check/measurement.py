@@ -74,7 +74,6 @@ class Signals:
     """Of a run that went to its end.
 
     Attributes:
-        run: every signal of it at every tick.
         believed: what the controller believes the robot to be.
         fmus: SHA-256 of every FMU that took part, by file name.
     """
@@ -178,7 +177,6 @@ class SampledCurve:
     """A curve as a baseline keeps it.
 
     Attributes:
-        signal, unit: what it is.
         t, values: (m,), s and SI.
         tolerance: half width of the tube in `unit`, dt: in s.
     """

@@ -50,11 +50,8 @@ def both(
 ) -> tuple[Log, Log]:
     """The logs in `a` and `b`.
 
-    Names in a CSV file may mean signals of the other log, see `read_csv`.
-
-    Args:
-        maps: entries of a column map for logs that twin did not record.
-        part: start and end (s) of the part to compare.
+    Names in a CSV file may mean signals of the other log, see `read_csv`; `part` is start and end (s) of what is
+    compared.
     """
     columns = column_map(maps)
     if columns and is_recording(a) and is_recording(b):
@@ -87,17 +84,12 @@ class SignalRow:
     """One signal; SI units. Errors are the second log's value less the first's, at the same time.
 
     Attributes:
-        signal, unit: of both logs.
-        n: how many instants were compared.
         covered: share of the reference's time on which the second has values; see `coverage`.
         max_error, max_error_at: largest absolute error and its time, s.
         rms_error, mean_error: over the instants.
         span: range of the reference, which shares of it refer to.
-        allowance: half widths of the tube.
         used: share of the tolerance that the worst value takes after the tolerance in time; inside is up to 1.
         outside: how many instants are outside of the tube.
-        first_exit: the first of them.
-        inside: whether there is none.
     """
 
     signal: str
@@ -251,12 +243,8 @@ class Comparison:
         a, b: the reference, and what was compared with it.
         shift: what was added to the times of b.
         rows: worst first.
-        curves: by signal.
         apart: signals of both that have no instant in common.
-        only_a, only_b: signals that the other has not.
         most: number of signals to compare of the log that has more of them.
-        identical: whether the two files hold the same bytes.
-        notes: sentences on what is doubtful.
     """
 
     a: Path
@@ -304,10 +292,8 @@ def compared(
     and outside of the gaps of both; there the other is interpolated linearly, never beyond its ends.
 
     Args:
-        a, b: the logs.
         given: rules of tolerance, after the default and the uncertainty that a digitised curve states.
         signals: patterns of the signals to compare; empty: all that both have.
-        how: to align the times.
     """
     units = paired(a, b, signals, given)
     digitised = [read for log in (a, b) if (read := provenance(log))]
@@ -367,12 +353,7 @@ SHOWN = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "rad": ("deg", math.degrees(1.0
 
 
 def comparison_result(comparison: Comparison, partial: bool = False, differences: Differences | None = None) -> Result:
-    """The answer first, then the files, then signals worst first, then what differs in the experiments.
-
-    Args:
-        partial: whether b may cover only a part of a.
-        differences: of the experiments; None: they are not compared.
-    """
+    """The answer first, then the files, then signals worst first, then what differs in the experiments."""
     covered = partial or comparison.least_covered[1] == 1.0
     parts = [
         f"  A  {comparison.a}",

@@ -107,8 +107,6 @@ def allowance(signal: str, unit: Unit, span: float, magnitude: float, given: Ite
     """What `given` rules, after DEFAULT, allow `signal`.
 
     Args:
-        signal: its name.
-        unit: of its values.
         span: range of the reference, that of the widest component for a component of a vector, SI.
         magnitude: largest of the reference's absolute values, SI; a share of the range also allows 1e-9 of it, so
             that numbers written with ten digits are equal to those they were.
@@ -340,7 +338,6 @@ def paired(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) -> dic
     """Names of the signals to compare, with their units.
 
     Args:
-        a, b: the logs.
         signals: patterns; empty: all that both have.
         given: rules of tolerance, each of which must be about some signal of the logs.
     """

@@ -369,7 +369,6 @@ class CouplingSeries:
     """One coupling, from the longest tick to the shortest.
 
     Attributes:
-        orders: by signal.
         residuals: of the three joints at the experiment's own tick; none if that run failed.
     """
 
@@ -396,12 +395,7 @@ class CouplingStudy:
     """What came of it.
 
     Attributes:
-        name: of the experiment.
         duration, tick: as it was run (s).
-        coupling: the experiment's own.
-        changes: what was taken out of the experiment.
-        reference: what errors are measured against.
-        series: by coupling.
         left_out: why, by the coupling's name.
         tolerance: of the force (N).
         choice: None: no run met it, or nothing is pressed.
@@ -441,11 +435,9 @@ def convergence(
     """Run `experiment` in every coupling and at every tick, and say which is good enough.
 
     Args:
-        experiment: with a reference, without faults.
         tolerance: of the pressing force (N).
         duration: of each run (s); None: the whole experiment.
         smooth: take backlash and friction out as well.
-        say: called with what is being run.
     """
     steps = Steps(say, 1 + len(COUPLINGS))
     steps.next("reference")

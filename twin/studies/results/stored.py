@@ -50,7 +50,6 @@ class StoredRun:
     """A run's folder, results/EXPERIMENT/TIME, or results/NAME as its user has called it.
 
     Attributes:
-        folder: of the run.
         recording: in it, finished or not.
         latest: whether results/EXPERIMENT means this one.
         alone: whether the folder lies in results/ itself, where only its user puts it.
@@ -163,12 +162,7 @@ class StoredRun:
 
 
 def stored_runs(results: Path, experiments: Sequence[str] = ()) -> list[StoredRun]:
-    """The runs below `results`, those of an experiment together, the newest first, then those with names.
-
-    Args:
-        results: folder.
-        experiments: names; empty: all there are.
-    """
+    """The runs below `results`, those of an experiment together, the newest first, then those with names."""
     runs = [run for home in _folders(results) for run in _runs(home)]
     runs.sort(key=lambda run: (run.experiment, run.named))
     there = dict.fromkeys(run.experiment for run in runs)
@@ -368,9 +362,7 @@ def listed(results: Path, experiments: Sequence[str], say: Say) -> Answer:
     """What lies in `results`.
 
     Args:
-        results: folder.
         experiments: only runs of these; empty: all, and what else is there.
-        say: called with what is being read.
     """
     runs, now = stored_runs(results, experiments), ExperimentsNow()
     found = []
