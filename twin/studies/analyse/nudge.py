@@ -64,9 +64,6 @@ def aftermaths(
 
     Args:
         share: False: each run is made from the start, for comparison.
-
-    Raises:
-        InputRefused: a drive FMU does not fit.
     """
     tick, found = experiment.cosim.tick, []
     width, before = round(WINDOW / tick), round(NUDGED / tick)
