@@ -61,7 +61,7 @@ from twin.studies.accuracy.budget import headline
 from twin.studies.command import Answer, Say, silent
 from twin.studies.paper.claim import ClaimFinding
 from twin.studies.paper.fig4 import standing, tally
-from twin.studies.result import Cell, Column, Table
+from twin.studies.result import Cell, Column, Table, wrapped
 
 HEAD = tuple(f"{column.name}, N" for column in budgeting.NUMBERS)
 MEANING = "what it means"
@@ -289,8 +289,8 @@ def _boxes(runs: Sequence[ReportRun]) -> Markup:
         boxes = [
             element(
                 "div",
-                element("strong", number(m.true, m.unit)),
-                element("span", m.short or m.text),
+                element("strong", m.shown),
+                element("span", m.name),
                 class_="box",
             )
             for m in found
@@ -445,7 +445,8 @@ def write_report(
     made_folder(path.parent)
     write_text(path, html)
     page = seen_from_here(path)
-    return Answer(f"{headline}\n  page  {page}", {"headline": headline, "page": str(page)})
+    lines = [*wrapped(headline, later=2, whole=True), f"  page  {page}"]
+    return Answer("\n".join(lines), {"headline": headline, "page": str(page)})
 
 
 def report_page(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget] = ()) -> tuple[str, str]:

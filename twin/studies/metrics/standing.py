@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from twin.robot.run.hold import GRACE
-from twin.robot.run.measures import HEADLINE, LEAST_CHATTER, MEASURES, MeasureRow, Values
+from twin.robot.run.measures import HEADLINE, LEAST_CHATTER, MEASURES, MeasureRow, Values, fixed
 
 EFFORT = ("torque", "current", "shaft_work", "energy")
 JUDGED = (*HEADLINE, "held_lateral_error", "held_z_error", *EFFORT)
@@ -77,9 +77,8 @@ class Difference:
         if self.measure.key == "chatter" and not (self.mean or self.half_width):
             return f"below {LEAST_CHATTER:g} N in all runs"
         per_SI, digits = self.measure.unit.per_SI, self.measure.digits + 1
-        # no minus before what rounds to nothing
-        mean = round(self.mean * per_SI, digits) + 0.0
-        interval = f"{mean:+.{digits}f} +- {self.half_width * per_SI:.{digits}f} {self.measure.unit.text}"
+        mean = fixed(self.mean * per_SI, digits, "+")
+        interval = f"{mean} +- {self.half_width * per_SI:.{digits}f} {self.measure.unit.text}"
         return f"{interval}, in {self.agreeing} of {self.runs}"
 
     @property
