@@ -41,7 +41,8 @@ SINK_LIMIT = math.radians(3.0)
 """Largest angle (rad) of a motor below that at the trip, beyond what the slowest drive that obeys still travels down:
 less than 4 N on a rigid body."""
 HALF = 0.5
-"""Share of the limit of a frozen encoder from which another one is doubted, too, once one of them trips."""
+"""Share of the limit of a frozen encoder from which another one is doubted, too, once one of them trips; and of
+`jump_limit`, from which two samples in the same direction are a motion."""
 SLACK = 0.25
 """Share of `follow_limit` by which a retracting motor may be slower than the slowest drive that obeys: above the ripple
 of its low-passed speed, 0.33 rad/s."""
@@ -55,10 +56,22 @@ def retraction_speed(limits, retraction, since):
 
 
 @njit(cache=True)
+def runs_on(limits, seen, i):
+    """Whether the motor encoder of drive `i` moved fast, and the same way, in the last two samples.
+
+    A wrong count jumps once, or there and back; a drive that runs away goes on. At HALF, since one count more or less
+    takes a motion at `jump_limit` below it.
+    """
+    fast = min(abs(seen.last_m[i]), abs(seen.rate_m[i])) >= HALF * limits.jump_limit
+    return fast and (seen.last_m[i] > 0.0) == (seen.rate_m[i] > 0.0)
+
+
+@njit(cache=True)
 def doubt(limits, seen, timers, retraction, reason, count_m, count_l, ticks, tick):
     """Mark the encoders that are doubted: those of the trip's `reason`, and each that later jumps or is unusable.
 
-    A deflection and a hidden force doubt the joint encoders alone: the motors' own still tell whether drives obey.
+    A deflection and a hidden force doubt the joint encoders alone: the motors' own still tell whether drives obey. A
+    motor encoder that runs on is believed again: its drive moves.
 
     Args:
         reason: of the trip, in its tick; later 0.
@@ -72,8 +85,10 @@ def doubt(limits, seen, timers, retraction, reason, count_m, count_l, ticks, tic
         still = tick * abs(timers.still[i]) >= HALF * limits.frozen_time
         stuck = abs(seen.theta_m[i] - timers.anchor[i]) >= HALF * limits.frozen_travel
         deflected = abs(seen.deflection[i]) >= limits.deflection_limit
+        if ticks > 0 and runs_on(limits, seen, i):
+            retraction.doubt_m[i] = 0
         # not >=: that would let NaN pass
-        if (
+        elif (
             not abs(count_m[i]) < LARGEST_COUNT
             or (reason == FROZEN_MOTOR and still)
             or (jumped and m >= min(l, limits.jump_limit))
@@ -93,7 +108,7 @@ def doubt(limits, seen, timers, retraction, reason, count_m, count_l, ticks, tic
 def follow_travel(limits, seen, retraction, dt):
     """Add up how far each shaft has turned since the trip, `dt` (s) after the sample before; jumps are no travel."""
     for i in range(3):
-        if abs(seen.rate_m[i]) < limits.jump_limit:
+        if abs(seen.rate_m[i]) < limits.jump_limit or runs_on(limits, seen, i):
             retraction.travel_m[i] += dt * seen.rate_m[i]
         if abs(seen.rate_l[i]) < limits.jump_limit:
             retraction.travel_l[i] += dt * seen.rate_l[i]
