@@ -158,12 +158,12 @@ SEEN = record(
     ),
 )
 """The last observation: angles (rad), whether an encoder moved a count, speeds of the two angles since the sample
-before (rad/s, the joint's on the motor's side), the motor's of the sample before (rad/s), deflection (rad), joint torques (N m), fastest
-change since the sample before on the motor's side (rad/s); low-passed: motor speed, joint speed on the motor's side and
-commanded speed (rad/s), velocity (m/s), speed (m/s), force (N) and the growth of its length (N/s); position (m); the
-contact: height where it began (m), depth below that (m), duration (ticks); motor speed that the
-command lets expect without load (rad/s), what the motors feel besides their springs, low-passed (N m at the joint), and
-for how long that is a hidden force (ticks)."""
+before (rad/s, the joint's on the motor's side), the motor's of the sample before (rad/s), deflection (rad), joint
+torques (N m), fastest change since the sample before on the motor's side (rad/s); low-passed: motor speed, joint speed
+on the motor's side and commanded speed (rad/s), velocity (m/s), speed (m/s), force (N) and the growth of its length
+(N/s); position (m); the contact: height where it began (m), depth below that (m), duration (ticks); motor speed that
+the command lets expect without load (rad/s), what the motors feel besides their springs, low-passed (N m at the joint),
+and for how long that is a hidden force (ticks)."""
 
 
 @njit(cache=True)

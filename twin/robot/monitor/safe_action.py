@@ -128,21 +128,29 @@ def remember(limits, retraction, sent, dt):
 
 
 @njit(cache=True)
-def disobeys(limits, seen, retraction, i, since):
-    """Whether drive `i`, `since` (s) the trip, does what no drive does that obeys.
+def races(limits, seen, retraction, i, retracting):
+    """Whether drive `i` turns faster than anything that it was commanded of late, either way, by `follow_limit`.
 
-    It turns faster than anything that it was commanded of late, either way, by `follow_limit`; or it is later in
-    turning back than the slowest drive that obeys, by its joint, too, unless that is doubted. Where the motor's
-    encoder is doubted the joint is not to turn down: it swings, and turns back once its spring is unwound.
+    Where the motor's encoder is doubted the joint is not to turn down: it swings, and turns back once its spring is
+    unwound; once the retraction is over it swings as fast as the retraction was.
     """
-    speed, least = seen.omega_m[i], min(retraction.least[i], -limits.retract_speed)
+    speed, most, least = seen.omega_m[i], retraction.most[i], min(retraction.least[i], -limits.retract_speed)
+    if retraction.doubt_m[i]:
+        return not retracting and seen.omega_l[i] >= max(most, limits.retract_speed) + limits.follow_limit
+    return speed >= most + limits.follow_limit or speed <= least - limits.follow_limit
+
+
+@njit(cache=True)
+def lags(limits, seen, retraction, i, since):
+    """Whether drive `i`, `since` (s) the trip, is later in turning back than the slowest drive that obeys.
+
+    By its joint, too, unless that is doubted; by that alone where the motor's encoder is doubted.
+    """
     left = math.exp(-max(0.0, since - limits.obey_delay) / limits.obey_lag)
     slowest = (retraction.most[i] + limits.retract_speed) * left - limits.retract_speed
     if retraction.doubt_m[i]:
         return seen.omega_l[i] >= max(0.0, slowest) + limits.follow_limit
-    if speed >= retraction.most[i] + limits.follow_limit or speed <= least - limits.follow_limit:
-        return True
-    late = speed if retraction.doubt_l[i] else min(speed, seen.omega_l[i])
+    late = seen.omega_m[i] if retraction.doubt_l[i] else min(seen.omega_m[i], seen.omega_l[i])
     return late >= slowest + SLACK * limits.follow_limit
 
 
@@ -156,7 +164,7 @@ def sinks(limits, retraction, i):
     if unmoved and retraction.doubt_l[i]:
         return False
     most, back = max(0.0, retraction.most[i]), limits.retract_speed
-    # integral of the speed in `disobeys` down to 0
+    # integral of the speed in `lags` down to 0
     coasting = most * (limits.obey_delay + limits.obey_lag) - back * limits.obey_lag * math.log(1.0 + most / back)
     return (retraction.travel_l[i] if unmoved else retraction.travel_m[i]) >= SINK_LIMIT + coasting
 
@@ -183,7 +191,7 @@ def cut(retraction, i, lines, now):
 
 @njit(cache=True)
 def enforce(limits, seen, retraction, lines, now, since, age, unseen):
-    """Cut at once the drives that do not obey the retraction, `since` (s) the trip, or sink below where they tripped.
+    """Cut at once drives that do not obey the retraction, `since` (s) the trip, race, or sink below where they tripped.
 
     Those that no sound encoder shows lose their power when the retraction is over. Once all of them stand still, force
     or depth at a limit cut all.
@@ -201,7 +209,8 @@ def enforce(limits, seen, retraction, lines, now, since, age, unseen):
         if unseen or (retraction.doubt_m[i] and retraction.doubt_l[i]):
             failed = not retracting
         else:
-            failed = sinks(limits, retraction, i) or (retracting and disobeys(limits, seen, retraction, i, since - age))
+            failed = sinks(limits, retraction, i) or races(limits, seen, retraction, i, retracting)
+            failed = failed or (retracting and lags(limits, seen, retraction, i, since - age))
         if failed and retraction.off[i] == 0:
             cut(retraction, i, lines, now)
     if not unseen and stands(limits, since) and presses(limits, seen, retraction):
