@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -58,7 +59,7 @@ def csv(path: Path, holes: Holes, cut: bool) -> Path:
 
 def ros_bag(path: Path, holes: Holes, topics: Sequence[slice]) -> Path:
     """A bag with one message for the encoders of each slice, a little later than that of the slice before."""
-    messages: dict[str, list[tuple[float, object]]] = {}
+    messages: dict[str, Sequence[tuple[float, Any]]] = {}
     for k, row in enumerate(angles().tolist()):
         for place, part in enumerate(topics):
             said = {
@@ -67,7 +68,8 @@ def ros_bag(path: Path, holes: Holes, topics: Sequence[slice]) -> Path:
                 if holes.get((k, j)) != "none"
             }
             t = 1000.0 + PERIOD * k + APART * place
-            messages.setdefault(f"/js{place or ''}", []).append((t, joint_message(t, **said)))
+            topic = f"/js{place or ''}"
+            messages[topic] = [*messages.get(topic, ()), (t, joint_message(t, **said))]
     return bag(path / "bag", messages)
 
 
@@ -78,10 +80,10 @@ def in_replay(log: Log) -> list[float]:
 def in_shadow(path: Path, maps: Sequence[str], folder: Path) -> list[float]:
     """Times of the samples that a session records, from the first one on."""
     columns, wanted = column_map(maps), wanted_signals(MODEL.belief)
-    source, columns, live = opened(str(path), columns, wanted, MODEL.belief, 0.0, [])
+    source, named, live = opened(str(path), columns, wanted, MODEL.belief, 0.0, [])
     twin = twin_of(EXPERIMENT, MODEL, "robot", None)
-    columns = columns if source.seen() else {}
-    session = Session(source, columns, wanted, twin, MODEL, 0.03, np.inf, live, lambda text: None)
+    messages = named if source.seen() else {}
+    session = Session(source, messages, wanted, twin, MODEL, 0.03, np.inf, live, lambda text: None)
     session.wait()
     session.follow(lambda: folder / "run.mcap")
     return [float(t) for t in read(folder / "run.mcap").time("encoder")]

@@ -23,7 +23,7 @@ from twin.kernel.files import read_bytes
 from twin.kernel.fmi.description import FmuDescription, described
 from twin.kernel.fmi.variable import EXACT, Value, Variable
 from twin.kernel.recording.logs.column_map import TIME_NAMES, split_unit, unit
-from twin.kernel.recording.logs.csv_file import CsvTable, read_table, table_of
+from twin.kernel.recording.logs.csv_table import CsvTable, read_table, table_of
 from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.logs.reader import read_log
 from twin.kernel.ssp.flat import Assigned, FlatSystem, Hop
