@@ -13,7 +13,6 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
-from enum import StrEnum
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypeVar
@@ -151,12 +150,8 @@ Isolation = Literal["run", "drive", "none"]
 """The same of a run, whose drives may have processes of their own."""
 
 
-class PictureFormat(StrEnum):
-    """What pictures are written as for a paper; not a `Literal`, of which Typer takes no lists."""
-
-    SVG = "svg"
-    PDF = "pdf"
-
+PictureFormat = Literal["svg", "pdf"]
+"""What pictures are written as for a paper."""
 
 Isolate = Annotated[
     JobIsolation,
@@ -229,10 +224,7 @@ def answer_apart(
 
     Args:
         name: "module:function", see `answered`.
-        asked: the function's arguments but `say`.
-        say: called with what it is doing.
         isolate: what gets a process of its own; a study that steps no FMU needs none.
-        limits: of that process.
         formats, columns: of pictures for a paper, besides those for the screen.
 
     Raises:
@@ -264,16 +256,15 @@ def recorded(reporter: "Reporter", name: str, asked: Asked) -> dict[str, Any]:
 
     Args:
         name: "module:function"; the function takes what is asked, and `reporter`.
-        asked: its arguments.
     """
     return vars(answer_of(function_called(name)(**asked, reporter=reporter)))
 
 
 def confirmed(question: str) -> bool:
     """Whether who sits at the terminal says yes."""
-    import typer
+    import click
 
-    return typer.confirm(question, err=True)
+    return click.confirm(question, err=True)
 
 
 class Say(Protocol):
@@ -287,12 +278,7 @@ def silent(what: str, share: float | None = None, /) -> None:
 
 
 class Steps:
-    """Counts steps that take about as long as each other.
-
-    Args:
-        say: called at the beginning of each.
-        total: how many there are.
-    """
+    """Counts steps that take about as long as each other."""
 
     def __init__(self, say: Say, total: int):
         self._say, self._total, self._begun = say, total, 0
@@ -326,18 +312,7 @@ class Answer:
 
 
 def judged(name: str, folder: Path, result: Result, draw: Callable[[Path], None], notes: Sequence[str] = ()) -> Result:
-    """`result` of a comparison with notes and with where its files are; picture and verdict are written.
-
-    Args:
-        name: of the files.
-        folder: where they go.
-        result: with the facts of the verdict.
-        draw: draws the picture, into a file.
-        notes: on what was compared.
-
-    Raises:
-        InputRefused, NotWritten: the folder or the disk refuses.
-    """
+    """`result` of a comparison with notes and with where its files are; picture and verdict are written."""
     files = {"picture": made_folder(folder) / f"{name}.png", "verdict": folder / f"{name}.json"}
     draw(files["picture"])
     write_json(files["verdict"], result.facts)
@@ -354,7 +329,6 @@ def answered(
     Args:
         study: "module:function"; the function takes what is asked, and `say`, which it tells what it is doing, and
             returns a `Result` or an `Answer`.
-        asked: its arguments.
         formats, columns: of pictures for a paper, see `for_paper`.
     """
 

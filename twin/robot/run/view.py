@@ -14,7 +14,11 @@ from twin.robot.run.outcome import BLOCK, DEVIATION_SIGNALS, RunOutcome, Tally
 
 
 class RunView(Protocol):
-    """A run that is read; `Trace` and `Recording` fulfil it."""
+    """A run to read: a `Trace`, a `Recording`, or a log by its adapter."""
+
+    @property
+    def metadata(self) -> Mapping[str, Mapping[str, str]]:
+        """Metadata of the recording, by name and key; empty for a run in memory and a log."""
 
     def __getitem__(self, key: str) -> NDArray:
         """Values of `topic.field`: (n,) or (n, size)."""
@@ -24,6 +28,31 @@ class RunView(Protocol):
 
     def fields(self) -> Mapping[str, Field]:
         """`topic.field` -> the field."""
+
+
+class LogView:
+    """A log as a run to read.
+
+    Args:
+        series: values by `topic.field`, (n,) or (n, size).
+        times: times of each topic (s), (n,).
+    """
+
+    def __init__(self, series: Mapping[str, NDArray], times: Mapping[str, NDArray[np.float64]]):
+        self.metadata: Mapping[str, Mapping[str, str]] = {}
+        self._series, self._times = series, times
+
+    def __getitem__(self, key: str) -> NDArray:
+        return self._series[key]
+
+    def time(self, topic: str) -> NDArray[np.float64]:
+        return self._times[topic]
+
+    def fields(self) -> Mapping[str, Field]:
+        return {
+            key: Field(key.rpartition(".")[2], values[:1].size, "double", "", "")
+            for key, values in self._series.items()
+        }
 
 
 def held_samples(times: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -42,7 +71,7 @@ class BelievedRun:
     """A run with the controller's own pressing force in place of the true one."""
 
     def __init__(self, run: RunView):
-        self._run, self.time, self.fields = run, run.time, run.fields
+        self._run, self.time, self.fields, self.metadata = run, run.time, run.fields, run.metadata
 
     def __getitem__(self, key: str) -> NDArray:
         if key != "plant.F_ee_B":
