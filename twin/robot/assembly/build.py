@@ -61,6 +61,13 @@ SUDDEN = 0.02
 """Time (s) in which a surface jumps or drops away as a fault."""
 BREATHING_RATE = 0.25
 """Of breathing as a fault (Hz): 15 per minute."""
+JOINTS = 3
+LIGHT_TOUCH = 0.3
+"""Pressing force (N) below which nothing is learnt of the tissue."""
+LATE = 1.5
+"""Periods of the controller after which a message of the encoders is late."""
+POWERED = ("power", "drive_power")
+"""Lines that are on until the first message has come."""
 
 
 def plant_parameters(plant: TrueRobot, contact: Contact) -> PlantParameters:
@@ -98,9 +105,6 @@ def _broken(fault: Fault, tick: float) -> Motion | None:
         case "breathing":
             return Motion(MotionKind.BREATHING, up, onset, end, rate=BREATHING_RATE)
     return None
-
-
-JOINTS = 3
 
 
 class DriveMaker(Protocol):
@@ -299,10 +303,6 @@ def monitor_limits(monitor: Monitor, speed_limit: float) -> Limits:
     return Limits.made(monitor, command_limit=monitor.command_limit or speed_limit)
 
 
-LIGHT_TOUCH = 0.3
-"""Pressing force (N) below which nothing is learnt of the tissue."""
-
-
 def adapting(experiment: Experiment) -> Adapting | None:
     """What of it the experiment asks for; None: nothing."""
     c = experiment.controller
@@ -337,10 +337,6 @@ def sensing(computer: Computer, p_B: Triple) -> Sensing:
         angle_rounding=joint,
         torque_rounding=per_motor * math.hypot(motor, model.N * joint),
     )
-
-
-LATE = 1.5
-"""Periods of the controller after which a message of the encoders is late."""
 
 
 def estimator(experiment: Experiment) -> Estimator:
@@ -433,10 +429,6 @@ def monitors(build: Build) -> Makers:
     periods = experiment.controller_ticks, experiment.monitor_ticks
     lines = have_lines(experiment)
     return {"monitor": lambda: SafetyMonitor(monitor_belief(experiment.robot), limits, *periods, lines)}
-
-
-POWERED = ("power", "drive_power")
-"""Lines that are on until the first message has come."""
 
 
 def buses(build: Build) -> Makers:

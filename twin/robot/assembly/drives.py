@@ -38,6 +38,7 @@ ENABLE = "enable"
 """The optional role by which a drive's power is switched."""
 ALONE = ""
 """Name of the only part of a drive that is one FMU."""
+OMEGA_REF = COMMANDS["velocity"].port
 
 
 @dataclass(frozen=True)
@@ -311,9 +312,6 @@ def rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
             f"{substeps} steps per tick of {1e3 * tick:g} ms; choose a period or substeps that fit"
         )
     return substeps, period
-
-
-OMEGA_REF = COMMANDS["velocity"].port
 
 
 def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:

@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 
 Names = Mapping[str, str | tuple[str, ...]]
 AXES = ("x", "y", "z")
+_ELEMENT = re.compile(r"\[(\d+)\]$")
+"""At the end of a name. A user counts the values of a port from 0, as recordings do; roles count from 1, as FMUs do."""
 
 
 @dataclass(frozen=True)
@@ -117,8 +119,6 @@ class SampledFmu:
         return found
 
 
-_ELEMENT = re.compile(r"\[(\d+)\]$")
-"""At the end of a name. A user counts the values of a port from 0, as recordings do; roles count from 1, as FMUs do."""
 Side = Literal["input", "output"]
 _SIDES: tuple[Side, Side] = ("input", "output")
 

@@ -41,6 +41,28 @@ NOTCH = 2.0
 """1/Q of the notch at the dither's frequency: it is over in 1/(2 pi f), as fast as the force error of a quick loop."""
 RESTING = 0.05
 """Share of its full force below which it rests."""
+ADAPTIVE_OUTPUTS = (
+    Port("k_hat", 1, "N/m", "stiffness of the tissue, estimated while pressing; 0: not yet"),
+    Port("k_std", 1, "N/m", "its standard error, grown by what may have changed since"),
+    Port("c_hat", 1, "N s/m", "damping of the tissue and of the robot's joints, estimated with it"),
+    Port("excited", 1, "1", "whether something moved enough to learn from", "bool"),
+    Port("kp_F", 1, "m/N", "proportional gain of the force loop"),
+    Port("ki_F", 1, "m/N s", "integral gain of the force loop"),
+    Port("shift_z", 1, "m", "shift of the z reference besides dp_z: the dither"),
+    Port("breath_rate", 1, "Hz", "rate of the breath that is followed; 0: none is looked for"),
+    Port("breath_v", 1, "m/s", "velocity of the surface that is fed forward"),
+)
+ADAPTIVE = record(
+    tissue=TISSUE,
+    schedule=SCHEDULE,
+    breath=BREATH,
+    taps=TAPS,
+    scheduled="i8",
+    breathing="i8",
+    **states(pressing="i8", **alike("f8", "shift v_shift v")),
+)
+"""The parts; which of them are on; whether the force loop acted in the call before; shift of the z reference and its
+rate, and velocity of the breath, of this call."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -88,30 +110,6 @@ def dither(m, h, F, F_ref):
     least = force * (1.0 / HIGHEST + 1.0 / m.spring)
     m.amplitude = min(max(m.growth * m.amplitude, least), asked)
     return m.amplitude * m.sine, m.amplitude * m.omega * m.cosine
-
-
-ADAPTIVE_OUTPUTS = (
-    Port("k_hat", 1, "N/m", "stiffness of the tissue, estimated while pressing; 0: not yet"),
-    Port("k_std", 1, "N/m", "its standard error, grown by what may have changed since"),
-    Port("c_hat", 1, "N s/m", "damping of the tissue and of the robot's joints, estimated with it"),
-    Port("excited", 1, "1", "whether something moved enough to learn from", "bool"),
-    Port("kp_F", 1, "m/N", "proportional gain of the force loop"),
-    Port("ki_F", 1, "m/N s", "integral gain of the force loop"),
-    Port("shift_z", 1, "m", "shift of the z reference besides dp_z: the dither"),
-    Port("breath_rate", 1, "Hz", "rate of the breath that is followed; 0: none is looked for"),
-    Port("breath_v", 1, "m/s", "velocity of the surface that is fed forward"),
-)
-ADAPTIVE = record(
-    tissue=TISSUE,
-    schedule=SCHEDULE,
-    breath=BREATH,
-    taps=TAPS,
-    scheduled="i8",
-    breathing="i8",
-    **states(pressing="i8", **alike("f8", "shift v_shift v")),
-)
-"""The parts; which of them are on; whether the force loop acted in the call before; shift of the z reference and its
-rate, and velocity of the breath, of this call."""
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,9 @@ from twin.kernel.settings import Settings, Values, numbers, setting, taken
 from twin.robot.controller.pid import LOW_PASS, cached_share
 from twin.robot.mechanism.geometry import Model
 
+REST_SPEED = 1e-3
+"""Speed (m/s) below which the friction fades out, for it has no direction at rest."""
+
 
 class Damping(Settings):
     """[controller.damping]: how the motors give way to swings of the springs' torque."""
@@ -51,10 +54,6 @@ def damp(damper, torque_per_spring, tau_l, h, lead):
         tau = tau_l[i] / torque_per_spring
         damper.slow[i] += share * (tau - damper.slow[i])
         lead[i] -= damper.gain * (tau - damper.slow[i])
-
-
-REST_SPEED = 1e-3
-"""Speed (m/s) below which the friction fades out, for it has no direction at rest."""
 
 
 class FeedForward(Settings):

@@ -15,6 +15,14 @@ INPUTS = (
 )
 COMMAND = Port("command", 1, "SI", "what the drive takes: torque, current or voltage")
 MEMORY = record(pid=PID, limit="f8")
+POSITION_INPUTS = (
+    Port("omega_ref", 1, "rad/s", "commanded motor speed"),
+    Port("theta_m", 1, "rad", "motor angle, as the drive reports it"),
+)
+POSITION_OUTPUTS = (
+    Port("command", 1, "rad", "commanded motor angle"),
+    Port("goal", 1, "rad", "the same angle from the zero of the servo, within its turn"),
+)
 
 
 @step_function(MEMORY, INPUTS, (COMMAND,))
@@ -39,16 +47,6 @@ class DriveSpeedLoop(NativeComponent):
     def __init__(self, gains: Gains, limit: float, command: Port, period: int = 1):
         memory = memory_of(MEMORY, pid=loop(gains), limit=limit)
         super().__init__("velocity_loop", INPUTS, (command,), True, step, memory, period=period)
-
-
-POSITION_INPUTS = (
-    Port("omega_ref", 1, "rad/s", "commanded motor speed"),
-    Port("theta_m", 1, "rad", "motor angle, as the drive reports it"),
-)
-POSITION_OUTPUTS = (
-    Port("command", 1, "rad", "commanded motor angle"),
-    Port("goal", 1, "rad", "the same angle from the zero of the servo, within its turn"),
-)
 
 
 class Servo(NamedTuple):

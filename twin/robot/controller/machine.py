@@ -12,6 +12,36 @@ from twin.kernel.cosim.port import record, state, states
 from twin.kernel.settings import alike
 from twin.robot.controller.program import PhaseEnd, PhaseKind
 
+MACHINE = record(
+    index=state("i8", below="/count"),
+    **states(
+        passes="i8",
+        **alike("f8", "entered total length"),
+        **alike("3f8", "start end p v"),
+        **alike("f8", "F_start F_ref"),
+    ),
+    contact_force="f8",
+    lost=state("f8"),
+    patience="f8",
+    **states(tapped="f8", touching="i8", **alike("f8", "z_before F_before z_felt depth"), calibrated="i8"),
+    **states(**alike("f8", "z_turn z_lowest t_turn")),
+    learning="f8",
+)
+"""State of the machine, SI.
+
+index, passes: phase, and how often a loop's end was passed. entered, total: when the phase began and how long it takes.
+length, start, end: of its line. p, v: reference. F_start, F_ref: force reference at the beginning, and now.
+contact_force: what counts as touching. lost, patience: how long nothing was touched, and how long that is tolerated.
+tapped: when the last tap began.
+touching, z_before, F_before, z_felt: whether contact has been felt since the way down began, height and force at the
+last call, and the height at which it was felt.
+depth, calibrated: from there to the lowest point, and whether the first tap has found it.
+z_turn: height at which a tap is to be lowest. z_lowest: reached in it.
+t_turn: how long before it a tap has to turn round. learning: share of the error that the next one corrects.
+"""
+LONGEST_TURN = 0.1
+"""Bound of t_turn (s): five times what the slowest drive takes to reverse."""
+
 
 @njit(cache=True)
 def smooth(x):
@@ -105,38 +135,6 @@ def motion(phase, start, end, length, t, p, v):
             direction = (end[i] - start[i]) / length
             p[i] = end[i] if path == length else start[i] + path * direction
             v[i] = speed * direction
-
-
-MACHINE = record(
-    index=state("i8", below="/count"),
-    **states(
-        passes="i8",
-        **alike("f8", "entered total length"),
-        **alike("3f8", "start end p v"),
-        **alike("f8", "F_start F_ref"),
-    ),
-    contact_force="f8",
-    lost=state("f8"),
-    patience="f8",
-    **states(tapped="f8", touching="i8", **alike("f8", "z_before F_before z_felt depth"), calibrated="i8"),
-    **states(**alike("f8", "z_turn z_lowest t_turn")),
-    learning="f8",
-)
-"""State of the machine, SI.
-
-index, passes: phase, and how often a loop's end was passed. entered, total: when the phase began and how long it takes.
-length, start, end: of its line. p, v: reference. F_start, F_ref: force reference at the beginning, and now.
-contact_force: what counts as touching. lost, patience: how long nothing was touched, and how long that is tolerated.
-tapped: when the last tap began.
-touching, z_before, F_before, z_felt: whether contact has been felt since the way down began, height and force at the
-last call, and the height at which it was felt.
-depth, calibrated: from there to the lowest point, and whether the first tap has found it.
-z_turn: height at which a tap is to be lowest. z_lowest: reached in it.
-t_turn: how long before it a tap has to turn round. learning: share of the error that the next one corrects.
-"""
-
-LONGEST_TURN = 0.1
-"""Bound of t_turn (s): five times what the slowest drive takes to reverse."""
 
 
 @njit(cache=True)

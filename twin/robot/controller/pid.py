@@ -14,6 +14,11 @@ from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.port import record, record_of, states
 from twin.kernel.settings import Settings, Values, numbers, optional, setting, taken
 
+WIDEST_GAP = 3.0
+"""Largest ratio of stiffness of two neighbours in a schedule."""
+LOW_PASS = record(corner="f8", h="f8", share="f8")
+"""The share of a low-pass that was worked out last, and for what: an exponential costs as much as a loop."""
+
 
 class Processor(Settings):
     """The keys of [controller] itself."""
@@ -50,10 +55,6 @@ def state_variable(damping, g, fast, slow, x):
     band = g * high + fast
     low = g * band + slow
     return low, band, high, band + g * high, low + g * band
-
-
-WIDEST_GAP = 3.0
-"""Largest ratio of stiffness of two neighbours in a schedule."""
 
 
 class ScheduledGains(Settings):
@@ -147,8 +148,6 @@ def force_gains(table: ForceLoop) -> Gains:
 
 
 PID = record_of(Gains, **states(integral="f8", derivative="f8", error="f8", started="i8"))
-LOW_PASS = record(corner="f8", h="f8", share="f8")
-"""The share of a low-pass that was worked out last, and for what: an exponential costs as much as a loop."""
 
 
 def loop(gains: Gains) -> tuple:

@@ -57,6 +57,18 @@ TASK_OUTPUTS = (
     Port("task", 1, "1", "task of the sequence that is on, counted from 1", "int"),
     Port("phase", 1, "1", "what it is doing, see the recording's metadata 'phases'", "int"),
 )
+MEMORY = record(
+    law=LAW,
+    forward=FEED_FORWARD,
+    damper=DAMPER,
+    force=PID,
+    position=(PID, (3,)),
+    machine=MACHINE,
+    phases="i8",
+    count="i8",
+    **states(low=LOW_PASS, F_z="f8", F_rate="f8", dp_z="f8", p="3f8", v="3f8", lead="3f8"),
+)
+ADAPTIVE_MEMORY = with_adaptive(MEMORY)
 
 
 class Touch(Settings):
@@ -80,17 +92,6 @@ class Touch(Settings):
     )
 
 
-MEMORY = record(
-    law=LAW,
-    forward=FEED_FORWARD,
-    damper=DAMPER,
-    force=PID,
-    position=(PID, (3,)),
-    machine=MACHINE,
-    phases="i8",
-    count="i8",
-    **states(low=LOW_PASS, F_z="f8", F_rate="f8", dp_z="f8", p="3f8", v="3f8", lead="3f8"),
-)
 _phases_at = pointer_to(PHASE)
 
 
@@ -144,9 +145,6 @@ def control(m, t, h, u, y, shift, v_shift):
     motor_speeds(m.law, m.position, u.J, u.p_B, y.p_cmd_B, m.lead, h, y.omega_ref)
     y.dp_z, y.triggered, y.F_z, y.F_z_ref = m.dp_z, phase.force_on, m.F_z, machine.F_ref
     y.task, y.phase = phase.task, phase.kind
-
-
-ADAPTIVE_MEMORY = with_adaptive(MEMORY)
 
 
 @cache

@@ -56,13 +56,6 @@ OUTPUTS = (
     Port("F_n", 1, "N", "normal contact force"),
     Port("z_b", 2, "m", "bristle deflection in the surface"),
 )
-
-
-def inputs(moving: bool, ramp: bool) -> tuple[Port, ...]:
-    """The ports of a plant whose surface moves or not, and whose motors turn over the step or not."""
-    return INPUTS + GROUND_INPUTS * moving + RAMP_INPUTS * ramp
-
-
 MEMORY = record(
     parameters=PARAMETERS,
     substeps="i8",
@@ -70,10 +63,18 @@ MEMORY = record(
     anchors=state(("f8", (3, ANCHORS))),
     last=state(("f8", (STATES,))),
 )
-
-
 STILL = (0.0, 0.0, 0.0)
 """Displacement and velocity of a surface that does not move, speeds of motors that stand."""
+MOTION = port_record(OUTPUTS)
+_REST = record(
+    parameters=PARAMETERS, **dict.fromkeys(("p_B", "theta_l", "wrench", "arms", "stops", "tau_l", "d"), "3f8")
+)
+"""Wrench (N) that joints carry at p_B, what weights and stops take of it (N m), springs' torque and deflection."""
+
+
+def inputs(moving: bool, ramp: bool) -> tuple[Port, ...]:
+    """The ports of a plant whose surface moves or not, and whose motors turn over the step or not."""
+    return INPUTS + GROUND_INPUTS * moving + RAMP_INPUTS * ramp
 
 
 @njit(cache=True)
@@ -224,9 +225,6 @@ def step_over(moving, ramp):
     return step
 
 
-MOTION = port_record(OUTPUTS)
-
-
 @entry("nothing", MEMORY, "doubles", MOTION, at_once=True)
 def _begin(m, theta_m, y):
     turned = triple(theta_m)
@@ -275,12 +273,6 @@ class Plant(NativeComponent):
     def explain(self, status: int) -> str:
         x, y, z = 1e3 * self.memory["last"][0][:3]
         return f"left the workspace: a leg cannot reach the platform near ({x:.1f}, {y:.1f}, {z:.1f}) mm,"
-
-
-_REST = record(
-    parameters=PARAMETERS, **dict.fromkeys(("p_B", "theta_l", "wrench", "arms", "stops", "tau_l", "d"), "3f8")
-)
-"""Wrench (N) that joints carry at p_B, what weights and stops take of it (N m), springs' torque and deflection."""
 
 
 @entry("nothing", _REST)

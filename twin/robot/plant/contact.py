@@ -20,6 +20,11 @@ from enum import IntEnum
 from twin.kernel.compiled.function import njit
 from twin.robot.plant.contact_law import pressing_force
 
+HELD, GRIPPED = 3, 4
+"""Columns of the anchors of `robot.leg` in which a plant keeps theta_0 and d_0 (rad)."""
+ROUNDING = 1e-9
+"""How near (of it) to its limit a bristle is at the limit."""
+
 
 class Shape(IntEnum):
     """By the names in an experiment's file, in capitals. Cylinders are named after the axis they lie along."""
@@ -117,14 +122,6 @@ def _in_B(a_1, a_2, a_3, x, y, z):
         a_1[1] * x + a_2[1] * y + a_3[1] * z,
         a_1[2] * x + a_2[2] * y + a_3[2] * z,
     )
-
-
-HELD, GRIPPED = 3, 4
-"""Columns of the anchors of `robot.leg` in which a plant keeps theta_0 and d_0 (rad)."""
-
-
-ROUNDING = 1e-9
-"""How near (of it) to its limit a bristle is at the limit."""
 
 
 @njit(cache=True)

@@ -35,6 +35,9 @@ _AT = record(
     parameters=PARAMETERS, x=("f8", (STATES,)), theta_m="3f8", anchors=("f8", (3, ANCHORS)), dx=("f8", (STATES,))
 )
 """State, motor angles (rad), where dry friction holds, derivative."""
+REST_OUTPUTS = (
+    Port("theta_m_rest", 3, "rad", "motor angles at which the platform rests where it starts, to rounding"),
+)
 
 
 @entry("nothing", _AT)
@@ -97,11 +100,6 @@ class PlantEquations:
 
     def _put(self, x: ArrayLike, theta_m: ArrayLike) -> None:
         self._at["x"], self._at["theta_m"] = x, theta_m
-
-
-REST_OUTPUTS = (
-    Port("theta_m_rest", 3, "rad", "motor angles at which the platform rests where it starts, to rounding"),
-)
 
 
 @cache

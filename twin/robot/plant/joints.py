@@ -29,6 +29,8 @@ from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN
 from twin.robot.mechanism.statics import arm_weight
 from twin.robot.plant.contact import GRIPPED, HELD
 
+ANCHORS = 5
+
 
 @njit(cache=True, forceinline=True)
 def upward(parameters):
@@ -50,9 +52,6 @@ def hanging(up, leg, k_r, k_z):
 def arm_torque(parameters, up, leg, theta_l):
     """Torque (N m) with which the weight of the arm of `leg` turns its joint at the angle `theta_l` (rad)."""
     return arm_weight(parameters) * parameters.l_a * hanging(up, leg, np.cos(theta_l), -np.sin(theta_l))
-
-
-ANCHORS = 5
 
 
 @njit(cache=True, forceinline=True)

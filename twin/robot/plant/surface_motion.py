@@ -21,18 +21,19 @@ from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, record, record_of
 from twin.kernel.settings import Settings, Triple, numbers, optional, setting
 
+OUTPUTS = (
+    Port("s_B", 3, "m", "displacement of the surface in base frame B"),
+    Port("v_s_B", 3, "m/s", "velocity of the surface in base frame B"),
+)
+MEMORY = record(motions="i8", count="i8")
+"""Address and number of the motions."""
+
 
 class MotionKind(IntEnum):
     """How the surface moves."""
 
     BREATHING = 0
     SHIFT = 1
-
-
-OUTPUTS = (
-    Port("s_B", 3, "m", "displacement of the surface in base frame B"),
-    Port("v_s_B", 3, "m/s", "velocity of the surface in base frame B"),
-)
 
 
 class Motion(NamedTuple):
@@ -85,8 +86,6 @@ class Shift(Settings):
 
 
 MOTION = record_of(Motion)
-MEMORY = record(motions="i8", count="i8")
-"""Address and number of the motions."""
 _motions_at = pointer_to(MOTION)
 
 
