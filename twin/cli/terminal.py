@@ -25,6 +25,12 @@ PATIENCE = 3.0
 """s. Who waits longer for code that is compiled wants to know."""
 MINUTE = 60.0
 """How often (s) progress is printed without a terminal."""
+BESIDE = 48
+"""Letters for which there is room beside a bar."""
+PIECES = 18
+"""How many pieces of machine code a run of Fig. 4 needs, about; where none is there yet."""
+PERIOD = 0.25
+"""Seconds between two looks at what has been compiled."""
 
 
 def compiling(done: int, about: int, seconds: float) -> str:
@@ -116,10 +122,6 @@ class PlainLine(PlainProgress):
         print("\r" + text[:width].ljust(width), end=end, file=sys.stderr, flush=True)
 
 
-BESIDE = 48
-"""Letters for which there is room beside a bar."""
-
-
 class Bar(PlainProgress):
     """A bar with simulated time, speed and remaining wall time, of `rich`."""
 
@@ -207,12 +209,6 @@ def progress() -> PlainProgress:
     if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
         return PlainProgress()
     return PlainLine() if os.environ.get("NO_COLOR") else Bar()
-
-
-PIECES = 18
-"""How many pieces of machine code a run of Fig. 4 needs, about; where none is there yet."""
-PERIOD = 0.25
-"""Seconds between two looks at what has been compiled."""
 
 
 class CompileWatch:

@@ -26,6 +26,38 @@ WINDOW = record(next=state("i8"), period="i8", onset="i8", end="i8")
 """The tick of the next step, ticks between steps, and the fault's first and first healthy tick."""
 
 ACTIVE = Port("active", 1, "1", "whether the fault is active", "bool")
+COMMAND_MEMORY = record(window=WINDOW, size="i8", limit="f8")
+POWER = Port("power", 1, "1", "whether the drives may have power", "bool")
+POWER_MEMORY = record(window=WINDOW, lines="i8")
+GATE_MEMORY = record(size="i8")
+VALUE = Port("value", 1, "SI", "the parameter as it holds now")
+PARAMETER_MEMORY = record(window=WINDOW, address="i8", nominal="f8", chained="i8", factor="f8", added="f8", ramp="i8")
+"""`chained`: another fault writes to the same address before; what it wrote is this one's nominal value."""
+_GAMMA, _MIX_1, _MIX_2 = (np.uint64(n) for n in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
+_UNIT = 2.0**-53
+ENCODER_CHANNELS = 3
+COUNT = Port("count", ENCODER_CHANNELS, "1", "counts of the motor or of the joint encoders")
+COUNT_MEMORY = record(
+    window=WINDOW,
+    **alike("i8", "law element partner"),
+    **alike("f8", "counts share"),
+    **states(held="f8", spiked="i8", random="u8"),
+)
+"""`counts`: the magnitude in counts, of a drift in counts per tick. `held`: the last count that went through."""
+NEVER = 1 << 62
+"""The tick at which a lost message arrives."""
+MESSAGE_MEMORY = record(
+    window=WINDOW,
+    **alike("i8", "size sender_period least most blank"),
+    share="f8",
+    sent=state("i8"),
+    capacity="i8",
+    **states(**alike("i8", "messages arrivals present lost"), random="u8"),
+)
+"""A message is `least` to `most` ticks under way, a `share` of them for ever; `blank`: zeros are read until the next
+one, and `lost` says that it is so. `sent`: messages since the onset; the
+n-th of them lies at n modulo `capacity` in the rings `messages` and `arrivals` (ticks), which are long enough for all
+that are under way. `present`: what the reader has."""
 
 
 class Span(NamedTuple):
@@ -54,9 +86,6 @@ def within(window, k):
     return window.onset <= k and k < window.end
 
 
-COMMAND_MEMORY = record(window=WINDOW, size="i8", limit="f8")
-
-
 @step_function(COMMAND_MEMORY)
 def command_step(m, t, h, u, y):
     asked, given = carray(u, m.size), carray(y, m.size + 1)
@@ -65,9 +94,6 @@ def command_step(m, t, h, u, y):
         given[j] = min(max(asked[j], -m.limit), m.limit) if active else asked[j]
     given[m.size] = active
     return 0
-
-
-POWER = Port("power", 1, "1", "whether the drives may have power", "bool")
 
 
 class FaultComponent(NativeComponent):
@@ -109,9 +135,6 @@ class CommandFault(FaultComponent):
         super().__init__(name, (port,), (port, ACTIVE), True, command_step, memory)
 
 
-POWER_MEMORY = record(window=WINDOW, lines="i8")
-
-
 @step_function(POWER_MEMORY)
 def power_step(m, t, h, u, y):
     given, left = carray(u, m.lines), carray(y, m.lines + 1)
@@ -136,9 +159,6 @@ class PowerFault(FaultComponent):
         super().__init__(name, (port,), (port, ACTIVE), True, power_step, memory)
 
 
-GATE_MEMORY = record(size="i8")
-
-
 @step_function(GATE_MEMORY)
 def gate_step(m, t, h, u, y):
     asked, given = carray(u, m.size + 1), carray(y, m.size)
@@ -159,11 +179,6 @@ class PowerGate(NativeComponent):
     def __init__(self, name: str, size: int):
         port = Port("omega_ref", size, "rad/s", "commanded motor speed, of a drive that has power")
         super().__init__(name, (port, POWER), (port,), True, gate_step, memory_of(GATE_MEMORY, size=size))
-
-
-VALUE = Port("value", 1, "SI", "the parameter as it holds now")
-PARAMETER_MEMORY = record(window=WINDOW, address="i8", nominal="f8", chained="i8", factor="f8", added="f8", ramp="i8")
-"""`chained`: another fault writes to the same address before; what it wrote is this one's nominal value."""
 
 
 @step_function(PARAMETER_MEMORY, outputs=(VALUE, ACTIVE))
@@ -219,9 +234,7 @@ class ParameterFault(FaultComponent):
         return np.array([self.memory["nominal"][0], 0.0])
 
 
-_GAMMA, _MIX_1, _MIX_2 = (np.uint64(n) for n in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
 _27, _30, _31, _11 = (np.uint64(n) for n in (27, 30, 31, 11))
-_UNIT = 2.0**-53
 
 
 @njit(cache=True)
@@ -272,17 +285,6 @@ NUMBERS: dict[CountLaw, dict[str, str]] = {
 
 # plain integers: what compiled code compares with
 _BIAS, _DRIFT, _QUANTISATION, _HOLD, _ZERO, _NAN, _STUCK, _GLITCH, _FLIP, _SWAP = (int(law) for law in CountLaw)
-
-ENCODER_CHANNELS = 3
-COUNT = Port("count", ENCODER_CHANNELS, "1", "counts of the motor or of the joint encoders")
-
-COUNT_MEMORY = record(
-    window=WINDOW,
-    **alike("i8", "law element partner"),
-    **alike("f8", "counts share"),
-    **states(held="f8", spiked="i8", random="u8"),
-)
-"""`counts`: the magnitude in counts, of a drift in counts per tick. `held`: the last count that went through."""
 
 
 @njit(cache=True)
@@ -393,21 +395,6 @@ class CountFault(FaultComponent):
         return super().passed_on(given)
 
 
-NEVER = 1 << 62
-"""The tick at which a lost message arrives."""
-
-MESSAGE_MEMORY = record(
-    window=WINDOW,
-    **alike("i8", "size sender_period least most blank"),
-    share="f8",
-    sent=state("i8"),
-    capacity="i8",
-    **states(**alike("i8", "messages arrivals present lost"), random="u8"),
-)
-"""A message is `least` to `most` ticks under way, a `share` of them for ever; `blank`: zeros are read until the next
-one, and `lost` says that it is so. `sent`: messages since the onset; the
-n-th of them lies at n modulo `capacity` in the rings `messages` and `arrivals` (ticks), which are long enough for all
-that are under way. `present`: what the reader has."""
 _ticks_at = pointer_to(np.int64)
 
 

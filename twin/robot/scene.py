@@ -41,6 +41,54 @@ from twin.robot.plant.contact_law import Contact
 
 X, Y, Z = 0, 1, 2
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
+BASE = "base"
+LEGS = (1, 2, 3)
+LINKS = tuple(f"link_{leg}" for leg in LEGS)
+RODS = tuple(f"rod_{leg}_{side}" for leg in LEGS for side in ("minus", "plus"))
+PLATFORM = "platform"
+SURFACE = "surface"
+FRAMES = (*LINKS, *RODS, PLATFORM, SURFACE)
+"""In the order of `poses`."""
+HALF_WIDTH = 0.012
+"""Of the parallelograms (m), for drawing only: it does not enter Eq. 3-6."""
+POSE = 7
+"""Numbers of a position and a quaternion."""
+# angle phi_i of each leg about z
+PHI = np.arctan2(OUTWARD[:, 1], OUTWARD[:, 0])
+# distinct in every kind of colour vision (Okabe and Ito, https://jfly.uni-koeln.de/color), and by lightness
+GREY = Color(r=0.35, g=0.35, b=0.35, a=1.0)
+BLUE = Color(r=0.0, g=114 / 255, b=178 / 255, a=1.0)
+SKY = Color(r=86 / 255, g=180 / 255, b=233 / 255, a=1.0)
+YELLOW = Color(r=240 / 255, g=228 / 255, b=66 / 255, a=1.0)
+# seen through, so that the arrows of the force that go into it are not hidden
+SURFACES = {
+    "scale": Color(r=0.6, g=0.6, b=0.6, a=0.4),
+    "skin": Color(r=204 / 255, g=121 / 255, b=167 / 255, a=0.4),
+}
+SECOND = Color(r=213 / 255, g=94 / 255, b=0.0, a=0.35)
+HULL = 0.003
+"""By which the second robot is thicker (m): both are seen where they agree."""
+PLATE = 0.003
+"""Thickness of base, platform and a flat surface (m)."""
+SURFACE_EXTENT = 0.2
+"""Length of a flat surface's sides and of a cylinder that is pressed on (m)."""
+MOTOR, LINK, AXLE, ROD = 0.018, 0.009, 0.006, 0.004
+"""Diameters (m)."""
+LENGTH = 0.01
+"""Of an arrow of 1 N (m)."""
+BESIDE = 0.008
+"""From the true force to the estimate along x (m), so that both are seen where they agree."""
+# shares of an arrow's length: shaft, its diameter, head, its diameter
+SHARES = (0.75, 0.06, 0.25, 0.13)
+ARROWS = {
+    "true": Color(r=213 / 255, g=94 / 255, b=0.0, a=1.0),
+    "estimated": Color(r=0.0, g=158 / 255, b=115 / 255, a=1.0),
+}
+NUMBERS = POSE + len(SHARES)
+"""Of one arrow: pose and sizes."""
+WIDTH = NUMBERS * len(ARROWS)
+PICTURE_RATE = 50.0
+"""Pictures per second (Hz)."""
 
 
 @njit(cache=True)
@@ -74,24 +122,6 @@ def pointing(x, y, z):
     """A turn that takes e_x to the direction of (x, y, z): about y, then about z; none where that is 0."""
     # a right-handed turn about y lowers e_x
     return leaning(math.atan2(y, x), math.atan2(-z, math.hypot(x, y)))
-
-
-BASE = "base"
-LEGS = (1, 2, 3)
-LINKS = tuple(f"link_{leg}" for leg in LEGS)
-RODS = tuple(f"rod_{leg}_{side}" for leg in LEGS for side in ("minus", "plus"))
-PLATFORM = "platform"
-SURFACE = "surface"
-FRAMES = (*LINKS, *RODS, PLATFORM, SURFACE)
-"""In the order of `poses`."""
-HALF_WIDTH = 0.012
-"""Of the parallelograms (m), for drawing only: it does not enter Eq. 3-6."""
-
-POSE = 7
-"""Numbers of a position and a quaternion."""
-
-# angle phi_i of each leg about z
-PHI = np.arctan2(OUTWARD[:, 1], OUTWARD[:, 0])
 
 
 def poses(
@@ -150,28 +180,6 @@ def _rod_turn(leg, x, y, z):
     swing = turn(Z, math.atan2(sideways, math.hypot(outward, z)))
     return product(leaning(PHI[leg], math.atan2(-z, outward)), swing)
 
-
-# distinct in every kind of colour vision (Okabe and Ito, https://jfly.uni-koeln.de/color), and by lightness
-GREY = Color(r=0.35, g=0.35, b=0.35, a=1.0)
-BLUE = Color(r=0.0, g=114 / 255, b=178 / 255, a=1.0)
-SKY = Color(r=86 / 255, g=180 / 255, b=233 / 255, a=1.0)
-YELLOW = Color(r=240 / 255, g=228 / 255, b=66 / 255, a=1.0)
-# seen through, so that the arrows of the force that go into it are not hidden
-SURFACES = {
-    "scale": Color(r=0.6, g=0.6, b=0.6, a=0.4),
-    "skin": Color(r=204 / 255, g=121 / 255, b=167 / 255, a=0.4),
-}
-
-SECOND = Color(r=213 / 255, g=94 / 255, b=0.0, a=0.35)
-HULL = 0.003
-"""By which the second robot is thicker (m): both are seen where they agree."""
-
-PLATE = 0.003
-"""Thickness of base, platform and a flat surface (m)."""
-SURFACE_EXTENT = 0.2
-"""Length of a flat surface's sides and of a cylinder that is pressed on (m)."""
-MOTOR, LINK, AXLE, ROD = 0.018, 0.009, 0.006, 0.004
-"""Diameters (m)."""
 
 # turns that lay a cylinder, whose axis is z, along another axis
 ALONG_X, ALONG_Y = turn(Y, 0.5 * math.pi), turn(X, 0.5 * math.pi)
@@ -262,21 +270,6 @@ def _cylinder(diameter: float, length: float, color: Color, where: Pose) -> Cyli
     return CylinderPrimitive(pose=where, size=size, bottom_scale=1.0, top_scale=1.0, color=color)
 
 
-LENGTH = 0.01
-"""Of an arrow of 1 N (m)."""
-BESIDE = 0.008
-"""From the true force to the estimate along x (m), so that both are seen where they agree."""
-# shares of an arrow's length: shaft, its diameter, head, its diameter
-SHARES = (0.75, 0.06, 0.25, 0.13)
-ARROWS = {
-    "true": Color(r=213 / 255, g=94 / 255, b=0.0, a=1.0),
-    "estimated": Color(r=0.0, g=158 / 255, b=115 / 255, a=1.0),
-}
-NUMBERS = POSE + len(SHARES)
-"""Of one arrow: pose and sizes."""
-WIDTH = NUMBERS * len(ARROWS)
-
-
 def force_example() -> SceneUpdate:
     """Both arrows with blanks in the order of `arrows`."""
     entities = []
@@ -322,10 +315,6 @@ def _put_arrows(p_B, F_ee_B, estimate_B, count, found):
             for share in SHARES:
                 to[at] = share * length
                 at += 1
-
-
-PICTURE_RATE = 50.0
-"""Pictures per second (Hz)."""
 
 
 class Drawing(NamedTuple):

@@ -17,6 +17,25 @@ from twin.kernel.cosim.port import Port, memory_of, record, record_of, states
 from twin.kernel.settings import alike
 from twin.robot.faults import ACTIVE, POWER, WINDOW, FaultComponent, Span, tick_now, window, within
 
+INERTIA = 1e-4
+"""Of rotor, coupling and spring hub (kg m2), as the velocity_servo, pmsm_foc and python_servo drives of fmus/ have."""
+FRICTION = 1e-4
+"""Of the bearings of a shaft without current (N m s/rad), as python_servo has."""
+DRIVE_SHAFT = Port("theta_m", 1, "rad", "angle of the drive's own shaft")
+TAU_LOAD = Port("tau_load", 1, "N m", "torque the spring asks of the shaft")
+SHAFT_OUTPUTS = (
+    Port("theta_m", 1, "rad", "motor angle as it really is"),
+    Port("omega_m", 1, "rad/s", "motor speed as it really is"),
+    ACTIVE,
+)
+FAILED = 2
+SHAFT_MEMORY = record(window=WINDOW, law="i8", omega="f8", **states(**alike("f8", "stop drive offset theta_m omega_m")))
+"""`omega`: speed of a runaway (rad/s). `stop`: angle beyond which a jam lets nothing turn. `drive`: where the drive's
+own shaft was. `offset`: how far the real shaft is from it. `theta_m`, `omega_m`: the real shaft."""
+BRAKE = Port("brake", 1, "1", "whether brakes with a line of their own may close", "bool")
+UNPOWERED_INPUTS = (DRIVE_SHAFT, TAU_LOAD, POWER, BRAKE)
+UNPOWERED_OUTPUTS = SHAFT_OUTPUTS[:2]
+
 
 class DriveLaw(IntEnum):
     """How the shaft moves while the fault is active; by the names in an experiment's file, in capitals."""
@@ -31,30 +50,10 @@ class DriveLaw(IntEnum):
 # plain integers: what compiled code compares with
 _RUNAWAY, _FREEWHEEL, _DEAD, _JAM, _FAILURE = (int(law) for law in DriveLaw)
 
-INERTIA = 1e-4
-"""Of rotor, coupling and spring hub (kg m2), as the velocity_servo, pmsm_foc and python_servo drives of fmus/ have."""
-FRICTION = 1e-4
-"""Of the bearings of a shaft without current (N m s/rad), as python_servo has."""
-
-DRIVE_SHAFT = Port("theta_m", 1, "rad", "angle of the drive's own shaft")
-TAU_LOAD = Port("tau_load", 1, "N m", "torque the spring asks of the shaft")
-SHAFT_OUTPUTS = (
-    Port("theta_m", 1, "rad", "motor angle as it really is"),
-    Port("omega_m", 1, "rad/s", "motor speed as it really is"),
-    ACTIVE,
-)
-
 
 def shaft_inputs(monitored: bool) -> tuple[Port, ...]:
     """The ports of a shaft, with or without an input that takes its power away."""
     return (DRIVE_SHAFT, TAU_LOAD, POWER) if monitored else (DRIVE_SHAFT, TAU_LOAD)
-
-
-FAILED = 2
-
-SHAFT_MEMORY = record(window=WINDOW, law="i8", omega="f8", **states(**alike("f8", "stop drive offset theta_m omega_m")))
-"""`omega`: speed of a runaway (rad/s). `stop`: angle beyond which a jam lets nothing turn. `drive`: where the drive's
-own shaft was. `offset`: how far the real shaft is from it. `theta_m`, `omega_m`: the real shaft."""
 
 
 @njit(cache=True)
@@ -159,11 +158,6 @@ class DriveFault(FaultComponent):
 
     def explain(self, status: int) -> str:
         return f"made {self.target} fail (drive_failure)"
-
-
-BRAKE = Port("brake", 1, "1", "whether brakes with a line of their own may close", "bool")
-UNPOWERED_INPUTS = (DRIVE_SHAFT, TAU_LOAD, POWER, BRAKE)
-UNPOWERED_OUTPUTS = SHAFT_OUTPUTS[:2]
 
 
 class Unpowered(NamedTuple):

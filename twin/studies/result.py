@@ -12,6 +12,8 @@ from math import isnan
 from typing import Any
 
 WIDTH = 80
+TIE = "\xa0"
+"""Between what is to stand on one line."""
 
 
 def wrapped(text: str, head: str = "", later: int | None = None, whole: bool = False) -> list[str]:
@@ -58,8 +60,6 @@ def counted(count: int, noun: str) -> str:
 
 Cell = str | float | None
 """Of a table: text as it stands, a number in the format of its column, NaN as `-`, None as nothing."""
-TIE = "\xa0"
-"""Between what is to stand on one line."""
 
 
 @dataclass(frozen=True)

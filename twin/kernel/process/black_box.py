@@ -30,6 +30,8 @@ _MARK = _COMPILED = _CALL = struct.Struct("=qq")
 _TEXT_AT = _CALL_AT + _CALL.size
 _LONGEST = 255
 """Bytes of each of the three parts of a call's text that are kept; as long as the name of a file may be."""
+LONGEST_QUOTE = 200
+_REMEDY = "{file} is not fit to be used: tell its maker, with these facts; `--isolate none` runs it under a debugger."
 
 
 class Call(NamedTuple):
@@ -187,10 +189,6 @@ class Account:
     def busy(self, box: BlackBox) -> bool:
         """Whether a call into a component is running."""
         return box.call() is not None or self.stepping(box) is not None
-
-
-LONGEST_QUOTE = 200
-_REMEDY = "{file} is not fit to be used: tell its maker, with these facts; `--isolate none` runs it under a debugger."
 
 
 def manner(status: int) -> str:

@@ -18,24 +18,25 @@ from typing import Any
 
 from twin.kernel.errors import NotWritten, TwinError, internal_error, system_sentence
 
+STOP = "stop"
+"""Order to a job's process: interrupt it."""
+LONG = 3600.0
+"""Time (s) beyond which a run starts only after a question."""
+PATIENCE = 10.0
+"""How long (s) what is stepped is watched before anything is said of how long it will take."""
+WAITING = 4.0
+"""How many times longer than on a processor a call may wait for something else, which may want a processor itself."""
+INTERRUPTED, TERMINATED = 130, 143
+"""Exit codes of a command that Ctrl-C, or SIGTERM, has ended."""
+SOON = 0.01
+"""s. By then the finaliser is over: interrupted within it once more, the program would lose that one, too."""
+
 
 def function_called(name: str) -> Callable[..., Any]:
     """The function "module:function"."""
     module, _, function = name.partition(":")
     found: Callable[..., Any] = getattr(importlib.import_module(module), function)
     return found
-
-
-STOP = "stop"
-"""Order to a job's process: interrupt it."""
-
-LONG = 3600.0
-"""Time (s) beyond which a run starts only after a question."""
-PATIENCE = 10.0
-"""How long (s) what is stepped is watched before anything is said of how long it will take."""
-
-WAITING = 4.0
-"""How many times longer than on a processor a call may wait for something else, which may want a processor itself."""
 
 
 @dataclass(frozen=True)
@@ -93,10 +94,6 @@ def error_of(report: list[Any]) -> TwinError:
     return error
 
 
-INTERRUPTED, TERMINATED = 130, 143
-"""Exit codes of a command that Ctrl-C, or SIGTERM, has ended."""
-
-
 _terminated: list[int] = []
 """Signals of the kind SIGTERM that this process got."""
 
@@ -128,10 +125,6 @@ def terminable() -> Iterator[None]:
 def interruption() -> tuple[int, str]:
     """Exit code of, and word for, what has interrupted this process: Ctrl-C, or SIGTERM."""
     return (TERMINATED, "terminated") if _terminated else (INTERRUPTED, "interrupted")
-
-
-SOON = 0.01
-"""s. By then the finaliser is over: interrupted within it once more, the program would lose that one, too."""
 
 
 def keep_interrupts() -> None:

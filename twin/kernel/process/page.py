@@ -33,6 +33,24 @@ _NUMBERS = {"x86_64": (202, 247, 228), "aarch64": (98, 95, 113)}
 _WAIT, _WAKE = 0, 1
 _P_PID, _WEXITED_WNOHANG_WNOWAIT = 1, 4 | 1 | 0x01000000
 _integers = pointer_to(np.int64)
+ASKED, HOST_ASLEEP, CLOSED = INPUTS_AT, INPUTS_AT + 4, INPUTS_AT + 8
+ANSWERED, CALLER_ASLEEP, STATUS = INPUTS_AT + 64, INPUTS_AT + 68, INPUTS_AT + 72
+_TIME, _INPUTS = INPUTS_AT + 128, INPUTS_AT + 144
+NAP = 0.02
+"""How long (s) either side sleeps before it looks whether the other still lives."""
+DIED, STUCK = 1 << 20, 1 << 21
+"""Statuses of the caller's step: the host has ended, or did not answer in time. No step returns them."""
+IDLE, STOPPED, ORDERED = 1 << 22, 1 << 23, 1 << 24
+"""What `serve` returns besides statuses: no question for a while, no more questions at all, or an order, which is a
+question with a step of `NO_STEP` and the order's number for its time."""
+NO_STEP = -1.0
+CALLER = np.dtype(
+    [(name, "i8") for name in ("page", "inputs", "outputs", "number", "naps", "nap", "kernel", "pid", "clock", "info")],
+    align=True,
+)
+"""Memory of the caller's step: address of the page; counts of inputs and outputs; number of the last question; naps
+until the host is taken for stuck, if it has been on a processor for as long, else `WAITING` times as many; address of
+their length; see `futex.kernel` and `futex.has_ended`; the host, and the clock of its time on a processor."""
 
 
 def kernel() -> np.ndarray:
@@ -146,27 +164,6 @@ def timespec(seconds: float) -> np.ndarray:
     """`struct timespec` of a 64-bit system: (2,) int64, seconds and nanoseconds."""
     return np.array([int(seconds), round(1e9 * (seconds % 1.0))], dtype=np.int64)
 
-
-ASKED, HOST_ASLEEP, CLOSED = INPUTS_AT, INPUTS_AT + 4, INPUTS_AT + 8
-ANSWERED, CALLER_ASLEEP, STATUS = INPUTS_AT + 64, INPUTS_AT + 68, INPUTS_AT + 72
-_TIME, _INPUTS = INPUTS_AT + 128, INPUTS_AT + 144
-NAP = 0.02
-"""How long (s) either side sleeps before it looks whether the other still lives."""
-
-DIED, STUCK = 1 << 20, 1 << 21
-"""Statuses of the caller's step: the host has ended, or did not answer in time. No step returns them."""
-IDLE, STOPPED, ORDERED = 1 << 22, 1 << 23, 1 << 24
-"""What `serve` returns besides statuses: no question for a while, no more questions at all, or an order, which is a
-question with a step of `NO_STEP` and the order's number for its time."""
-NO_STEP = -1.0
-
-CALLER = np.dtype(
-    [(name, "i8") for name in ("page", "inputs", "outputs", "number", "naps", "nap", "kernel", "pid", "clock", "info")],
-    align=True,
-)
-"""Memory of the caller's step: address of the page; counts of inputs and outputs; number of the last question; naps
-until the host is taken for stuck, if it has been on a processor for as long, else `WAITING` times as many; address of
-their length; see `futex.kernel` and `futex.has_ended`; the host, and the clock of its time on a processor."""
 
 _i32 = pointer_to(np.int32)
 

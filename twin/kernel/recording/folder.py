@@ -23,6 +23,7 @@ STAMP = re.compile(r"\d{4}-\d{2}-\d{2}_\d{6}(_\d+)?")
 """What `create_run_folder` calls the folder of a run."""
 NAMED = "named.txt"
 """In a folder that its user has called as `create_run_folder` might have done."""
+PARTIAL = ".partial"
 
 
 def create_run_folder(results: Path, experiment: str, now: datetime) -> Path:
@@ -100,9 +101,6 @@ def recording_in(path: Path) -> Path:
     hint = "" if os.path.exists(path) else meant(RESULTS / path) or meant(path)
     hint = hint or "; expected an .mcap file, a run's folder or results/<experiment>"
     raise RecordingRefused(f"{path}: no recording{hint}")
-
-
-PARTIAL = ".partial"
 
 
 class Output:

@@ -48,6 +48,23 @@ MESSAGE_FRONT = HEAD_SIZE - RECORD_PREFIX
 """Channel, sequence number and two times: no message is shorter."""
 MESSAGE = int(Opcode.MESSAGE)
 OTHER_LENGTH, OTHER_SEQUENCE = 1, 2
+# by opcode, all that `Writer` puts between the magics outside chunks, except indexes
+READERS: dict[int, Callable[[ReadDataStream], Header | Chunk | Metadata | Attachment | DataEnd]] = {
+    Opcode.HEADER: Header.read,
+    Opcode.CHUNK: Chunk.read,
+    Opcode.METADATA: Metadata.read,
+    Opcode.ATTACHMENT: Attachment.read,
+    Opcode.DATA_END: DataEnd.read,
+}
+LARGEST_RECORD = 64 * 2**20
+"""Bytes, packed and unpacked; the largest that twin writes, a chunk, has a few hundred thousand. To go through the
+records of a chunk takes five times as many."""
+# CRC of the summary and closing magic, the last bytes of a finished file
+CRC_AND_MAGIC = 4 + len(MCAP0_MAGIC)
+NANOSECONDS = 1e9
+# message types for viewers, which hold no numbers that are not in the series too
+FOREIGN = "foxglove."
+MISSING = "a chunk before which messages are missing"
 
 
 @njit(cache=True)
@@ -136,21 +153,6 @@ class Records:
         if wrong == OTHER_LENGTH:
             raise ValueError("messages whose length is not that of their schema")
         return None if wrong == OTHER_SEQUENCE else records
-
-
-# by opcode, all that `Writer` puts between the magics outside chunks, except indexes
-READERS: dict[int, Callable[[ReadDataStream], Header | Chunk | Metadata | Attachment | DataEnd]] = {
-    Opcode.HEADER: Header.read,
-    Opcode.CHUNK: Chunk.read,
-    Opcode.METADATA: Metadata.read,
-    Opcode.ATTACHMENT: Attachment.read,
-    Opcode.DATA_END: DataEnd.read,
-}
-LARGEST_RECORD = 64 * 2**20
-"""Bytes, packed and unpacked; the largest that twin writes, a chunk, has a few hundred thousand. To go through the
-records of a chunk takes five times as many."""
-# CRC of the summary and closing magic, the last bytes of a finished file
-CRC_AND_MAGIC = 4 + len(MCAP0_MAGIC)
 
 
 @dataclass(eq=False)
@@ -273,12 +275,6 @@ def _content(position: int, chunk: Chunk, most: int) -> bytes:
     if zlib.crc32(content) != chunk.uncompressed_crc:
         raise Damage(position, "a chunk that fails its CRC")
     return content
-
-
-NANOSECONDS = 1e9
-# message types for viewers, which hold no numbers that are not in the series too
-FOREIGN = "foxglove."
-MISSING = "a chunk before which messages are missing"
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,16 @@ from twin.kernel.recording.summary import COMPRESSION_LEVEL, Summary, chunk, enc
 
 ROOM = 256 * 1024
 """Bytes to begin with: those of a slice."""
+# small enough that little is lost with the last one, large enough to compress; before compression, bytes
+LARGEST_CHUNK = 256 * 1024
+# of a log time and an offset in an index, bytes
+ENTRY = 16
+CACHED, CACHED_MESSAGES = 32, 5000
+"""So many weaves of so many messages at most are remembered: a few MB."""
+EVENTS = "events"
+NANOSECONDS = 1e9
+# a chunk is closed at the end of the slice in which it reaches this size; before compression, bytes
+SMALLEST_CHUNK = 64 * 1024
 
 
 class BlockShape(NamedTuple):
@@ -100,14 +110,6 @@ class Pending:
 
     def _hold(self, memory: np.ndarray) -> None:
         self._memory, self.address = memory, memory.ctypes.data
-
-
-# small enough that little is lost with the last one, large enough to compress; before compression, bytes
-LARGEST_CHUNK = 256 * 1024
-# of a log time and an offset in an index, bytes
-ENTRY = 16
-CACHED, CACHED_MESSAGES = 32, 5000
-"""So many weaves of so many messages at most are remembered: a few MB."""
 
 
 @dataclass(frozen=True)
@@ -228,12 +230,6 @@ def _piece(since: np.ndarray, channels: np.ndarray, offsets: np.ndarray) -> Piec
     )
     in_turn = entries[np.argsort(channels, kind="stable")]
     return Piece(slice(first, last), int(since[0]), int(since[-1]), in_turn, places)
-
-
-EVENTS = "events"
-NANOSECONDS = 1e9
-# a chunk is closed at the end of the slice in which it reaches this size; before compression, bytes
-SMALLEST_CHUNK = 64 * 1024
 
 
 @dataclass

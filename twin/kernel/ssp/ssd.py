@@ -18,6 +18,15 @@ from twin.kernel.ssp.structure import inside, listed, truth
 MOST_PARAMETERS = 100_000
 """Of one set, and entries of one mapping."""
 TEXTS = ("String", "Enumeration", "Binary")
+NAMESPACE = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
+MOST_PARTS = 10_000
+"""Components and systems; a file that has more would take minutes."""
+_T = TypeVar("_T")
+VERSION = "1.0"
+SSC, SSD, SSV, SSM = (
+    f"{{http://ssp-standard.org/SSP1/SystemStructure{name}}}"
+    for name in ("Common", "Description", "ParameterValues", "ParameterMapping")
+)
 
 
 def parameter_set(content: bytes, where: str, source: str = "") -> ssp.ParameterSet:
@@ -118,11 +127,6 @@ def _number(text: str, type_: str, where: str) -> float:
     return value
 
 
-NAMESPACE = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
-MOST_PARTS = 10_000
-"""Components and systems; a file that has more would take minutes."""
-
-
 class Resource(NamedTuple):
     """A file of the archive: what it holds, its name there, and what sentences call it."""
 
@@ -133,7 +137,6 @@ class Resource(NamedTuple):
 
 Bring = Callable[[str, str], Resource]
 """The resource that a URI in the structure means; the second argument is what refers to it, for sentences."""
-_T = TypeVar("_T")
 
 
 def structure_of(content: bytes, where: str, bring: Bring) -> ssp.Structure:
@@ -324,12 +327,7 @@ class _SystemReader:
         return of_element(stated[0], f"{self._where}: {what}", "") if stated else None
 
 
-VERSION = "1.0"
 Item = TypeVar("Item")
-SSC, SSD, SSV, SSM = (
-    f"{{http://ssp-standard.org/SSP1/SystemStructure{name}}}"
-    for name in ("Common", "Description", "ParameterValues", "ParameterMapping")
-)
 for prefix, namespace in (("ssc", SSC), ("ssd", SSD), ("ssv", SSV), ("ssm", SSM)):
     ET.register_namespace(prefix, namespace[1:-1])
 

@@ -16,6 +16,24 @@ from typing import Literal, NamedTuple
 from twin.kernel.errors import InputRefused
 from twin.kernel.units import Dimension
 
+METADATA = ("description", "author", "fileversion", "copyright", "license", "generationTool", "generationDateAndTime")
+"""What files call the fields of `Metadata`, in their order."""
+PARAMETER_SET = "application/x-ssp-parameter-set"
+PARAMETER_MAPPING = "application/x-ssp-parameter-mapping"
+REALS = ("Real", "Float64", "Float32")
+WHOLES = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)))
+"""Types whose values are numbers, the first of SSP 1.0, the others of 2.0."""
+TRUTH = {"true": True, "1": True, "false": False, "0": False}
+MOST_POWER = 100
+"""Of a base unit; an honest one has 4."""
+MOST_TIME = 30.0
+"""s on a processor, for a structure and once more for what is made of it; the largest that is allowed takes a tenth."""
+STRUCTURE = "SystemStructure.ssd"
+"""Entry of an SSP archive."""
+FMU = "application/x-fmu-sharedlibrary"
+TABLE = "application/table"
+"""Type of OMSimulator's components that are tables of values over time."""
+
 
 @dataclass(frozen=True)
 class Annotation:
@@ -41,10 +59,6 @@ class Metadata:
     license: str = ""
     tool: str = ""
     generated: str = ""
-
-
-METADATA = ("description", "author", "fileversion", "copyright", "license", "generationTool", "generationDateAndTime")
-"""What files call the fields of `Metadata`, in their order."""
 
 
 @dataclass(frozen=True)
@@ -73,13 +87,6 @@ class Transformation:
 
 NONE = Transformation()
 """The value as it is."""
-
-
-PARAMETER_SET = "application/x-ssp-parameter-set"
-PARAMETER_MAPPING = "application/x-ssp-parameter-mapping"
-REALS = ("Real", "Float64", "Float32")
-WHOLES = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)))
-"""Types whose values are numbers, the first of SSP 1.0, the others of 2.0."""
 
 
 @dataclass(frozen=True)
@@ -158,14 +165,6 @@ class ParameterBinding:
     parameters: ParameterSet
     prefix: str = ""
     mapping: ParameterMapping | None = None
-
-
-TRUTH = {"true": True, "1": True, "false": False, "0": False}
-MOST_POWER = 100
-"""Of a base unit; an honest one has 4."""
-
-MOST_TIME = 30.0
-"""s on a processor, for a structure and once more for what is made of it; the largest that is allowed takes a tenth."""
 
 
 class Patience:
@@ -319,12 +318,6 @@ def transformation_of(element: ET.Element, where: str) -> Transformation:
             return Transformation(table=local(child))
     return NONE
 
-
-STRUCTURE = "SystemStructure.ssd"
-"""Entry of an SSP archive."""
-FMU = "application/x-fmu-sharedlibrary"
-TABLE = "application/table"
-"""Type of OMSimulator's components that are tables of values over time."""
 
 ConnectorKind = Literal[
     "input", "output", "inout", "parameter", "calculatedParameter", "structuralParameter", "constant", "local"

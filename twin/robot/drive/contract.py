@@ -11,6 +11,7 @@ from twin.kernel.fmi.variable import SPEED
 from twin.kernel.units import CURRENT, NUMBER, POWER, TEMPERATURE, TORQUE, VOLTAGE, Dimension
 
 Command = Literal["velocity", "torque", "current", "voltage", "position"]
+
 ROTOR_MEMORY = record(J="f8", b="f8", theta=state("f8"), omega=state("f8"))
 UNWRAPPED_INPUTS = (Port("wrapped", 1, "rad", "motor angle, but for whole turns of the servo"),)
 UNWRAPPED_MEMORY = record(turn="f8", theta=state("f8"))

@@ -18,6 +18,18 @@ from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.port import record, record_of, states
 from twin.kernel.settings import Settings, Values, optional, setting, taken
 
+_DEG = math.degrees(1.0)
+# times are whole ticks times the tick: a rounding below the limit is the limit
+REACHED = 1.0 - 1e-9
+# beyond 2^53 a double does not count whole numbers, so no encoder message holds such a count
+LARGEST_COUNT = 2.0**53
+LARGEST_SAMPLE = 2.0**31
+# far beyond any motor; keeps sums and differences of commands finite
+LARGEST_COMMAND = 1e6
+TIMERS = record(**states(still="3i8", unfollowed="3i8", saturated="3i8", anchor="3f8"))
+"""Ticks for which a motor encoder has stood still against its command (signed as the command), a motor has not
+followed, a command has been at its limit; motor angle (rad) at which each joint encoder last moved."""
+
 
 class Reason(IntEnum):
     """Reasons of a trip, in the order in which they win within one evaluation.
@@ -62,8 +74,6 @@ class Meaning(NamedTuple):
     unit: str
     per_si: float
 
-
-_DEG = math.degrees(1.0)
 
 MEANINGS = {
     Reason.INVALID_SAMPLE: Meaning("the encoder message holds what is not a number", "invalid values", "", 1.0),
@@ -195,17 +205,7 @@ LIMITS = record_of(Limits)
 
 
 REASONS = len(Reason)
-# times are whole ticks times the tick: a rounding below the limit is the limit
-REACHED = 1.0 - 1e-9
-# beyond 2^53 a double does not count whole numbers, so no encoder message holds such a count
-LARGEST_COUNT = 2.0**53
-LARGEST_SAMPLE = 2.0**31
-# far beyond any motor; keeps sums and differences of commands finite
-LARGEST_COMMAND = 1e6
 
-TIMERS = record(**states(still="3i8", unfollowed="3i8", saturated="3i8", anchor="3f8"))
-"""Ticks for which a motor encoder has stood still against its command (signed as the command), a motor has not
-followed, a command has been at its limit; motor angle (rad) at which each joint encoder last moved."""
 
 (
     INVALID_SAMPLE, STALE, JUMP, NO_POSE, DEFLECTION, FROZEN_MOTOR, FROZEN_JOINT, FORCE, FORCE_RATE, PENETRATION, SPEED,

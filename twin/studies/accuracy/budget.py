@@ -35,6 +35,31 @@ from twin.robot.run.trace import run_in_memory
 from twin.studies.command import Say, Steps, silent
 from twin.studies.result import Block, Column, Note, Result, Table
 
+ONE_TICK = "one tick"
+MAGNET = "a magnet 0.2 mm off its axis; makers state 0.5 deg for a centred one, 1 deg within 0.5 mm"
+NOT_MODELLED = (
+    ("bending links, yielding rods", 0.013, "3 N at the end of 60 mm of 9 mm aluminium: 0.01 mm"),
+    ("play of ball joints", 0.0, "none: held closed by springs or magnets, as deltas are"),
+    ("tilt of the platform", 0.002, "1.1 N, 30 mm below O_P, on rods that yield: 3e-5 rad, 1 um"),
+    ("rods that spin", 0.001, "3e-8 kg m2 about their own axis"),
+    ("springs that warm up", 0.01, "steel softens by 0.03 % per K: 10 K of 3 N"),
+)
+"""(what, at most N, why): estimates of docs/small_effects.md."""
+SPRING = "two fits of the same springs differ by this much; the paper's own fit has one pose"
+WEIGHED = "of parts that are weighed, but whose rods are shared out between their ends by calculation"
+MACHINED = "of machined parts with ball joints"
+STOPPED = "of a zero that is set against a mechanical stop"
+PRESSING = 0.5
+"""Pressing force (N) above which an instant counts."""
+SETTLED = 1.0
+"""Time (s) after the first such instant that is left out: the touch-down is not what a massage is."""
+FINER = 8
+"""Steps of the fine coupling per tick of the experiment."""
+BELIEFS = tuple(name for name in Model.model_fields if not name.endswith("_counts_per_turn"))
+"""What a controller believes besides its encoders' resolution."""
+NAME = 36
+NUMBERS = (Column("bias", 8, "+.4f"), Column("std", 8, ".4f"), Column("rms", 8, ".4f"))
+
 
 @dataclass(frozen=True)
 class Effect:
@@ -74,9 +99,6 @@ def without_effects(experiment: Experiment) -> Experiment:
     return with_plant(experiment, **{name: TrueRobot.model_fields[name].default for name in names})
 
 
-ONE_TICK = "one tick"
-MAGNET = "a magnet 0.2 mm off its axis; makers state 0.5 deg for a centred one, 1 deg within 0.5 mm"
-
 EFFECTS = (
     Effect("joint friction", "2 mN m", {"joint_friction": 2e-3}, "four plain ball joints of 3 mm under 1.5 N, mu 0.1"),
     Effect("spring hysteresis", "2 %", {"spring_hysteresis": 0.02}, "of a steel spring that is clamped; assumed"),
@@ -97,15 +119,6 @@ EFFECTS = (
         "of springs, and of joints at -60 and 90 deg; only a fault meets them",
     ),
 )  # fmt: skip
-
-NOT_MODELLED = (
-    ("bending links, yielding rods", 0.013, "3 N at the end of 60 mm of 9 mm aluminium: 0.01 mm"),
-    ("play of ball joints", 0.0, "none: held closed by springs or magnets, as deltas are"),
-    ("tilt of the platform", 0.002, "1.1 N, 30 mm below O_P, on rods that yield: 3e-5 rad, 1 um"),
-    ("rods that spin", 0.001, "3e-8 kg m2 about their own axis"),
-    ("springs that warm up", 0.01, "steel softens by 0.03 % per K: 10 K of 3 N"),
-)
-"""(what, at most N, why): estimates of docs/small_effects.md."""
 
 
 @dataclass(frozen=True)
@@ -140,11 +153,6 @@ class Uncertainty:
         return with_model(experiment, **off)
 
 
-SPRING = "two fits of the same springs differ by this much; the paper's own fit has one pose"
-WEIGHED = "of parts that are weighed, but whose rods are shared out between their ends by calculation"
-MACHINED = "of machined parts with ball joints"
-STOPPED = "of a zero that is set against a mechanical stop"
-
 UNCERTAINTIES = (
     Uncertainty("k_s +2 %", ("k_s",), share=0.02, reason=SPRING),
     # less, because no belt gives back more than it is given
@@ -160,15 +168,6 @@ UNCERTAINTIES = (
 )  # fmt: skip
 """What the paper does not print is assumed: Sec. III.A identifies k_s and eta only, and gives no uncertainty."""
 
-
-PRESSING = 0.5
-"""Pressing force (N) above which an instant counts."""
-SETTLED = 1.0
-"""Time (s) after the first such instant that is left out: the touch-down is not what a massage is."""
-FINER = 8
-"""Steps of the fine coupling per tick of the experiment."""
-BELIEFS = tuple(name for name in Model.model_fields if not name.endswith("_counts_per_turn"))
-"""What a controller believes besides its encoders' resolution."""
 
 Group = Literal["imperfection", "twin", "effect", "parameter", "total"]
 
@@ -362,8 +361,6 @@ def _root_of_squares(contributions: list[Contribution]) -> float:
     return float(np.sqrt(sum(one.rms**2 for one in contributions)))
 
 
-NAME = 36
-NUMBERS = (Column("bias", 8, "+.4f"), Column("std", 8, ".4f"), Column("rms", 8, ".4f"))
 Row = tuple[str, float | None, float | None, float]
 
 

@@ -6,6 +6,11 @@ import numpy as np
 
 from twin.robot.experiment.fault import CATALOGUE
 
+_ONE_SAMPLE = "JUMP: 25 rad/s is 2.9 deg of the motor's shaft in one sample of 2 ms"
+_WHOLE = "a share: all samples"
+CLAIMED, BEYOND = 1.0, 2.0
+"""Shares of the catalogue's largest magnitude and of the upper end, see `magnitude_between`."""
+
 
 class UpperEnd(NamedTuple):
     """Where a search for the worst magnitude of a kind ends.
@@ -18,9 +23,6 @@ class UpperEnd(NamedTuple):
     magnitude: float
     why: str
 
-
-_ONE_SAMPLE = "JUMP: 25 rad/s is 2.9 deg of the motor's shaft in one sample of 2 ms"
-_WHOLE = "a share: all samples"
 
 UPPER_ENDS = {
     "encoder_bias": UpperEnd(5.0, _ONE_SAMPLE),
@@ -51,8 +53,6 @@ UPPER_ENDS = {
     "breathing": UpperEnd(25.0, "PENETRATION: 25 mm"),
 }
 """Of every kind that has a magnitude."""
-CLAIMED, BEYOND = 1.0, 2.0
-"""Shares of the catalogue's largest magnitude and of the upper end, see `magnitude_between`."""
 
 
 def has_two_ways(kind: str) -> bool:

@@ -39,6 +39,30 @@ COLUMNS = (
     Column("by", 14, ".14s", left=True),
     Column("after", 6, unit="s"),
 )
+TOGETHER = (
+    Column("worst of each", 34, ".34s", left=True),
+    Column("on", 9, ".9s", left=True),
+    Column("peak", 5, unit="N"),
+    Column("ideal", 5, unit="N"),
+    Column("w/o", 5, unit="N"),
+    Column("left", 4, unit="N"),
+    Column("seen", 5, unit="s"),
+    Column("limit", 5, unit="N"),
+)
+MOVED = (
+    replace(TOGETHER[0], width=26, form=".26s"),
+    TOGETHER[1],
+    Column("at mm", 7, left=True),
+    *TOGETHER[2:],
+)
+"""The same, where the tasks were moved, too."""
+SHOWN = 12
+"""Causes of each list that the text shows, the worst first; all rows are in the files."""
+BEYOND = VERMILION
+DARKEST = 2.0
+"""Peak over limit at which the colours end."""
+SIZES = 3
+"""Magnitudes of a kind; a kind that has none takes the room of all."""
 
 
 def fault_matrix_result(
@@ -83,27 +107,6 @@ def fault_matrix_result(
     facts = {"experiment": experiment, "rows": [row.facts() for row in rows]}
     facts["together"] = [row.facts() for row in together]
     return Result(Note(verdict, later=4), parts, facts, {"picture": picture}, label=0, exit_code=int(failing))
-
-
-TOGETHER = (
-    Column("worst of each", 34, ".34s", left=True),
-    Column("on", 9, ".9s", left=True),
-    Column("peak", 5, unit="N"),
-    Column("ideal", 5, unit="N"),
-    Column("w/o", 5, unit="N"),
-    Column("left", 4, unit="N"),
-    Column("seen", 5, unit="s"),
-    Column("limit", 5, unit="N"),
-)
-MOVED = (
-    replace(TOGETHER[0], width=26, form=".26s"),
-    TOGETHER[1],
-    Column("at mm", 7, left=True),
-    *TOGETHER[2:],
-)
-"""The same, where the tasks were moved, too."""
-SHOWN = 12
-"""Causes of each list that the text shows, the worst first; all rows are in the files."""
 
 
 def together_result(experiment: str, rows: Sequence[TogetherRow], wanted: Sequence[FaultSet]) -> Result:
@@ -214,13 +217,6 @@ def _named(row: FaultRow) -> str:
     seen = f"{row.watched.reason} after {1e3 * (row.watched.delay or 0.0):.0f} ms" if row.detected else "not detected"
     ideal = "" if row.ideal is None else f"; ideal {row.ideal:.1f} N"
     return f"{fault} at {row.onset:.2f} s: {row.watched.peak:.1f} N{limit}, {seen}{ideal}"
-
-
-BEYOND = VERMILION
-DARKEST = 2.0
-"""Peak over limit at which the colours end."""
-SIZES = 3
-"""Magnitudes of a kind; a kind that has none takes the room of all."""
 
 
 def draw_fault_matrix(experiment: str, rows: Sequence[FaultRow], path: Path) -> None:

@@ -17,6 +17,14 @@ from twin.studies.identify.windows import JOINTS_PER_METRE, Estimate, decimals, 
 from twin.studies.replay.model import RobotModel
 from twin.studies.result import Block, Column, Note, Result, Table, note
 
+ALL_THREE = {"zero of joint": "zeros of the joints", "zero of deflection": "zeros of the deflections"}
+COLUMNS = (Column("", 27, left=True), Column("found", 9), Column("+- 95 %", 9), Column("", 10, left=True),
+           Column("believed", 9))  # fmt: skip
+STEPS = (Column("", 20, left=True), Column("", 8, ".3f"), Column("", 6, "+.1f", gap=2), Column(""))
+LOADING, UNLOADING = PAPER_BLUE, PAPER_ORANGE
+STILL = 5e-4
+"""m/s: slower in z is neither loading nor unloading."""
+
 
 def truth(model: RobotModel) -> Mapping[str, float]:
     """The plant's values by the names of `identification.Quantity`, SI.
@@ -50,12 +58,6 @@ def truth(model: RobotModel) -> Mapping[str, float]:
         "delay": 0.0,
         "friction": surface.mu,
     }
-
-
-ALL_THREE = {"zero of joint": "zeros of the joints", "zero of deflection": "zeros of the deflections"}
-COLUMNS = (Column("", 27, left=True), Column("found", 9), Column("+- 95 %", 9), Column("", 10, left=True),
-           Column("believed", 9))  # fmt: skip
-STEPS = (Column("", 20, left=True), Column("", 8, ".3f"), Column("", 6, "+.1f", gap=2), Column(""))
 
 
 def identification_result(
@@ -240,11 +242,6 @@ def _zeros(angles: np.ndarray, source: str) -> Any:
 def _width(found: Sequence[Estimate | None]) -> str:
     """The widest of the intervals, in degrees."""
     return f"{max(shown(one.half_width, 'rad') for one in found if one):.2g} deg"
-
-
-LOADING, UNLOADING = PAPER_BLUE, PAPER_ORANGE
-STILL = 5e-4
-"""m/s: slower in z is neither loading nor unloading."""
 
 
 def draw_identification(one: Identification, name: str, path: Path) -> None:

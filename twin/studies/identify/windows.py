@@ -51,6 +51,33 @@ from twin.robot.mechanism.statics import arm_gravity_torque, platform_weight
 from twin.studies.replay.replay import RobotLog
 
 SHOWN = {"rad": (degrees(1.0), "deg"), "m": (1e3, "mm"), "s": (1e3, "ms"), "1": (1.0, "")}
+LENGTH = 0.1
+"""s: shorter than the 0.2 s of a press's changes of sign, longer than a period of the free modes (75 rad/s)."""
+COUNTS = 4.0
+"""Motor counts that have to be crossed in a window, on average over the joints."""
+ACCELERATION = 0.05
+"""m/s2: with 0.3 kg, 0.015 N of inertia, a third of a step of the paper's scale; the balance knows of nine tenths."""
+JOINTS_PER_METRE = 17.0
+"""rad/m: d theta_l / d p_z at home."""
+GUARD = 0.1
+"""s: a scale may show what it carries this late; until then it is open whether the robot still touches it."""
+CLUSTER = 2.0
+"""s: windows this close share errors (a place, a press, a turn of an encoder) and are no independent witnesses."""
+KAPPA, LOSS, RATE, OFFSET, JOINT_ZERO, BACKLASH, FRICTION, HEIGHT, SLOPE, COMPLIANCE, DAMPING, DELAY = (
+    0, 1, 2, 3, 6, 9, 10, 11, 12, 14, 15, 16
+)  # fmt: skip
+"""Where each stands in a vector of parameters; offsets and joint zeros are three each, slopes two."""
+COUNT = 17
+AIR = 0.05
+"""N: less is free air; twice the step of the paper's scale."""
+CONTACT = 0.15
+"""N: more, all through a window, is contact."""
+PLAUSIBLE_COMPLIANCE = 1e-3
+"""m/N: only weighs the reading's steps against those of the encoders."""
+RISE = 1.0
+"""N: a press that gains less says nothing."""
+PLACE = 2e-3
+"""m: a press that moves farther sideways is a sweep."""
 
 
 class Estimate(NamedTuple):
@@ -75,20 +102,6 @@ def decimals(estimate: Estimate) -> int:
     """Digits after the point that an interval with two significant digits needs."""
     width = shown(estimate.half_width, estimate.unit)
     return 0 if not 0.0 < width < 1e6 else min(max(1 - floor(log10(width)), 0), 6)
-
-
-LENGTH = 0.1
-"""s: shorter than the 0.2 s of a press's changes of sign, longer than a period of the free modes (75 rad/s)."""
-COUNTS = 4.0
-"""Motor counts that have to be crossed in a window, on average over the joints."""
-ACCELERATION = 0.05
-"""m/s2: with 0.3 kg, 0.015 N of inertia, a third of a step of the paper's scale; the balance knows of nine tenths."""
-JOINTS_PER_METRE = 17.0
-"""rad/m: d theta_l / d p_z at home."""
-GUARD = 0.1
-"""s: a scale may show what it carries this late; until then it is open whether the robot still touches it."""
-CLUSTER = 2.0
-"""s: windows this close share errors (a place, a press, a turn of an encoder) and are no independent witnesses."""
 
 
 class Windows(NamedTuple):
@@ -219,13 +232,6 @@ class Parameter:
     size: float
 
 
-KAPPA, LOSS, RATE, OFFSET, JOINT_ZERO, BACKLASH, FRICTION, HEIGHT, SLOPE, COMPLIANCE, DAMPING, DELAY = (
-    0, 1, 2, 3, 6, 9, 10, 11, 12, 14, 15, 16
-)  # fmt: skip
-"""Where each stands in a vector of parameters; offsets and joint zeros are three each, slopes two."""
-COUNT = 17
-
-
 def parameters(belief: Belief, height: float) -> tuple[Parameter, ...]:
     """The unknowns in their order, starting from `belief` and a believed `height` of the scale (m)."""
     k = belief.k_s * belief.eta
@@ -257,14 +263,6 @@ def starts(unknowns: tuple[Parameter, ...]) -> NDArray[np.float64]:
 def sizes(unknowns: tuple[Parameter, ...]) -> NDArray[np.float64]:
     """How far each may plausibly be off (n,)."""
     return np.array([one.size for one in unknowns])
-
-
-AIR = 0.05
-"""N: less is free air; twice the step of the paper's scale."""
-CONTACT = 0.15
-"""N: more, all through a window, is contact."""
-PLAUSIBLE_COMPLIANCE = 1e-3
-"""m/N: only weighs the reading's steps against those of the encoders."""
 
 
 class Pose(NamedTuple):
@@ -406,12 +404,6 @@ def pressing_force(x: NDArray[np.float64], seen: Windows, belief: Belief) -> NDA
     F = np.einsum("nij,ni->nj", at.J, joint_torques(x, seen, belief.N) + at.g_a - inertia(seen, belief, at))
     F[:, 2] -= platform_weight(belief)
     return F
-
-
-RISE = 1.0
-"""N: a press that gains less says nothing."""
-PLACE = 2e-3
-"""m: a press that moves farther sideways is a sweep."""
 
 
 class OnePoseStep(NamedTuple):

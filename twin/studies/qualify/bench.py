@@ -42,6 +42,17 @@ MOST_VARIABLES = 60
 
 VARIABLE = (Column("", 8, left=True, gap=2), Column("", 10, left=True), Column(folds=True))
 """Columns beside the name of a variable."""
+SLICE_TICKS = 100
+LOOK = 500
+"""Ticks after which it is asked whether a run has seen enough."""
+PATIENCE = 5.0
+"""Wall time (s) after which a part that is slow has been called often enough."""
+BLOCK = 500
+"""Calls between two looks at the clock."""
+NUDGE = 1e-3
+"""By which inputs are changed, of their size or in SI, to see what follows: less than anybody would notice."""
+MOST = 1e9
+"""rad and rad/s. No shaft turns so far, whatever its units are; and squares of it are numbers still."""
 
 
 def variables_text(parts: "Mapping[str, FmuDescription | EnclosedSystem]") -> str:
@@ -84,19 +95,6 @@ def _listed(fmu: "FmuDescription | EnclosedSystem") -> dict[str, list[Variable]]
     shaft = dict.fromkeys(name for role in OUTPUTS if role.required for name in candidates(fmu.variables, role))
     local = [v for name in shaft if (v := fmu.variables[name]).causality == "local"]
     return found | ({"local variable": local} if local else {})
-
-
-SLICE_TICKS = 100
-LOOK = 500
-"""Ticks after which it is asked whether a run has seen enough."""
-PATIENCE = 5.0
-"""Wall time (s) after which a part that is slow has been called often enough."""
-BLOCK = 500
-"""Calls between two looks at the clock."""
-NUDGE = 1e-3
-"""By which inputs are changed, of their size or in SI, to see what follows: less than anybody would notice."""
-MOST = 1e9
-"""rad and rad/s. No shaft turns so far, whatever its units are; and squares of it are numbers still."""
 
 
 @dataclass(frozen=True)

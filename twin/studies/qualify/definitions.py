@@ -21,6 +21,51 @@ ABOUT = 75_000
 """Ticks of a whole qualification: 60,000 of a drive that stalls at once, 100,000 of one that cannot be stalled."""
 SOON = 1.0
 """s. Before, nothing is said."""
+TICK = 1e-3
+"""Communication step (s): the one of every experiment here."""
+SPEED_IN_USE = 0.5
+"""rad/s. Fig. 4 commands 0.50 rad/s at most: where the force loop is triggered and the z reference jumps."""
+SPEED_LIMIT = 8.0
+"""rad/s. The controller clamps its command there."""
+LOAD_IN_USE = 0.1
+"""N m. A press of 5 N asks 0.06 N m of each motor, through a belt of N = 2; weight and haste add to it."""
+LOAD_PEAK = 0.6
+"""N m. Ten presses of 5 N: a drive that holds it has a margin in every task."""
+LOAD_MOST = 4.0
+"""N m. Where the search for the stall torque ends: no spring of this robot can ask for it."""
+SMALL_SPEED = 0.1
+"""rad/s. Amplitude for the frequency response: a fifth of the speed in use, four steps of a 0.024 rad/s register."""
+BIAS_SPEED = 0.25
+"""rad/s. Mean speed of the frequency response: above the amplitude, so that friction never changes sign."""
+RESOLUTION = 1.5e-3
+"""rad. One count of the robot's own 12-bit motor encoder: the robot cannot see a smaller angle."""
+COMMANDED = 0.2
+"""When the command steps (s)."""
+LOADED = 2.2
+"""When the load steps (s); slow drives have settled by then."""
+END = 4.2
+"""s."""
+AVERAGE = 1.0
+"""How long before the load step, and before the end, speeds are averaged (s)."""
+CHECKS = {
+    "contract": "every required quantity of the drive contract is there, with a causality and unit that fit",
+    "runs": "every run of the qualification ends without an error status, NaN or infinity",
+    "direction": "a positive command turns theta_m up, the same negative one down",
+    "scale": f"commanded with {SPEED_IN_USE:g} rad/s without load, it is within a factor 1.5: no unit or gear is wrong",
+    "rate": "omega_m is the rate of theta_m, within 5 %",
+    "load": f"a load of {LOAD_IN_USE:g} N m sets the shaft back, or does nothing; it never pushes it forward",
+    "repeats": "two fresh instances give the same theta_m and omega_m, bit for bit",
+    "reset": "after reset an instance repeats its first run, bit for bit",
+    "state": "after its state was saved, changed and restored, an instance goes on from there, bit for bit",
+    "written": "its state, written down and read by another process, is gone on from there, bit for bit",
+}
+"""Name -> what holds. All disqualify a drive but `reset`, `state` and `written`: not every run needs those."""
+NEGLIGIBLE_DROOP = RESOLUTION / LOAD_IN_USE
+"""rad/s per N m. One encoder count per second of averaging: less than this counts as none."""
+OFF = 100.0
+"""So many times off the drives of fmus/, a drive's load is likely to be in another unit."""
+DROOP_MOST, STALLS = 0.6, (0.378, 2.94)
+"""Of the drives of fmus/ but the ideal one: largest droop (rad/s per N m), smallest and largest stall torque (N m)."""
 
 
 class Workload:
@@ -57,36 +102,6 @@ class Workload:
             self._say(f"{self._label}, {1e3 * each:.3g} ms a step", self._done / total)
 
 
-TICK = 1e-3
-"""Communication step (s): the one of every experiment here."""
-SPEED_IN_USE = 0.5
-"""rad/s. Fig. 4 commands 0.50 rad/s at most: where the force loop is triggered and the z reference jumps."""
-SPEED_LIMIT = 8.0
-"""rad/s. The controller clamps its command there."""
-LOAD_IN_USE = 0.1
-"""N m. A press of 5 N asks 0.06 N m of each motor, through a belt of N = 2; weight and haste add to it."""
-LOAD_PEAK = 0.6
-"""N m. Ten presses of 5 N: a drive that holds it has a margin in every task."""
-LOAD_MOST = 4.0
-"""N m. Where the search for the stall torque ends: no spring of this robot can ask for it."""
-SMALL_SPEED = 0.1
-"""rad/s. Amplitude for the frequency response: a fifth of the speed in use, four steps of a 0.024 rad/s register."""
-BIAS_SPEED = 0.25
-"""rad/s. Mean speed of the frequency response: above the amplitude, so that friction never changes sign."""
-RESOLUTION = 1.5e-3
-"""rad. One count of the robot's own 12-bit motor encoder: the robot cannot see a smaller angle."""
-
-
-COMMANDED = 0.2
-"""When the command steps (s)."""
-LOADED = 2.2
-"""When the load steps (s); slow drives have settled by then."""
-END = 4.2
-"""s."""
-AVERAGE = 1.0
-"""How long before the load step, and before the end, speeds are averaged (s)."""
-
-
 def work_cycle(speed: float = SPEED_IN_USE, load: float = LOAD_IN_USE, end: float = END) -> tuple[Curve, Curve]:
     """Commanded speed (rad/s) and load (N m), one value per tick, (ticks,).
 
@@ -106,19 +121,6 @@ class Definition(NamedTuple):
     meaning: str
 
 
-CHECKS = {
-    "contract": "every required quantity of the drive contract is there, with a causality and unit that fit",
-    "runs": "every run of the qualification ends without an error status, NaN or infinity",
-    "direction": "a positive command turns theta_m up, the same negative one down",
-    "scale": f"commanded with {SPEED_IN_USE:g} rad/s without load, it is within a factor 1.5: no unit or gear is wrong",
-    "rate": "omega_m is the rate of theta_m, within 5 %",
-    "load": f"a load of {LOAD_IN_USE:g} N m sets the shaft back, or does nothing; it never pushes it forward",
-    "repeats": "two fresh instances give the same theta_m and omega_m, bit for bit",
-    "reset": "after reset an instance repeats its first run, bit for bit",
-    "state": "after its state was saved, changed and restored, an instance goes on from there, bit for bit",
-    "written": "its state, written down and read by another process, is gone on from there, bit for bit",
-}
-"""Name -> what holds. All disqualify a drive but `reset`, `state` and `written`: not every run needs those."""
 MEASURES = {
     "speed": Definition(
         "speed in use", "rad/s",
@@ -168,14 +170,6 @@ MEASURES = {
     ),
 }  # fmt: skip
 
-NEGLIGIBLE_DROOP = RESOLUTION / LOAD_IN_USE
-"""rad/s per N m. One encoder count per second of averaging: less than this counts as none."""
-
-
-OFF = 100.0
-"""So many times off the drives of fmus/, a drive's load is likely to be in another unit."""
-DROOP_MOST, STALLS = 0.6, (0.378, 2.94)
-"""Of the drives of fmus/ but the ideal one: largest droop (rad/s per N m), smallest and largest stall torque (N m)."""
 
 Verdict = Literal["ok", "FAIL", "note"]
 

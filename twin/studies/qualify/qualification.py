@@ -47,6 +47,10 @@ TICKS, LONGER = 50, 500
 SETUP = Setup(stop=(TICKS + LONGER) * TICK, step=TICK)
 SHARE_OF_LIMIT = 0.1
 """Of the velocity loop's limit, as the command of a drive that takes no speed."""
+OTHER_FUTURE = "it goes on differently from a restored state; twin treats it as without a state"
+WRITTEN = "written"
+ELSEWHERE = "twin.studies.qualify.qualification:gone_on"
+T = TypeVar("T")
 
 
 def lifecycle_findings(plan: DrivePlan, apart: bool) -> list[Finding]:
@@ -123,8 +127,6 @@ def _state(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -
     return "" if np.array_equal(onward, again) else OTHER_FUTURE
 
 
-OTHER_FUTURE = "it goes on differently from a restored state; twin treats it as without a state"
-WRITTEN = "written"
 TRIED: dict[str, Callable[[Instance, list[Setting], list[Variable]], str]] = {"reset": _reset, "state": _state}
 
 
@@ -142,9 +144,6 @@ def _written(plan: DrivePlan, part: str, instance: Instance, inputs: list[Settin
     onward = _exercised(instance, inputs, outputs, TICKS, LONGER)
     again = guarded(ELSEWHERE, {"table": plan.table, "part": part, "content": content, "schedule": schedule})
     return "" if np.array_equal(onward, again) else OTHER_FUTURE
-
-
-ELSEWHERE = "twin.studies.qualify.qualification:gone_on"
 
 
 def gone_on(reporter: Reporter, table: Drive, part: str, content: bytes, schedule: list[bytes]) -> list[list[float]]:
@@ -197,9 +196,6 @@ def _watched(plan: DrivePlan, part: str, description: FmuDescription) -> list[Va
     roles = [b.variable for b in plan.bindings if b.role.causality == "output" and belongs(part, b.name)]
     # what a clock updates can only be read while that ticks
     return [v for v in {v.name: v for v in (*roles, *description.offered("output"))}.values() if not v.clocks]
-
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)

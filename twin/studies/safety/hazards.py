@@ -23,6 +23,8 @@ LIMITS = {"limit_N": "peak force", "limit_kPa": "pressure over the head", "limit
 """Keys of a limit, and what it limits."""
 PAIR, LATER = " + ", ", then "
 """Between the kinds of faults that begin together, and between those of which one begins after the other's trip."""
+ASSUMED = "assumed"
+"""How the source of a number begins that is not published."""
 
 
 class HazardFile(Settings):
@@ -45,10 +47,6 @@ class Evidence(Settings):
     search: int = setting(default=16, ge=0, le=10_000, help="runs spent on looking for a worse case")
     draws: int = setting(default=0, ge=0, le=10_000, help="runs drawn at random, for the share that is seen")
     seed: int = setting(default=0, ge=0, lt=2**31, help="of search and draws")
-
-
-ASSUMED = "assumed"
-"""How the source of a number begins that is not published."""
 
 
 class Threshold(Settings):

@@ -21,6 +21,10 @@ from twin.studies.shadow.layout import (
     WIDE,
 )
 
+BY_ANGLE, BY_WAY, BY_SPEED = 3e-4, 1e-5, 1e-3
+"""rad, m, m/s. Slopes are taken across so much: the deviation of a motor's angle, and what turns a joint by half of
+that, so that the edge of a dead zone is as soft as it is known."""
+
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def push(m, special, p, v, theta_m, F):
@@ -53,11 +57,6 @@ def pose(m):
         C, S = LEG_COS[leg], LEG_SIN[leg]
         m.J[leg, 0], m.J[leg, 1], m.J[leg, 2] = C * j_r - S * j_w, S * j_r + C * j_w, j_z
         m.theta_l[leg] = angle_near(m.anchors, leg, k_r, k_z)
-
-
-BY_ANGLE, BY_WAY, BY_SPEED = 3e-4, 1e-5, 1e-3
-"""rad, m, m/s. Slopes are taken across so much: the deviation of a motor's angle, and what turns a joint by half of
-that, so that the edge of a dead zone is as soft as it is known."""
 
 
 @njit(cache=True, error_model="numpy")

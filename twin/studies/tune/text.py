@@ -17,6 +17,16 @@ from twin.studies.tune.prediction import HORIZON, SETTLED, StepAnswer, sensitivi
 from twin.studies.tune.touchdown import HOLD, JUDGED, NONE, OVERSHOOT, SETTLING, Whole
 from twin.studies.tune.tuned import Judged, Miss, Tuned, worst_places
 
+DOUBT = 0.03
+"""Distance of a drive's model from what was measured that a reader has to know of."""
+UNTRIED = "no step is simulated: tasks lead this robot, and damping that only they have acts"
+HEAD = f"{'M_s':>4} {'over':>5} {'5 % in':>7} {'-3 dB':>7}"
+RUN_HEAD = f"{'over':>6} {'5 % in':>7} {'hold error':>11}"
+BEFORE, AFTER, PALE = GREY, BLUE, "#d9d9d9"
+COLUMNS = 4
+LOOKED_AT = (0.02, 200.0)
+"""Frequencies (Hz) of the sensitivities."""
+
 
 def goals_sentence(done: Tuned) -> str:
     """`M_s at most 1.6, steps overshoot at most 5 %, on 300 to 5000 N/m, with velocity_servo`."""
@@ -62,13 +72,6 @@ def findable(experiment: Path, folder: Path) -> Path:
     here, file = folder.resolve(), experiment.resolve()
     found = next((place / experiment for place in (here, *here.parents) if (place / experiment).exists()), None)
     return experiment if found is not None and found.resolve() == file else file
-
-
-DOUBT = 0.03
-"""Distance of a drive's model from what was measured that a reader has to know of."""
-UNTRIED = "no step is simulated: tasks lead this robot, and damping that only they have acts"
-HEAD = f"{'M_s':>4} {'over':>5} {'5 % in':>7} {'-3 dB':>7}"
-RUN_HEAD = f"{'over':>6} {'5 % in':>7} {'hold error':>11}"
 
 
 def _columns(name: str, head: str) -> tuple[Column, ...]:
@@ -217,12 +220,6 @@ def _z_error(whole: Whole) -> str:
         return "it failed"
     assert whole.outcome.z_error is not None, "twin's own controller has a reference"
     return f"{1e3 * whole.outcome.z_error:.2g} mm" + (" and a safety trip" if whole.trip else "")
-
-
-BEFORE, AFTER, PALE = GREY, BLUE, "#d9d9d9"
-COLUMNS = 4
-LOOKED_AT = (0.02, 200.0)
-"""Frequencies (Hz) of the sensitivities."""
 
 
 def draw_tuning(done: Tuned, path: Path) -> None:

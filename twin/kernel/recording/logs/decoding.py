@@ -66,6 +66,7 @@ UNITS = {
 # a constant of IDL is worked out as it is read: powers grow without end, and brackets take twice the time each
 _GROWING = re.compile(r"<<|\*|\([^()]*\(")
 _NO_CODE = re.compile(r'"(?:\\.|[^"\\])*"|/\*.*?\*/|//[^\n]*', re.DOTALL)
+PART = re.compile(r'"([^"]+)"|([^.\[\]"][^.\[\]]*)|\[(\d+)\]')
 
 
 def decoder(channel: Channel, schema: Schema | None) -> Decoder | None:
@@ -237,9 +238,6 @@ def _why(data: bytes) -> str:
 
 class UnknownElement(LookupError):
     """A message has no such element; another one of the topic may have."""
-
-
-PART = re.compile(r'"([^"]+)"|([^.\[\]"][^.\[\]]*)|\[(\d+)\]')
 
 
 def path_parts(path: str) -> tuple[str | int, ...]:

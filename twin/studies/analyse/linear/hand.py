@@ -26,6 +26,13 @@ from twin.robot.plant.equations import PlantEquations
 from twin.studies.analyse.linear import loops
 
 STATE_LABELS = ["p_B_x", "p_B_y", "p_B_z", "v_B_x", "v_B_y", "v_B_z", "z_b_1", "z_b_2"]
+AXES = ("x", "y", "z")
+NEUTRAL = 1e-9
+"""What rounding may add to the magnitude of a pole, and take from a share of power."""
+LOWEST = 0.02
+"""Hz. Below this a robot drifts rather than answers."""
+DRIFT = 0.01
+"""1/s. A force loop whose surface is gone drifts, and its weight and geometry change on the way; that is no swing."""
 
 
 def signal_labels(ports: tuple[Port, ...]) -> list[str]:
@@ -95,14 +102,6 @@ def _outputs(t: float, x: NDArray, u: NDArray, params: dict[str, Any]) -> NDArra
 
 
 Complex = NDArray[np.complex128]
-
-AXES = ("x", "y", "z")
-NEUTRAL = 1e-9
-"""What rounding may add to the magnitude of a pole, and take from a share of power."""
-LOWEST = 0.02
-"""Hz. Below this a robot drifts rather than answers."""
-DRIFT = 0.01
-"""1/s. A force loop whose surface is gone drifts, and its weight and geometry change on the way; that is no swing."""
 
 
 class Held(NamedTuple):
