@@ -20,12 +20,12 @@ from twin.kernel.places import located
 from twin.kernel.writing import write_text
 from twin.report.explore.catalogue import PACE, Slider, checked, sliders
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.drive_files import FOLDERS, experiment_file, shelved
+from twin.robot.experiment.command_words import run_command, run_words
+from twin.robot.experiment.drive_files import shelved
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.experiment.fault import CATALOGUE
-from twin.robot.experiment.recorded import run_command, run_words
+from twin.robot.experiment.experiment_files import FOLDERS, experiment_file
+from twin.robot.experiment.fault import CATALOGUE, GLITCH_SHARE
 from twin.robot.experiment.source import Source, at, key_names, override, toml_value
-from twin.studies.faults.matrix import GLITCH_SHARE
 
 MOST_FAULTS = 8
 """That one state may have."""

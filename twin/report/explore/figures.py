@@ -11,8 +11,8 @@ from typing import Any, Literal
 
 from twin.report.explore.asked import PageState
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.drive_files import experiment_file
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.experiment_files import experiment_file
 from twin.robot.experiment.source import toml_value
 from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.metrics.required_series import FIG4, FIG5
@@ -21,7 +21,7 @@ from twin.studies.paper.fig4 import FIG4_EXPERIMENTS, fig4_score
 from twin.studies.paper.fig4_measures import WHOLE, Fig4Run, Fig4Runs
 from twin.studies.paper.fig5 import CLAIMS
 from twin.studies.paper.task_run import TaskRun
-from twin.studies.sweep.worker import COMPANION, refuse_unfit
+from twin.studies.sweep.claims import COMPANION, refuse_unfit
 
 Figure = Literal["fig4", "fig5"]
 FORCE_CONTROL = 'controller.mode="force_position"'

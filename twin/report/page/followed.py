@@ -21,7 +21,7 @@ from twin.studies.panel import Panel, PanelCurve, Reader, Samples
 from twin.studies.result import counted
 from twin.studies.shadow.alarm import nis_per_count
 from twin.studies.shadow.branching import HORIZON, LEADS, SPACING
-from twin.studies.shadow.session import Running
+from twin.studies.shadow.verdict import Running
 
 MOST_GAPS = 30
 """That are listed, the longest."""

@@ -62,8 +62,9 @@ def held_samples(times: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[
 
 
 def sample_and_hold(run: RunView, key: str, t: NDArray[np.float64]) -> NDArray:
-    """Return the samples of `topic.field` that hold at times `t` (s); the first one before it."""
-    return run[key][held_samples(run.time(key.rpartition(".")[0]), t)]
+    """Return the newest values of `topic.field` at each of `t` (s), (n,) or (n, size); the first before it came."""
+    values: NDArray = run[key][held_samples(run.time(key.rpartition(".")[0]), t)]
+    return values
 
 
 class BelievedRun:
