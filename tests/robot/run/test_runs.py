@@ -1,85 +1,205 @@
-"""Runs in memory, one after the other: outcomes, and the bits of a run from the start where a past is shared."""
+"""Runs of one study, one after the other: each has the bits of a run from the start, whatever ran before it."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.laws.runs import shipped
+from tests.kernel.fmi.archives import redescribed
+from tests.laws.runs import EXPERIMENTS
 from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
+from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.run import runs as of_runs
-from twin.robot.run.runs import RunRequest, Runs
+from twin.robot.experiment.fault import Fault
+from twin.robot.run import runs as runs_module
+from twin.robot.run.past import SharedPast
+from twin.robot.run.runs import Outcome, RunRequest, Runs
 
-EVERYTHING = RunRequest(signals=frozenset({"plant.F_ee_B"}), tally=True, idle=True)
-LOSS = 'fault=[{{kind="sample_loss",onset_s={onset},duration_s=0.02,magnitude_share=1.0}}]'
-
-
-def pressing(seconds: float, *settings: str) -> Experiment:
-    """The first `seconds` of pressing."""
-    return replace(shipped("pressing", *settings), duration_ticks=round(1e3 * seconds))
-
-
-def softer(at: float) -> Experiment:
-    """Pressing with a spring that is softer from `at` (s) on."""
-    return pressing(6.5, f'fault=[{{kind="spring_softened",target="joint_1",onset_s={at},magnitude_factor=0.7}}]')
-
-
-def test_runs_that_share_a_past_have_the_bits_of_runs_from_the_start():
-    experiments = [softer(at) for at in (5.0, 5.5, 6.0)]
-    with Runs(EVERYTHING, after=1) as shared, Runs(EVERYTHING, most=0) as alone:
-        for number, experiment in enumerate(experiments):
-            one, other = shared.run(experiment), alone.run(experiment)
-            assert one.trace is not None and other.trace is not None
-            np.testing.assert_array_equal(one.trace["plant.F_ee_B"], other.trace["plant.F_ee_B"])
-            assert (one.status, one.numbers, one.idle) == (other.status, other.numbers, other.idle)
-            # the past is run for the second one, and the third goes on from it
-            assert [past.shared is not None for past in shared._pasts] == [number > 0]
-    assert not shared._pasts
+TICKS = 1200
+ONSET = 900
+KEPT = RunRequest(
+    signals=frozenset({
+        "plant.F_ee_B", "plant.p_B", "plant.theta_l", "drive/2.omega_m", "estimator.p_B", "controller.F_z_ref",
+        "encoder.count_l", "monitor.tripped",
+    }),
+    tally=True,
+    idle=True,
+)  # fmt: skip
+ALIVE = Fault("encoder_glitch", "joint_encoder_2", ONSET, magnitude=0.01, share=0.02, seed=3)
+MOVED = Fault("surface_jump", "contact", ONSET, magnitude=5e-3)
+RUNAWAY = Fault("drive_runaway", "drive_2", ONSET, magnitude=3.0)
+WILD = replace(RUNAWAY, magnitude=60.0)
+"""One that takes the robot to where it has no pose."""
+FAULTS = (ALIVE, RUNAWAY, MOVED, ALIVE)
 
 
-def test_no_more_pasts_are_kept_than_asked_for():
-    with Runs(RunRequest(tally=True), most=1) as runs:
-        for k_s in (0.8, 0.9, 0.8):
-            runs.run(pressing(0.1, f"robot.k_s_Nm_per_rad={k_s}"))
-            assert [past.key.plant.k_s for past in runs._pasts] == [k_s]
+def begun(*settings: str, drive: str | None = None) -> Experiment:
+    """The begin of pressing."""
+    return replace(load_experiment(EXPERIMENTS / "pressing.toml", settings, drive), duration_ticks=TICKS)
 
 
-def test_a_run_that_trips_is_completed_and_has_numbers():
-    done = Runs(EVERYTHING, most=0).run(shipped("pressing", LOSS.format(onset=6.5))).completed()
-    assert done.status == "tripped" and done.reason and done.trip and not done.idle
-    assert done.numbers is not None and done.numbers.measures["hold_error"].value is not None
-    assert done.power_off_tick is None or done.power_off_tick > 6500
+def broken(experiment: Experiment, faults: Sequence[Fault] = FAULTS) -> list[Experiment]:
+    return [replace(experiment, faults=(fault,)) for fault in faults]
 
 
-FAILING = """
-class Failing:
-    inputs = ("F_ee_B",)
-    outputs = ("omega_ref",)
-
-    def step(self, t, inputs):
-        if t > 0.1:
-            raise ValueError("too late")
-        return {"omega_ref": 0.0 * inputs["F_ee_B"]}
-"""
-
-
-def test_a_run_that_fails_keeps_its_trace_and_has_no_numbers(tmp_path: Path):
-    (tmp_path / "failing.py").write_text(FAILING)
-    done = Runs(EVERYTHING, most=0).run(pressing(0.2, f"controller.python={tmp_path}/failing.py:Failing"))
-    assert (done.status, done.culprit, done.numbers) == ("failed", "controller", None)
-    assert "too late" in done.reason and done.trace is not None and 100 < len(done.trace.t) < 110
-    with pytest.raises(ComponentFailed, match="too late"):
-        done.completed()
+def assert_same(one: Outcome, other: Outcome) -> None:
+    """Whatever an outcome has but for the time that it took."""
+    same = ("status", "reason", "trip", "power_off_tick", "idle", "culprit")
+    assert [getattr(one, name) for name in same] == [getattr(other, name) for name in same]
+    # a repr has every bit, and NaN equals itself
+    assert repr(one.numbers) == repr(other.numbers) and repr(one.failure) == repr(other.failure)
+    assert one.trace is not None and other.trace is not None
+    np.testing.assert_array_equal(one.trace.t, other.trace.t)
+    for key in other.trace.fields():
+        np.testing.assert_array_equal(one.trace.held(key), other.trace.held(key), err_msg=key)
 
 
-@pytest.mark.parametrize("most", [0, 2])
-def test_a_check_refuses_a_run_before_its_first_tick(most: int, monkeypatch: pytest.MonkeyPatch):
-    def refuse(experiment: Experiment, system: System) -> None:
-        raise InputRefused(f"{experiment.name} with {len(system.components)} components")
+def lacking(runs: Runs) -> list[str]:
+    """Of each past that was run: why it is not shared, or ""."""
+    return [past.shared.lacking for past in runs._pasts if past.shared is not None]
 
-    monkeypatch.setattr(of_runs, "simulate", lambda *args: pytest.fail("it runs"))
-    with Runs(RunRequest(check=refuse), most=most) as runs, pytest.raises(InputRefused, match="pressing with"):
-        runs.run(pressing(0.1))
+
+def outcomes(experiments: Sequence[Experiment], request: RunRequest = KEPT, share: bool = True) -> list[Outcome]:
+    """With a past as early as there is one; shared only if it is said."""
+    with Runs(request, most=2) as runs:
+        found = [runs.run(experiment) for experiment in experiments]
+        assert any(reason == "" for reason in lacking(runs)) == share
+    return found
+
+
+def from_the_start(experiments: Sequence[Experiment], request: RunRequest = KEPT) -> list[Outcome]:
+    with Runs(request, most=0) as runs:
+        return [runs.run(experiment) for experiment in experiments]
+
+
+@pytest.fixture(params=["usual", "noise", "measure", pytest.param("processes", marks=pytest.mark.slow), "stateless"])
+def robot(request: pytest.FixtureRequest, root: Path, tmp_path: Path) -> Iterator[tuple[Experiment, bool]]:
+    """(experiment, whether its runs share a past)."""
+    kind = request.param
+    if kind == "noise":
+        yield begun("plant.motor_noise_deg=0.001", "seed=5"), True
+    elif kind == "measure":
+        yield begun('measure=[{name="low", kind="requirement", formula="always (plant.p_B[2] <= 0 mm)"}]'), True
+    elif kind == "processes":
+        flagged = '<CoSimulation canBeInstantiatedOnlyOncePerProcess="true" '
+        good = root / "fmus" / "velocity_servo" / "velocity_servo.fmu"
+        yield begun(drive=str(redescribed(good, tmp_path / "single.fmu", "<CoSimulation ", flagged))), True
+    else:
+        yield begun(drive="modelica_dc" if kind == "stateless" else None), kind != "stateless"
+
+
+def test_runs_that_share_a_past_have_the_bits_of_runs_from_the_start(robot: tuple[Experiment, bool]):
+    experiments = broken(robot[0])
+    alone = from_the_start(experiments)
+    for one, other in zip(outcomes(experiments, share=robot[1]), alone, strict=True):
+        assert_same(one, other)
+    assert (alone[0].status, alone[1].status, alone[3].status) == ("done", "tripped", "done")
+    assert alone[1].trip is not None and alone[1].power_off_tick and not alone[1].idle
+    # a fault is seen, and nothing of it is left in the run after the next one
+    assert repr(alone[0].numbers) == repr(alone[3].numbers) != repr(alone[1].numbers)
+
+
+def test_a_run_whose_component_fails_has_its_bits_and_leaves_nothing_behind():
+    unwatched = replace(begun(), monitor=None)
+    experiments = broken(unwatched, (ALIVE, WILD, ALIVE)) + broken(begun(), (WILD, ALIVE))
+    alone = from_the_start(experiments)
+    for one, other in zip(outcomes(experiments), alone, strict=True):
+        assert_same(one, other)
+    assert [outcome.status for outcome in alone] == ["done", "failed", "done", "tripped", "done"]
+
+
+def test_a_failed_run_has_its_trace_and_no_numbers_and_raises_only_if_it_had_to_be_completed():
+    (outcome,) = from_the_start([replace(begun(), faults=(WILD,), monitor=None)])
+    assert (outcome.status, outcome.numbers) == ("failed", None) and outcome.culprit
+    assert outcome.trace is not None and ONSET < len(outcome.trace.t) < TICKS
+    with pytest.raises(ComponentFailed) as raised:
+        outcome.completed()
+    assert raised.value is outcome.failure
+
+
+def test_only_what_is_requested_is_kept():
+    (nothing,) = from_the_start([begun()], RunRequest())
+    assert (nothing.trace, nothing.numbers, nothing.idle, nothing.status) == (None, None, True, "done")
+    (force,) = from_the_start([begun()], RunRequest(frozenset({"plant.F_ee_B"})))
+    assert force.trace is not None and {*force.trace.fields()} == {"plant.F_ee_B"}
+    with Runs(RunRequest(signals=None)) as runs:
+        (faulty,) = broken(begun(), (ALIVE,))
+        every = runs.run(faulty).trace
+        # a past has no signals of the fault
+        assert every is not None and "fault/1.count_l" in every.fields() and runs._pasts == []
+
+
+def test_an_experiment_is_checked_before_its_first_tick():
+    checked: list[tuple[Experiment, bool]] = []
+
+    def check(experiment: Experiment, system: System) -> None:
+        checked.append((experiment, system.has("plant.F_ee_B")))
+        if experiment.faults == (MOVED,):
+            raise InputRefused("cannot be measured")
+
+    first, second = broken(begun(), (ALIVE, MOVED))
+    with Runs(RunRequest(tally=True, check=check)) as runs:
+        runs.run(first)
+        with pytest.raises(InputRefused, match="cannot be measured"):
+            runs.run(second)
+        runs.run(first)
+    assert checked.count((first, True)) == 2 and (second, True) in checked
+
+
+def test_a_past_is_run_once_after_so_many_runs_that_have_it(monkeypatch: pytest.MonkeyPatch):
+    pasts: list[Experiment] = []
+    make = SharedPast._make
+
+    def counted(self: SharedPast, *observers: object) -> None:
+        pasts.append(self.experiment)
+        make(self, *observers)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(SharedPast, "_make", counted)
+    with Runs(RunRequest(tally=True), after=2) as runs:
+        for number, experiment in enumerate(broken(begun(), (ALIVE,) * 5)):
+            runs.run(experiment)
+            assert len(pasts) == (number >= 2)
+        # names and values make no other run, the seed does only where there is noise
+        runs.run(replace(begun(), name="other", title="other", seed=9, values={}))
+        assert len(pasts) == 1 and len(runs._pasts) == 1
+
+
+def test_another_seed_of_the_noise_is_another_past():
+    noisy = [begun("plant.motor_noise_deg=0.001", f"seed={seed}") for seed in (0, 1)]
+    experiments = [one for experiment in noisy for one in broken(experiment, (ALIVE, ALIVE))]
+    with Runs(KEPT) as runs:
+        found = [runs.run(experiment) for experiment in experiments]
+        assert lacking(runs) == ["", ""]
+    for one, other in zip(found, from_the_start(experiments), strict=True):
+        assert_same(one, other)
+    assert repr(found[0].numbers) != repr(found[2].numbers)
+
+
+def test_the_past_that_was_used_longest_ago_is_freed_beyond_the_most(monkeypatch: pytest.MonkeyPatch):
+    freed: list[Experiment] = []
+    free = runs_module._free
+
+    def noted(past: runs_module._Past) -> None:
+        freed.append(past.key)
+        free(past)
+
+    monkeypatch.setattr(runs_module, "_free", noted)
+    soft, usual, hard = (begun(f"contact.stiffness_N_per_m={K}") for K in (500, 1000, 2000))
+    with Runs(RunRequest(tally=True), most=2) as runs:
+        for experiment in (soft, usual, soft, hard):
+            runs.run(experiment)
+        keys = [past.key for past in runs._pasts]
+        assert len(keys) == 2 and len(freed) == 1
+        assert freed[0].contact == usual.contact and [key.contact for key in keys] == [soft.contact, hard.contact]
+    assert len(freed) == 3 and runs._pasts == []
+
+
+def test_of_several_faults_that_are_seen_before_they_act_no_past_is_known():
+    two = replace(begun(), faults=(MOVED, ALIVE))
+    with Runs(KEPT) as runs:
+        (alone,) = from_the_start([two])
+        assert_same(runs.run(two), alone)
+        assert runs._pasts == []
