@@ -39,7 +39,7 @@ SEEN_BEFORE = {"body": "surface_jump", "drive": "drive_runaway"}
 
 
 def before_fault(experiment: Experiment) -> Experiment:
-    """The run whose past `experiment`, of at most one fault, has: without it, or with one like it that never acts.
+    """The run whose past `experiment` has: without its faults, or with such as never act.
 
     A surface that will move has a body from the start. A shaft behind a drive is a continuous component more: where
     these do not see each other's newest outputs as they are, what passes through it is late.

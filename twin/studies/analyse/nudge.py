@@ -60,11 +60,7 @@ class Aftermath(NamedTuple):
 def aftermaths(
     experiment: Experiment, point: OperatingPoint, law: str, factor: float, nudges: Sequence[float]
 ) -> list[Aftermath]:
-    """What each of `nudges` (m) at `point` leaves with `factor` times the gains of `law`, "position" or "force".
-
-    Raises:
-        InputRefused: a drive FMU does not fit.
-    """
+    """What each of `nudges` (m) at `point` leaves with `factor` times the gains of `law`, "position" or "force"."""
     tick, found = experiment.cosim.tick, []
     width, before = round(WINDOW / tick), round(NUDGED / tick)
     for p_B in nudged_paths(experiment, point, law, factor, nudges):

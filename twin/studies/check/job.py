@@ -174,7 +174,7 @@ def _file_of(name: str) -> Path:
 
 
 def checked(reporter: Any, work: Sequence[Pair], date: str, reason: str) -> None:
-    """Check each pair of `work`; a job of the guard. Notes: an `CheckOutcome`, taken apart, per pair, in their order."""
+    """Check each pair of `work`; a job of the guard. Notes: a `CheckOutcome`, taken apart, per pair, in their order."""
     for pair in work:
         reporter.loading()
         try:
