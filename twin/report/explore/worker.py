@@ -11,10 +11,11 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from twin.kernel.cosim.observers import Observer, TickEvent, simulate
+from twin.kernel.cosim.observers import simulate
 from twin.kernel.errors import ComponentFailed, InputRefused, UnknownSeries
 from twin.kernel.process.reporter import Reporter
 from twin.kernel.recording.folder import recording_in
+from twin.kernel.recording.recorder import EventLog
 from twin.report.explore import EXPLORED_FOLDER
 from twin.report.explore.asked import Base, PageState, adopted, asked, first_state, known, saved
 from twin.report.explore.figures import claims, fig4_panels, fig4_runs, figure_of
@@ -95,16 +96,6 @@ def _described(base: Base, ask: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-class _Events(Observer):
-    """Keeps the events of a run."""
-
-    def __init__(self) -> None:
-        self.found: list[TickEvent] = []
-
-    def take(self, first: int, rows: Any, events: list[TickEvent]) -> None:
-        self.found += events
-
-
 _looked_at: dict[tuple[object, ...], frozenset[str]] = {}
 """What was read of a run for what a page wants to see: of the next one no more is kept."""
 
@@ -137,7 +128,7 @@ def _bounded(experiment: Experiment) -> Experiment:
 
 def _run(state: PageState, experiment: Experiment, look: "Look", only: frozenset[str]) -> dict[str, Any]:
     """What a run of `experiment`, which is `state`, comes to; only those signals of it are kept; none: all of them."""
-    trace, events = Trace(only=only), _Events()
+    trace, events = Trace(only=only), EventLog()
     with assemble(experiment) as assembly:
         fields = fields_of(assembly.system)
         own = run_observers(experiment, assembly)
@@ -162,7 +153,7 @@ def _run(state: PageState, experiment: Experiment, look: "Look", only: frozenset
         "numbers": numbers,
         "events": [
             {"run": 0, "t": event.tick * tick, "level": event.level.lower(), "text": event.text}
-            for event in events.found
+            for event in events.events
             if event.level != "DEBUG"
         ],
     }

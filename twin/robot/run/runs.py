@@ -30,8 +30,8 @@ class RunRequest(NamedTuple):
     """Data to keep of each run.
 
     Attributes:
-        signals: signals of the trace, `topic.field` each; empty: no trace. None: all, also those of faults, which no past
-            has: every run is made from the start.
+        signals: signals of the trace, `topic.field` each; empty: no trace. None: all, also those of faults, which a
+            past lacks: every run is made from the start.
         tally: whether to sum up the numbers.
         idle: whether to find out if the monitor ever acted.
         check: called with each experiment and its system before the first tick, to refuse what cannot be measured.
