@@ -16,6 +16,7 @@ from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed
 from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.monitor.checks import Trip
 from twin.robot.monitor.component import own_monitor, trip_reason
 from twin.robot.run.hold import HoldRequest
@@ -227,8 +228,8 @@ class Runs:
         base = replace(before_fault(experiment), changes=())
         if not self._most or self.request.signals is None:
             return None
-        if base.faults and len(experiment.faults) > 1:
-            # which of several faults an idle one stands for is unknown
+        if len(experiment.faults) > 1 and any(CATALOGUE[fault.kind].mechanism == "drive" for fault in base.faults):
+            # which of several faults an idle shaft stands for is unknown
             return None
         key = _identifying(base)
         past = next((one for one in self._pasts if one.key == key), None) or _Past(key)

@@ -90,7 +90,7 @@ def falsify(
     from twin.kernel.process.job import JobLimits, cores
     from twin.kernel.writing import made_folder, write_json, write_text
     from twin.robot.assembly.load import load_experiment
-    from twin.robot.experiment.drive_files import experiment_file
+    from twin.robot.experiment.experiment_files import experiment_file
     from twin.robot.experiment.source import Source, override
     from twin.studies.falsify.search import TRIAL, Judge, Search, requirements_of
     from twin.studies.falsify.space import Found, Holes, Space, falsify_result, header, known_sets

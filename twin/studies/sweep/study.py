@@ -62,7 +62,7 @@ def sweep_run(
         Interrupted: Ctrl-C, after there were rows.
         TwinError: see `run_sweep`.
     """
-    from twin.robot.experiment.drive_files import sweep_file
+    from twin.robot.experiment.experiment_files import sweep_file
     from twin.studies.sweep.plan import planned, read_definition
     from twin.studies.sweep.stored import HOME
 
@@ -104,7 +104,7 @@ def short_sweep(
     Raises:
         InputRefused, Interrupted, TwinError: as `sweep_run`.
     """
-    from twin.robot.experiment.drive_files import experiment_file
+    from twin.robot.experiment.experiment_files import experiment_file
     from twin.studies.sweep.plan import plan_of, short_definition
     from twin.studies.sweep.stored import HOME
 
@@ -149,7 +149,7 @@ def _checked(plan: "SweepPlan", by: str | None, sure: bool) -> "SweepPlan":
     if sure:
         return plan
     from twin.robot.assembly.load import load_experiment
-    from twin.robot.run.watch import estimate
+    from twin.robot.run.cost import estimate
 
     first = plan.tasks[0]
     seconds, _ = estimate(load_experiment(plan.experiment, first.settings, first.drive))

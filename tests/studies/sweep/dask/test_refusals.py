@@ -10,12 +10,12 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from click.testing import CliRunner
 
 from tests.kernel.process.hostile import Command
 from tests.studies.sweep.dask.running import Running, kill
 from tests.studies.sweep.definitions import stiffness_text, stiffnesses, written
-from twin.cli.app import app
+from twin.cli.app import twin_command
 from twin.kernel.errors import InputRefused
 from twin.studies.sweep.dask import cluster as cluster_module
 from twin.studies.sweep.dask import worker as worker_module
@@ -131,7 +131,7 @@ def test_without_dask_the_extra_is_named(root: Path, tmp_path: Path):
 )
 def test_options_that_contradict_each_other_are_refused(root: Path, options: list[str], told: str):
     sweep = root / "experiments" / "sweeps" / "stiffness_and_gain.toml"
-    result = CliRunner().invoke(app, ["sweep", str(sweep), *options])
+    result = CliRunner().invoke(twin_command(), ["sweep", str(sweep), *options])
     assert isinstance(result.exception, InputRefused)
     assert told in str(result.exception)
 
