@@ -198,7 +198,8 @@ def test_the_past_that_was_used_longest_ago_is_freed_beyond_the_most(monkeypatch
 
 
 def test_of_several_faults_that_are_seen_before_they_act_no_past_is_known():
-    two = replace(begun(), faults=(MOVED, ALIVE))
+    # newest outputs are not passed on as they are, so a shaft that will break is there from the start
+    two = replace(begun("cosim.scheme=jacobi"), faults=(RUNAWAY, ALIVE))
     with Runs(KEPT) as runs:
         (alone,) = from_the_start([two])
         assert_same(runs.run(two), alone)
