@@ -31,8 +31,8 @@ class RunRequest(NamedTuple):
     """Data to keep of each run.
 
     Attributes:
-        signals: signals of the trace, `topic.field` each; empty: no trace. None: all, also those of faults, which no
-            past has: every run is made from the start.
+        signals: signals of the trace, `topic.field` each; empty: no trace. None: all, also those of faults, which a
+            past lacks: every run is made from the start.
         tally: whether to sum up the numbers.
         idle: whether to find out if the monitor ever acted.
         check: called with each experiment and its system before the first tick, to refuse what cannot be measured; its
@@ -84,25 +84,6 @@ class Outcome:
         return self
 
 
-def simulation_outcome(
-    done: Simulated, trace: Trace | None = None, numbers: RunOutcome | None = None, idle: bool = True
-) -> Outcome:
-    """Return the outcome of a simulation; `trace`, `numbers` and `idle` as observed, see `Outcome`."""
-    monitor, trip = own_monitor(done.simulation.system), trip_reason(done.simulation)
-    return Outcome(
-        status="failed" if done.failure else "tripped" if trip else "done",
-        reason=str(done.failure or trip),
-        trace=trace,
-        numbers=numbers,
-        trip=monitor.trip if monitor else None,
-        power_off_tick=monitor.power_off_tick if monitor else None,
-        idle=idle,
-        culprit=done.simulation.culprit,
-        failure=done.failure,
-        stepping=done.stepping,
-    )
-
-
 class _Watch:
     """The observers of one run.
 
@@ -126,9 +107,18 @@ class _Watch:
         self.observers: list[Observer] = [one for one in (self.trace, self.work, self.tally) if one is not None]
 
     def outcome(self, done: Simulated) -> Outcome:
-        tally = self.tally.tally if self.tally and not done.failure else None
-        return simulation_outcome(
-            done, self.trace, tally.outcome if tally else None, self.work is None or self.work.idle
+        monitor, trip = own_monitor(done.simulation.system), trip_reason(done.simulation)
+        return Outcome(
+            status="failed" if done.failure else "tripped" if trip else "done",
+            reason=str(done.failure or trip),
+            trace=self.trace,
+            numbers=self.tally.tally.outcome if self.tally and not done.failure else None,
+            trip=monitor.trip if monitor else None,
+            power_off_tick=monitor.power_off_tick if monitor else None,
+            idle=self.work is None or self.work.idle,
+            culprit=done.simulation.culprit,
+            failure=done.failure,
+            stepping=done.stepping,
         )
 
 
