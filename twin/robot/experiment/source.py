@@ -316,30 +316,9 @@ def _frozen(value: Any) -> Any:
     return tuple(_frozen(item) for item in value) if isinstance(value, list) else value
 
 
-def source_text(source: Source) -> str:
-    """TOML in which every value stands with its origin: read again, it gives equal values and equal origins."""
-    lines = (f"{json.dumps(key)} = {_sourced(value, key, source.origins)}" for key, value in source.values.items())
-    return "\n".join(lines) + "\n"
-
-
 def toml_value(value: Any) -> str:
     """A number, truth value, text or array of these as TOML writes it."""
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(toml_value, value))}]"
     # JSON writes numbers and truth values as TOML does, and texts but for DEL, which TOML wants escaped
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _sourced(value: Any, path: str, origins: dict[str, str]) -> str:
-    """`value` at the dotted `path`; tables are written inline."""
-    if isinstance(value, dict):
-        return _inline({key: _sourced(item, f"{path}.{key}", origins) for key, item in value.items()})
-    if isinstance(value, tuple) and value and all(isinstance(item, dict) for item in value):
-        tables = (_sourced(item, f"{path}.{number}", origins) for number, item in enumerate(value, start=1))
-        return f"[{', '.join(tables)}]"
-    text = toml_value(value)
-    return _inline({"value": text, "source": toml_value(origins[path])}) if path in origins else text
-
-
-def _inline(texts: dict[str, str]) -> str:
-    return "{" + ", ".join(f"{json.dumps(key)} = {text}" for key, text in texts.items()) + "}"
