@@ -16,6 +16,28 @@ from twin.studies.sweep.statistics import ranking, sensitivity
 from twin.studies.sweep.statistics.ranking import BINS, value, worst_over
 from twin.studies.sweep.stored import SweepRows
 
+LIKELY = 0.95
+"""Share of runs from which on a claim is called likely."""
+MEDIAN = ranking.QUANTILES.index(0.5)
+WIDE = 0.3
+"""Width of an interval that leaves open whether a parameter matters."""
+COVERED = "the aim; on functions with known indices they held the truth 92 % of the times, the worst index 82 %"
+"""Counted, see docs/sweep_show.md; tests/studies/sweep/statistics/test_sensitivity.py counts a part of it again."""
+SURE = 0.05
+"""Chance of a mistake that a star allows for, over all parameters of a table together (Holm 1979)."""
+MOST_EQUAL = 12
+"""Maximum number of rows of the best run and of those that equal it."""
+COMPANIONS = {SETTLING: "settles s", OVERSHOOT: "overshoot %", FELT_STIFFNESS: "felt N/m"}
+"""Measures beside the one that is ranked by, and their titles."""
+MOST_OF_FRONT = 8
+MOST_REASONS = 5
+MOST_WORST = 40
+MOST_VARIED = 3
+"""Values of the best run that stand in the first sentence; of more, the table of the best runs is the place."""
+SHADES = " .:-=+*#"
+"""Of a histogram's bins in text, from none to the fullest."""
+SKETCH = "least to most"
+
 
 @dataclass(frozen=True)
 class ReportPart:
@@ -74,11 +96,6 @@ def shown(parameters: Values | None, row: int) -> str:
     return f"{parameter:.4g}" if isinstance(parameter, float) else str(parameter)
 
 
-LIKELY = 0.95
-"""Share of runs from which on a claim is called likely."""
-MEDIAN = ranking.QUANTILES.index(0.5)
-
-
 def least_sure(found: Sequence[ranking.Likelihood]) -> str:
     """`17 of 20 claims hold in 95 % of the runs; least sure is 'F_z stays lower' (41 %)`."""
     judged = [one for one in found if one.judged]
@@ -127,14 +144,6 @@ def claims_part(sweep: SweepRows) -> ReportPart | None:
 def _measured(one: ranking.Likelihood, quantile: int) -> str:
     value = one.quantiles[quantile]
     return number(value) if not math.isfinite(value) else f"{value:.{one.claim.digits}f}"
-
-
-WIDE = 0.3
-"""Width of an interval that leaves open whether a parameter matters."""
-COVERED = "the aim; on functions with known indices they held the truth 92 % of the times, the worst index 82 %"
-"""Counted, see docs/sweep_show.md; tests/studies/sweep/statistics/test_sensitivity.py counts a part of it again."""
-SURE = 0.05
-"""Chance of a mistake that a star allows for, over all parameters of a table together (Holm 1979)."""
 
 
 def sensitivity_parts(sweep: SweepRows, metric: str) -> list[ReportPart]:
@@ -221,20 +230,6 @@ def _indices(sweep: SweepRows, columns: Columns, metric: str, of: str) -> Report
 
 def _range(found: sensitivity.Interval) -> str:
     return interval(found) if found else "-"
-
-
-MOST_EQUAL = 12
-"""Maximum number of rows of the best run and of those that equal it."""
-COMPANIONS = {SETTLING: "settles s", OVERSHOOT: "overshoot %", FELT_STIFFNESS: "felt N/m"}
-"""Measures beside the one that is ranked by, and their titles."""
-MOST_OF_FRONT = 8
-MOST_REASONS = 5
-MOST_WORST = 40
-MOST_VARIED = 3
-"""Values of the best run that stand in the first sentence; of more, the table of the best runs is the place."""
-SHADES = " .:-=+*#"
-"""Of a histogram's bins in text, from none to the fullest."""
-SKETCH = "least to most"
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,10 @@ FEW = 30
 """Runs below which only a correlation of 0.36 and more differs from none at 5 %."""
 _NORMAL_95 = 1.959963984540054
 """Quantile of the standard normal distribution at 0.975."""
+LEAST_BLOCKS = 8
+LEAST_FOR_INTERVALS = 32
+"""Blocks below which an interval holds far less often than it says: of 16 it may miss an index four times in five, for
+in so short a Sobol' sequence A and B are not independent."""
 
 
 @dataclass(frozen=True)
@@ -77,11 +81,6 @@ def _ranks(numbers: Numbers) -> Numbers:
     ranks: Numbers = (np.cumsum(counts) - 0.5 * (counts - 1))[which]
     return ranks
 
-
-LEAST_BLOCKS = 8
-LEAST_FOR_INTERVALS = 32
-"""Blocks below which an interval holds far less often than it says: of 16 it may miss an index four times in five, for
-in so short a Sobol' sequence A and B are not independent."""
 
 Interval = tuple[float, float] | None
 
