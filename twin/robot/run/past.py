@@ -25,7 +25,7 @@ from twin.robot.assembly.assemble import Assembly, assemble, joined
 from twin.robot.assembly.build import motions
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE, NEVER, Fault
-from twin.robot.plant.contact_law import Body
+from twin.robot.plant.surface_motion import Body
 from twin.robot.run.branch import bring_in
 from twin.robot.run.trace import Trace
 

@@ -37,8 +37,9 @@ from twin.robot.experiment.schema import whole_ticks
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.plant.component import resting
-from twin.robot.plant.contact import contact_force, stopped, surface_depth
+from twin.robot.plant.contact import contact_force, surface_depth
 from twin.robot.plant.dynamics import PlantParameters, series_share, spring_stiffness
+from twin.robot.plant.joints import stopped
 from twin.studies.analyse.linear.hand import linear_plant
 from twin.studies.analyse.linear.loops import (
     LOOPS,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from twin.kernel.errors import InputRefused
 from twin.studies.metrics.response import Curve
 from twin.studies.paper.claim import Claim
+from twin.studies.sweep.columns import Columns, Numbers, Positions, Row, Words, once
 from twin.studies.sweep.measures import (
     BY_COLUMN,
     CHATTER,
@@ -20,7 +21,7 @@ from twin.studies.sweep.measures import (
     SINCE_TOUCH,
     checked_metric,
 )
-from twin.studies.sweep.rows import ROWS, Columns, Numbers, Positions, Row, Words, once
+from twin.studies.sweep.rows import ROWS
 
 USUAL_METRICS = (HOLD_ERROR, SINCE_TOUCH, "lateral_error_mm")
 """Metrics to rank by unless one is chosen: the first that some run has."""
