@@ -16,7 +16,7 @@ def experiment_files(incomplete: str) -> list[str]:
 
 def experiment_names(incomplete: str) -> list[str]:
     """Experiments that come with twin, without folder and suffix."""
-    from twin.robot.experiment.drive_files import known_experiments
+    from twin.robot.experiment.experiment_files import known_experiments
 
     return _starting_with(incomplete, known_experiments())
 
@@ -37,7 +37,7 @@ def role_names(incomplete: str) -> list[str]:
 
 def body_names(incomplete: str) -> list[str]:
     """Bodies of bodies/ and experiments/bodies/."""
-    from twin.robot.experiment.drive_files import FOLDERS
+    from twin.robot.experiment.experiment_files import FOLDERS
 
     bodies = {body.stem for folder in FOLDERS for body in located(folder, Path.cwd()).glob("*.toml")}
     return _starting_with(incomplete, bodies)

@@ -260,7 +260,7 @@ def sweep_show(
 
     Example: twin sweep show experiments/sweeps/stiffness_and_gain.toml
     """
-    from twin.robot.experiment.drive_files import sweep_file
+    from twin.robot.experiment.experiment_files import sweep_file
     from twin.studies.sweep.rows import HOME, stored_sweep
 
     # a sweep by its file or its name; else its folder

@@ -140,7 +140,7 @@ def _events(run: Mapping[str, Any]) -> Iterator[str]:
 def _robot(run: Mapping[str, Any]) -> Iterator[str]:
     if counts := run.get("robot_values"):
         # takes a while to load
-        from twin.robot.experiment.recorded import robot_values_text
+        from twin.robot.experiment.differences import robot_values_text
 
         yield _row("robot", robot_values_text(counts))
 

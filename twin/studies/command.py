@@ -8,10 +8,12 @@ anything, so such a module imports at its top only what they need, and what comp
 Besides: progress of a study while it runs; its answer, the same for every study.
 """
 
+import inspect
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol, TypeVar
 
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from twin.kernel.process.reporter import Reporter
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+Record = TypeVar("Record")
 Asked = Mapping[str, Any]
 """Values of a study's arguments, by name."""
 
@@ -57,10 +60,11 @@ class Argument(Option):
 class Study:
     """Marks a function as a study, as `@study(...)`; it stays what it is for who calls it from Python.
 
-    Beside its options it takes `say`, see `Say`; or `reporter`, see `Reporter`, if it records a run; or neither, if
-    there is nothing to wait for. It returns an `Answer`, yields one after the other as it has them, or prints for
-    itself. Options that studies share, such as `--json`, are added; one that needs to know such an option has it among
-    its arguments.
+    An argument whose type is a dataclass, such as `MasterOptions`, stands for its fields: each is an option. Beside its
+    options it takes `say`, see `Say`; or `reporter`, see `Reporter`, if it records a run; or neither, if there is
+    nothing to wait for. It returns an `Answer`, yields one after the other as it has them, or prints for itself.
+    Options that studies share, such as `--json`, are added; one that needs to know such an option has it among its
+    arguments.
 
     Attributes:
         words: of the command, if they are not the function's name.
@@ -85,6 +89,7 @@ class Study:
     on_failure: Callable[[Asked], str] | None = None
 
     def __call__(self, function: Function) -> Function:
+        function = _with_own_options(function)
         vars(function)["study"] = self
         return function
 
@@ -96,6 +101,39 @@ class Study:
 
 
 study = Study
+
+
+def options_of(record: type[Record], asked: Asked) -> Record:
+    """Return a record of options, from what is asked by their names; what is not asked has its default."""
+    return record(**{one.name: asked[one.name] for one in fields(record) if one.name in asked})  # type: ignore[arg-type]
+
+
+def _with_own_options(function: Function) -> Function:
+    """Return `function` with the fields of its records of options as arguments of its own."""
+    parameters = inspect.signature(function).parameters.values()
+    records: dict[str, Any] = {
+        one.name: one.annotation
+        for one in parameters
+        if isinstance(one.annotation, type) and is_dataclass(one.annotation)
+    }
+    if not records:
+        return function
+
+    @wraps(function)
+    def called(**asked: Any) -> Any:
+        made = {name: options_of(record, asked) for name, record in records.items()}
+        return function(**{key: asked[key] for key in asked if key in own}, **made)
+
+    own = {one.name for one in parameters}
+    flat = [
+        inspect.Parameter(option.name, inspect.Parameter.KEYWORD_ONLY, default=option.default, annotation=option.type)
+        if option
+        else one.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        for one in parameters
+        for option in (fields(records[one.name]) if one.name in records else [None])
+    ]
+    vars(called)["__signature__"] = inspect.Signature(flat)
+    return called  # type: ignore[return-value]
 
 
 class Interrupted(TwinError):

@@ -28,11 +28,12 @@ from twin.report.page.page import (
     write_report,
 )
 from twin.report.page.panels import commanded_speed
-from twin.report.page.run import ReportRun, report_runs, verdict
+from twin.report.page.run import ReportRun, report_runs
+from twin.report.page.verdict import verdict
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.load import load_experiment, recorded_experiment
-from twin.robot.experiment.recorded import flat, name_and_unit
+from twin.robot.experiment.differences import flat, name_and_unit
 from twin.robot.run.run import SUMMARY, execute
 from twin.studies.accuracy.budget import NOT_MODELLED, Budget, Contribution, accuracy_budget
 

@@ -351,24 +351,13 @@ def _effort(measure: measures.Effort, signals: Signals, inside: NDArray[np.bool_
     }
 
 
-@dataclass(frozen=True)
-class _Part:
-    """What of a run is `inside` a window."""
-
-    signals: Signals
-    inside: NDArray[np.bool_]
-
-    @property
-    def tick(self) -> float:
-        return self.signals.run.tick
-
-    def held(self, key: str) -> NDArray:
-        return self.signals.run.held(key)[self.inside]
-
-
 def _required(measure: measures.Required, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
     formula, unit = checked_requirement(measure.formula, signals.run.fields())
-    return {"distance": Metric(distance(formula, _Part(signals, inside)), unit, floor_of(unit), "none")}
+
+    def held(key: str) -> NDArray:
+        return signals.run.held(key)[inside]
+
+    return {"distance": Metric(distance(formula, signals.run.tick, held), unit, floor_of(unit), "none")}
 
 
 def _still(values: Curve) -> float:

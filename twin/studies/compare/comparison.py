@@ -12,7 +12,7 @@ from twin.kernel.recording.logs.log import Log, LogSeries
 from twin.kernel.recording.logs.reader import LogKind, is_recording, kind_of, read_log
 from twin.kernel.recording.reader import origin
 from twin.robot.assembly.declared import DECLARED
-from twin.robot.experiment.recorded import differing, recorded_facts
+from twin.robot.experiment.differences import differing, recorded_facts
 from twin.studies.compare.signal_row import SignalRow, TubeCurves, curves, row
 from twin.studies.compare.tolerance import (
     Alignment,

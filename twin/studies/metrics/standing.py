@@ -20,6 +20,12 @@ JUDGED = (*HEADLINE, "held_lateral_error", "held_z_error", *EFFORT)
 """Keys of the measures that runs are compared by; less is better."""
 T_QUANTILE = {8: 2.365}
 """Number of paired runs -> 97.5 % quantile of Student's distribution."""
+DECISIVE = {
+    "reference": ("controller.mode", "controller.force.reference_N", "reference", "duration_s"),
+    "task": ("task",),
+    "body": ("contact",),
+}
+"""What has to be the same in two recorded experiments that are compared -> its keys."""
 
 
 @dataclass(frozen=True)
@@ -186,14 +192,6 @@ def _standing(ranks: Mapping[str, int]) -> Standing:
 
 def _unique(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
-
-
-DECISIVE = {
-    "reference": ("controller.mode", "controller.force.reference_N", "reference", "duration_s"),
-    "task": ("task",),
-    "body": ("contact",),
-}
-"""What has to be the same in two recorded experiments that are compared -> its keys."""
 
 
 def one_run_each(names: tuple[str, str], runs: tuple[Values, Values], experiments: tuple[Mapping, Mapping]) -> str:

@@ -20,17 +20,10 @@ from twin.kernel.recording.reader import last_time, origin
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.drives import fmus
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.drive_files import experiment_file
-from twin.robot.experiment.recorded import (
-    differing,
-    experiment_facts,
-    options,
-    recorded_facts,
-    recorded_name,
-    recorded_values,
-    repeating_words,
-    run_command,
-)
+from twin.robot.experiment.command_words import options, repeating_words, run_command
+from twin.robot.experiment.differences import differing, experiment_facts, recorded_facts
+from twin.robot.experiment.experiment_files import experiment_file
+from twin.robot.experiment.recorded import recorded_name, recorded_values
 from twin.robot.run.measures import LARGE_OVERSHOOT, MEASURES
 from twin.robot.run.run import SUMMARY, named_files
 from twin.studies.command import Answer, Say, Steps

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from twin.kernel.errors import nearest, visible
 from twin.kernel.files import foreign_kind, open_regular
-from twin.kernel.recording.logs.column_map import TIME, TIME_NAMES, MappedColumn, split_unit, unit
-from twin.kernel.recording.logs.log import LARGEST, Log, LogRefused, LogSeries, NoNumbers
+from twin.kernel.recording.logs.column_map import TIME, TIME_NAMES, split_unit, unit
+from twin.kernel.recording.logs.log import LARGEST, Log, LogRefused, LogSeries, MappedColumn, NoNumbers
 from twin.kernel.units import Dimension, Unit, known_unit
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")

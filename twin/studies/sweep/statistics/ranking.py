@@ -521,7 +521,7 @@ def bands(rows: Sequence[Row]) -> Bands | None:
         InputRefused: curves of a run that twin sweep does not write, or other ones than those of the runs before.
     """
     # judging takes a while to import, and few sweeps have claims
-    from twin.studies.sweep.worker import unpacked
+    from twin.studies.sweep.claims import unpacked
 
     all_curves = []
     for row in rows:
