@@ -267,7 +267,9 @@ def test_isolation_as_it_was_once_asked_for_and_real_time_without_a_factor_work(
 def offered(line: str, cwd: Path) -> list[str]:
     words = line.split(" ")
     asked = {"_TWIN_COMPLETE": "bash_complete", "COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
-    return [line.partition(",")[2] for line in twin_process(cwd=cwd, env=os.environ | asked).stdout.splitlines()]
+    return [
+        line.partition(",")[2] for line in twin_process(cwd=cwd, env=os.environ | asked).stdout.splitlines() if line
+    ]
 
 
 @pytest.mark.parametrize(
