@@ -10,7 +10,7 @@ from benchmarks.measurement import Measurement
 from twin.kernel.process.job import JobLimits
 from twin.studies.sweep.engine import Engine, Job, LocalEngine
 from twin.studies.sweep.plan import SweepPlan, plan_of, short_definition
-from twin.studies.sweep.rows import FACTS
+from twin.studies.sweep.stored import FACTS
 from twin.studies.sweep.sweep import RECORDINGS
 
 WARM_UP = 10

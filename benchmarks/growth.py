@@ -28,7 +28,8 @@ from twin.studies.result import markdown
 from twin.studies.sweep.engine import Job, LocalEngine
 from twin.studies.sweep.measures import METRICS, RunFinding, failure
 from twin.studies.sweep.plan import plan_of, short_definition
-from twin.studies.sweep.rows import FACTS, ROWS, RowFile
+from twin.studies.sweep.rows import ROWS, RowFile
+from twin.studies.sweep.stored import FACTS
 
 ROOT = Path(__file__).parents[1]
 EXPERIMENT = ROOT / "experiments" / "fig4_force_position.toml"

@@ -11,7 +11,8 @@ from click.testing import CliRunner
 from tests.studies.sweep.statistics.rows import row
 from twin.cli.app import twin_command
 from twin.kernel.errors import InputRefused, NotWritten
-from twin.studies.sweep.rows import FACTS, MARGINS, ROWS
+from twin.studies.sweep.rows import ROWS
+from twin.studies.sweep.stored import FACTS, MARGINS
 
 
 @pytest.fixture

@@ -261,7 +261,7 @@ def sweep_show(
     Example: twin sweep show experiments/sweeps/stiffness_and_gain.toml
     """
     from twin.robot.experiment.experiment_files import sweep_file
-    from twin.studies.sweep.rows import HOME, stored_sweep
+    from twin.studies.sweep.stored import HOME, stored_sweep
 
     # a sweep by its file or its name; else its folder
     if not sweep.is_dir() and os.path.isfile(file := sweep_file(sweep)):
@@ -273,7 +273,7 @@ def sweep_show(
     found = stored_sweep(folder)
     # only for what is there: what reckons takes a second to load
     from twin.studies.figure import for_paper
-    from twin.studies.sweep.rows import write_parquet
+    from twin.studies.sweep.parquet import write_parquet
     from twin.studies.sweep.show.parts import Asked, axes_of, parts, sweep_text, worst_label
     from twin.studies.sweep.show.pictures import write_pictures
     from twin.studies.sweep.statistics.ranking import checked_rank, claims_in, usual_against, usual_metric

@@ -11,6 +11,7 @@ from twin.robot.run.measures import (
     MeasuredValue,
     Values,
     first_measures,
+    fixed,
     labelled,
     measured_values,
     shown,
@@ -100,7 +101,8 @@ def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> I
         for one in held:
             yield from wrapped(_held(one, len(held) > 1), _row("", ""))
         if "end_x" in outcome and not held:
-            yield _row("", f"{_force(outcome['end_x'])} along x, {_force(outcome['end_y'])} along y in the last second")
+            x, y = (fixed(outcome[key], 2) for key in ("end_x", "end_y"))
+            yield _row("", f"{x} N along x, {y} N along y in the last second")
         if outcome["force_error"] is not None:
             yield _row("", f"error since the first touch {outcome['force_error']:.2f} N rms, force loop on")
     else:
@@ -122,11 +124,6 @@ def _held(one: Mapping[str, Any], several: bool) -> str:
     error = "" if one["error"] is None else f", error {one['error']:.3f} N"
     force = f"{one['least']:.2f} to {one['largest']:.2f} N for {asked}"
     return f"{name}{did}{force}, {one['begin']:.1f} to {one['end']:.1f} s{error}"
-
-
-def _force(value: float) -> str:
-    # no minus before what rounds to nothing
-    return f"{round(value, 2) + 0.0:.2f} N"
 
 
 def _events(run: Mapping[str, Any]) -> Iterator[str]:

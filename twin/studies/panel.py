@@ -24,6 +24,7 @@ class PanelCurve(NamedTuple):
         read: its samples.
         member: joint or axis, 0..2, if the panel shows several; decides the colour then. -1: neither.
         shown: whether the page shows it at first.
+        level: whether it is one number, drawn across the whole picture.
     """
 
     label: str
@@ -31,6 +32,7 @@ class PanelCurve(NamedTuple):
     read: Reader
     member: int = -1
     shown: bool = True
+    level: bool = False
 
 
 class Panel(NamedTuple):
@@ -55,5 +57,7 @@ def draw_panel(axes: "Axes", panel: Panel, run: Any, looks: Mapping[str, Mapping
                     samples = curve.read(run)
                 except UnknownSeries:
                     continue
-                if samples is not None:
+                if samples is not None and curve.level:
+                    axes.axhline(samples[1][0], **({"label": curve.label} | dict(look)))
+                elif samples is not None:
                     axes.plot(*samples, **({"label": curve.label} | dict(look)))

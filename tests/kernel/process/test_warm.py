@@ -1,17 +1,17 @@
 """Warm processes and their pool: one answer after the other, and what ends a process costs one of them."""
 
-import os
 import threading
 import time
 from contextlib import suppress
 from pathlib import Path
+from queue import SimpleQueue
 
 import pytest
 
 from twin.kernel.errors import TwinError
 from twin.kernel.process.guard import JobEndedLoading
 from twin.kernel.process.job import JobLimits
-from twin.kernel.process.warm import Pool, WarmProcess
+from twin.kernel.process.warm import Pool, WarmProcess, _batch
 
 WARM = "tests.kernel.process.jobs:warm"
 LIMITS = JobLimits(step=2.0)
@@ -113,8 +113,16 @@ def test_answers_that_were_there_before_a_failure_come_before_it():
         assert [answer["echo"] for _, answer in found] == [1]
 
 
+def test_a_failure_waits_behind_the_answers_that_came_with_it():
+    done: SimpleQueue[object] = SimpleQueue()
+    done.put("an answer")
+    done.put(TwinError("a teapot"))
+    assert _batch(done) == ["an answer"]
+    with pytest.raises(TwinError, match="a teapot"):
+        _batch(done)
+
+
 def test_a_process_that_is_interrupted_from_outside_ends_the_wait():
     with Pool(1, WARM, LIMITS, ask) as pool, pytest.raises(KeyboardInterrupt):
         for _ in pool.answers([{"interrupt": True}]):
             pass
-    assert os.getpid()

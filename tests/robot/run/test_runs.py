@@ -197,8 +197,14 @@ def test_the_past_that_was_used_longest_ago_is_freed_beyond_the_most(monkeypatch
     assert len(freed) == 3 and runs._pasts == []
 
 
-def test_of_several_faults_that_are_seen_before_they_act_no_past_is_known():
-    two = replace(begun(), faults=(MOVED, ALIVE))
+def test_several_faults_share_a_past_and_have_the_bits_of_runs_from_the_start():
+    experiments = [replace(begun(), faults=faults) for faults in ((MOVED, ALIVE), (ALIVE, MOVED), (MOVED, RUNAWAY))]
+    for one, other in zip(outcomes(experiments), from_the_start(experiments), strict=True):
+        assert_same(one, other)
+
+
+def test_of_several_faults_with_an_idle_shaft_no_past_is_known():
+    two = replace(begun("cosim.scheme=jacobi"), faults=(RUNAWAY, ALIVE))
     with Runs(KEPT) as runs:
         (alone,) = from_the_start([two])
         assert_same(runs.run(two), alone)

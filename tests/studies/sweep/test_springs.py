@@ -10,12 +10,13 @@ from twin.kernel.process.job import JobLimits
 from twin.kernel.recording.reader import read
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.run import execute
+from twin.studies.sweep.columns import Row
 from twin.studies.sweep.engine import LocalEngine
 from twin.studies.sweep.margins import trial as margins_of
 from twin.studies.sweep.plan import plan_of, short_definition
-from twin.studies.sweep.rows import Row, stored_sweep
 from twin.studies.sweep.show.parts import headline
 from twin.studies.sweep.statistics.ranking import best, equal_to_best, usual_metric, value
+from twin.studies.sweep.stored import stored_sweep
 from twin.studies.sweep.study import carried_out
 from twin.studies.sweep.worker import trial
 

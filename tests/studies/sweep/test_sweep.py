@@ -30,7 +30,8 @@ from twin.studies.sweep.engine import Job, LocalEngine, Result, run_facts
 from twin.studies.sweep.interrupts import PATIENCE, raise_if_pressed, remembered
 from twin.studies.sweep.measures import RunFinding
 from twin.studies.sweep.plan import SweepPlan, Task, planned
-from twin.studies.sweep.rows import FACTS, ROWS, DiskFailed, read_rows, stored_sweep
+from twin.studies.sweep.rows import ROWS, DiskFailed, read_rows
+from twin.studies.sweep.stored import FACTS, stored_sweep
 from twin.studies.sweep.sweep import State, run_sweep
 
 RUNS = 12

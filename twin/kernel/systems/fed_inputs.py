@@ -15,7 +15,7 @@ from twin.kernel.cosim.source import Between, SampledSignal, Signal, source
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.fmi.variable import EXACT, Variable
 from twin.kernel.recording.logs.column_map import TIME_NAMES, split_unit, unit
-from twin.kernel.recording.logs.csv_file import CsvTable, read_table, table_of
+from twin.kernel.recording.logs.csv_table import CsvTable, read_table, table_of
 from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.logs.reader import read_log
 from twin.kernel.ssp.flat import FlatSystem, Hop

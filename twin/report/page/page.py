@@ -51,7 +51,7 @@ from twin.studies.accuracy.budget import headline
 from twin.studies.command import Answer, Say, silent
 from twin.studies.panel import Panel
 from twin.studies.paper.claim import ClaimFinding, standing, tally
-from twin.studies.result import Cell, Column, Table
+from twin.studies.result import Cell, Column, Table, wrapped
 
 HEAD = tuple(f"{column.name}, N" for column in budgeting.NUMBERS)
 MEANING = "what it means"
@@ -280,8 +280,8 @@ def _boxes(runs: Sequence[ReportRun]) -> Markup:
         boxes = [
             element(
                 "div",
-                element("strong", number(m.true, m.unit)),
-                element("span", m.short or m.text),
+                element("strong", m.shown),
+                element("span", m.name),
                 class_="box",
             )
             for m in found
@@ -424,7 +424,8 @@ def write_report(
     made_folder(path.parent)
     write_text(path, html)
     page = seen_from_here(path)
-    return Answer(f"{headline}\n  page  {page}", {"headline": headline, "page": str(page)})
+    lines = [*wrapped(headline, later=2, whole=True), f"  page  {page}"]
+    return Answer("\n".join(lines), {"headline": headline, "page": str(page)})
 
 
 def report_page(runs: Sequence[ReportRun], budgets: Sequence[budgeting.Budget] = ()) -> tuple[str, str]:

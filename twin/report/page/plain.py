@@ -12,8 +12,8 @@ from twin.robot.run.measures import MEASURES, measured_values, shown
 from twin.studies.metrics.standing import JUDGED
 from twin.studies.qualify.comparison import OF_ANY_RUN
 from twin.studies.qualify.text import shown_value
-from twin.studies.sweep.rows import SweepRows
 from twin.studies.sweep.show.parts import Asked, ReportPart, headline, parts
+from twin.studies.sweep.stored import SweepRows
 
 PAGE = "sweep.html"
 CAPTIONS = {

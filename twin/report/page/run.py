@@ -21,10 +21,12 @@ from twin.robot.run.measures import (
     LARGE_OVERSHOOT,
     MEASURES,
     NO_FORCE_LOOP,
+    NOT_FOR_TASKS,
     OF_A_FORCE,
     TABLE,
     Values,
     first_measures,
+    fixed,
     unmeasured,
 )
 from twin.robot.run.view import BelievedRun, RunView, outcome_of
@@ -50,6 +52,7 @@ class RunMeasure(NamedTuple):
     """A number about a run; `true` is judged, `believed` is the robot's own. NaN if there is none, for a `reason`.
 
     Infinity: it never happened. `short` is its name in a verdict on several runs, "" where less is not better.
+    `digits` after the point are shown in sentences and boxes; None to show four significant digits.
     """
 
     text: str
@@ -58,6 +61,19 @@ class RunMeasure(NamedTuple):
     believed: float = math.nan
     short: str = ""
     reason: str = ""
+    digits: int | None = None
+
+    @property
+    def shown(self) -> str:
+        """The true value as in the verdict: `0.094 N`, or "none"."""
+        if self.digits is None or not math.isfinite(self.true):
+            return number(self.true, self.unit) or "none"
+        return f"{fixed(self.true, self.digits)} {self.unit}".rstrip()
+
+    @property
+    def name(self) -> str:
+        """Short name, with the reason if the value does not exist."""
+        return (self.short or self.text) + (f", {self.reason}" if math.isnan(self.true) else "")
 
 
 def number(value: float, unit: str = "") -> str:
@@ -203,14 +219,21 @@ def scored(run: ReportRun) -> dict[str, float]:
 
 
 def key_measures(runs: Sequence[ReportRun]) -> list[list[RunMeasure]]:
-    """Return the key numbers of each run: the first of `KEYS` that all runs have."""
-    found = [
-        {name: m for m in run.measures for name in (m.short, m.text) if name and not math.isnan(m.true)} for run in runs
-    ]
+    """Return the key numbers of each run: the first of `KEYS` that all runs have.
+
+    Where a force is held, a first measure without a value is among them, as chatter that is too small to be reported.
+    """
+    found = [{name: m for m in run.measures for name in (m.short, m.text) if name and _is_key(m, run)} for run in runs]
     shared = [name for name in KEYS if all(name in own for own in found)][
         : MOST_BOXED_NUMBERS if len(runs) == 1 else MOST_BOXED_OF_SEVERAL
     ]
     return [[own[name] for name in shared] for own in found]
+
+
+def _is_key(measure: RunMeasure, run: ReportRun) -> bool:
+    held = bool(run.outcome) and run.outcome["hold_error"].value is not None
+    missing = held and measure.text in KEYS[: len(HEADLINE)] and measure.reason != NOT_FOR_TASKS
+    return missing or not math.isnan(measure.true)
 
 
 def unscored(run: ReportRun, asked: Container[str]) -> dict[str, list[str]]:
@@ -249,7 +272,7 @@ def _of_the_table(run: ReportRun) -> list[RunMeasure]:
             math.nan if v is None else measure.unit.per_SI * v for v in (one.value, own.value if own else None)
         )
         short = measure.text if measure.key in SCORED else ""
-        found.append(RunMeasure(measure.text, measure.unit.text, true, believed, short, one.reason))
+        found.append(RunMeasure(measure.text, measure.unit.text, true, believed, short, one.reason, measure.digits))
     return found
 
 

@@ -9,6 +9,7 @@ from twin.kernel.places import HOME, located
 from twin.robot.experiment.source import Source, laid_over, read_source
 
 SWEEPS = "experiments/sweeps"
+FOLDERS = ("bodies", "experiments/bodies")
 
 
 def known_experiments() -> dict[str, Path]:
@@ -57,9 +58,6 @@ def _experiment_file(path: Path, shelf: str) -> Path | None:
         return HOME / path if os.path.isfile(HOME / path) else path
     candidates = (Path(f"{path}.toml"), located(f"{shelf}/{path}.toml", Path.cwd()))
     return next((candidate for candidate in candidates if os.path.isfile(candidate)), None)
-
-
-FOLDERS = ("bodies", "experiments/bodies")
 
 
 def fill_from_body(source: Source, folder: Path) -> None:

@@ -35,8 +35,9 @@ from twin.robot.controller.program import PhaseKind
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.source import NAMING, RETAINED
 from twin.robot.monitor.component import trip_reason
-from twin.robot.plant.component import PlantEquations, resting
+from twin.robot.plant.component import resting
 from twin.robot.plant.dynamics import STATES, PlantParameters
+from twin.robot.plant.equations import PlantEquations
 from twin.robot.run.branch import branch_off, branched_experiment
 from twin.robot.run.handover import BranchPoint
 from twin.robot.run.measures import with_units

@@ -14,8 +14,8 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.schema import whole_ticks
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import joint_angles
-from twin.robot.plant.contact import stopped
 from twin.robot.plant.dynamics import series_share, spring_stiffness
+from twin.robot.plant.joints import stopped
 from twin.studies.analyse.drive_response import identified
 from twin.studies.analyse.linear.hand import linear_plant
 from twin.studies.analyse.linear.loops import (

@@ -30,8 +30,8 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE, Fault, table_of
 from twin.robot.faults import FaultComponent
 from twin.robot.mechanism.geometry import Model
-from twin.robot.plant.component import REST_OUTPUTS, outputs_at_start, rest
 from twin.robot.plant.component import inputs as plant_inputs
+from twin.robot.plant.equations import REST_OUTPUTS, outputs_at_start, rest
 from twin.studies.build.refusals import refuse_broken, refuse_changed, refuse_others
 
 DRIVE = "drive"

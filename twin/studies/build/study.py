@@ -44,7 +44,7 @@ def build(
     scale. --fmu computer: one of encoders, estimator, controller, delay,
     monitor. --c: the same from the encoders' counts on, as C with static
     libraries. --ssp: plant, computer and the unchanged drives as an SSP
-    archive.
+    archive; this loads the libraries of the drives' FMUs.
 
     Built for x86-64 Linux and the platforms of --platform. The experiment's
     numbers stay open as parameters, with the names of the file.

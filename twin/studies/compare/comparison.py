@@ -1,5 +1,6 @@
 """Two logs signal by signal: errors, and where the second leaves the tube around the first."""
 
+import filecmp
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -153,7 +154,7 @@ def compared(
     notes += [f"no instants in common: {', '.join(apart)}"] if apart else []
     notes += [moved.note] if moved.note else []
     rows.sort(key=lambda row: (-row.used, -row.max_error / (row.span or 1.0), row.signal))
-    same = a.path.stat().st_size == b.path.stat().st_size and a.path.read_bytes() == b.path.read_bytes()
+    same = _same_bytes(a.path, b.path)
     only_a, only_b = (tuple(n for n in log.series if n not in other.series) for log, other in ((a, b), (b, a)))
     return Comparison(
         a=a.path,
@@ -167,4 +168,13 @@ def compared(
         most=max(sum(not signals or any(matches(p, n) for p in signals) for n in log.series) for log in (a, b)),
         identical=same,
         notes=tuple(dict.fromkeys(notes)),
+    )
+
+
+def _same_bytes(a: Path, b: Path) -> bool:
+    """Whether two files, or the files of two bags, have the same content."""
+    of_a, of_b = ([path] if path.is_file() else sorted(path.iterdir()) for path in (a, b))
+    return len(of_a) == len(of_b) and all(
+        one.is_file() and other.is_file() and filecmp.cmp(one, other, shallow=False)
+        for one, other in zip(of_a, of_b, strict=True)
     )

@@ -1,10 +1,11 @@
 """The search for the worst fault: runs judged by their distance from a violation, then differential evolution."""
 
+import functools
 import math
 import re
 import time
 import zlib
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -26,9 +27,8 @@ from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.experiment.measure import Required, requirement, signals_of
 from twin.robot.experiment.together import THEN
 from twin.robot.mechanism.geometry import geometry_of
-from twin.robot.run.past import NOT_WANTED, SharedPast, before_fault
-from twin.robot.run.runs import simulation_outcome
-from twin.robot.run.trace import Trace, fields_of
+from twin.robot.run.runs import RunRequest, Runs
+from twin.robot.run.trace import fields_of
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.command import Say
 from twin.studies.falsify.space import Ended, Place, Requirement, Space, TriedFault, creeps, offset_text, ways_of
@@ -44,42 +44,13 @@ FORCE, PLACE = "plant.F_ee_B", "plant.p_B"
 
 
 MOST_PASTS = 8
-"""Of one process: a body each, at rest and moved."""
+"""Maximum number of pasts in one process: a body each, at rest and moved."""
 
 
-class PastRuns:
-    """Pasts of the runs that this process makes; of each as soon as it is asked for a second time.
-
-    Nothing is shared of drives that need processes of their own: every past would have its own of these.
-    """
-
-    def __init__(self) -> None:
-        self._known: list[tuple[Any, SharedPast, Trace]] = []
-
-    def of(self, experiment: Experiment, only: Collection[str]) -> tuple[SharedPast, Trace]:
-        """The past that `experiment` has, and the signals `only` of it."""
-        before = before_fault(experiment)
-        if before.faults and len(experiment.faults) > 1:
-            # which of the faults an idle one stands for is known of a single one only
-            return SharedPast(before, share=False), Trace(only=only)
-        noisy = experiment.plant.motor_noise > 0.0 or experiment.plant.joint_noise > 0.0
-        own = {key: value for key, value in experiment.values.items() if key not in ("fault", "measure", "seed")}
-        asked = own, before.faults, experiment.seed if noisy else 0, set(only)
-        number = next((n for n, (known, *_) in enumerate(self._known) if known == asked), None)
-        if number is None:
-            found = SharedPast(before, share=False), Trace(only=only)
-            if len(self._known) < MOST_PASTS:
-                self._known.append((asked, *found))
-            return found
-        _, shared, run = self._known[number]
-        if shared.lacking == NOT_WANTED and not need_processes(planned_drives(before)):
-            run = Trace(only=only)
-            shared = SharedPast(before, [run])
-            self._known[number] = asked, shared, run
-        return shared, run
-
-
-_pasts = PastRuns()
+@functools.cache
+def _runs(signals: frozenset[str], most: int) -> Runs:
+    """Return the runs of this process that keep `signals`; a past is run when it is asked for a second time."""
+    return Runs(RunRequest(signals, check=refuse_unknown), after=1, most=most)
 
 
 def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
@@ -100,13 +71,11 @@ def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str =
         experiment = load_experiment(settings[0], (), drive)
         required = [measure for measure in experiment.measures if isinstance(measure, Required)]
         names = {name for measure in required for name, _ in signals_of(requirement(measure.formula))}
-        past, before = _pasts.of(experiment, names | {FORCE, PLACE})
-        run = Trace(only=names | {FORCE, PLACE}, past=before)
-        onset = min((fault.onset for fault in experiment.faults), default=experiment.duration_ticks)
-        done = past.go_on(experiment, onset, [run])
-        refuse_unknown(experiment, done.simulation.system)
-        ended = simulation_outcome(done, run)
-        signals = Signals(run, geometry_of(experiment.controller.model))
+        # drives that need processes would need some for each past
+        most = 0 if need_processes(planned_drives(experiment)) else MOST_PASTS
+        ended = _runs(frozenset(names | {FORCE, PLACE}), most).run(experiment)
+        assert ended.trace is not None
+        signals = Signals(ended.trace, geometry_of(experiment.controller.model))
         found: dict[str, float | None] = {
             name: m.value for measure in required for name, m in metrics_of_measure(measure, signals).items()
         }

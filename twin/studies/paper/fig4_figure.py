@@ -55,7 +55,7 @@ def _friction(title: str, axis: int, position: str, force_position: str) -> Pane
     return Panel(
         title, "N",
         (
-            PanelCurve("Pre-define", "reference", _level(), BLUE, shown=False),
+            PanelCurve("Pre-define", "reference", _level(), BLUE, shown=False, level=True),
             PanelCurve("P-based", "truth", _of_run(position, "F_ee_B", column=axis), ORANGE),
             PanelCurve("F&P-based", "truth", _of_run(force_position, "F_ee_B", column=axis), VERMILION),
         ),
@@ -75,7 +75,7 @@ FIG4_PANELS = (
     Panel(
         "B: F_z, pressing", "N",
         (
-            PanelCurve("Pre-define", "truth", _level("F_z_ref"), BLUE),
+            PanelCurve("Pre-define", "truth", _level("F_z_ref"), BLUE, level=True),
             PanelCurve("P-based", "truth", _of_run("position", "F_z"), ORANGE),
             PanelCurve("F&P-based", "truth", _of_run("force_position", "F_z"), VERMILION),
             PanelCurve(TRUE_P, "display", _of_run("position", "true_F_z"), BLACK, shown=False),

@@ -29,9 +29,10 @@ from twin.robot.experiment.source import Source, override
 from twin.robot.experiment.stand_in import rest_of, role_named
 from twin.robot.mechanism.statics import G_ACCELERATION
 from twin.robot.plant.component import OUTPUTS, Plant
-from twin.robot.plant.contact_law import Body, Contact, Motion
+from twin.robot.plant.contact_law import Contact
 from twin.robot.plant.dynamics import LONGEST_GAP, STATES, PlantParameters, TrueRobot
 from twin.robot.plant.encoder import Display
+from twin.robot.plant.surface_motion import Body, Motion
 
 TABLES = {name: DECLARED.tables[name] for name in ("plant", "contact", "cosim", "controller", "scale")}
 """What is read of a recorded experiment; it may lack a scale."""

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 from twin.kernel.cosim.port import Port, record, record_of, states
 from twin.robot.controller.controller import BELIEF
-from twin.robot.plant.contact import ANCHORS
 from twin.robot.plant.dynamics import PARAMETERS
+from twin.robot.plant.joints import ANCHORS
 
 
 class ShadowDrive(NamedTuple):

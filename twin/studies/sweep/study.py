@@ -14,7 +14,7 @@ from twin.studies.command import Answer, Argument, AsJson, Interrupted, LimitSte
 if TYPE_CHECKING:
     from twin.studies.sweep.engine import Engine
     from twin.studies.sweep.plan import SweepFile, SweepPlan
-    from twin.studies.sweep.rows import SweepRows
+    from twin.studies.sweep.stored import SweepRows
 
 MANY = 100_000
 """Runs from which on a sweep starts only after a question."""
@@ -64,7 +64,7 @@ def sweep_run(
     """
     from twin.robot.experiment.experiment_files import sweep_file
     from twin.studies.sweep.plan import planned, read_definition
-    from twin.studies.sweep.rows import HOME
+    from twin.studies.sweep.stored import HOME
 
     sweep = sweep_file(sweep)
     definition, _ = read_definition(sweep)
@@ -106,7 +106,7 @@ def short_sweep(
     """
     from twin.robot.experiment.experiment_files import experiment_file
     from twin.studies.sweep.plan import plan_of, short_definition
-    from twin.studies.sweep.rows import HOME
+    from twin.studies.sweep.stored import HOME
 
     experiment = experiment_file(experiment)
     definition = short_definition(experiment, ranges, drive)
@@ -213,9 +213,11 @@ def carried_out(
         TwinError: see `run_sweep`.
     """
     from twin.studies.sweep.engine import LocalEngine
-    from twin.studies.sweep.rows import ROWS, stored_sweep, write_parquet
+    from twin.studies.sweep.parquet import write_parquet
+    from twin.studies.sweep.rows import ROWS
     from twin.studies.sweep.show.parts import headline_text
     from twin.studies.sweep.statistics.ranking import usual_metric
+    from twin.studies.sweep.stored import stored_sweep
     from twin.studies.sweep.sweep import run_sweep, state_text
 
     try:

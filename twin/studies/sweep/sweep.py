@@ -9,12 +9,14 @@ from typing import Any
 
 from twin.kernel.process.job import JobLimits
 from twin.studies.left_behind import held_folder
+from twin.studies.sweep.columns import Columns, Row, columns_of
 from twin.studies.sweep.engine import Engine, Job, LocalEngine
 from twin.studies.sweep.interrupts import raise_if_pressed, remembered
 from twin.studies.sweep.measures import within
 from twin.studies.sweep.plan import SweepPlan, Task
-from twin.studies.sweep.rows import ROWS, Columns, Row, RowFile, claim, columns_of
+from twin.studies.sweep.rows import ROWS, RowFile
 from twin.studies.sweep.statistics.ranking import USUAL_METRICS, best, value
+from twin.studies.sweep.stored import claim
 
 RECORDINGS = "runs"
 PAUSE = 0.05

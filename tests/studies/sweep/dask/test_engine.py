@@ -16,7 +16,7 @@ from twin.studies.sweep.dask import engine as engine_module
 from twin.studies.sweep.dask.engine import ClusterLost, DaskEngine
 from twin.studies.sweep.engine import Engine, LocalEngine
 from twin.studies.sweep.plan import SweepPlan, planned
-from twin.studies.sweep.rows import stored_sweep
+from twin.studies.sweep.stored import stored_sweep
 from twin.studies.sweep.sweep import RECORDINGS, State, run_sweep
 
 pytestmark = pytest.mark.slow

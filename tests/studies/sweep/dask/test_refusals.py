@@ -22,7 +22,7 @@ from twin.studies.sweep.dask import worker as worker_module
 from twin.studies.sweep.dask.cluster import versions
 from twin.studies.sweep.dask.engine import DaskEngine
 from twin.studies.sweep.plan import SweepPlan
-from twin.studies.sweep.rows import stored_sweep
+from twin.studies.sweep.stored import stored_sweep
 from twin.studies.sweep.sweep import run_sweep
 
 pytestmark = pytest.mark.slow

@@ -11,7 +11,7 @@ from twin.kernel.errors import InputRefused
 from twin.studies.sweep.dask.worker import SweepPlugin
 from twin.studies.sweep.engine import Job
 from twin.studies.sweep.plan import SweepPlan, Task, files_digest, texts
-from twin.studies.sweep.rows import FACTS
+from twin.studies.sweep.stored import FACTS
 
 
 @pytest.fixture

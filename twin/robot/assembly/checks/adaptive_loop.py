@@ -8,8 +8,8 @@ import numpy as np
 
 from twin.kernel.settings import Triple
 from twin.robot.assembly.build import sensing
-from twin.robot.controller.adaptive import SchedulePoint, gains_at, table_of
 from twin.robot.controller.pid import low_pass_share
+from twin.robot.controller.schedule import SchedulePoint, gains_at, table_of
 from twin.robot.controller.task_controller import Computer
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import jacobian

@@ -14,6 +14,9 @@ from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.mechanism.workspace import BARS, Bars, ball_joint_angles, clearances
 from twin.robot.plant.dynamics import TrueRobot
 
+WAY_POINT_SPACING = 1e-3
+"""How densely (m) straight lines are checked for reach."""
+
 
 def obstructed(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, str] | None:
     """(which pose, why) the robot cannot be at one of `p_B` (n, 3) in m, all of which it reaches; None if it can.
@@ -64,10 +67,6 @@ def _at_a_stop(plant: TrueRobot, geometry: Geometry, places: NDArray[np.float64]
 
 def _format_position(p_B: NDArray[np.float64]) -> str:
     return "({}) mm".format(", ".join(f"{1e3 * value:.1f}" for value in p_B))
-
-
-WAY_POINT_SPACING = 1e-3
-"""How densely (m) straight lines are checked for reach."""
 
 
 def unreachable(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:

@@ -12,7 +12,7 @@ from twin.studies.sweep import SERVED
 from twin.studies.sweep.dask.cluster import difference, refusal, versions
 from twin.studies.sweep.engine import Job, run_facts
 from twin.studies.sweep.plan import Task
-from twin.studies.sweep.rows import FACTS
+from twin.studies.sweep.stored import FACTS
 
 RunFacts = tuple[int, dict[str, Any]]
 """(number of a run, facts of its `RunFinding`)."""

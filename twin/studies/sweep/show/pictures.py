@@ -27,7 +27,7 @@ from twin.studies.figure import (
     picture,
 )
 from twin.studies.result import counted
-from twin.studies.sweep.rows import Columns, Numbers, Positions, SweepRows
+from twin.studies.sweep.columns import Columns, Numbers, Positions
 from twin.studies.sweep.show.parts import Asked, axes_of, short
 from twin.studies.sweep.statistics.ranking import (
     Bands,
@@ -42,6 +42,7 @@ from twin.studies.sweep.statistics.ranking import (
     spread,
     value,
 )
+from twin.studies.sweep.stored import SweepRows
 
 CROWD = 50_000
 """Dots up to which all are drawn."""
