@@ -16,9 +16,10 @@ PYTEST := $(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
 
-run: $(VENV)/.run  ## set up, run the paper's Fig. 4 experiment, score it against the paper
+run: $(VENV)/.run  ## set up, run the paper's Fig. 4 experiment, score it against the paper, write the page to open
 	$(TWIN) run $(FIG4)
 	$(TWIN) compare --paper fig4
+	$(TWIN) report results/fig4_force_position
 
 # tests start hundreds of processes: none of them should compile what another one has compiled. Lint has time while
 # tests wait, and ends before they do

@@ -222,7 +222,7 @@ def test_the_version_is_that_of_the_package(tmp_path: Path):
         (["run", "x.toml", "--bodi"], "twin run: no such option '--bodi'; did you mean one of '--body', '--drive'?"),
         (["run", "x.toml", "--drive"], "twin run: option '--drive' requires an argument; see twin run --help"),
         (["run", "x.toml", "--port", "70000"], "twin run: invalid value for '--port': 70000 is not in the range"),
-        (["run", "x.toml", "--limit-wall", "nan"], "twin run: invalid value for '--limit-wall': nan is not in the"),
+        (["run", "x.toml", "--limit-wall", "nan"], "twin run: invalid value for '--limit-wall': 'nan' is not a valid"),
         (["sweep", "show", "a", "b"], "twin sweep show: got unexpected extra argument (b); see twin sweep show --help"),
     ],
 )
@@ -267,7 +267,9 @@ def test_isolation_as_it_was_once_asked_for_and_real_time_without_a_factor_work(
 def offered(line: str, cwd: Path) -> list[str]:
     words = line.split(" ")
     asked = {"_TWIN_COMPLETE": "bash_complete", "COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
-    return [line.partition(",")[2] for line in twin_process(cwd=cwd, env=os.environ | asked).stdout.splitlines()]
+    return [
+        line.partition(",")[2] for line in twin_process(cwd=cwd, env=os.environ | asked).stdout.splitlines() if line
+    ]
 
 
 @pytest.mark.parametrize(

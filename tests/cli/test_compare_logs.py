@@ -28,7 +28,7 @@ def digits(force_position: Recording, tmp_path: Path) -> Path:
 
 
 DEFAULTS = {name: default for name, (_, default) in SHARED.items()}
-DEFAULTS |= {name: one.default for name, one in inspect.signature(study.compare).parameters.items()}
+DEFAULTS |= {name: one.default for name, one in inspect.signature(study.compare).parameters.items() if name != "say"}
 
 
 def compare(runs: list[Path], **options: Any) -> None:

@@ -1,4 +1,6 @@
+import hashlib
 from dataclasses import asdict
+from pathlib import Path
 
 import pytest
 
@@ -105,6 +107,18 @@ def test_a_part_of_another_make_is_named_and_twins_own_has_not_run():
 
 def test_drives_that_are_the_same_are_told_once():
     assert run_text(RUN).count("a.fmu") == 1
+
+
+def test_the_hash_of_a_drive_is_printed_unless_it_is_twins_own_unchanged(root: Path):
+    digest = hashlib.sha256((root / "fmus/velocity_servo/velocity_servo.fmu").read_bytes()).hexdigest()[:12]
+    own, changed = (f"velocity_servo.fmu  FMI 2.0  sha256 {one}" for one in (digest, "0123456789ab"))
+    assert "  drive      velocity_servo.fmu  FMI 2.0\n" in run_text(RUN | {"drives": [own]})
+    assert f"  drive      {changed}\n" in run_text(RUN | {"drives": [changed]})
+
+
+def test_a_lateral_error_of_nothing_is_not_printed():
+    text = run_text(RUN | {"outcome": OUTCOME | {"lateral_error": 4e-6}})
+    assert "  position   1.02 mm in z from the reference, rms\n" in text
 
 
 def test_a_run_that_never_touched_says_so():

@@ -14,7 +14,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from tests.command_line import twin_process
-from twin.studies.analyse.text import SHADES
+from twin.studies.analyse.pictures import SHADES
 from twin.studies.figure import COLUMNS, LESS_IS_BETTER, LETTERS, for_paper, picture
 
 

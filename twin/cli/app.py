@@ -107,14 +107,14 @@ class _IntegerRange(click.IntRange):
 
 
 class _NumberRange(click.FloatRange):
-    """A range that NaN is outside of."""
+    """A range of numbers; click's own lets NaN pass."""
 
     name = "number"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         number = super().convert(value, param, ctx)
         if number != number:
-            self.fail(f"{number} is not in the range {self._describe_range()}.", param, ctx)
+            self.fail(f"{value!r} is not a valid number.", param, ctx)
         return number
 
 

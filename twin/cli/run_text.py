@@ -1,8 +1,10 @@
 """What `twin run` prints of a finished run: measures, outcome, events, parts, files; and the same for programs."""
 
+import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from twin.kernel.places import HOME
 from twin.robot.run.measures import (
     LARGE_OVERSHOOT,
     NEXT,
@@ -107,8 +109,9 @@ def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> I
         yield _row("force", "none: it never touched")
     if outcome["lateral_error"] is None:
         return
-    lateral, z = 1e3 * outcome["lateral_error"], 1e3 * outcome["z_error"]
-    yield _row("position", f"{lateral:.2f} mm lateral and {z:.2f} mm in z from the reference, rms")
+    lateral, z = f"{1e3 * outcome['lateral_error']:.2f}", 1e3 * outcome["z_error"]
+    beside = "" if lateral == "0.00" else f"{lateral} mm lateral and "
+    yield _row("position", f"{beside}{z:.2f} mm in z from the reference, rms")
 
 
 def _held(one: Mapping[str, Any], several: bool) -> str:
@@ -142,9 +145,16 @@ def _robot(run: Mapping[str, Any]) -> Iterator[str]:
 def _drives(run: Mapping[str, Any]) -> Iterator[str]:
     for drive in dict.fromkeys(run["drives"]):
         head, *rest = drive.splitlines()
-        yield _row("drive", head)
+        about, _, digest = head.partition("  sha256 ")
+        yield _row("drive", about if digest and _comes_with_twin(about.split()[0], digest) else head)
         for line in rest:
             yield from wrapped(line.strip(), " " * 13, 15)
+
+
+def _comes_with_twin(name: str, digest: str) -> bool:
+    """Whether the FMU `name` is one of twin's own, unchanged; `digest` is the beginning of its SHA-256."""
+    files = [file for file in (HOME / "fmus").glob("*/*.fmu") if file.name == name]
+    return any(hashlib.sha256(file.read_bytes()).hexdigest().startswith(digest) for file in files)
 
 
 def _row(name: str, text: object) -> str:

@@ -60,7 +60,8 @@ def satellite() -> Mapping[str, float]:
 def pressing() -> Any:
     """Fig. 4's loops where it presses."""
     from twin.robot.assembly.load import load_experiment
-    from twin.studies.analyse.operating_point import Linearised, operating_points
+    from twin.studies.analyse.linearised import Linearised
+    from twin.studies.analyse.operating_point import operating_points
     from validation.masters.robot import ROOT
 
     experiment = load_experiment(ROOT / "experiments" / "fig4_force_position.toml")

@@ -75,7 +75,9 @@ def test_a_call_that_waits_for_ever_is_ended_too():
 def test_a_simulation_that_would_take_too_long_is_ended_as_soon_as_that_is_known(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(guard, "PATIENCE", 0.5)
     began = time.monotonic()
-    with pytest.raises(JobEnded, match=r"\(crawler\) was at work when .* take about \d\d hours .* Add --yes") as ended:
+    with pytest.raises(
+        JobEnded, match=r"\(crawler\) was at work when .* take about \d\d hours .* --yes runs it anyway"
+    ) as ended:
         guarded(f"{JOBS}:crawl", {"ticks": 20_000_000}, JobLimits(expected=3600.0))
     # 20 s of more than a day
     assert time.monotonic() - began < 20.0 and ended.value.exit_code == 3

@@ -18,7 +18,8 @@ from twin.report.explore.worker import answered
 from twin.robot.run.measures import TABLE
 from twin.robot.run.run import execute
 from twin.robot.run.trace import run_in_memory
-from twin.studies.analyse.operating_point import Linearised, operating_points
+from twin.studies.analyse.linearised import Linearised
+from twin.studies.analyse.operating_point import operating_points
 from twin.studies.analyse.stability import judged_point
 from twin.studies.faults.matrix import onsets_of
 from twin.studies.faults.trials import healthy_run

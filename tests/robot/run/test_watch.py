@@ -222,8 +222,8 @@ def test_a_run_that_fills_the_disk_is_asked_about_before_it_begins(fig4: Path, t
     done = twin("run", fig4, "--set", "duration_s=1e7", "--isolate", "none", cwd=tmp_path)
     assert done.returncode == 2 and not any(tmp_path.iterdir())
     assert done.stderr == (
-        "fig4_force_position: 1e+10 ticks take about 2.3 days and 3,500 GB; "
-        "shorten duration_s, or add --yes if that is intended\n"
+        "fig4_force_position: would take about 2.3 days and 3,500 GB; "
+        "--yes runs it anyway, --set duration_s=... shortens it\n"
     )
 
 

@@ -7,8 +7,10 @@ from pathlib import Path
 
 from tests.studies.analyse.simulated import fig4
 from twin.robot.experiment.experiment import Experiment
-from twin.studies.analyse.operating_point import Linearised, operating_points
-from twin.studies.analyse.stability import LimitCheck, Stability, judged_point, lasting_nudges, limit_checks, narrowed
+from twin.studies.analyse.limit_check import LimitCheck, lasting_nudges, narrowed
+from twin.studies.analyse.linearised import Linearised
+from twin.studies.analyse.operating_point import operating_points
+from twin.studies.analyse.stability import Stability, judged_point, limit_checks
 from twin.studies.qualify.shelf import shelved_drives
 
 HEAD = ("drive", "off (%)", "kp in air (1/s)", "verdict", "kp pressing (1/s)", "verdict", "force kp (mm/N)", "verdict")

@@ -15,7 +15,8 @@ from tests.studies.analyse.simulated import (
 )
 from twin.studies.analyse.linear.loops import closed_loops
 from twin.studies.analyse.linear.margins import gain_limit
-from twin.studies.analyse.operating_point import Linearised, LinearPoint, operating_points
+from twin.studies.analyse.linearised import Linearised, LinearPoint
+from twin.studies.analyse.operating_point import operating_points
 from twin.studies.analyse.stability import FORCE, POSITION
 
 CLOSE = 0.02

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from tests.laws.runs import shipped
 from tests.studies.analyse.gain_limits import row, tried
 from tests.studies.analyse.simulated import fig4
-from twin.studies.analyse import stability as limit_check
+from twin.studies.analyse import limit_check
+from twin.studies.analyse.limit_check import CLOSE, FARTHEST, HOLDS, borders, bracket, lasting_nudges
 from twin.studies.analyse.linear.margins import LARGEST_GAIN
-from twin.studies.analyse.stability import CLOSE, FARTHEST, HOLDS, borders, bracket, lasting_nudges
 from twin.studies.analyse.text import analysis_result
 from twin.studies.qualify.shelf import shelved_drives
 

@@ -9,15 +9,14 @@ from twin.kernel.errors import InputRefused
 from twin.robot.assembly.drives import planned
 from twin.robot.experiment.drive_files import lone_drive
 from twin.robot.plant.dynamics import derivative
+from twin.studies.analyse.drive_response import identified, sum_of_sines
 from twin.studies.analyse.nudge import Aftermath, aftermaths, swing
 from twin.studies.analyse.operating_point import (
     CLEARANCE,
-    identified,
     on_stiffness,
     operating_points,
     pressing_height,
     resting_point,
-    sum_of_sines,
     surface_height,
 )
 

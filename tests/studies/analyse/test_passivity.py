@@ -25,9 +25,11 @@ from twin.studies.analyse.linear.hand import (
     robot_with,
 )
 from twin.studies.analyse.linear.loops import LOOPS, linear_law
+from twin.studies.analyse.linearised import Linearised
 from twin.studies.analyse.nudge import NUDGED, held
-from twin.studies.analyse.operating_point import Linearised, OperatingPoint, resting_point, undisturbed
-from twin.studies.analyse.passivity import RENDERED, WIDTH_FREQUENCIES, Passivity, largest_passive, passivity
+from twin.studies.analyse.operating_point import OperatingPoint, resting_point, undisturbed
+from twin.studies.analyse.passivity import Passivity, passivity
+from twin.studies.analyse.rendering import RENDERED, WIDTH_FREQUENCIES, largest_passive
 from twin.studies.analyse.text import passivity_result
 from twin.studies.command import silent
 

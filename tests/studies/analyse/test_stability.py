@@ -6,7 +6,8 @@ import pytest
 
 from tests.laws.runs import shipped
 from twin.kernel.errors import InputRefused
-from twin.studies.analyse.operating_point import Linearised, operating_points
+from twin.studies.analyse.linearised import Linearised
+from twin.studies.analyse.operating_point import operating_points
 from twin.studies.analyse.stability import FACTORS, STIFFNESSES, Stability, judged_point, stability
 from twin.studies.analyse.text import analysis_result
 

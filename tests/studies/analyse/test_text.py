@@ -7,7 +7,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from twin.studies.analyse.linear.margins import Margins
-from twin.studies.analyse.text import _mark_margins, decibels, margins_text
+from twin.studies.analyse.pictures import _mark_margins
+from twin.studies.analyse.text import decibels, margins_text
 
 OMEGA = np.geomspace(0.01, 100.0, 2000)
 L = 1.0 / (1j * OMEGA * (1.0 + 1j * OMEGA) ** 2)

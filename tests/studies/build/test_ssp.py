@@ -24,8 +24,8 @@ from twin.kernel.systems.choice import MasterChoice
 from twin.robot.assembly.build import planned_drives
 from twin.robot.assembly.load import load_experiment
 from twin.robot.run.trace import run_in_memory
-from twin.studies.build import linking, structure
-from twin.studies.build.structure import travelling_drives
+from twin.studies.build import joint_drive, linking
+from twin.studies.build.joint_drive import travelling_drives
 from twin.studies.build.system import build_ssp
 from twin.studies.systems.recorded import recorded_system
 
@@ -275,7 +275,7 @@ def test_files_and_arrays_do_not_travel(value: Any, size: int, told: str) -> Non
     (plan, *_) = planned_drives(load_experiment(FIG4))
     ((variable, _),) = plan.settings[""]
     with pytest.raises(InputRefused, match=told):
-        structure._refuse_bound(replace(plan, settings={"": [(replace(variable, size=size), value)]}), 0.001)
+        joint_drive._refuse_bound(replace(plan, settings={"": [(replace(variable, size=size), value)]}), 0.001)
 
 
 def test_without_a_compiler_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

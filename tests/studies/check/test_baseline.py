@@ -11,7 +11,6 @@ from tests.studies.check.traces import EXPERIMENT, t
 from twin.kernel.errors import InputRefused
 from twin.studies.check.baseline import (
     Baseline,
-    CheckVerdict,
     HistoryEntry,
     baseline_file,
     baseline_of,
@@ -19,10 +18,10 @@ from twin.studies.check.baseline import (
     fingerprint,
     known_baseline,
     read_baseline,
-    verdict,
     write_baseline,
 )
 from twin.studies.check.measurement import Measured, Metric, SampledCurve, Sense
+from twin.studies.check.verdict import CheckVerdict, verdict
 
 FIRST = HistoryEntry(date="2026-01-01", reason='first, "as it is"')
 NOW = Measured(

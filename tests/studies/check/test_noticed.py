@@ -5,8 +5,9 @@ import pytest
 from tests.conftest import ROOT
 from tests.laws.runs import EXPERIMENTS
 from twin.robot.assembly.load import load_experiment
-from twin.studies.check.baseline import CheckRow, read_baseline, verdict
+from twin.studies.check.baseline import read_baseline
 from twin.studies.check.measurement import measured, run_for_measures
+from twin.studies.check.verdict import CheckRow, verdict
 
 
 def broken(name: str, drive: str, override: str) -> dict[str, CheckRow]:

@@ -7,7 +7,8 @@ import pytest
 from PIL import Image
 
 from twin.kernel.errors import InputRefused
-from twin.studies.check.baseline import MOST, CheckVerdict, Outside, check_pictures
+from twin.studies.check.text import MOST, check_pictures
+from twin.studies.check.verdict import CheckVerdict, Outside
 
 t = np.linspace(0.5, 4.0, 40)
 NOW = np.where(t > 3.0, np.nan, -1.05 * t)

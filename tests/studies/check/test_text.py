@@ -1,6 +1,7 @@
 import pytest
 
-from twin.studies.check.baseline import MOST, CheckRow, CheckVerdict, check_result
+from twin.studies.check.text import MOST, check_result
+from twin.studies.check.verdict import CheckRow, CheckVerdict
 
 OK = CheckRow("z.rise_time", "s", 1.4, 1.41, 0.028, None, "ok")
 WORSE = CheckRow("motors.commanded_travel", "rad", 0.4, 0.5, 0.008, None, "worse")

@@ -11,7 +11,9 @@ from tests.command_line import twin
 from twin.kernel.recording.logs.log import Log, LogSeries
 from twin.kernel.recording.reader import Recording
 from twin.kernel.serialise import to_dict
-from twin.studies.compare.comparison import Comparison, compared, coverage, differences_lines, experiments_differ
+from twin.studies.compare.comparison import Comparison, compared, experiments_differ
+from twin.studies.compare.signal_row import coverage
+from twin.studies.compare.text import differences_lines
 from twin.studies.compare.tolerance import ComparisonRefused, alignment, rules
 
 from .logs import log_of

@@ -5,14 +5,9 @@ import pytest
 from PIL import Image
 
 from tests.studies.compare.logs import log_of
-from twin.studies.compare.comparison import (
-    MOST_OUTSIDE,
-    Comparison,
-    compared,
-    comparison_result,
-    distinct,
-    draw_comparison,
-)
+from twin.studies.compare.comparison import Comparison, compared
+from twin.studies.compare.picture import distinct, draw_comparison
+from twin.studies.compare.text import MOST_OUTSIDE, comparison_result
 
 T = np.linspace(0.0, 10.0, 1001)
 

@@ -16,21 +16,13 @@ from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment, exactly_measured, shortened
 from twin.robot.run.trace import run_in_memory
-from twin.studies.converge.convergence import (
-    FINEST,
-    Coupling,
-    OrderFinding,
-    Smooth,
-    chosen,
-    comparable,
-    largest_errors,
-    observed_order,
-    power_residuals,
-    reference_of,
-    sampled_run,
-    smoothed,
-)
+from twin.studies.converge.coupling import FINEST, Coupling
 from twin.studies.converge.monolith import applies, monolithic_rows, servos, within_limits
+from twin.studies.converge.order import OrderFinding, observed_order
+from twin.studies.converge.power import power_residuals
+from twin.studies.converge.reference import reference_of
+from twin.studies.converge.signals import chosen, largest_errors, sampled_run
+from twin.studies.converge.smooth import Smooth, comparable, smoothed
 
 DURATION = 2.0
 

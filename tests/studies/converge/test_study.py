@@ -9,15 +9,10 @@ import pytest
 from tests.laws.runs import FORCE, shipped
 from twin.kernel.serialise import to_dict
 from twin.robot.assembly.load import load_experiment
-from twin.studies.converge.convergence import (
-    COUPLINGS,
-    CouplingSeries,
-    CouplingStudy,
-    TickPoint,
-    convergence,
-    recommended,
-)
-from twin.studies.converge.text import convergence_result, draw_convergence
+from twin.studies.converge.convergence import CouplingSeries, CouplingStudy, TickPoint, convergence, recommended
+from twin.studies.converge.coupling import COUPLINGS
+from twin.studies.converge.picture import draw_convergence
+from twin.studies.converge.text import convergence_result
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from tests.studies.tune.corners import fig4_corners
 from twin.kernel.errors import InputRefused
 from twin.studies.analyse.linear.loops import closed_loops, closed_poles
 from twin.studies.analyse.linear.margins import margins
-from twin.studies.analyse.operating_point import Linearised
+from twin.studies.analyse.linearised import Linearised
 from twin.studies.tune.prediction import (
     Goals,
     LawGains,

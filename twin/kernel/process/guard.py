@@ -145,7 +145,7 @@ class Watchdog:
         if (seconds := self._expected()) > limits.expected:
             raise self._failure(
                 f"was at work when the whole run was seen to take about {duration_text(seconds)}",
-                "Add --yes if that is intended, else simulate less; `twin drive check` measures the cost of a step.",
+                "--yes runs it anyway, --set duration_s=... shortens it; `twin drive check` measures the cost.",
             )
         for name, pid in self.account.helpers.items():
             if resident_memory(pid) > limits.memory:

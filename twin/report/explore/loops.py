@@ -11,7 +11,8 @@ from twin.robot.assembly.roles import refuse_other_parts
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.analyse.linear.loops import spectral_radius
 from twin.studies.analyse.linear.margins import frequencies, loop_response, margins
-from twin.studies.analyse.operating_point import Linearised, operating_points
+from twin.studies.analyse.linearised import Linearised
+from twin.studies.analyse.operating_point import operating_points
 from twin.studies.analyse.text import decibels, loop_name, point_name
 
 DRAWN = 400

@@ -37,8 +37,7 @@ def refuse_endless(experiments: Sequence[Experiment], factor: float | None = Non
         seconds = max(seconds, sum(one.duration_ticks * one.cosim.tick for one in experiments) / factor)
     if seconds <= LONG and size <= LARGE:
         return
-    ticks = sum(experiment.duration_ticks for experiment in experiments)
     raise InputRefused(
-        f"{', '.join(experiment.name for experiment in experiments)}: {ticks:.3g} ticks take about "
-        f"{duration_text(seconds)} and {size / 1e9:,.0f} GB; shorten duration_s, or add --yes if that is intended"
+        f"{', '.join(experiment.name for experiment in experiments)}: would take about "
+        f"{duration_text(seconds)} and {size / 1e9:,.0f} GB; --yes runs it anyway, --set duration_s=... shortens it"
     )

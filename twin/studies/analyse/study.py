@@ -54,8 +54,9 @@ def analyse(
 
 def _stability(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Result:
     from twin.kernel.writing import write_json
+    from twin.studies.analyse.pictures import draw_analysis, draw_disks, draw_stability_maps
     from twin.studies.analyse.stability import stability
-    from twin.studies.analyse.text import analysis_result, draw_analysis, draw_disks, draw_stability_maps
+    from twin.studies.analyse.text import analysis_result
 
     done = stability(experiment, tried, say)
     draw_analysis(done, folder / PICTURE)
@@ -74,7 +75,8 @@ def _stability(experiment: "Experiment", tried: bool, folder: Path, say: Say) ->
 def _passivity(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Result:
     from twin.kernel.writing import write_json
     from twin.studies.analyse.passivity import passivity
-    from twin.studies.analyse.text import draw_passivity, passivity_result
+    from twin.studies.analyse.pictures import draw_passivity
+    from twin.studies.analyse.text import passivity_result
 
     done = passivity(experiment, tried, say)
     draw_passivity(done, folder / PASSIVITY_PICTURE)

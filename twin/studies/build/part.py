@@ -32,7 +32,7 @@ from twin.robot.faults import FaultComponent
 from twin.robot.mechanism.geometry import Model
 from twin.robot.plant.component import inputs as plant_inputs
 from twin.robot.plant.equations import REST_OUTPUTS, outputs_at_start, rest
-from twin.studies.build.structure import refuse_broken, refuse_changed, refuse_others
+from twin.studies.build.refusals import refuse_broken, refuse_changed, refuse_others
 
 DRIVE = "drive"
 COMMANDS = (Port("omega_ref", JOINTS, "rad/s"), Port("tau_load", JOINTS, "N m"))

@@ -22,21 +22,12 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.run.run import named_files
 from twin.studies.build.fmu import HOME, about, packed, readme
+from twin.studies.build.joint_drive import Element, JointDrive, travelling_drives
 from twin.studies.build.layout import ExportedVariable, Kind, laid_out
 from twin.studies.build.linking import Platform, names_of, platforms_named, refuse_platform, summary
+from twin.studies.build.parameter_values import ConnectorUnit, defined, foreign_connectors, foreign_values, origin
 from twin.studies.build.part import RobotPart, fixed, parameters, part_of
-from twin.studies.build.structure import (
-    ConnectorUnit,
-    Element,
-    JointDrive,
-    Member,
-    defined,
-    foreign_connectors,
-    foreign_values,
-    origin,
-    structure,
-    travelling_drives,
-)
+from twin.studies.build.structure import Member, structure
 from twin.studies.command import Answer
 
 KINDS: dict[Kind, ssp.ConnectorKind] = {

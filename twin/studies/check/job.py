@@ -20,8 +20,8 @@ from twin.robot.experiment.drive_files import shelved
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.experiment_files import experiment_file
 from twin.studies.check import baseline as stored
-from twin.studies.check.baseline import verdict
 from twin.studies.check.measurement import Measured, measured, run_for_measures
+from twin.studies.check.verdict import CheckRow, CheckVerdict, verdict
 from twin.studies.command import Say
 
 
@@ -31,7 +31,7 @@ class Deviation:
 
     experiment: str
     drive: str
-    row: stored.CheckRow
+    row: CheckRow
 
     def __str__(self) -> str:
         row, at = self.row, "" if self.row.at is None else f" at {self.row.at:g} s"
@@ -124,7 +124,7 @@ class CheckOutcome:
     """
 
     pair: Pair
-    verdict: stored.CheckVerdict | None
+    verdict: CheckVerdict | None
     text: str = ""
     failure: str = ""
     exit_code: int = 0
@@ -174,7 +174,7 @@ def _file_of(name: str) -> Path:
 
 
 def checked(reporter: Any, work: Sequence[Pair], date: str, reason: str) -> None:
-    """Check each pair of `work`; a job of the guard. Notes: a `CheckOutcome`, taken apart, per pair, in their order."""
+    """Check each pair of `work`; a job of the guard. Notes: a `CheckOutcome` as a dictionary for each."""
     for pair in work:
         reporter.loading()
         try:

@@ -60,8 +60,9 @@ def check(
 
     Example: twin check experiments/step_z_air.toml --drive velocity_servo
     """
-    from twin.studies.check.baseline import baseline_file, check_pictures, check_result, write_baseline
+    from twin.studies.check.baseline import baseline_file, write_baseline
     from twin.studies.check.job import outcomes, pairs
+    from twin.studies.check.text import check_pictures, check_result
 
     if update != bool(reason.strip()):
         raise InputRefused('twin check: --update and --reason "why the numbers may move" go together; give both')

@@ -78,7 +78,9 @@ def compare(
         raise InputRefused(
             f"twin compare: got {len(runs)} path{'s' * (len(runs) != 1)}, expected A and B, or --paper FIGURE"
         )
-    from twin.studies.compare.comparison import both, compared, comparison_result, draw_comparison, experiments_differ
+    from twin.studies.compare.comparison import both, compared, experiments_differ
+    from twin.studies.compare.picture import draw_comparison
+    from twin.studies.compare.text import comparison_result
     from twin.studies.compare.tolerance import alignment, rules
 
     logs = both(runs[0], runs[1], maps, (from_s, to_s))

@@ -35,7 +35,8 @@ def converge(
     from twin.kernel.writing import made_folder, write_json
     from twin.robot.assembly.load import load_experiment
     from twin.studies.converge.convergence import convergence
-    from twin.studies.converge.text import convergence_result, draw_convergence
+    from twin.studies.converge.picture import draw_convergence
+    from twin.studies.converge.text import convergence_result
 
     loaded = load_experiment(experiment, settings, drive)
     folder = made_folder(out or HOME / loaded.name)

@@ -24,7 +24,8 @@ from twin.kernel.errors import InputRefused
 from twin.robot.experiment.experiment import Experiment
 from twin.studies.analyse.linear.loops import ESTIMATED, LOOPS, TRUE, Matrix
 from twin.studies.analyse.linear.margins import LOWEST, Complex, response
-from twin.studies.analyse.operating_point import Linearised, OperatingPoint, on_stiffness, operating_points, undisturbed
+from twin.studies.analyse.linearised import Linearised
+from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness, operating_points, undisturbed
 from twin.studies.metrics.response import overshoot, settling_time
 
 

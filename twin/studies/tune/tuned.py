@@ -30,7 +30,7 @@ from twin.robot.experiment.schema import WayPoints
 from twin.robot.run.measures import with_units
 from twin.robot.run.past import forked
 from twin.studies.analyse.linear.loops import Matrix
-from twin.studies.analyse.operating_point import Linearised
+from twin.studies.analyse.linearised import Linearised
 from twin.studies.command import Say, silent
 from twin.studies.tune.prediction import (
     HALF_POWER,

@@ -22,7 +22,8 @@ from twin.studies.analyse.linear.margins import (
     smallest_disk,
     worst_sensitivity,
 )
-from twin.studies.analyse.operating_point import Linearised, LinearPoint, operating_points
+from twin.studies.analyse.linearised import Linearised, LinearPoint
+from twin.studies.analyse.operating_point import operating_points
 
 PERIOD = 2e-3
 CLOSED = dict.fromkeys(LOOPS, 1.0)

@@ -1,0 +1,125 @@
+"""The small-signal frequency response of a drive, measured through its FMU.
+
+Where FMI offers partial derivatives (fmi2GetDirectionalDerivative, fmi3GetDirectionalDerivative) a co-simulation FMU
+gives those of its outputs at one instant, not of the step that the master makes with it: solver, sampled loops and
+delays inside are left out, and its states cannot be listed. None of the drives of fmus/ offers them. So the step itself
+is measured, which every FMU has.
+
+On the steady command comes a periodic sum of sines with random phases, once on the command and once on the load, for
+several draws of the phases: of a drive that is not quite linear their mean is the best linear approximation (Pintelon
+and Schoukens 2012, System Identification, Ch. 3). It is taken at rest and with small sines, as the operating point
+asks: friction that is smooth about zero speed brakes there much more than while the shaft turns. A drive whose small
+signals drown in the steps of its registers, or in friction that sticks, is measured while it turns instead.
+"""
+
+from contextlib import suppress
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.cosim.simulation import Simulation
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.drives import DrivePlan
+from twin.studies.analyse.linear.loops import DriveModel, fitted_drive
+from twin.studies.metrics.response import Curve
+from twin.studies.qualify.bench import on_bench, refuse_impossible
+from twin.studies.qualify.definitions import LOAD_IN_USE, SPEED_IN_USE
+
+PERIOD = 1.0
+"""Of the sum of sines (s)."""
+LINES = 32
+"""Sines, evenly spaced over the logarithm of the frequency as far as whole periods allow."""
+HIGHEST = 0.2
+"""Highest frequency over the rate of ticks."""
+DRAWS = 4
+SEED = 1
+PROPORTIONAL = 0.05
+"""Residual up to which a drive answers small signals in proportion."""
+
+
+class Excitation(NamedTuple):
+    """What a drive is measured with: steady command, largest added command (rad/s), largest added load (N m)."""
+
+    steady: float
+    command: float
+    load: float
+
+
+AT_REST = Excitation(0.0, 0.02 * SPEED_IN_USE, 0.02 * LOAD_IN_USE)
+TURNING = Excitation(3.0 * SPEED_IN_USE, SPEED_IN_USE, LOAD_IN_USE)
+"""Fast enough that, with the sines and under load, friction does not change sign."""
+Inputs = tuple[float, float]
+"""Command (rad/s) and load (N m)."""
+
+
+def identified(plan: DrivePlan, tick: float, tau_load: float) -> DriveModel:
+    """The linear model of a drive around a steady load `tau_load` (N m).
+
+    The same drive gives the same model: the draws of the phases are always the same.
+    """
+    measured = frequency_response(plan, tick, tau_load, AT_REST)
+    # whatever it refuses, the measurement of the turning shaft may still be shown
+    with suppress(InputRefused):
+        at_rest = fitted_drive(*measured, tick, plan.label)
+        if at_rest.residual <= PROPORTIONAL:
+            return at_rest
+    turning = fitted_drive(*frequency_response(plan, tick, tau_load, TURNING), tick, plan.label)
+    return replace(turning, turning=True)
+
+
+def frequency_response(
+    plan: DrivePlan, tick: float, tau_load: float, excitation: Excitation
+) -> tuple[Curve, NDArray[np.complex128], Curve]:
+    """(frequencies (n,) in Hz from 0, advance of the shaft per tick over command and load (n, 2), its uncertainty), SI.
+
+    The uncertainty (n, 2) is the standard deviation of the mean over the draws.
+    """
+    samples = round(PERIOD / tick)
+    lines = np.unique(np.round(np.geomspace(1.0, HIGHEST * samples, LINES)).astype(int))
+    steady = (excitation.steady, tau_load)
+    drawn = np.zeros((DRAWS, 1 + len(lines), 2), dtype=complex)
+    for channel, step in enumerate((excitation.command, excitation.load)):
+        drawn[:, 0, channel] = _steady_gain(plan, tick, samples, steady, channel, step)
+        random = np.random.default_rng(SEED)
+        for draw in range(DRAWS):
+            wave = step * sum_of_sines(samples, lines, random.uniform(0.0, 2.0 * np.pi, len(lines)))
+            advance = _advance(plan, tick, _played(steady, channel, np.tile(wave, 2)))[samples:]
+            drawn[draw, 1:, channel] = np.fft.rfft(advance)[lines] / np.fft.rfft(wave)[lines]
+    frequencies = np.concatenate([[0.0], lines / (samples * tick)])
+    return frequencies, drawn.mean(axis=0), drawn.std(axis=0, ddof=1) / np.sqrt(DRAWS)
+
+
+def sum_of_sines(samples: int, lines: NDArray[np.int64], phases: Curve) -> Curve:
+    """One period (samples,) of sines that fit into it `lines` (n,) times, with `phases` (n,); the largest value is 1.
+
+    Amplitudes fall with the square root of the frequency, so that high frequencies do not drive a drive to its limits.
+    """
+    spectrum = np.zeros(samples // 2 + 1, dtype=complex)
+    spectrum[lines] = np.exp(1j * phases) / np.sqrt(lines)
+    wave = np.fft.irfft(spectrum, samples)
+    return wave / np.max(np.abs(wave))
+
+
+def _steady_gain(plan: DrivePlan, tick: float, samples: int, steady: Inputs, channel: int, step: float) -> float:
+    """Mean advance over the second period with the input `channel` higher by `step`, less that with it lower."""
+    means = [
+        np.mean(_advance(plan, tick, _played(steady, channel, np.full(2 * samples, sign * step)))[samples:])
+        for sign in (1.0, -1.0)
+    ]
+    return float(means[0] - means[1]) / (2.0 * step)
+
+
+def _played(steady: Inputs, channel: int, added: Curve) -> Curve:
+    inputs = np.tile(steady, (len(added), 1))
+    inputs[:, channel] += added
+    return inputs
+
+
+def _advance(plan: DrivePlan, tick: float, inputs: Curve) -> Curve:
+    """Advance of the shaft in each tick (n,) rad for `inputs` (n, 2) of a fresh instance; of three axes the first."""
+    with on_bench(plan, tick, inputs) as system:
+        rows = Simulation(system, len(inputs), len(inputs) + 1).run()
+        refuse_impossible(plan, system, rows)
+        return np.diff(rows[:, system.columns("drive.theta_m").start])

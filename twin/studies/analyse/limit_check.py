@@ -1,0 +1,148 @@
+"""Gain limits against the co-simulation: the linear model's are tried just below and just above, any drive's.
+
+Where they do not hold the limit is looked for in the co-simulation itself. Two sizes of nudges are tried, because what
+is not linear in a drive shows in that they differ: friction brakes small swings more than large ones, registers swallow
+them or keep them alive.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+from twin.robot.experiment.experiment import Experiment
+from twin.studies.analyse.linear.loops import DriveModel
+from twin.studies.analyse.linear.margins import LARGEST_GAIN
+from twin.studies.analyse.nudge import aftermaths
+from twin.studies.analyse.operating_point import OperatingPoint
+
+HOLDS = 0.15
+"""What a predicted gain limit may be off the simulated one, as a share of that."""
+CLOSE = 1.05
+"""Ratio of gains between which the simulated limit is left."""
+STRIDE = 1.5
+"""Ratio of one gain to the next while the limit is looked for."""
+FARTHEST = 10.0
+"""How far from its prediction, as a factor, a limit is looked for."""
+SMALL, LARGE, LARGE_PRESSING = 1e-4, 1e-3, 3e-4
+"""Nudges (m): about what the encoders resolve of the platform; a push in air; one that no contact is lost by."""
+Lasting = tuple[float, ...]
+"""Nudges (m) that last."""
+
+
+@dataclass(frozen=True)
+class LimitCheck:
+    """The gain limit of a law at an operating point, predicted and tried.
+
+    Attributes:
+        predicted: factor on all gains of the law, see `twin.studies.analyse.linear.margins.gain_limit`.
+        low, high: factors between which a nudge begins to last in the co-simulation, each None if it was not reached.
+        holds: whether the prediction is confirmed within `HOLDS`.
+        reason: why not, as far as it was measured; "" if it holds.
+    """
+
+    law: str
+    point: OperatingPoint
+    predicted: float | None
+    low: float | None
+    high: float | None
+    holds: bool
+    reason: str = ""
+
+    @property
+    def simulated(self) -> float | None:
+        """Factor from which a nudge lasts, found by bisection; None if the prediction holds, or it was not found."""
+        if self.holds or self.high is None or self.low is None:
+            return None
+        return float((self.low * self.high) ** 0.5)
+
+    @property
+    def shakes(self) -> bool:
+        """Whether a nudge lasts with the gains as they are set."""
+        return self.high is not None and self.high <= 1.0
+
+    @property
+    def between(self) -> tuple[float | None, float | None]:
+        """`low` and `high`."""
+        return self.low, self.high
+
+    JSON_KEYS = "law p_B=point.p_B F_z=point.F_z predicted holds simulated simulated_between=between reason"
+
+
+def checked_limit(
+    experiment: Experiment, point: OperatingPoint, law: str, predicted: float | None, drives: Sequence[DriveModel]
+) -> LimitCheck:
+    """The `predicted` limit of `law` at `point`, tried in the co-simulation, which decides."""
+
+    @cache
+    def lasting(factor: float) -> Lasting:
+        return lasting_nudges(experiment, point, law, factor)
+
+    expected = LARGEST_GAIN if predicted is None else max(predicted, 1.0 / LARGEST_GAIN)
+    low, high = bracket(lambda factor: bool(lasting(factor)), expected, ends=predicted is not None)
+    holds = (low, high) == borders(expected) or (predicted is None and high is None)
+    return LimitCheck(law, point, predicted, low, high, holds, "" if holds else _reason(drives, lasting, high))
+
+
+def borders(expected: float) -> tuple[float, float]:
+    """Between which the simulated limit has to be for `expected` to hold."""
+    return expected / (1.0 + HOLDS), expected / (1.0 - HOLDS)
+
+
+def bracket(lasts: Callable[[float], bool], expected: float, ends: bool = True) -> tuple[float | None, float | None]:
+    """(highest factor tried at which no nudge lasts, next one at which one does), None for an end that is too far off.
+
+    These are `borders` if the limit is between them, else at most `CLOSE` apart.
+
+    Args:
+        ends: whether `expected` is a limit, not just a value up to which there is none.
+    """
+    low, high = borders(expected)
+    if lasts(low):
+        high, least = low, low / FARTHEST
+        low /= STRIDE
+        while lasts(low):
+            high, low = low, low / STRIDE
+            if high <= least:
+                return None, high
+    elif not ends:
+        return low, None
+    elif lasts(high):
+        return low, high
+    else:
+        low, most = high, high * FARTHEST
+        high *= STRIDE
+        while not lasts(high):
+            low, high = high, high * STRIDE
+            if low >= most:
+                return low, None
+    return narrowed(lasts, low, high)
+
+
+def narrowed(lasts: Callable[[float], bool], low: float, high: float) -> tuple[float, float]:
+    """`low`, at which no nudge lasts, and `high`, at which one does, bisected until they are `CLOSE`."""
+    while high > CLOSE * low:
+        middle = (low * high) ** 0.5
+        low, high = (low, middle) if lasts(middle) else (middle, high)
+    return low, high
+
+
+def lasting_nudges(experiment: Experiment, point: OperatingPoint, law: str, factor: float) -> Lasting:
+    """Which nudges, large and small, last at `point` with `factor` times the gains of `law`."""
+    sizes = (LARGE_PRESSING if point.in_contact else LARGE, SMALL)
+    left = aftermaths(experiment, point, law, factor, sizes)
+    return tuple(size for size, one in zip(sizes, left, strict=True) if one.lasts(size))
+
+
+def _reason(drives: Sequence[DriveModel], lasting: Callable[[float], Lasting], high: float | None) -> str:
+    """What tells a drive from a linear one, of what was measured."""
+    reasons = []
+    if any(drive.turning for drive in drives):
+        reasons.append("at rest the drive is nonlinear for small signals; the linear model is of a turning shaft")
+    at_limit = lasting(high) if high is not None else ()
+    if at_limit and SMALL not in at_limit:
+        reasons.append(f"a perturbation of {1e3 * at_limit[0]:g} mm persists there, one of {1e3 * SMALL:g} mm decays")
+    elif at_limit == (SMALL,):
+        reasons.append(f"a perturbation of {1e3 * SMALL:g} mm persists there, a larger one decays")
+    if not reasons:
+        reasons.append("perturbations of all sizes agree, so the linear model is wrong")
+    return "; ".join(reasons)

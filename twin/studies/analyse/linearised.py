@@ -1,0 +1,145 @@
+"""An experiment's loops at each operating point, linear and sampled as the co-simulation steps them."""
+
+import copy
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.build import belief, shafts
+from twin.robot.assembly.drives import planned
+from twin.robot.controller.pid import Gains, force_gains
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.schema import whole_ticks
+from twin.robot.mechanism.geometry import Geometry
+from twin.robot.mechanism.kinematics import joint_angles
+from twin.robot.plant.dynamics import series_share, spring_stiffness
+from twin.robot.plant.joints import stopped
+from twin.studies.analyse.drive_response import identified
+from twin.studies.analyse.linear.hand import linear_plant
+from twin.studies.analyse.linear.loops import (
+    LOOPS,
+    DriveModel,
+    Estimation,
+    Loops,
+    LoopSettings,
+    LoopStepping,
+    estimation,
+    linear_law,
+    open_loops,
+    period_map,
+    tick_map,
+)
+from twin.studies.analyse.operating_point import OperatingPoint
+
+OFF = Gains(0.0)
+
+
+@dataclass(frozen=True)
+class LinearPoint:
+    """The loops at one operating point.
+
+    Attributes:
+        loops: all open, see `twin.studies.analyse.linear.loops.open_loops`.
+        gains: 1 for each loop that is closed there.
+    """
+
+    point: OperatingPoint
+    loops: Loops
+    gains: dict[str, float] = field(default_factory=dict)
+
+
+class Linearised:
+    """What all operating points of an experiment share: drives, settings, stepping.
+
+    Args:
+        experiment: its faults are left out.
+        points: the drives are identified under the mean load of these.
+
+    Attributes:
+        drives: one model per joint.
+        labels: what the drives are called.
+    """
+
+    def __init__(self, experiment: Experiment, points: list[OperatingPoint]):
+        self.experiment = experiment
+        self.stepping = _stepping(experiment)
+        load = float(np.mean([_loads(point) for point in points]))
+        models: list[DriveModel] = []
+        tables = experiment.drives
+        plans = [planned(table) for table in tables]
+        for i, table in enumerate(tables):
+            same = tables.index(table)
+            models.append(models[same] if same < i else identified(plans[i], experiment.cosim.tick, load))
+        self.drives, self.labels = tuple(models), tuple(plan.label for plan in plans)
+
+    def at(self, point: OperatingPoint) -> LinearPoint:
+        """The loops at `point`."""
+        plant = linear_plant(point.parameters, point.x, point.theta_m)
+        robot = period_map(tick_map(plant, self.drives, self.stepping), self.stepping)
+        settings = self.settings(point.force_on)
+        law = linear_law(settings, self.estimation(point))
+        return LinearPoint(point, open_loops(robot, law), dict.fromkeys(closed_in(settings), 1.0))
+
+    def of(self, experiment: Experiment) -> Self:
+        """The same for `experiment`, which has the same drives."""
+        other = copy.copy(self)
+        other.experiment = experiment
+        return other
+
+    def settings(self, force_on: bool) -> LoopSettings:
+        """Of the controller, with its force loop on or off."""
+        c = self.experiment.controller
+        damping = c.damping if self.experiment.tasks else None
+        return LoopSettings(
+            N=c.model.N,
+            eta=c.model.eta,
+            position=Gains.made(c.position),
+            force=force_gains(c.force) if force_on else OFF,
+            corner=c.force.filter,
+            damping=damping,
+            period=self.stepping.period * self.stepping.tick,
+        )
+
+    def estimation(self, point: OperatingPoint) -> Estimation:
+        """What the controller's estimator makes of the angles near `point`."""
+        plant, parameters = self.experiment.plant, point.parameters
+        geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
+        angles = np.concatenate([point.theta_m, joint_angles(geometry, point.p_B)])
+        motor, joint = shafts(plant)
+        read = angles + np.concatenate([motor.error(angles[:3]), joint.error(angles[3:])])
+        # the command with which a drive stands still under its load
+        gains = np.array([drive.steady_gain for drive in self.drives])
+        standing = -gains[:, 1] / gains[:, 0] * _loads(point)
+        compensation = self.experiment.controller.gravity_compensation
+        return estimation(belief(self.experiment), compensation, read, standing)
+
+
+def closed_in(settings: LoopSettings) -> tuple[str, ...]:
+    """Those of `LOOPS` that a controller with these `settings` closes."""
+    return LOOPS if any(settings.force[:3]) else LOOPS[:3]
+
+
+def _loads(point: OperatingPoint) -> np.ndarray:
+    """tau_load (3,) at rest (N m)."""
+    p = point.parameters
+    geometry = Geometry(p.a, p.b, p.l_a, p.l_b)
+    d = point.theta_m - p.N * joint_angles(geometry, point.p_B) - np.array(p.slip)
+    loaded = np.sign(d) * np.maximum(np.abs(d) - p.backlash - np.array(p.backlash_added), 0.0)
+    return np.array([spring_stiffness(p, leg) * series_share(p, leg) * stopped(p, loaded[leg]) for leg in range(3)])
+
+
+def _stepping(experiment: Experiment) -> LoopStepping:
+    c = experiment.controller
+    period, delay = experiment.controller_ticks, c.delay_ticks
+    if experiment.monitor is not None and (period % experiment.monitor_ticks or delay % experiment.monitor_ticks):
+        raise InputRefused(
+            f"[monitor] period_ms = {1e3 * experiment.monitor_ticks * experiment.cosim.tick:g} passes the controller's "
+            "commands on late; the analysis knows only monitors that divide the controller's period and delay"
+        )
+    jacobi = experiment.cosim.scheme == "jacobi"
+    # nothing behind the monitor and before the encoders is sampled
+    latency = whole_ticks(experiment.plant.encoder_latency, experiment.cosim.tick) or 0
+    late = delay + c.bus_delay_ticks + latency
+    return LoopStepping(experiment.cosim.tick, experiment.plant.substeps, period, late, jacobi)

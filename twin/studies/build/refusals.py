@@ -1,0 +1,78 @@
+"""What of an experiment cannot be built, and why."""
+
+from collections.abc import Sequence
+
+from twin.kernel.cosim.system import Feeds
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.build import motions
+from twin.robot.assembly.declared import BROKEN, PLACES
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import CATALOGUE
+
+
+def refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> None:
+    """Refuse what is not twin's own, or is nothing that a master could step."""
+    if name.startswith("drive"):
+        raise InputRefused(f"{name}: a drive is an FMU already; expected another part of {experiment.name}")
+    for role in wanted:
+        # the body's values come in from outside then
+        if role in experiment.stand_ins and name != "plant":
+            label = experiment.stand_ins[role].label
+            raise InputRefused(
+                f"{experiment.name}: its {role} is {label}; it is third-party, and only twin's own can be built"
+            )
+    if "plant" in wanted and experiment.cosim.inputs == "linear":
+        raise InputRefused(
+            f'{experiment.name}: [cosim] inputs = "linear": an FMU holds its inputs over a step; '
+            "build the plant with --set cosim.inputs=hold"
+        )
+    if name == "body" and not motions(experiment):
+        raise InputRefused(f"{experiment.name}: its body does not move; there is nothing to build")
+    for number, fault in enumerate(experiment.faults, start=1):
+        if name == f"fault_{number}":
+            _refuse_alone(name, fault.kind)
+
+
+def _refuse_alone(name: str, kind: str) -> None:
+    """A fault that is no component between wires."""
+    if kind in BROKEN:
+        owner = BROKEN[kind].component
+        raise InputRefused(
+            f"{name}: {kind} writes into the memory of {owner}, which no FMU can do to another; it cannot be built"
+        )
+    if CATALOGUE[kind].mechanism == "body":
+        raise InputRefused(f"{name}: {kind} is a motion of the body, and is built with it: expected body or plant")
+
+
+def refuse_changed(experiment: Experiment, wanted: Sequence[str]) -> None:
+    """Refuse components that the experiment itself changes on the way."""
+    for change in experiment.changes:
+        if PLACES[change.key].component in wanted:
+            raise InputRefused(
+                f"{experiment.name}: has [[change]] tables, which cannot be built; build it with --set change=[], and "
+                f"set {change.key} at that time in the other master"
+            )
+
+
+def refuse_broken(experiment: Experiment, name: str, wanted: Sequence[str], sound: Feeds, feeds: Feeds) -> None:
+    """Refuse a part within which something breaks: a fault is a part of its own.
+
+    Args:
+        sound, feeds: what joins all components without faults, and with them.
+    """
+    instead = f"or build the sound {name} with --set fault=[]"
+    for target, source in sound.items():
+        if feeds[target] != source and {target.component, source.component} <= set(wanted):
+            fault = feeds[target].component
+            kind = experiment.faults[int(fault.rpartition("_")[2]) - 1].kind
+            apart = ", ".join([*wanted, fault])
+            raise InputRefused(
+                f"{experiment.name}: {fault} ({kind}) stands between {source.component} and {target.component}, within "
+                f"{name}; build its components one by one ({apart}), {instead}"
+            )
+    for number, fault_ in enumerate(experiment.faults, start=1):
+        if fault_.kind in BROKEN and (owner := BROKEN[fault_.kind].component) in wanted:
+            raise InputRefused(
+                f"{experiment.name}: fault_{number} ({fault_.kind}) writes into the memory of {owner}, which no FMU "
+                f"can do to another; expected faults between parts, {instead}"
+            )

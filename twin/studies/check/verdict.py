@@ -1,0 +1,165 @@
+"""What is now against what was: each number with its bound, each curve with its tube."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from twin import __version__
+from twin.robot.experiment.experiment import Experiment
+from twin.studies.check.baseline import Baseline, fingerprint
+from twin.studies.check.measurement import Measured, Metric, SampledCurve
+from twin.studies.compare.tolerance import reach
+from twin.studies.metrics.response import within
+
+Word = Literal["ok", "worse", "better", "moved", "new", "gone", "outside"]
+"""`moved`: beyond its bound, where neither way is better. `new`, `gone`: only now, only then. `outside`: of a tube."""
+
+
+@dataclass(frozen=True)
+class CheckRow:
+    """One number or one tube.
+
+    Attributes:
+        name: "measure.metric", or "measure.tube".
+        before, now: None where there is none.
+        bound: how far apart they may be; None likewise.
+        at: for a tube, the time (s) at which it is farthest outside, or nearest to that; before, now are values there.
+    """
+
+    name: str
+    unit: str
+    before: float | None
+    now: float | None
+    bound: float | None
+    at: float | None
+    word: Word
+
+
+@dataclass(frozen=True)
+class Outside:
+    """A curve that has left its tube, at the instants t (s) of the tube, (n,); in `unit`, NaN where it has no value.
+
+    Attributes:
+        before: the baseline.
+        lower, upper: the tube around it.
+    """
+
+    name: str
+    signal: str
+    unit: str
+    t: list[float]
+    before: list[float]
+    lower: list[float]
+    upper: list[float]
+    now: list[float]
+
+
+@dataclass(frozen=True)
+class CheckVerdict:
+    """An experiment with one drive against its baseline.
+
+    Attributes:
+        notes: what has changed besides, a sentence each.
+        outside: of what tubes have lost.
+    """
+
+    experiment: str
+    drive: str
+    rows: tuple[CheckRow, ...]
+    notes: tuple[str, ...]
+    outside: tuple[Outside, ...] = ()
+
+    @property
+    def deviations(self) -> tuple[CheckRow, ...]:
+        return tuple(row for row in self.rows if row.word != "ok")
+
+
+def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: Measured) -> CheckVerdict:
+    """Hold `now` against `baseline`; if there is none, everything is new.
+
+    A changed experiment or FMU is compared all the same, which is what a baseline is for, and a note says so. A number
+    that is in another unit than it was is another number: the old one is gone.
+    """
+    if baseline is None:
+        rows = [
+            CheckRow(name, metric.unit, None, metric.value, None, None, "new") for name, metric in now.metrics.items()
+        ]
+        # a curve has no one value; where it ends stands for it
+        rows += [
+            CheckRow(f"{name}.tube", curve.unit, None, float(curve.values[-1]), None, None, "new")
+            for name, curve in now.curves.items()
+        ]
+        return CheckVerdict(experiment.name, drive, tuple(rows), ())
+    rows, outside = list(_metric_rows(baseline, now)), []
+    for name, tube in baseline.tubes.items():
+        curve = now.curves.get(name)
+        if curve is None or (curve.signal, curve.unit) != (tube.signal, tube.unit):
+            rows.append(CheckRow(f"{name}.tube", tube.unit, None, None, tube.tolerance, None, "gone"))
+        else:
+            row, beside = _tube_row(f"{name}.tube", tube.curve, curve)
+            rows.append(row)
+            outside += [beside] if row.word == "outside" else []
+    notes = tuple(_notes(experiment, baseline, now))
+    return CheckVerdict(experiment.name, drive, tuple(rows), notes, tuple(outside))
+
+
+def _metric_rows(baseline: Baseline, now: Measured) -> Iterator[CheckRow]:
+    for name, stored in baseline.metrics.items():
+        metric = now.metrics.get(name)
+        if metric is None or metric.unit != stored.unit:
+            yield CheckRow(name, stored.unit, stored.value, None, None, None, "gone")
+            continue
+        word: Word = "ok"
+        # written so that what is not a number is not ok
+        if not abs(metric.value - stored.value) <= stored.bound:
+            word = _direction(metric, stored.value)
+        yield CheckRow(name, stored.unit, stored.value, metric.value, stored.bound, None, word)
+    for name, metric in now.metrics.items():
+        if name not in baseline.metrics or baseline.metrics[name].unit != metric.unit:
+            yield CheckRow(name, metric.unit, None, metric.value, None, None, "new")
+
+
+def _direction(metric: Metric, before: float) -> Word:
+    if metric.sense == "none":
+        return "moved"
+    now = metric.value if metric.sense == "less" else abs(metric.value)
+    return "better" if now < (before if metric.sense == "less" else abs(before)) else "worse"
+
+
+def _tube_row(name: str, tube: SampledCurve, curve: SampledCurve) -> tuple[CheckRow, Outside]:
+    """At the instants that the baseline has, where a thinned curve is as good as the whole."""
+    # the times of a baseline are rounded, so its ends may lie beside the first and last tick
+    inside = within(tube.t, curve.t[0], curve.t[-1])
+    y = np.where(inside, np.interp(tube.t, curve.t, curve.values), np.nan)
+    around = reach(tube.t, tube.values, tube.t, tube.dt)
+    off = np.abs(around.excess(y))
+    worst = int(np.argmax(off))
+    row = CheckRow(
+        name,
+        tube.unit,
+        float(tube.values[worst]),
+        float(y[worst]),
+        tube.tolerance,
+        float(tube.t[worst]),
+        "ok" if off[worst] <= tube.tolerance else "outside",
+    )
+    lines = [line.tolist() for line in (tube.t, tube.values, *around.widened(tube.tolerance), y)]
+    return row, Outside(name, tube.signal, tube.unit, *lines)
+
+
+def _notes(experiment: Experiment, baseline: Baseline, now: Measured) -> Iterator[str]:
+    if baseline.fingerprint != fingerprint(experiment):
+        yield "the experiment's file has changed since the baseline"
+    for name, digest in now.fmus.items():
+        was = baseline.fmus.get(name)
+        if was is None:
+            yield f"{name} is another FMU than the baseline's {', '.join(baseline.fmus)}"
+        elif was != digest:
+            yield f"{name} has changed: was sha256 {was[:12]}, now {digest[:12]}"
+    for name, stored in baseline.metrics.items():
+        if name in now.metrics and now.metrics[name].unit != stored.unit:
+            yield f"{name} was in {stored.unit} and is in {now.metrics[name].unit}: another quantity, not compared"
+    if baseline.twin != __version__:
+        yield f"the baseline was measured by twin {baseline.twin}, this is {__version__}"

@@ -1,0 +1,96 @@
+"""A comparison as a picture."""
+
+from pathlib import Path
+
+import numpy as np
+
+from twin.kernel.recording.logs.log import sampling
+from twin.studies.compare.comparison import Comparison
+from twin.studies.compare.signal_row import SignalRow, TubeCurves
+from twin.studies.compare.text import shown
+from twin.studies.figure import PAPER_BLUE, PAPER_ORANGE, Axes, picture
+from twin.studies.metrics.response import rms
+from twin.studies.result import some
+
+MOST = 6
+ALIKE = 0.02
+"""Share of a curve's range within which another one, rms, is the same to the eye: a low-pass, a display's steps."""
+NAMED = 2
+A_COLOUR, B_COLOUR, OUT_COLOUR = PAPER_BLUE, PAPER_ORANGE, "#b3261e"
+
+
+def draw_comparison(comparison: Comparison, path: Path) -> None:
+    """Write the picture of the worst signals, at most MOST of them, to `path` (PNG); what is the same is drawn once."""
+    rows = distinct(comparison)[:MOST]
+    columns = 1 if len(rows) == 1 else 2
+    deep = -(-len(rows) // columns)
+    with picture(path, 6.6 * columns, 3.2 * deep + 0.4) as figure:
+        grid = figure.add_gridspec(2 * deep, columns, height_ratios=[3, 1] * deep)
+        for place, (row, alike) in enumerate(rows):
+            line, column = divmod(place, columns)
+            above = figure.add_subplot(grid[2 * line, column])
+            below = figure.add_subplot(grid[2 * line + 1, column], sharex=above)
+            _draw(above, below, row, comparison.curves[row.signal])
+            if alike:
+                above.set_title(f"as {some(alike, NAMED)}", loc="right", fontsize=8)
+        handles, names = figure.axes[0].get_legend_handles_labels()
+        files = {"A": f"A  {_tail(comparison.a)}", "B": f"B  {_tail(comparison.b)}"}
+        names = [files.get(name, name) for name in names]
+        figure.legend(handles, names, loc="outside upper center", ncols=2, fontsize=9)
+
+
+def distinct(comparison: Comparison) -> list[tuple[SignalRow, list[str]]]:
+    """Signals worst first, each with those after it that show the same in both logs: one force has many names."""
+    found: list[tuple[SignalRow, list[str]]] = []
+    for row in comparison.rows:
+        first = next((one for one in found[:MOST] if _same(comparison, one[0], row)), None)
+        if first is None:
+            found.append((row, []))
+        else:
+            first[1].append(row.signal)
+    return found
+
+
+def _same(comparison: Comparison, one: SignalRow, other: SignalRow) -> bool:
+    """Whether both are one curve in A and one in B, up to the sign and to `ALIKE` of what it runs through."""
+    if one.unit != other.unit:
+        return False
+    here, there = comparison.curves[one.signal], comparison.curves[other.signal]
+    span = max(np.ptp(here.a), np.ptp(here.b))
+    pairs = [(x, np.interp(here.t, there.t, y)) for x, y in ((here.a, there.a), (here.b, there.b))]
+    return any(all(rms(x - sign * y) <= ALIKE * span for x, y in pairs) for sign in (1.0, -1.0))
+
+
+def _draw(above: Axes, below: Axes, row: SignalRow, curves: TubeCurves) -> None:
+    unit, factor = shown(row.unit)
+    t, apart = _with_breaks(curves.t)
+    a, b, lower, upper = (factor * np.insert(values, apart, np.nan) for values in (curves.a, curves.b, *curves.tube))
+    excess = np.insert(curves.tube.excess(curves.b), apart, 0.0)
+    marker = "." if len(t) < 200 else ""
+    above.fill_between(t, lower, upper, color=A_COLOUR, alpha=0.25, lw=0, label="tolerance tube")
+    above.plot(t, a, color=A_COLOUR, lw=1.6, label="A")
+    above.plot(t, b, color=B_COLOUR, lw=1.0, marker=marker, label="B")
+    verdict = "inside"
+    if row.first_exit:
+        out = row.first_exit
+        above.plot(out.t, factor * out.value, "o", mfc="none", color=OUT_COLOUR, ms=9, label="first out of the tube")
+        verdict = f"out from {out.t:.6g} s"
+    above.set_title(f"{row.signal}: {verdict}", loc="left", fontsize=10)
+    above.set_ylabel(unit or "1")
+    below.axhline(0.0, color=A_COLOUR, lw=1.0)
+    below.plot(t, b - a, color=B_COLOUR, lw=0.9)
+    below.plot(t, np.where(excess != 0.0, b - a, np.nan), color=OUT_COLOUR, lw=1.6)
+    below.set(xlabel="time (s)", ylabel="B - A")
+    above.tick_params(labelbottom=False)
+
+
+def _tail(path: Path) -> str:
+    """The end of `path` that tells files apart: its last three parts."""
+    return "/".join(path.parts[-3:])
+
+
+def _with_breaks(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times with one more in the middle of each gap, where lines are to break, and the indices at which they stand."""
+    gaps = sampling(t).gaps if len(t) > 1 else np.empty((0, 2))
+    apart = np.searchsorted(t, gaps[:, 1])
+    return np.insert(t, apart, gaps.mean(axis=1)), apart

@@ -1,0 +1,56 @@
+"""What is compared: the signals on either side of the coupling and the force that the twin is for."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.kernel.cosim.observers import simulate
+from twin.robot.assembly.assemble import assemble
+from twin.robot.experiment.experiment import Experiment
+from twin.robot.run.trace import Trace
+
+
+@dataclass(frozen=True)
+class Signal:
+    """name: as in recordings. unit, scale: for people, and how many of these are one SI unit."""
+
+    name: str
+    unit: str
+    scale: float = 1.0
+
+
+SIGNALS = (
+    Signal("F_z", "mN", 1e3),
+    Signal("p_B", "um", 1e6),
+    Signal("theta_m", "urad", 1e6),
+    Signal("tau_load", "uN m", 1e6),
+)
+FORCE, POSITION = SIGNALS[:2]
+Samples = dict[str, NDArray[np.float64]]
+"""By name of the signal, (n, values): one row per tick of the controller."""
+
+
+def chosen(plant: Samples, theta_m: NDArray[np.float64]) -> Samples:
+    """The signals out of the plant's outputs, by "plant.port", and the motor angles (n, 3)."""
+    return {
+        "F_z": -plant["plant.F_ee_B"][:, 2:],
+        "p_B": plant["plant.p_B"],
+        "theta_m": theta_m,
+        "tau_load": plant["plant.tau_load"],
+    }
+
+
+def sampled_run(experiment: Experiment) -> tuple[Samples, float]:
+    """The signals of `experiment` run in this process, and wall time per simulated time of the master (1)."""
+    run = Trace(experiment.controller_ticks)
+    with assemble(experiment) as assembly:
+        done = simulate(assembly, experiment.duration_ticks, [run]).completed()
+    plant = {key: run[key] for key in ("plant.F_ee_B", "plant.p_B", "plant.tau_load")}
+    simulated = experiment.duration_ticks * experiment.cosim.tick
+    return chosen(plant, run.of_drives("theta_m")), done.stepping / simulated
+
+
+def largest_errors(samples: Samples, reference: Samples) -> dict[str, float]:
+    """The largest |difference| of any value at any time: nothing can cancel."""
+    return {name: float(np.abs(values - reference[name]).max()) for name, values in samples.items()}

@@ -1,0 +1,64 @@
+"""An experiment without what snaps to a tick or a count, so that what is left to differ is the coupling.
+
+An error in the time of an event is of order one in the tick whatever the coupling; an encoder's count is as large as
+many a coupling error; and a trigger that a count decides comes whole periods earlier or later.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.kernel.errors import InputRefused
+from twin.robot.assembly.roles import refuse_other_parts
+from twin.robot.experiment.experiment import Experiment, exactly_measured, with_plant
+from twin.robot.run.trace import run_in_memory
+
+OUT_OF_REACH = 1e9
+"""A trigger force (N) that nothing reaches."""
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """An experiment and what was taken out of it, one phrase each."""
+
+    experiment: Experiment
+    changes: tuple[str, ...]
+
+
+def comparable(experiment: Experiment) -> Smooth:
+    """With exact encoders and a force loop that starts when it did, not when a count says so."""
+    if experiment.faults:
+        raise InputRefused(f"{experiment.name}: has faults, whose effect is no coupling error; remove [[fault]]")
+    if experiment.tasks:
+        raise InputRefused(
+            f"{experiment.name}: its tasks change phase at the measured force, so two runs are not comparable "
+            "in time; choose an experiment with a [reference]"
+        )
+    p = experiment.plant
+    if p.spring_hysteresis or p.spring_stop is not None:
+        key = "spring_hysteresis" if p.spring_hysteresis else "spring_stop_deg"
+        raise InputRefused(
+            f"{experiment.name}: [plant] {key}: the energy that a coupling makes is known only for springs "
+            "without hysteresis and stop; remove it from [plant]"
+        )
+    changes = ["encoders exact"]
+    smooth = exactly_measured(experiment)
+    refuse_other_parts(experiment, "a study of the coupling", ("controller", "estimator"))
+    if experiment.monitor is not None:
+        # it believes in the encoders of the robot
+        smooth = replace(smooth, monitor=None)
+        changes.append("no safety monitor")
+    triggered = np.flatnonzero(run_in_memory(experiment, only=["controller.triggered"]).held("controller.triggered"))
+    if len(triggered) and experiment.controller.force.trigger is not None:
+        when = float(triggered[0] * experiment.cosim.tick)
+        force = experiment.controller.force.model_copy(update={"trigger": OUT_OF_REACH, "trigger_time": when})
+        smooth = replace(smooth, controller=smooth.controller.model_copy(update={"force": force}))
+        changes.append(f"force loop on at {when:g} s, not by force")
+    return Smooth(smooth, tuple(changes))
+
+
+def smoothed(smooth: Smooth) -> Smooth:
+    """Without backlash and friction, too: spring and contact then change direction without an event."""
+    experiment = with_plant(smooth.experiment, backlash=0.0, joint_friction=0.0)
+    contact = experiment.contact.model_copy(update={"friction": 0.0})
+    return Smooth(replace(experiment, contact=contact), (*smooth.changes, "no backlash", "no friction under the head"))
