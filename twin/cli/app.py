@@ -20,7 +20,7 @@ from typer.core import TyperArgument, TyperCommand, TyperGroup
 from twin import __version__
 from twin.cli.withdrawn import refuse_withdrawn
 from twin.kernel.errors import InputRefused
-from twin.kernel.places import located
+from twin.robot.places import located
 from twin.studies.command import SHARED, Argument, Isolation, Option
 
 

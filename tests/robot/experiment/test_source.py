@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.places import located
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.source import Source, override, read_source, source_text
+from twin.robot.places import located
 
 
 @pytest.mark.parametrize(

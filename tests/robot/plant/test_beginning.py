@@ -11,7 +11,7 @@ from tests.laws.runs import PARAMETERS, Sampled
 from tests.robot.plant.states import moving, positions
 from twin.kernel.compiled.native import Native
 from twin.kernel.cosim.port import memory_of, width
-from twin.kernel.errors import Unreachable
+from twin.robot.mechanism.unreachable import Unreachable
 from twin.robot.plant.component import MEMORY, OUTPUTS, REST_OUTPUTS, STILL, Plant, outputs_at_start, rest, resting
 from twin.robot.plant.contact import ANCHORS
 from twin.robot.plant.dynamics import PlantParameters, derivative

@@ -16,7 +16,6 @@ from typing import Any
 import tomlkit
 
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.places import located
 from twin.kernel.writing import write_text
 from twin.report.explore.catalogue import PACE, Slider, checked, sliders
 from twin.robot.assembly.load import load_experiment
@@ -25,6 +24,7 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.experiment.recorded import run_command, run_words
 from twin.robot.experiment.source import Source, at, key_names, override, toml_value
+from twin.robot.places import located
 from twin.studies.faults.matrix import GLITCH_SHARE
 
 MOST_FAULTS = 8

@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.errors import InputRefused, Unreachable
+from twin.kernel.errors import InputRefused
 from twin.kernel.files import json_of, toml_of
-from twin.kernel.places import located
 from twin.robot.assembly.checks.agreement import disagreements
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.experiment.drive_files import experiment_file, shelved
@@ -29,6 +28,8 @@ from twin.robot.experiment.schema import Chirp, Circle, Drive, JointStep, Refere
 from twin.robot.experiment.source import RETAINED, Source, override, read_source, refuse_other_files
 from twin.robot.mechanism.geometry import Geometry, geometry_of
 from twin.robot.mechanism.kinematics import joint_angles, position
+from twin.robot.mechanism.unreachable import Unreachable
+from twin.robot.places import located
 
 MOST_POINTS = 2_000_000
 """Of a shape; more than an hour at 2 ms."""

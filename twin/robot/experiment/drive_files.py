@@ -19,12 +19,12 @@ from pydantic import Field, ValidationError, model_validator
 
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import meant
-from twin.kernel.places import HOME, located
 from twin.kernel.settings import Settings
 from twin.robot.experiment import schema
 from twin.robot.experiment.mistakes import checked, keys, sentences
 from twin.robot.experiment.schema import TOLERANCE, Declared, Parameter
 from twin.robot.experiment.source import NAMING, RETAINED, Source, laid_over, names_stand_in, read_source, rules_for
+from twin.robot.places import HOME, located
 
 SWEEPS = "experiments/sweeps"
 

@@ -22,7 +22,6 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic.json_schema import GenerateJsonSchema
 
-from twin.kernel.places import located
 from twin.robot.experiment import schema
 from twin.robot.experiment.drive_files import JOINTS, StandIn, fill_from_body
 from twin.robot.experiment.experiment import Head
@@ -31,6 +30,7 @@ from twin.robot.experiment.measure import KINDS as MEASURES
 from twin.robot.experiment.mistakes import model_in
 from twin.robot.experiment.schema import ChangeTable, Declared
 from twin.robot.experiment.source import RETAINED, Source, at, read_source, toml_value
+from twin.robot.places import located
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 SCHEMA_FILE = "experiment.schema.json"

@@ -20,7 +20,6 @@ from pydantic import BaseModel, ValidationError
 
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import json_of
-from twin.kernel.places import HOME
 from twin.kernel.settings import Settings
 from twin.kernel.writing import made_folder, write_text
 from twin.robot.experiment import schema
@@ -31,6 +30,7 @@ from twin.robot.experiment.json_schema import ROBOT, SCHEMA_FILE, commented_expe
 from twin.robot.experiment.mistakes import sentences, type_mistakes
 from twin.robot.experiment.schema import Declared, nested
 from twin.robot.experiment.source import COMMAND_LINE, Source, read_source, toml_value
+from twin.robot.places import HOME
 
 Metadata = Mapping[str, Mapping[str, str]]
 NAME = re.compile(r"(?!\.{1,2}$)[^/\\\x00-\x1f\x7f]{1,150}")

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import DEEPEST, TOML_LIMIT, read_text, toml_of
-from twin.kernel.places import located
+from twin.robot.places import located
 
 
 def refuse_other_files(values: Mapping[str, Any], path: Path) -> None:

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from twin.kernel.cosim.simulation import Simulation
-from twin.kernel.errors import InputRefused, Unreachable
+from twin.kernel.errors import InputRefused
 from twin.robot.assembly.build import belief, plant_parameters, shafts
 from twin.robot.assembly.drives import DrivePlan, planned
 from twin.robot.controller.pid import Gains, force_gains
@@ -36,6 +36,7 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.schema import whole_ticks
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import joint_angles
+from twin.robot.mechanism.unreachable import Unreachable
 from twin.robot.plant.component import resting
 from twin.robot.plant.contact import contact_force, stopped, surface_depth
 from twin.robot.plant.dynamics import PlantParameters, series_share, spring_stiffness

@@ -23,10 +23,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from twin import __version__
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_toml
-from twin.kernel.places import HOME, is_clone
 from twin.kernel.writing import finite, inline_table, made_folder, write_text
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.mistakes import sentences
+from twin.robot.places import HOME, is_clone
 from twin.studies.check.measurement import POINTS, Measured, Metric, SampledCurve
 from twin.studies.compare.comparison import A_COLOUR, B_COLOUR, OUT_COLOUR, shown
 from twin.studies.compare.tolerance import reach

@@ -12,12 +12,12 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from twin.kernel.errors import InputRefused, TwinError
-from twin.kernel.places import HOME, located
 from twin.kernel.process.guard import guarded
 from twin.kernel.process.reporter import DirectReporter
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.drive_files import experiment_file, shelved
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.places import HOME, located
 from twin.studies.check import baseline as stored
 from twin.studies.check.baseline import verdict
 from twin.studies.check.measurement import Measured, measured, run_for_measures

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from twin.kernel.errors import Unreachable
 from twin.kernel.settings import Triple
 from twin.robot.assembly.build import monitor_belief, plant_parameters, sensing
 from twin.robot.assembly.checks.tasks import Situation, reference_mistakes, task_mistakes
@@ -24,6 +23,7 @@ from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.experiment.schema import WayPoints
 from twin.robot.mechanism.geometry import geometry_of
 from twin.robot.mechanism.kinematics import jacobian
+from twin.robot.mechanism.unreachable import Unreachable
 from twin.robot.monitor.checks import Monitor
 from twin.robot.monitor.component import MonitorBelief, Resolution, geometry, press_deflection, resolution
 from twin.robot.monitor.component import low_pass_share as monitor_share

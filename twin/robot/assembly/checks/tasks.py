@@ -16,13 +16,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.errors import Unreachable
 from twin.kernel.settings import Triple
 from twin.robot.controller.program import Approach, Push, Roll, Tap, Task
 from twin.robot.controller.task_controller import Computer
 from twin.robot.experiment.schema import WayPoints
 from twin.robot.mechanism.geometry import Geometry, geometry_of
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
+from twin.robot.mechanism.unreachable import Unreachable
 from twin.robot.mechanism.workspace import BARS, Bars, ball_joint_angles, clearances
 from twin.robot.monitor.checks import Monitor
 from twin.robot.plant.contact import Shape, surface_depth, surface_frame

@@ -23,8 +23,8 @@ from distributed import Client, LocalCluster, Security
 from distributed.comm import connect
 
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.places import PACKAGE, sources
 from twin.kernel.process.process import others_safe
+from twin.robot.places import PACKAGE, sources
 from twin.studies.left_behind import dask_folder
 from twin.studies.sweep.sweep import HEAR, raise_if_pressed
 

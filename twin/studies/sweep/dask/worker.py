@@ -15,9 +15,9 @@ from distributed import Scheduler, SchedulerPlugin, Worker, WorkerPlugin, get_wo
 from twin.kernel.errors import InputRefused, disk_refusals
 from twin.kernel.files import read_bytes
 from twin.kernel.fmi.variable import MOST_BYTES
-from twin.kernel.places import located
 from twin.robot.experiment.drive_files import FILE, FOLDERS, MAPPING, completed, shelved
 from twin.robot.experiment.source import RETAINED, read_source, source_text
+from twin.robot.places import located
 from twin.studies.sweep.dask.cluster import difference, refusal, versions
 from twin.studies.sweep.plan import Task
 from twin.studies.sweep.sweep import Job, WorkerProcess
