@@ -19,13 +19,14 @@ from twin.kernel.systems.choice import MasterChoice
 from twin.kernel.systems.plan import fmu_sources, planned
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.json_schema import commented_experiment
+from twin.robot.experiment.template import commented_experiment
 from twin.studies.check.baseline import read_baseline
 from twin.studies.compare.tolerance import rules
 from twin.studies.sweep.plan import read_definition
-from twin.studies.sweep.rows import FACTS, ROWS, stored_sweep
+from twin.studies.sweep.rows import ROWS
 from twin.studies.sweep.show.parts import Asked, parts, sweep_text
 from twin.studies.sweep.statistics.ranking import bands, usual_metric
+from twin.studies.sweep.stored import FACTS, stored_sweep
 
 Attack = Callable[[int], object]
 FEW, MANY = range(25), 400

@@ -19,6 +19,8 @@ MOST_BYTES = 2 << 30
 SUSPICIOUS_RATIO = 200
 """No honest FMU of more than a few MB shrinks to a 200th; a zip bomb does."""
 FEW_BYTES = 64 << 20
+EPOCH = (1980, 1, 1, 0, 0, 0)
+"""The earliest date that an archive can hold; the true one would make every build another file."""
 
 
 def sha256(file: Path) -> str:
@@ -97,10 +99,6 @@ def content_of(file: Path, entry: str, limit: int = LIMIT) -> bytes:
                 f"{file}: {entry}: {info.file_size / 2**20:.0f} MB; expected at most {limit / 2**20:g} MB"
             )
         return archive.read(info)
-
-
-EPOCH = (1980, 1, 1, 0, 0, 0)
-"""The earliest date that an archive can hold; the true one would make every build another file."""
 
 
 def zipped(entries: Mapping[str, bytes]) -> bytes:

@@ -33,6 +33,14 @@ BOM = b"\xef\xbb\xbf"
 
 DEEPEST = 32
 """Tables, arrays or elements within each other, and parts of a dotted key, in a file that is read; ours have five."""
+_TOML_TOKEN = re.compile(
+    r"""[ \t]+ | \#[^\n]*
+    | "{3}(?:\\.|[^\\])*?(?:"{3}|\\?\Z) | '{3}.*?(?:'{3}|\Z)
+    | "(?:\\[^\n]|[^"\\\n])*(?:"|\\?(?=\n|\Z)) | '[^'\n]*(?:'|(?=\n|\Z))""",
+    re.DOTALL | re.VERBOSE,
+)
+"""Blanks and comments, which are skipped between parts of a TOML key, and quoted text, which is one part. Unclosed
+quotes end with the line or the text, so that each character is scanned once."""
 
 
 def read_bytes(path: Path, limit: int = LIMIT, kind: str = "file") -> bytes:
@@ -126,16 +134,6 @@ def toml_of(text: str, where: str) -> dict[str, Any]:
     if any(part.count(".") > DEEPEST for part in re.split(r"[=,\[\]{}\n]", bare)):
         raise InputRefused(f"{where}: not valid TOML: a key of more than {DEEPEST} parts")
     return _parsed("TOML", tomllib.loads, text, where)
-
-
-_TOML_TOKEN = re.compile(
-    r"""[ \t]+ | \#[^\n]*
-    | "{3}(?:\\.|[^\\])*?(?:"{3}|\\?\Z) | '{3}.*?(?:'{3}|\Z)
-    | "(?:\\[^\n]|[^"\\\n])*(?:"|\\?(?=\n|\Z)) | '[^'\n]*(?:'|(?=\n|\Z))""",
-    re.DOTALL | re.VERBOSE,
-)
-"""Blanks and comments, which are skipped between parts of a TOML key, and quoted text, which is one part. Unclosed
-quotes end with the line or the text, so that each character is scanned once."""
 
 
 def read_json(path: Path, limit: int = LIMIT) -> Any:

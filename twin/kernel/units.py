@@ -9,6 +9,12 @@ import re
 from fractions import Fraction
 from typing import Any, NamedTuple
 
+_KGF = Fraction("9.80665")
+_PREFIXED = ("m", "s", "g", "N", "gf", "Nm", "J", "A", "V", "W", "rad", "Hz")
+LONGEST = 40
+"""Characters of a unit; the words of a longer one would multiply to more than a float holds."""
+_WORD = re.compile(r"(.*?[^0-9^-])\^?(-?[1-9])?")
+
 
 class Dimension(NamedTuple):
     """Exponents of the base units. The radian is one of them: 1 Hz is 2 pi rad/s, and mistaking them is common.
@@ -59,7 +65,6 @@ class Unit(NamedTuple):
 NUMBER, FORCE, TORQUE = Dimension(), Dimension(kg=1, m=1, s=-2), Dimension(kg=1, m=2, s=-2)
 POWER, CURRENT, TEMPERATURE = Dimension(kg=1, m=2, s=-3), Dimension(A=1), Dimension(K=1)
 VOLTAGE = POWER._replace(A=-1)
-_KGF = Fraction("9.80665")
 ATOMS = {
     "1": Unit(NUMBER),
     "%": Unit(NUMBER, Fraction(1, 100)),
@@ -85,7 +90,6 @@ ATOMS = {
 _PREFIXES: dict[str, Fraction] = {"k": Fraction(1000), "c": Fraction(1, 100), "m": Fraction(1, 1000)}
 _PREFIXES |= {small: Fraction(1, 10**6) for small in ("u", "\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}")}
 _PREFIXES["n"] = Fraction(1, 10**9)
-_PREFIXED = ("m", "s", "g", "N", "gf", "Nm", "J", "A", "V", "W", "rad", "Hz")
 ATOMS |= {
     prefix + name: ATOMS[name]._replace(factor=ATOMS[name].factor * scale)
     for prefix, scale in _PREFIXES.items()
@@ -106,9 +110,6 @@ _SI_NAMES = {
     TORQUE._replace(rad=-1): "N m/rad",
     Dimension(s=-1): "1/s",
 }
-LONGEST = 40
-"""Characters of a unit; the words of a longer one would multiply to more than a float holds."""
-_WORD = re.compile(r"(.*?[^0-9^-])\^?(-?[1-9])?")
 
 
 def known_unit(text: str) -> Unit | None:

@@ -5,8 +5,8 @@ import pytest
 
 from tests.laws.runs import FORCE, shipped
 from twin.robot.assembly.build import plant_parameters, surface_motions
-from twin.robot.plant.contact_law import MotionKind
 from twin.robot.plant.dynamics import PlantParameters
+from twin.robot.plant.surface_motion import MotionKind
 
 FILE = {
     "plant.a_mm": 51.0, "plant.b_mm": 31.0, "plant.l_a_mm": 61.0, "plant.l_b_mm": 115.0,

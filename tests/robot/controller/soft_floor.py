@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tests.laws.runs import Sampled
+from twin.robot.controller.compliance import Believed, Damping
 from twin.robot.controller.controller import Law
-from twin.robot.controller.pid import Believed, Damping, Gains
+from twin.robot.controller.pid import Gains
 from twin.robot.controller.program import Approach, Press, Push, Roll, Tap, program
 from twin.robot.controller.task_controller import TaskController, Touch
 

@@ -3,7 +3,8 @@
 import numpy as np
 
 from tests.robot.controller.test_taps import SENSING
-from twin.robot.controller.adaptive import ADAPTIVE, Adapting, SchedulePoint, Scheduling, table_of
+from twin.robot.controller.adaptive import ADAPTIVE, Adapting
+from twin.robot.controller.schedule import SchedulePoint, Scheduling, table_of
 
 POINTS = [SchedulePoint(300.0, 4e-3, 8e-2), SchedulePoint(800.0, 3e-3, 4e-2)]
 

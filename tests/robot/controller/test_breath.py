@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from twin.robot.controller.adaptive import BREATH, breathe
+from twin.robot.controller.breath import BREATH, breathe
 from twin.robot.controller.tissue import TISSUE
 
 T_s = 2e-3

@@ -7,18 +7,8 @@ from hypothesis import strategies as st
 
 from tests.robot.controller.test_controller import GEOMETRY
 from tests.robot.plant.states import positions
-from twin.robot.controller.pid import (
-    PID,
-    REST_SPEED,
-    Gains,
-    accept,
-    friction_force,
-    load_torques,
-    loop,
-    low_pass_share,
-    proposal,
-    rest,
-)
+from twin.robot.controller.compliance import REST_SPEED, friction_force, load_torques
+from twin.robot.controller.pid import PID, Gains, accept, loop, low_pass_share, proposal, rest
 from twin.robot.mechanism.kinematics import jacobian
 
 T_s = 2e-3

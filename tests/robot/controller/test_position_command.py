@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import Sampled
-from twin.robot.controller.pid import DriveSpeedIntegrator, Servo
+from twin.robot.controller.drive_loops import DriveSpeedIntegrator, Servo
 
 
 @pytest.mark.parametrize("ratio", [0.5, -3.0])

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.robot.controller.adaptive import SCHEDULE, SchedulePoint, follow_reference, gains_at, schedule_gains, table_of
 from twin.robot.controller.pid import PID, Gains, loop, proposal
+from twin.robot.controller.schedule import SCHEDULE, SchedulePoint, follow_reference, gains_at, schedule_gains, table_of
 from twin.robot.controller.tissue import TISSUE
 
 T_s = 2e-3

@@ -18,9 +18,10 @@ from tests.robot.controller.soft_floor import (
 )
 from tests.robot.controller.soft_floor import TOUCH as NOT_LEARNING
 from twin.robot.controller.adaptive import Adapting
-from twin.robot.controller.machine import MACHINE, TAPS, _tapping
+from twin.robot.controller.machine import MACHINE
 from twin.robot.controller.program import PHASE
 from twin.robot.controller.program import PhaseKind as Kind
+from twin.robot.controller.taps import TAPS, _tapping
 from twin.robot.controller.tissue import Sensing
 
 SENSING = Sensing(5.0, 0.5, 0.0, 0.1, 0.2, 0.3, 0.0, 0.0, 4.0, 1e-4, 1e-4)

@@ -25,7 +25,8 @@ from tests.robot.controller.soft_floor import (
     phases_of,
     task_controller,
 )
-from twin.robot.controller.pid import REST_SPEED, Gains, low_pass_share
+from twin.robot.controller.compliance import REST_SPEED
+from twin.robot.controller.pid import Gains, low_pass_share
 from twin.robot.controller.program import PhaseKind as Kind
 from twin.robot.controller.program import program
 from twin.robot.controller.task_controller import TaskController

@@ -4,12 +4,10 @@ from math import radians
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from twin.kernel.errors import InputRefused
 from twin.robot.assembly.load import load_experiment
-from twin.robot.experiment.source import Source, override, read_source, source_text
+from twin.robot.experiment.source import override, read_source
 from twin.robot.places import located
 
 
@@ -35,17 +33,6 @@ def test_every_robot_and_body_is_told_apart_and_no_experiment_is(root: Path):
                 load_experiment(path)
     for path in (root / "experiments").glob("*.toml"):
         load_experiment(path)
-
-
-# a lone surrogate is no text in any encoding
-TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
-PLAIN = st.one_of(
-    st.booleans(), st.integers(-(2**63), 2**63 - 1), st.floats(allow_nan=False, allow_infinity=False), TEXTS
-)
-KEYS = st.text('abcXYZ_-é" ', min_size=1, max_size=6)
-VALUES = st.one_of(PLAIN, st.lists(PLAIN, max_size=3), st.lists(st.lists(PLAIN, max_size=2), max_size=2))
-TABLES = st.dictionaries(KEYS, VALUES, max_size=3)
-FILES = st.dictionaries(KEYS, st.one_of(VALUES, TABLES, st.lists(TABLES, min_size=1, max_size=3)), max_size=5)
 
 
 def write(folder: Path, name: str, text: str) -> Path:
@@ -229,17 +216,6 @@ def test_a_single_number_of_three_that_no_file_states_stands_beside_zeros(root: 
 def test_a_number_that_is_not_there_is_refused(root: Path, key: str):
     with pytest.raises(InputRefused, match=r"there are numbers .*joint_zero_deg\.1 to \.3"):
         load_experiment(root / "experiments/fig4_force_position.toml", [f"{key}=0.5"])
-
-
-@given(FILES, TEXTS)
-def test_what_is_written_is_read_as_it_was_with_its_origins_and_order(tmp_path_factory, table: dict, origin: str):
-    source = Source()
-    source.put(table, origin)
-    path: Path = tmp_path_factory.getbasetemp() / "written.toml"
-    path.write_text(source_text(source), encoding="utf-8", newline="")
-    again = read_source(path)
-    # repr tells 1 from 1.0 and True, and orders
-    assert repr(again) == repr(source)
 
 
 @pytest.mark.parametrize("name", ["motor.R", '"motor.R"', "'motor.R'"])

@@ -12,9 +12,10 @@ from tests.robot.plant.states import moving, positions
 from twin.kernel.compiled.native import Native
 from twin.kernel.cosim.port import memory_of, width
 from twin.robot.mechanism.unreachable import Unreachable
-from twin.robot.plant.component import MEMORY, OUTPUTS, REST_OUTPUTS, STILL, Plant, outputs_at_start, rest, resting
-from twin.robot.plant.contact import ANCHORS
+from twin.robot.plant.component import MEMORY, OUTPUTS, STILL, Plant, resting
 from twin.robot.plant.dynamics import PlantParameters, derivative
+from twin.robot.plant.equations import REST_OUTPUTS, outputs_at_start, rest
+from twin.robot.plant.joints import ANCHORS
 
 tilts = st.sampled_from([0.0, 0.0175, -0.3])
 # 0: constant efficiency

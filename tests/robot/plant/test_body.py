@@ -11,7 +11,7 @@ from twin.kernel.cosim.python_class import PythonComponent
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.system import System
 from twin.robot.plant.component import Plant, resting
-from twin.robot.plant.contact_law import Body, Motion, MotionKind
+from twin.robot.plant.surface_motion import Body, Motion, MotionKind
 
 BREATHING, SHIFT = MotionKind.BREATHING, MotionKind.SHIFT
 

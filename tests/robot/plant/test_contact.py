@@ -20,18 +20,14 @@ from twin.robot.plant.contact import (
     apex_frame,
     bristle_rate,
     contact_force,
-    drag,
     friction,
-    friction_torque,
     normal_force,
     settled_bristle,
-    stop_torque,
-    stopped,
     surface_frame,
     touch,
-    unstopped,
 )
 from twin.robot.plant.dynamics import UNTOUCHED, joint_torque, loaded_deflection, settle_friction
+from twin.robot.plant.joints import drag, friction_torque, stop_torque, stopped, unstopped
 
 GEOMETRY = Geometry(*PARAMETERS[:4])
 TAU_C, A = 0.01, 2e-4

@@ -12,8 +12,9 @@ from twin.robot.mechanism.geometry import Geometry, skeleton
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.mechanism.statics import G_ACCELERATION
 from twin.robot.plant.component import STILL, resting
-from twin.robot.plant.contact import Shape, contact_force, surface_frame, upward
+from twin.robot.plant.contact import Shape, contact_force, surface_frame
 from twin.robot.plant.dynamics import derivative
+from twin.robot.plant.joints import upward
 
 GEOMETRY = Geometry(*PARAMETERS[:4])
 tilts = st.floats(-np.pi, np.pi)

@@ -1,25 +1,42 @@
 """Runs of the search that go on from a past that their process has: the findings of runs from the start."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.laws.runs import EXPERIMENTS
-from twin.robot.run.past import SharedPast
+from twin.robot.run.runs import RunRequest, Runs
 from twin.studies.falsify import search
-from twin.studies.falsify.search import PastRuns, judged
+from twin.studies.falsify.search import judged
 from twin.studies.falsify.space import Space, TriedFault
 
 SETTINGS = {"plant": {"motor_noise_deg": 0.001}}
 
 
 @pytest.fixture
-def pasts(monkeypatch: pytest.MonkeyPatch) -> PastRuns:
-    fresh = PastRuns()
-    monkeypatch.setattr(search, "_pasts", fresh)
-    return fresh
+def pasts(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], list[Runs]]:
+    """Begins the search's process anew, with room for so many pasts; its `Runs` so far are in the list."""
+
+    def begin(most: int) -> list[Runs]:
+        made: list[Runs] = []
+
+        def runs(request: RunRequest, after: int, most: int) -> Runs:
+            made.append(Runs(request, after, most))
+            return made[-1]
+
+        search._runs.cache_clear()
+        monkeypatch.setattr(search, "MOST_PASTS", most)
+        monkeypatch.setattr(search, "Runs", runs)
+        return made
+
+    return begin
+
+
+def shared(made: Sequence[Runs]) -> int:
+    """Number of pasts that were run."""
+    return sum(past.shared is not None and not past.shared.lacking for runs in made for past in runs._pasts)
 
 
 def findings(folder: Path, tried: Sequence[TriedFault], base: dict[str, Any]) -> list[dict[str, Any]]:
@@ -46,36 +63,26 @@ TRIED = [
 ]
 
 
-def test_findings_are_those_of_runs_from_the_start(pasts: PastRuns, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    shared = findings(tmp_path, TRIED, {})
+def test_findings_are_those_of_runs_from_the_start(pasts: Callable[[int], list[Runs]], tmp_path: Path):
+    made = pasts(8)
+    found = findings(tmp_path, TRIED, {})
     # at rest and moved; the body that was asked for once has none
-    assert sum(not past.lacking for _, past, _ in pasts._known) == 2
-    monkeypatch.setattr(search, "MOST_PASTS", 0)
-    monkeypatch.setattr(search, "_pasts", PastRuns())
-    assert shared == findings(tmp_path, TRIED, {})
+    assert shared(made) == 2
+    pasts(0)
+    assert found == findings(tmp_path, TRIED, {})
 
 
-def test_another_seed_of_the_noise_is_another_past(pasts: PastRuns, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+def test_another_seed_of_the_noise_is_another_past(pasts: Callable[[int], list[Runs]], tmp_path: Path):
     tried = [TriedFault("encoder_bias", "joint_encoder_1", 0.5, 5531, seed=seed) for seed in (0, 0, 1, 1)]
-    shared = findings(tmp_path, tried, SETTINGS)
-    assert sum(not past.lacking for _, past, _ in pasts._known) == 2
-    monkeypatch.setattr(search, "MOST_PASTS", 0)
-    monkeypatch.setattr(search, "_pasts", PastRuns())
-    assert shared == findings(tmp_path, tried, SETTINGS) and shared[1] != shared[3]
+    made = pasts(8)
+    found = findings(tmp_path, tried, SETTINGS)
+    assert shared(made) == 2
+    pasts(0)
+    assert found == findings(tmp_path, tried, SETTINGS) and found[1] != found[3]
 
 
-def test_a_process_keeps_a_few_pasts_and_makes_other_runs_from_the_start(
-    pasts: PastRuns, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-):
-    monkeypatch.setattr(search, "MOST_PASTS", 1)
-    made: list[SharedPast] = []
-    make = SharedPast._make
-
-    def counted(self: SharedPast, *observers: Any) -> None:
-        made.append(self)
-        make(self, *observers)
-
-    monkeypatch.setattr(SharedPast, "_make", counted)
-    jumps = [TriedFault("surface_jump", "contact", 5.0, 500)] * 3
-    findings(tmp_path, [*[TriedFault("drive_dead", "drive_1", None, 500)] * 3, *jumps], {})
-    assert len(made) == len(pasts._known) == 1
+def test_drives_that_need_processes_share_no_past(pasts: Callable[[int], list[Runs]], monkeypatch, tmp_path: Path):
+    monkeypatch.setattr(search, "need_processes", lambda drives: True)
+    made = pasts(8)
+    findings(tmp_path, [TRIED[1]] * 3, {})
+    assert len(made) == 1 and shared(made) == 0

@@ -16,7 +16,7 @@ from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import OUTWARD, Geometry
 from twin.robot.mechanism.kinematics import jacobian, joint_angles
-from twin.robot.plant.component import PlantEquations
+from twin.robot.plant.equations import PlantEquations
 from twin.robot.run.trace import Trace, run_in_memory
 from twin.studies.converge.monolith import Sampled
 from twin.studies.shadow.fleet import SCALE

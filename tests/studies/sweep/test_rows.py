@@ -13,19 +13,9 @@ from tests.kernel.recording.test_writer import largest_file
 from tests.studies.sweep.statistics import rows as made_up
 from tests.studies.sweep.statistics.rows import kept, row
 from twin.kernel.errors import InputRefused
-from twin.studies.sweep.rows import (
-    Columns,
-    DiskFailed,
-    Row,
-    RowFile,
-    Words,
-    columns_of,
-    joined,
-    once,
-    read_columns,
-    read_rows,
-    write_parquet,
-)
+from twin.studies.sweep.columns import Columns, Row, Words, columns_of, joined, once
+from twin.studies.sweep.parquet import write_parquet
+from twin.studies.sweep.rows import DiskFailed, RowFile, read_columns, read_rows
 
 VALUES = st.one_of(st.booleans(), st.integers(-3, 3), st.floats(-3.0, 3.0), st.sampled_from(["", "1", "x"]))
 TABLES = st.dictionaries(st.sampled_from("abc"), VALUES, max_size=3)

@@ -26,6 +26,10 @@ MATHEMATICS = re.compile(
 """What a module may ask of its surroundings: libm, and the functions of memory that a compiler takes for granted."""
 RAISED = -1
 """What a function returns that should have raised an exception."""
+VARIABLE = "TWIN_PROCESSOR"
+"""Names a form of X86_64 in place of the richest that this processor can run."""
+OLDEST = "x86-64"
+"""The oldest processor of this kind."""
 
 
 class Module(NamedTuple):
@@ -100,10 +104,6 @@ define {returned} @"{module.symbol}"({taken}) {{
     return module._replace(inner=module.symbol, text=module.text + body)
 
 
-VARIABLE = "TWIN_PROCESSOR"
-"""Names a form of X86_64 in place of the richest that this processor can run."""
-
-
 class Form(NamedTuple):
     """Machine code for what not every processor of a kind has.
 
@@ -124,8 +124,6 @@ class Form(NamedTuple):
 X86_64 = (Form("", ""), Form("_avx", "+avx"), Form("_avx512", "+avx512f,+avx512vl"))
 """All three give the same bits. Fig. 4's plant takes 1.14, 1.09 and 1.02 times as long as what is compiled for one
 processor alone."""
-OLDEST = "x86-64"
-"""The oldest processor of this kind."""
 
 _loaded: set[str] = set()
 """Functions whose object files are in this process."""

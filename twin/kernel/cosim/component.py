@@ -11,6 +11,12 @@ from twin.kernel.compiled.native import Kind, Native, entry
 from twin.kernel.cosim.port import Port, by_port, port_record, record, state_fields, width
 from twin.kernel.errors import InputRefused
 
+PIECE = record(array="i8", copy="i8", size="i8")
+"""Addresses of a piece of memory and of its copy, and their bytes."""
+_PIECES = record(table="i8", count="i8")
+NOT_FINITE = 1 << 32
+"""Status the master gives a component whose step returned NaN or infinity; beyond int32, so no step can return it."""
+
 
 def step_function(
     memory: np.dtype, inputs: tuple[Port, ...] = (), outputs: tuple[Port, ...] = ()
@@ -90,10 +96,6 @@ class Rewind:
     keep: Any = field(default=None, repr=False)
 
 
-PIECE = record(array="i8", copy="i8", size="i8")
-"""Addresses of a piece of memory and of its copy, and their bytes."""
-
-_PIECES = record(table="i8", count="i8")
 pieces_at = pointer_to(PIECE)
 
 
@@ -217,10 +219,6 @@ class Holder(Protocol):
         Raises:
             InputRefused: it is nothing that `pack` gives.
         """
-
-
-NOT_FINITE = 1 << 32
-"""Status the master gives a component whose step returned NaN or infinity; beyond int32, so no step can return it."""
 
 
 @njit(cache=True)

@@ -17,6 +17,7 @@ from twin.kernel.cosim.component import (
 from twin.kernel.cosim.port import Port, by_port, record, state, width
 
 MEMORY = record(size="i8", ticks="i8", position=state("i8", below="ticks"), ring=state("i8"))
+NOTHING = Pieces([])
 
 
 @step_function(MEMORY)
@@ -71,9 +72,6 @@ def _play(
         copy(rows_address + k * row_bytes, y_address, row_bytes)
         copy_pieces(table, pieces, copies_address + k * copy_bytes, 0)
     return count
-
-
-NOTHING = Pieces([])
 
 
 def play(

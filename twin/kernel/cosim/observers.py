@@ -14,6 +14,8 @@ from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed, InputRefused
 
 Level = Literal["DEBUG", "INFO", "WARNING", "ERROR"]
+LONG_SLICE = 1000
+"""Ticks. Where no observer waits for a slice it may be long; but its rows are to stay in the processor's cache."""
 
 
 class TickEvent(NamedTuple):
@@ -85,10 +87,6 @@ def _alike(value: Any, mine: Any) -> bool:
     if isinstance(mine, (bool, int, float, np.generic)):
         return isinstance(value, (bool, int, float))
     return isinstance(value, type(mine))
-
-
-LONG_SLICE = 1000
-"""Ticks. Where no observer waits for a slice it may be long; but its rows are to stay in the processor's cache."""
 
 
 class ProgressObserver(Observer):

@@ -11,6 +11,10 @@ import numpy as np
 
 from twin.kernel.settings import Settings, Values, taken
 
+FORMS = {float: "f8", tuple[float, float, float]: "3f8"}
+STATE, BELOW = "state", "below"
+"""Keys of a dtype's metadata; they change nothing of a record's layout."""
+
 
 @dataclass(frozen=True)
 class Port:
@@ -64,9 +68,6 @@ def named_values(ports: tuple[Port, ...], values: np.ndarray) -> str:
     return ", ".join(texts)
 
 
-FORMS = {float: "f8", tuple[float, float, float]: "3f8"}
-
-
 def record(**fields: Any) -> np.dtype:
     """A record, aligned as in C, with a field of each name.
 
@@ -75,10 +76,6 @@ def record(**fields: Any) -> np.dtype:
             or a record, or (a record, (n,)) for n of them; what steps change as `state` of one of these.
     """
     return np.dtype(list(fields.items()), align=True)
-
-
-STATE, BELOW = "state", "below"
-"""Keys of a dtype's metadata; they change nothing of a record's layout."""
 
 
 def state(form: Any, below: str = "") -> np.dtype:

@@ -32,6 +32,8 @@ STATEFUL = ("state", "restore")
 STEP = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p
 )
+LONGEST_TEXT = 200
+"""Of an exception that is quoted."""
 
 
 class PythonModel(Protocol):
@@ -164,10 +166,6 @@ def doubles(address: int, count: int) -> np.ndarray:
     if count == 0:
         return np.empty(0)
     return np.ctypeslib.as_array((ctypes.c_double * count).from_address(address))
-
-
-LONGEST_TEXT = 200
-"""Of an exception that is quoted."""
 
 
 class OutputsRefused(Exception):

@@ -32,6 +32,10 @@ SIDES = ("outputs", "inputs")
 """Pieces that lie in the master's memory."""
 LARGEST = 64 * 2**20
 """Bytes of a state, unpacked: those of the shipped experiments have some kilobytes."""
+_FORM = re.compile(r"[<>|=](?:[?bhilqBHILQfdiu]\d?|V\d{1,6})")
+"""Of numbers, or of a record, in a piece."""
+SIMPLE = "?bhilqBHILQfd"
+"""Kinds of numbers that an array read from a file may hold."""
 
 
 class SavedPiece(NamedTuple):
@@ -140,10 +144,6 @@ def _shaped(value: Any, form: dict[str, type] | list[type]) -> bool:
 
 def _is_of(value: Any, kind: type) -> bool:
     return type(value) is kind
-
-
-_FORM = re.compile(r"[<>|=](?:[?bhilqBHILQfdiu]\d?|V\d{1,6})")
-"""Of numbers, or of a record, in a piece."""
 
 
 class SystemState:
@@ -382,10 +382,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [plain(one) for one in value]
     return value
-
-
-SIMPLE = "?bhilqBHILQfd"
-"""Kinds of numbers that an array read from a file may hold."""
 
 
 def of_plain(stated: Any, where: str) -> Any:

@@ -17,6 +17,7 @@ from twin.kernel.cosim.port import Port, width
 from twin.kernel.errors import InputRefused, nearest
 
 Side = Literal["input", "output"]
+_END = re.compile(r"(?P<component>[^.]+)\.(?P<port>[^.\[]+)(\[(?P<index>\d+)\])?")
 
 
 class End(NamedTuple):
@@ -70,9 +71,6 @@ def _ports(component: Component, side: str) -> tuple[Port, ...]:
 
 def _text(end: End) -> str:
     return f"{end.component}.{end.port}[{end.element}]"
-
-
-_END = re.compile(r"(?P<component>[^.]+)\.(?P<port>[^.\[]+)(\[(?P<index>\d+)\])?")
 
 
 @dataclass(frozen=True)

@@ -89,6 +89,79 @@ LAST_SUCCESSFUL_TIME, TERMINATED = 2, 3
 """fmi2StatusKind, and fmiStatusKind for the first."""
 
 _shorter_at = pointer_to(SHORTER)
+MEMORY = record(
+    **alike("i8", "version instance do_step"),
+    final="i8",  # 1: no state will be restored
+    inputs="i8",  # how many groups
+    input_groups="i8",  # of `groups.GROUP`
+    outputs="i8",
+    output_groups="i8",
+    returned="i8",  # 16 bytes for what fmi3DoStep returns
+    ramp="i8",  # a `groups.RAMP`; 0: no input is a line
+    shorter="i8",  # a `SHORTER`
+    note="i8",  # a `groups.NOTE`
+)
+"""Of an instance: counts, and addresses of functions and tables."""
+PLAIN_MEMORY = record(
+    **alike("i8", "instance set_real do_step final get_real"),
+    inputs="i8",  # how many
+    **alike("i8", "input_references outputs output_references"),
+    shifted="i8",  # which output
+    shift="f8",  # and by how much
+    shorter="i8",  # a `SHORTER`
+    note="i8",  # a `groups.NOTE`
+)
+"""The same of an FMU whose values go as they are."""
+STATE_MEMORY = record(
+    instance="i8",
+    get="i8",  # fmiNGetFMUState
+    set="i8",  # fmiNSetFMUState
+    cell="i8",  # where the next field is
+    state="i8",  # the FMU's own pointer
+    pieces="i8",  # how many of our own memory go back with it
+    piece_table="i8",  # of `component.PIECE`
+    note="i8",  # a `groups.NOTE`
+)
+"""To save and restore a state; addresses of functions."""
+PERIODIC, CHANGING, COUNTDOWN, OUTPUT = 0, 1, 2, 3
+"""What a clock is: its next tick is known from its period, from what the FMU says when it ticks, or in any event; or
+the FMU itself ticks it."""
+NEVER = 1 << 62
+"""Step of a clock whose next tick is not known."""
+CLOCK = np.dtype([("reference", "u4"), ("kind", "i4"), ("period", "i8"), ("next", "i8")], align=True)
+"""Value reference, one of the four kinds, period in steps, and the step at whose beginning it ticks next."""
+CLOCK_BYTES = CLOCK.itemsize
+EVENTS = record(
+    **alike("i8", "instance enter_event_mode update enter_step_mode set_clock get_clock get_interval"),
+    returned="i8",  # 40 bytes for what functions return
+    clocks="i8",  # how many
+    clock_table="i8",  # of `CLOCK`
+    discrete="i8",  # groups of discrete inputs
+    discrete_groups="i8",
+    held="i8",  # groups of clocked outputs
+    held_groups="i8",
+    next="i8",  # where the time of the next event is (s); infinity: none is planned
+    step="f8",  # s
+    value="f8",  # what the FMU returned when it went wrong
+    culprit="i8",  # about which clock
+)
+"""Event mode: counts, and addresses of functions and tables."""
+_VALUE, _ANSWER = 16, 24
+"""Where in `returned` a clock's state or reference's value, and what is asked of it, stand behind the update's 16."""
+EVENT_MEMORY = record(
+    **alike("i8", "instance do_step final inputs input_groups outputs output_groups"),
+    held="i8",  # clocked outputs, which are read in events
+    **alike("i8", "held_groups returned ramp"),
+    events="i8",  # an `EVENTS`; 0: none
+    next="i8",  # where the time of the next event is
+    clocks="i8",  # how many
+    discrete="i8",  # how many groups of discrete inputs
+    early="i8",  # whether it may return early
+    varies="i8",  # whether it takes steps of varying size
+    value="f8",  # the time that it returned when it went wrong
+    note="i8",  # a `groups.NOTE`
+)
+"""As `MEMORY`, and what events need."""
 
 
 @njit(cache=True)
@@ -156,21 +229,6 @@ def _step_2(address, ramp, do_step, instance, t, h, final):
     return DO_STEP + status if status > 1 else 0
 
 
-MEMORY = record(
-    **alike("i8", "version instance do_step"),
-    final="i8",  # 1: no state will be restored
-    inputs="i8",  # how many groups
-    input_groups="i8",  # of `groups.GROUP`
-    outputs="i8",
-    output_groups="i8",
-    returned="i8",  # 16 bytes for what fmi3DoStep returns
-    ramp="i8",  # a `groups.RAMP`; 0: no input is a line
-    shorter="i8",  # a `SHORTER`
-    note="i8",  # a `groups.NOTE`
-)
-"""Of an instance: counts, and addresses of functions and tables."""
-
-
 @step_function(MEMORY)
 def step(m, t, h, u, y):
     return noted(m.note, _step(m, t, h, address_of(u), address_of(y)))
@@ -204,18 +262,6 @@ def _step(m, t, h, u, y):
     return get_all(m.version, m.instance, m.output_groups, m.outputs, y)
 
 
-PLAIN_MEMORY = record(
-    **alike("i8", "instance set_real do_step final get_real"),
-    inputs="i8",  # how many
-    **alike("i8", "input_references outputs output_references"),
-    shifted="i8",  # which output
-    shift="f8",  # and by how much
-    shorter="i8",  # a `SHORTER`
-    note="i8",  # a `groups.NOTE`
-)
-"""The same of an FMU whose values go as they are."""
-
-
 @step_function(PLAIN_MEMORY)
 def plain_step(m, t, h, u, y):
     # what `step` does for Real in SI units and the contract's order, in a third of the time around the FMU's own
@@ -232,19 +278,6 @@ def plain_step(m, t, h, u, y):
     return 0
 
 
-STATE_MEMORY = record(
-    instance="i8",
-    get="i8",  # fmiNGetFMUState
-    set="i8",  # fmiNSetFMUState
-    cell="i8",  # where the next field is
-    state="i8",  # the FMU's own pointer
-    pieces="i8",  # how many of our own memory go back with it
-    piece_table="i8",  # of `component.PIECE`
-    note="i8",  # a `groups.NOTE`
-)
-"""To save and restore a state; addresses of functions."""
-
-
 @step_function(STATE_MEMORY)
 def save(m, t, h, u, y):
     status = on_pointer(m.get, (m.instance, m.cell))
@@ -259,39 +292,8 @@ def restore(m, t, h, u, y):
     return noted(m.note, RESTORE + status) if status > 1 else 0
 
 
-PERIODIC, CHANGING, COUNTDOWN, OUTPUT = 0, 1, 2, 3
-"""What a clock is: its next tick is known from its period, from what the FMU says when it ticks, or in any event; or
-the FMU itself ticks it."""
-
-NEVER = 1 << 62
-"""Step of a clock whose next tick is not known."""
-
-CLOCK = np.dtype([("reference", "u4"), ("kind", "i4"), ("period", "i8"), ("next", "i8")], align=True)
-"""Value reference, one of the four kinds, period in steps, and the step at whose beginning it ticks next."""
-
-CLOCK_BYTES = CLOCK.itemsize
-
-EVENTS = record(
-    **alike("i8", "instance enter_event_mode update enter_step_mode set_clock get_clock get_interval"),
-    returned="i8",  # 40 bytes for what functions return
-    clocks="i8",  # how many
-    clock_table="i8",  # of `CLOCK`
-    discrete="i8",  # groups of discrete inputs
-    discrete_groups="i8",
-    held="i8",  # groups of clocked outputs
-    held_groups="i8",
-    next="i8",  # where the time of the next event is (s); infinity: none is planned
-    step="f8",  # s
-    value="f8",  # what the FMU returned when it went wrong
-    culprit="i8",  # about which clock
-)
-"""Event mode: counts, and addresses of functions and tables."""
-
 _events_at, _clocks_at = pointer_to(EVENTS), pointer_to(CLOCK)
 _words_at = pointer_to(np.int32)
-
-_VALUE, _ANSWER = 16, 24
-"""Where in `returned` a clock's state or reference's value, and what is asked of it, stand behind the update's 16."""
 
 
 @njit(cache=True)
@@ -471,22 +473,6 @@ def settle(address, active, n, t):
             return PAST
         planned[0] = next_time[0]
     return _plan_clocks(e, clocks, ticked, n, t)
-
-
-EVENT_MEMORY = record(
-    **alike("i8", "instance do_step final inputs input_groups outputs output_groups"),
-    held="i8",  # clocked outputs, which are read in events
-    **alike("i8", "held_groups returned ramp"),
-    events="i8",  # an `EVENTS`; 0: none
-    next="i8",  # where the time of the next event is
-    clocks="i8",  # how many
-    discrete="i8",  # how many groups of discrete inputs
-    early="i8",  # whether it may return early
-    varies="i8",  # whether it takes steps of varying size
-    value="f8",  # the time that it returned when it went wrong
-    note="i8",  # a `groups.NOTE`
-)
-"""As `MEMORY`, and what events need."""
 
 
 @njit(cache=True, inline="always")

@@ -31,6 +31,18 @@ CAPABILITIES = (
     "canHandleVariableCommunicationStepSize", "canInterpolateInputs", "canBeInstantiatedOnlyOncePerProcess",
 )  # fmt: skip
 """Of an FMI 1.0 slave."""
+MOST_DESCRIPTION = 64 << 20
+"""Bytes. The largest honest ones have tens of thousands of variables and some 10 MB."""
+STRUCTURAL = "structuralParameter"
+NEEDS_TOOL, PYTHON_FMU = "needs its authoring tool while running (needsExecutionTool)", "PythonFMU"
+SETTLED = 2_000_000_000
+"""Age (ns) from which a file's times tell it from every later state of it: the coarsest file system clock, FAT's."""
+INDICES = ("index", "dependencies", "derivative")
+"""Attributes that count the variables from 1 on (FMI 2.0.4, 2.2.8)."""
+MOST_CLOCKS = 62
+"""A bit of a number tells of each whether it is active."""
+CLOSE = 1e-6
+"""Of a step, by which a multiple of another one may miss it."""
 
 
 def complete(model: Any, file: Path) -> None:
@@ -92,19 +104,9 @@ def _true(text: str | None) -> bool:
     return text in ("true", "1")
 
 
-MOST_DESCRIPTION = 64 << 20
-"""Bytes. The largest honest ones have tens of thousands of variables and some 10 MB."""
-
 Kind = Literal["co_simulation", "model_exchange"]
 KIND_NAMES: dict[Kind, str] = {"co_simulation": "co-simulation", "model_exchange": "model exchange"}
 """What an FMU is used as, and how people call that; the first is taken where nothing is said and both are offered."""
-
-STRUCTURAL = "structuralParameter"
-
-NEEDS_TOOL, PYTHON_FMU = "needs its authoring tool while running (needsExecutionTool)", "PythonFMU"
-
-SETTLED = 2_000_000_000
-"""Age (ns) from which a file's times tell it from every later state of it: the coarsest file system clock, FAT's."""
 
 
 @dataclass(frozen=True)
@@ -395,10 +397,6 @@ def _model(file: Path, names: Collection[str]) -> Any:
         raise InputRefused(f"{file}: {DESCRIPTION} cannot be read: {_flaw(file, problem)}") from None
 
 
-INDICES = ("index", "dependencies", "derivative")
-"""Attributes that count the variables from 1 on (FMI 2.0.4, 2.2.8)."""
-
-
 def _flaw(file: Path, problem: Exception) -> str:
     """Reason why FMPy cannot read a description: the place of an XML error, or a missing reference."""
     if type(problem) is Exception:
@@ -418,10 +416,6 @@ def _flaw(file: Path, problem: Exception) -> str:
                 if name in INDICES and root.get("fmiVersion") == "2.0" and not 1 <= int(word) <= count:
                     return f"{stated}: there are {count} variables"
     return f"FMPy stops with {type(problem).__name__}: {problem}; validate it with the schema of its standard"
-
-
-MOST_CLOCKS = 62
-"""A bit of a number tells of each whether it is active."""
 
 
 def clocks(description: FmuDescription) -> list[Any]:
@@ -455,10 +449,6 @@ def stated_interval(clock: Any) -> tuple[float, float]:
         return number(clock.intervalDecimal), number(clock.shiftDecimal or "0")
     scale = 1.0 / resolution if resolution > 0.0 else math.nan
     return number(clock.intervalCounter) * scale, number(clock.shiftCounter or "0") * scale
-
-
-CLOSE = 1e-6
-"""Of a step, by which a multiple of another one may miss it."""
 
 
 def abilities(description: FmuDescription) -> list[tuple[str, str]]:

@@ -37,6 +37,9 @@ from twin.kernel.fmi.solvers import (
 from twin.kernel.fmi.stepping import FmuPort, Stepping, placed
 from twin.kernel.fmi.variable import Variable
 
+MOST_STATES, MOST_INDICATORS = 1000, 10_000
+"""A dense Jacobian of more states than that is not what a drive is made of."""
+
 
 @step_function(MEMORY)
 def step(m, t, h, u, y):
@@ -200,10 +203,6 @@ def _laid_out(sizes: dict[str, int], first: int = 0) -> tuple[np.ndarray, dict[s
     for name, size in sizes.items():
         block[places[name] : places[name] + size] = 0.0
     return block, places
-
-
-MOST_STATES, MOST_INDICATORS = 1000, 10_000
-"""A dense Jacobian of more states than that is not what a drive is made of."""
 
 
 class _Fmi3(Fmi3):

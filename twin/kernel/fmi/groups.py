@@ -21,6 +21,83 @@ from twin.kernel.cosim.port import record
 from twin.kernel.fmi.variable import EXACT, FLOAT_32, FLOAT_64, WHOLE_HIGH, WHOLE_LOW
 from twin.kernel.hooks import HOOKS
 
+_KINDS = {
+    "pointer": ("int64", "pointer"),
+    "double": ("float64", "f64"),
+    "size": ("int64", "i64"),
+    "int": ("int64", "i32"),
+    "byte": ("int64", "i8"),
+}
+"""What numba and LLVM call it."""
+NO_STATUS, WIDTH = 15, 16
+"""Code of an integer outside the statuses of every FMI version, and the bit at which that integer is stored."""
+SET, DO_STEP, GET, TERMINATE, SAVE, RESTORE = 16, 32, 48, 64, 80, 96
+EVENT_MODE, UPDATE, STEP_MODE, SET_CLOCK, GET_CLOCK, INTERVAL, DERIVATIVES = 256, 272, 288, 304, 320, 336, 352
+"""What a bad status starts with: the function that returned the rest of it."""
+EARLY, OUTSIDE, STALLED, TOO_MANY, ENDLESS, PAST, PERIOD, STUCK = 512, 513, 514, 515, 516, 517, 518, 519
+"""What an FMU did that no function of it calls bad."""
+UNFIT, INEXACT = 520, 521
+"""An input value that its type cannot hold; an output value beyond `variable.EXACT`."""
+DISCARD, PENDING = 2, 5
+STATUSES = {2: "Discard", 3: "Error", 4: "Fatal", PENDING: "Pending"}
+SHORTENED = 10
+"""How often a step is halved without any progress before the FMU is believed to be stuck."""
+MOST_STEPS = 10_000
+"""Parts of one step."""
+MOST_STALLS = 100
+"""Events and early returns at one and the same time."""
+MOST_UPDATES = 1000
+"""Updates of discrete states in one event."""
+FUNCTIONS = {
+    SET: "Set", DO_STEP: "DoStep", GET: "Get", EVENT_MODE: "EnterEventMode", UPDATE: "UpdateDiscreteStates",
+    STEP_MODE: "EnterStepMode", SET_CLOCK: "SetClock", GET_CLOCK: "GetClock", INTERVAL: "GetIntervalDecimal",
+    DERIVATIVES: "SetRealInputDerivatives",
+}  # fmt: skip
+NOTE = record(
+    status="i8",  # invalid status that a function returned, shifted right by `WIDTH` bits
+    slot="i8",  # of the value that is `UNFIT` or `INEXACT`, or could not be set or got, among the inputs or outputs
+    value="f8",  # which is unfit
+    whole="i8",  # which is inexact
+)
+"""Details of a bad status that do not fit into the return value of a step, one record per instance."""
+GROUP = record(
+    kind="i8",  # index into `KINDS`
+    access="i8",  # fmiNSetType or fmiNGetType
+    references="i8",  # value references (uint32)
+    variables="i8",  # how many of these
+    values="i8",  # how many numbers: more than variables where these are arrays
+    slots="i8",  # where each is in u or y (uint64)
+    gain="i8",  # of each (float64)
+    offset="i8",  # of each (float64)
+    buffer="i8",  # of the FMI type
+    bytes="i8",  # of the buffer
+    last="i8",  # with events: what inputs were last set to
+    clocks="i8",  # with events: those with which alone the group changes, a bit for each
+    note="i8",  # a `NOTE`
+)
+"""Variables of one FMI type: counts, and addresses of functions and arrays."""
+AT_END = ":end"
+"""What the port for the value at the end of a step is called after its input's name."""
+RAMP = record(
+    instance="i8",
+    set="i8",  # fmiNSetReal or fmi3SetFloat64
+    derivatives="i8",  # fmiNSetRealInputDerivatives; 0 in FMI 3.0
+    values="i8",  # how many
+    references="i8",
+    orders="i8",  # all 1
+    starts="i8",  # slots in u of the values at the start of a step
+    ends="i8",  # and at its end
+    gain="i8",
+    offset="i8",
+    begin="i8",  # value at the start, in the FMU's own unit
+    slope="i8",
+    buffer="i8",
+    t="f8",  # of the start (s)
+    bad="i8",  # what was bad within a step
+    note="i8",  # a `NOTE`
+)
+"""Inputs that are lines over a step: counts, and addresses of functions and of arrays with a number for each value."""
+
 
 @contextmanager
 def announced(file: str, instance: str, function: str) -> Iterator[None]:
@@ -32,20 +109,6 @@ def announced(file: str, instance: str, function: str) -> Iterator[None]:
     finally:
         for hook in HOOKS.fmi_call:
             hook(file, instance, "")
-
-
-_KINDS = {
-    "pointer": ("int64", "pointer"),
-    "double": ("float64", "f64"),
-    "size": ("int64", "i64"),
-    "int": ("int64", "i32"),
-    "byte": ("int64", "i8"),
-}
-"""What numba and LLVM call it."""
-
-
-NO_STATUS, WIDTH = 15, 16
-"""Code of an integer outside the statuses of every FMI version, and the bit at which that integer is stored."""
 
 
 def foreign(*kinds: str, returns: str = "status") -> Any:
@@ -124,18 +187,6 @@ one_step = foreign("pointer", "double", "pointer", "pointer", "int", returns="in
 values_of = foreign("pointer", returns="pointer")
 """`N_VGetArrayPointer(vector)`."""
 
-SET, DO_STEP, GET, TERMINATE, SAVE, RESTORE = 16, 32, 48, 64, 80, 96
-EVENT_MODE, UPDATE, STEP_MODE, SET_CLOCK, GET_CLOCK, INTERVAL, DERIVATIVES = 256, 272, 288, 304, 320, 336, 352
-"""What a bad status starts with: the function that returned the rest of it."""
-
-EARLY, OUTSIDE, STALLED, TOO_MANY, ENDLESS, PAST, PERIOD, STUCK = 512, 513, 514, 515, 516, 517, 518, 519
-"""What an FMU did that no function of it calls bad."""
-UNFIT, INEXACT = 520, 521
-"""An input value that its type cannot hold; an output value beyond `variable.EXACT`."""
-
-DISCARD, PENDING = 2, 5
-STATUSES = {2: "Discard", 3: "Error", 4: "Fatal", PENDING: "Pending"}
-
 
 def status_phrase(function: str, status: int) -> str:
     """Return the phrase of a bad status: `fmi2DoStep returned fmi2Error`."""
@@ -144,25 +195,6 @@ def status_phrase(function: str, status: int) -> str:
         prefix = function[:4] if function[3:4].isdigit() else "fmi"
         return f"{function} returned {prefix}{STATUSES[status]}"
     return f"{function} returned {status}, which is no status of FMI"
-
-
-SHORTENED = 10
-"""How often a step is halved without any progress before the FMU is believed to be stuck."""
-
-MOST_STEPS = 10_000
-"""Parts of one step."""
-
-MOST_STALLS = 100
-"""Events and early returns at one and the same time."""
-
-MOST_UPDATES = 1000
-"""Updates of discrete states in one event."""
-
-FUNCTIONS = {
-    SET: "Set", DO_STEP: "DoStep", GET: "Get", EVENT_MODE: "EnterEventMode", UPDATE: "UpdateDiscreteStates",
-    STEP_MODE: "EnterStepMode", SET_CLOCK: "SetClock", GET_CLOCK: "GetClock", INTERVAL: "GetIntervalDecimal",
-    DERIVATIVES: "SetRealInputDerivatives",
-}  # fmt: skip
 
 
 def explain_status(
@@ -202,13 +234,6 @@ _f64, _f32 = pointer_to(np.float64), pointer_to(np.float32)
 _i8, _u8, _i16, _u16 = (pointer_to(t) for t in (np.int8, np.uint8, np.int16, np.uint16))
 _i32, _u32, _i64, _u64 = (pointer_to(t) for t in (np.int32, np.uint32, np.int64, np.uint64))
 
-NOTE = record(
-    status="i8",  # invalid status that a function returned, shifted right by `WIDTH` bits
-    slot="i8",  # of the value that is `UNFIT` or `INEXACT`, or could not be set or got, among the inputs or outputs
-    value="f8",  # which is unfit
-    whole="i8",  # which is inexact
-)
-"""Details of a bad status that do not fit into the return value of a step, one record per instance."""
 
 note_at = pointer_to(NOTE)
 
@@ -220,23 +245,6 @@ def noted(note, status):
         carray(note_at(note), 1)[0].status = status >> WIDTH
     return status & (1 << WIDTH) - 1
 
-
-GROUP = record(
-    kind="i8",  # index into `KINDS`
-    access="i8",  # fmiNSetType or fmiNGetType
-    references="i8",  # value references (uint32)
-    variables="i8",  # how many of these
-    values="i8",  # how many numbers: more than variables where these are arrays
-    slots="i8",  # where each is in u or y (uint64)
-    gain="i8",  # of each (float64)
-    offset="i8",  # of each (float64)
-    buffer="i8",  # of the FMI type
-    bytes="i8",  # of the buffer
-    last="i8",  # with events: what inputs were last set to
-    clocks="i8",  # with events: those with which alone the group changes, a bit for each
-    note="i8",  # a `NOTE`
-)
-"""Variables of one FMI type: counts, and addresses of functions and arrays."""
 
 groups_at = pointer_to(GROUP)
 
@@ -386,29 +394,6 @@ def get_all(version, instance, groups, count, y):
             return status
     return 0
 
-
-AT_END = ":end"
-"""What the port for the value at the end of a step is called after its input's name."""
-
-RAMP = record(
-    instance="i8",
-    set="i8",  # fmiNSetReal or fmi3SetFloat64
-    derivatives="i8",  # fmiNSetRealInputDerivatives; 0 in FMI 3.0
-    values="i8",  # how many
-    references="i8",
-    orders="i8",  # all 1
-    starts="i8",  # slots in u of the values at the start of a step
-    ends="i8",  # and at its end
-    gain="i8",
-    offset="i8",
-    begin="i8",  # value at the start, in the FMU's own unit
-    slope="i8",
-    buffer="i8",
-    t="f8",  # of the start (s)
-    bad="i8",  # what was bad within a step
-    note="i8",  # a `NOTE`
-)
-"""Inputs that are lines over a step: counts, and addresses of functions and of arrays with a number for each value."""
 
 _ramp_at = pointer_to(RAMP)
 

@@ -40,6 +40,15 @@ NOT_YET_KNOWN = 0
 
 _complete: set[str] = set()
 """Binaries, by their places, of which it is known that they have every function."""
+_NEVER_CALLED = CFUNCTYPE(c_int)
+_OF_OTHER_KINDS = {
+    "fmi3ActivateModelPartition",
+    "fmi3DoStep",
+    "fmi3EnterStepMode",
+    "fmi3GetOutputDerivatives",
+    "fmi3InstantiateCoSimulation",
+    "fmi3InstantiateScheduledExecution",
+}
 
 
 class _Asked(dict[str, Any]):
@@ -53,9 +62,6 @@ class _Asked(dict[str, Any]):
     def __missing__(self, name: str) -> Any:
         self[name] = found = self._slave._function(name)
         return found
-
-
-_NEVER_CALLED = CFUNCTYPE(c_int)
 
 
 class _Completed:
@@ -164,16 +170,6 @@ class FMU3Drive(_Remembering, FMU3Slave):
 
 class FMU2Exchange(_Remembering, FMU2Model):
     """An FMI 2.0 model."""
-
-
-_OF_OTHER_KINDS = {
-    "fmi3ActivateModelPartition",
-    "fmi3DoStep",
-    "fmi3EnterStepMode",
-    "fmi3GetOutputDerivatives",
-    "fmi3InstantiateCoSimulation",
-    "fmi3InstantiateScheduledExecution",
-}
 
 
 class FMU3Exchange(_Remembering, FMU3Model):

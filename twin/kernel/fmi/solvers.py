@@ -105,6 +105,17 @@ _FLAGS = {
     -4: "its iterations do not converge, however short the step",
     -22: "its input is not legal",
 }
+TIME_PLACE = 24
+"""Where in the memory of what comes back the time of the next event is."""
+USUAL_TOLERANCE = 1e-6
+"""Relative, of CVODE, where neither the experiment nor the FMU says anything."""
+HALVINGS = 60
+"""A step halved so often is shorter than two times that differ."""
+BDF, ONE_STEP, ROOT_RETURN = 2, 2, 2
+"""CV_BDF, CV_ONE_STEP and CV_ROOT_RETURN of cvode.h."""
+RECOVERABLE = 1
+"""What the equations return for CVODE to try a smaller step."""
+_P, _D, _I, _N = ctypes.c_void_p, ctypes.c_double, ctypes.c_int, ctypes.c_int64
 
 
 def sentence(m: Any, status: int, other: int) -> str:
@@ -187,8 +198,6 @@ _words_at, _bytes_at, _counts_at = pointer_to(np.int32), pointer_to(np.uint8), p
 
 NEEDED, ENDED, NOMINALS_CHANGED, _, TIME_DEFINED = range(5)
 """The flags that come back of an update, in both standards' order; in FMI 2.0 words, in FMI 3.0 bytes."""
-TIME_PLACE = 24
-"""Where in the memory of what comes back the time of the next event is."""
 
 
 @njit(cache=True)
@@ -305,10 +314,6 @@ def step_completed(m):
     return _flag(m, 0), TERMINATE if _flag(m, 1 if m.version == 2 else 4) else 0
 
 
-USUAL_TOLERANCE = 1e-6
-"""Relative, of CVODE, where neither the experiment nor the FMU says anything."""
-
-
 class Solver(NamedTuple):
     """What integrates the equations of an FMU.
 
@@ -319,10 +324,6 @@ class Solver(NamedTuple):
 
     method: Literal["cvode", "rk4"] = "cvode"
     step: float | None = None
-
-
-HALVINGS = 60
-"""A step halved so often is shorter than two times that differ."""
 
 
 @njit(cache=True)
@@ -418,11 +419,6 @@ def integrate_rk4(m, stop):
     return False, 0
 
 
-BDF, ONE_STEP, ROOT_RETURN = 2, 2, 2
-"""CV_BDF, CV_ONE_STEP and CV_ROOT_RETURN of cvode.h."""
-RECOVERABLE = 1
-"""What the equations return for CVODE to try a smaller step."""
-_P, _D, _I, _N = ctypes.c_void_p, ctypes.c_double, ctypes.c_int, ctypes.c_int64
 _call = "double", "pointer", "pointer", "pointer"
 
 

@@ -52,6 +52,11 @@ _LIMITED = "for o in '-c 0' '-t {time}' '-d {memory}' '-f {written}'; do ulimit 
 _WITHOUT_PREFIX = """#undef FMI2_FUNCTION_PREFIX
 #include_next <fmi2Functions.h>
 """
+HOME = "unpacked"
+CONTENT, SEAL = "fmu", "seal.json"
+MOST_UNPACKED = 50
+"""Folders that are kept in any case; those in use are kept besides."""
+_CHUNK = 1 << 20
 
 
 class Compiled(NamedTuple):
@@ -318,9 +323,6 @@ def call_compiler(command: Sequence[str], refused: str, late: str, folder: Path,
     return text
 
 
-HOME = "unpacked"
-CONTENT, SEAL = "fmu", "seal.json"
-
 Stamp = list[int]
 
 
@@ -372,11 +374,6 @@ def stamp_of(path: str) -> Stamp | None:
     if not stat.S_ISREG(found.st_mode):
         return None
     return [found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino]
-
-
-MOST_UNPACKED = 50
-"""Folders that are kept in any case; those in use are kept besides."""
-_CHUNK = 1 << 20
 
 
 def unpacked(file: Path, digest: str) -> Path:

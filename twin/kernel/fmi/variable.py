@@ -29,6 +29,28 @@ FLOAT_64, FLOAT_32 = float(np.finfo(np.float64).max), float(np.finfo(np.float32)
 WHOLE_LOW = (-(2.0**7), 0.0, -(2.0**15), 0.0, -(2.0**31), 0.0, -(2.0**53), 0.0)
 WHOLE_HIGH = (2.0**7 - 1, 2.0**8 - 1, 2.0**15 - 1, 2.0**16 - 1, 2.0**31 - 1, 2.0**32 - 1, 2.0**53, 2.0**53)
 """Bounds of the integer types of `KINDS`, from the third on; for 64 bits, of the integers exact in a double."""
+SPEED = Dimension(s=-1)
+TURN = 2.0 * math.pi
+SPELLED = (
+    "1", "rad", "deg", "\N{DEGREE SIGN}", "rev", "rad/s", "deg/s", "rev/s", "rpm", "rev/min", "N.m", "N m", "Nm", "N*m",
+    "mN.m", "mN m", "mNm", "mN*m", "N.cm", "A", "mA", "V", "mV", "W", "K",
+)  # fmt: skip
+"""As `twin.kernel.units` does."""
+OTHERWISE = {"": "1", "degree": "deg", "r": "rev", "turn": "rev", "r/s": "rev/s", "Ncm": "N.cm"}
+ENERGY = ("J", "kJ", "mJ", "Wh", "kWh")
+"""In kg m2/s2 as torques are, and no torque."""
+FMI1_KINDS = {"Real": "Float64", "Integer": "Int32", "Enumeration": "Int32"}
+FMI2_KINDS = FMI1_KINDS | {"Boolean": "Int32"}
+FMI3_KINDS = {"Enumeration": "Int64"}
+"""How types travel, in words of FMI 3.0. Boolean is four bytes wide in FMI 2.0 and one in the others."""
+TEXTS = ("String", "Binary")
+"""Types whose values are no numbers."""
+MOST_VALUES = 1_000_000
+"""Of one array: no drive has more, and a file that says so would fill the memory."""
+FILE = "file:"
+"""Before the path of a file, for text that names one and for a Binary that holds what is in it."""
+MOST_BYTES = 64 << 20
+"""Of a file that is handed over as a Binary."""
 
 
 class Conversion(NamedTuple):
@@ -39,19 +61,8 @@ class Conversion(NamedTuple):
     offset: float = 0.0
 
 
-SPEED = Dimension(s=-1)
-TURN = 2.0 * math.pi
-
-SPELLED = (
-    "1", "rad", "deg", "\N{DEGREE SIGN}", "rev", "rad/s", "deg/s", "rev/s", "rpm", "rev/min", "N.m", "N m", "Nm", "N*m",
-    "mN.m", "mN m", "mNm", "mN*m", "N.cm", "A", "mA", "V", "mV", "W", "K",
-)  # fmt: skip
-"""As `twin.kernel.units` does."""
-OTHERWISE = {"": "1", "degree": "deg", "r": "rev", "turn": "rev", "r/s": "rev/s", "Ncm": "N.cm"}
 # SI Brochure, 2.3.4: hertz is for frequencies, what turns has rad/s; in hertz it counts turns, as per minute
 OTHERWISE |= {"Hz": "rev/s", "kHz": "rev/ms", "rps": "rev/s", "1/min": "rpm", "r/min": "rpm", "U/min": "rpm"}
-ENERGY = ("J", "kJ", "mJ", "Wh", "kWh")
-"""In kg m2/s2 as torques are, and no torque."""
 
 
 def _without_radian(unit: Unit | None) -> Conversion:
@@ -124,18 +135,6 @@ def valued(where: str, items: Mapping[str, float], value: float | str) -> float:
     if value not in items:
         raise InputRefused(f"{where} = {value!r}: {nearest(value, items, f'expected one of {known}')}")
     return items[value]
-
-
-FMI1_KINDS = {"Real": "Float64", "Integer": "Int32", "Enumeration": "Int32"}
-FMI2_KINDS = FMI1_KINDS | {"Boolean": "Int32"}
-FMI3_KINDS = {"Enumeration": "Int64"}
-"""How types travel, in words of FMI 3.0. Boolean is four bytes wide in FMI 2.0 and one in the others."""
-
-TEXTS = ("String", "Binary")
-"""Types whose values are no numbers."""
-
-MOST_VALUES = 1_000_000
-"""Of one array: no drive has more, and a file that says so would fill the memory."""
 
 
 @dataclass(frozen=True)
@@ -289,12 +288,6 @@ Value = float | str | Sequence[float] | Sequence[str]
 
 Setting = tuple[Variable, float | np.ndarray | list[str] | list[bytes]]
 """A variable and what to set it to, in its own unit; an array takes one value for all elements or one for each."""
-
-FILE = "file:"
-"""Before the path of a file, for text that names one and for a Binary that holds what is in it."""
-
-MOST_BYTES = 64 << 20
-"""Of a file that is handed over as a Binary."""
 
 
 class FilePath(str):

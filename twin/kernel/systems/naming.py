@@ -15,6 +15,8 @@ SINGLE = "FMU"
 """The form of a system that is one FMU."""
 
 _ELEMENT = re.compile(r"(.+)\[(\d+)\]")
+KINDS = {"Real": "double", "Float64": "double", "Float32": "double", "Boolean": "bool"}
+"""Of a recording, by the type of a variable; whole numbers are all others."""
 
 
 def word(name: str) -> str:
@@ -52,10 +54,6 @@ def element(variable: str) -> tuple[str, int]:
     """(array, number) of a variable that is an element of one, `tip[2]`; number 0: it is none."""
     match = _ELEMENT.fullmatch(variable)
     return (match[1], int(match[2])) if match else (variable, 0)
-
-
-KINDS = {"Real": "double", "Float64": "double", "Float32": "double", "Boolean": "bool"}
-"""Of a recording, by the type of a variable; whole numbers are all others."""
 
 
 def rank(variable: Variable) -> int:

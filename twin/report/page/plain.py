@@ -12,8 +12,8 @@ from twin.robot.run.measures import MEASURES, measured_values, shown
 from twin.studies.metrics.standing import JUDGED
 from twin.studies.qualify.comparison import OF_ANY_RUN
 from twin.studies.qualify.text import shown_value
-from twin.studies.sweep.rows import SweepRows
 from twin.studies.sweep.show.parts import Asked, ReportPart, headline, parts
+from twin.studies.sweep.stored import SweepRows
 
 PAGE = "sweep.html"
 CAPTIONS = {
@@ -31,6 +31,7 @@ NAMES = {
     "reasons": "Not done",
 }  # fmt: skip
 """Of parts in the list of contents."""
+COMPARED = "compare.html"
 
 
 def write_sweep_page(sweep: SweepRows, asked: Asked, pictures: Mapping[str, Path], folder: Path) -> Path:
@@ -80,9 +81,6 @@ def _cell(text: str, part: ReportPart) -> str:
     unbroken = text.replace(" .. ", "\u00a0..\u00a0")
     note = part.notes.get(text)
     return joined([unbroken, element("small", note)]) if note else unbroken
-
-
-COMPARED = "compare.html"
 
 
 def write_drives_page(facts: Mapping[str, Any], folder: Path) -> Path:

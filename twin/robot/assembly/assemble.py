@@ -46,6 +46,18 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.schema import changeable
 
 Source = tuple[str, str]
+COMMAND = ("bus.omega_ref", "monitor.omega_ref", "delay.omega_ref", "tank.omega_ref", "controller.omega_ref")
+"""The drives' commands: the last component on the way from the controller."""
+POWER = ("bus.power", "monitor.power")
+"""Whether they may have power."""
+DRIVE_POWER = ("bus.drive_power", "monitor.drive_power")
+"""The same of each, where drives have lines of their own."""
+BRAKE = ("bus.brake", "monitor.brake")
+"""Whether brakes may close."""
+SHAFT = ("shaft.theta_m", "drive.theta_m")
+"""The motors' shafts: as they are without power, if the drives say it."""
+FORCE_REFERENCE = "controller.force.reference_N"
+HERE = InThisProcess()
 
 
 class ComponentRow(NamedTuple):
@@ -72,17 +84,6 @@ def _source(text: str) -> Source:
     row, _, port = text.partition(".")
     return row, port
 
-
-COMMAND = ("bus.omega_ref", "monitor.omega_ref", "delay.omega_ref", "tank.omega_ref", "controller.omega_ref")
-"""The drives' commands: the last component on the way from the controller."""
-POWER = ("bus.power", "monitor.power")
-"""Whether they may have power."""
-DRIVE_POWER = ("bus.drive_power", "monitor.drive_power")
-"""The same of each, where drives have lines of their own."""
-BRAKE = ("bus.brake", "monitor.brake")
-"""Whether brakes may close."""
-SHAFT = ("shaft.theta_m", "drive.theta_m")
-"""The motors' shafts: as they are without power, if the drives say it."""
 
 ROBOT = (
     _row("body", build.body),
@@ -165,9 +166,6 @@ def _values(source: Source, made: Mapping[str, list[Component]], targets: list[E
     return values
 
 
-FORCE_REFERENCE = "controller.force.reference_N"
-
-
 class Tunable(NamedTuple):
     """A number that may be changed between two ticks.
 
@@ -199,7 +197,6 @@ def scheduled(experiment: Experiment, system: System) -> tuple[MemoryChange, ...
     return tuple(MemoryChange(c.tick, found[c.key].memory, c.value) for c in experiment.changes if c.key in found)
 
 
-HERE = InThisProcess()
 HOOKS.before_compiling.append(compile_beside)
 
 

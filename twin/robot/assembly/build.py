@@ -24,7 +24,8 @@ from twin.kernel.settings import Triple
 from twin.robot.assembly.drives import DrivePlan, Start, drive, planned
 from twin.robot.assembly.roles import OtherPart
 from twin.robot.controller import program as programs
-from twin.robot.controller.adaptive import Adapting, SchedulePoint, Scheduling
+from twin.robot.controller.adaptive import Adapting
+from twin.robot.controller.compliance import Believed
 from twin.robot.controller.controller import (
     OMEGA_REF,
     P_REF_B,
@@ -35,8 +36,9 @@ from twin.robot.controller.controller import (
     WayPointReference,
 )
 from twin.robot.controller.energy_tank import Tank, TankValve
-from twin.robot.controller.pid import Believed, Gains, force_gains
+from twin.robot.controller.pid import Gains, force_gains
 from twin.robot.controller.program import Phase
+from twin.robot.controller.schedule import SchedulePoint, Scheduling
 from twin.robot.controller.task_controller import Computer, TaskController
 from twin.robot.controller.tissue import Sensing
 from twin.robot.experiment.experiment import Experiment
@@ -48,16 +50,24 @@ from twin.robot.mechanism.statics import G_ACCELERATION, Masses, leg_inertia, mo
 from twin.robot.monitor.checks import Limits, Monitor
 from twin.robot.monitor.component import LINES, POWER, MonitorBelief, SafetyMonitor
 from twin.robot.plant.component import Plant, resting
-from twin.robot.plant.contact_law import Body, Contact, Motion, MotionKind
+from twin.robot.plant.contact_law import Contact
 from twin.robot.plant.dynamics import PlantParameters, Robot, TrueRobot
 from twin.robot.plant.encoder import INPUTS as ANGLES
 from twin.robot.plant.encoder import Encoder, Scale, Shaft
+from twin.robot.plant.surface_motion import Body, Motion, MotionKind
 from twin.robot.shaft import Unpowered, UnpoweredShaft
 
 SUDDEN = 0.02
 """Time (s) in which a surface jumps or drops away as a fault."""
 BREATHING_RATE = 0.25
 """Of breathing as a fault (Hz): 15 per minute."""
+JOINTS = 3
+LIGHT_TOUCH = 0.3
+"""Pressing force (N) below which nothing is learnt of the tissue."""
+LATE = 1.5
+"""Periods of the controller after which a message of the encoders is late."""
+POWERED = ("power", "drive_power")
+"""Lines that are on until the first message has come."""
 
 
 def plant_parameters(plant: TrueRobot, contact: Contact) -> PlantParameters:
@@ -95,9 +105,6 @@ def _broken(fault: Fault, tick: float) -> Motion | None:
         case "breathing":
             return Motion(MotionKind.BREATHING, up, onset, end, rate=BREATHING_RATE)
     return None
-
-
-JOINTS = 3
 
 
 class DriveMaker(Protocol):
@@ -296,10 +303,6 @@ def monitor_limits(monitor: Monitor, speed_limit: float) -> Limits:
     return Limits.made(monitor, command_limit=monitor.command_limit or speed_limit)
 
 
-LIGHT_TOUCH = 0.3
-"""Pressing force (N) below which nothing is learnt of the tissue."""
-
-
 def adapting(experiment: Experiment) -> Adapting | None:
     """What of it the experiment asks for; None: nothing."""
     c = experiment.controller
@@ -334,10 +337,6 @@ def sensing(computer: Computer, p_B: Triple) -> Sensing:
         angle_rounding=joint,
         torque_rounding=per_motor * math.hypot(motor, model.N * joint),
     )
-
-
-LATE = 1.5
-"""Periods of the controller after which a message of the encoders is late."""
 
 
 def estimator(experiment: Experiment) -> Estimator:
@@ -430,10 +429,6 @@ def monitors(build: Build) -> Makers:
     periods = experiment.controller_ticks, experiment.monitor_ticks
     lines = have_lines(experiment)
     return {"monitor": lambda: SafetyMonitor(monitor_belief(experiment.robot), limits, *periods, lines)}
-
-
-POWERED = ("power", "drive_power")
-"""Lines that are on until the first message has come."""
 
 
 def buses(build: Build) -> Makers:

@@ -6,11 +6,13 @@ from typing import NamedTuple
 
 from twin.kernel.cosim.component import MemoryPlace
 from twin.kernel.settings import FieldSource, Settings, Values, taken
-from twin.robot.controller.adaptive import Breath, Scheduling
+from twin.robot.controller.breath import Breath
+from twin.robot.controller.compliance import Believed, Damping
 from twin.robot.controller.controller import Belief, Law
 from twin.robot.controller.energy_tank import EnergyTank, Tank
-from twin.robot.controller.pid import Believed, Damping, ForceLoop, PositionLoop, Processor
+from twin.robot.controller.pid import ForceLoop, PositionLoop, Processor
 from twin.robot.controller.program import TASKS, Approach
+from twin.robot.controller.schedule import Scheduling
 from twin.robot.controller.task_controller import Computer, Touch
 from twin.robot.controller.tissue import Sensing
 from twin.robot.experiment.experiment import NEEDED, OPTIONAL
@@ -23,6 +25,26 @@ from twin.robot.plant.dynamics import PlantParameters, Robot, TrueRobot
 from twin.robot.plant.encoder import Display
 
 _ENCODERS = ("zero", "noise", "eccentricity", "eccentric_at")
+_NEEDED: dict[str, type[Settings]] = {
+    "robot": Robot,
+    "plant": TrueRobot,
+    "contact": Contact,
+    **NEEDED,
+    "controller": Computer,
+}
+_OPTIONAL: dict[str, type[Settings]] = {
+    "scale": Display,
+    "reference": OPTIONAL["reference"],
+    "approach": Approach,
+    "monitor": Monitor,
+    **OPTIONAL,
+}
+_TUNABLE: dict[str, tuple[MemoryPlace, FieldSource]] = {}
+PLACES = {key: place for key, (place, _) in _TUNABLE.items()}
+"""Where the numbers lie that may change while the robot runs, by their keys in the file."""
+_CHANGEABLE = {key: Changeable(source.table, source.name) for key, (_, source) in _TUNABLE.items()}
+DECLARED = Declared(_NEEDED, _OPTIONAL, _CHANGEABLE, TASKS)
+"""As `twin.robot.experiment` is handed it."""
 
 
 class Memory(NamedTuple):
@@ -79,20 +101,6 @@ MEMORIES = (
 )
 """In the order in which the components look at them."""
 
-_NEEDED: dict[str, type[Settings]] = {
-    "robot": Robot,
-    "plant": TrueRobot,
-    "contact": Contact,
-    **NEEDED,
-    "controller": Computer,
-}
-_OPTIONAL: dict[str, type[Settings]] = {
-    "scale": Display,
-    "reference": OPTIONAL["reference"],
-    "approach": Approach,
-    "monitor": Monitor,
-    **OPTIONAL,
-}
 PATHS: dict[type[Settings], str] = {
     table: path for name, model in {**_NEEDED, **_OPTIONAL}.items() for path, table in nested(model, name).items()
 }
@@ -105,20 +113,14 @@ def key_of(source: FieldSource) -> str:
     return f"{PATHS[source.table]}.{source.setting.key(source.name)}"
 
 
-_TUNABLE: dict[str, tuple[MemoryPlace, FieldSource]] = {}
 for _memory in MEMORIES:
     for _field, _source in _memory.fields.items():
         if _source.setting.tunable:
             # of one that lies in two places the first: the other one is a copy that a schedule goes back to
             _TUNABLE.setdefault(key_of(_source), (MemoryPlace(_memory.component, _memory.record, _field), _source))
-PLACES = {key: place for key, (place, _) in _TUNABLE.items()}
-"""Where the numbers lie that may change while the robot runs, by their keys in the file."""
 BROKEN = {
     kind: MemoryPlace(memory.component, memory.record, field)
     for memory in MEMORIES
     for kind, field in memory.broken_by.items()
 }
 """Where a kind of fault changes a number."""
-_CHANGEABLE = {key: Changeable(source.table, source.name) for key, (_, source) in _TUNABLE.items()}
-DECLARED = Declared(_NEEDED, _OPTIONAL, _CHANGEABLE, TASKS)
-"""As `twin.robot.experiment` is handed it."""

@@ -24,7 +24,8 @@ from twin.kernel.fmi.unpacked import unpacked
 from twin.kernel.fmi.variable import Conversion, Setting, Setup, Variable, stop_time
 from twin.kernel.settings import numbers
 from twin.kernel.units import NUMBER
-from twin.robot.controller.pid import DriveSpeedIntegrator, DriveSpeedLoop, Gains, Servo
+from twin.robot.controller.drive_loops import DriveSpeedIntegrator, DriveSpeedLoop, Servo
+from twin.robot.controller.pid import Gains
 from twin.robot.drive.contract import COMMANDS, LOAD, OMEGA_M, SHAFT, THETA_M, DriveRotor, Unwrapped
 from twin.robot.drive.mapping import Binding, Wiring, bindings, split_mapped
 from twin.robot.experiment.schema import Drive, PositionCommand
@@ -37,6 +38,7 @@ ENABLE = "enable"
 """The optional role by which a drive's power is switched."""
 ALONE = ""
 """Name of the only part of a drive that is one FMU."""
+OMEGA_REF = COMMANDS["velocity"].port
 
 
 @dataclass(frozen=True)
@@ -310,9 +312,6 @@ def rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
             f"{substeps} steps per tick of {1e3 * tick:g} ms; choose a period or substeps that fit"
         )
     return substeps, period
-
-
-OMEGA_REF = COMMANDS["velocity"].port
 
 
 def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:

@@ -30,6 +30,15 @@ from twin.robot.faults import (
 )
 from twin.robot.shaft import DriveFault, DriveLaw
 
+THREE_AXES = "drive"
+"""Name of a drive that turns all joints; others are drive_1 .. drive_3."""
+COUNT_LAWS = {f"encoder_{law.name.lower()}": law for law in CountLaw}
+LEAST_COUNTS = {CountLaw.BIAS: 0.5, CountLaw.GLITCH: 0.5, CountLaw.QUANTISATION: 2.0}
+"""Below which a law changes no count."""
+DRIVE_LAWS = {law.name.lower(): law for law in DriveLaw}
+BUS = "bus"
+"""Target of what happens to commands on their last way, into the drives."""
+
 
 class Circuit:
     """A copy of a system's components and feeds; the components themselves are shared.
@@ -92,15 +101,6 @@ class Circuit:
         feeding = {source.component for source in sources}
         fault.finite = fault.finite and all(c.finite for c in self.components if c.name in feeding)
         self.components.insert(1 + max(i for i, c in enumerate(self.components) if c.name in feeding), fault)
-
-
-THREE_AXES = "drive"
-"""Name of a drive that turns all joints; others are drive_1 .. drive_3."""
-
-COUNT_LAWS = {f"encoder_{law.name.lower()}": law for law in CountLaw}
-LEAST_COUNTS = {CountLaw.BIAS: 0.5, CountLaw.GLITCH: 0.5, CountLaw.QUANTISATION: 2.0}
-"""Below which a law changes no count."""
-DRIVE_LAWS = {law.name.lower(): law for law in DriveLaw}
 
 
 def inject(
@@ -190,10 +190,6 @@ def _break_encoder(
         key: (field, counts_per_rad if field == "counts" else 1.0) for key, field in NUMBERS.get(law, {}).items()
     }
     circuit.put_behind(broken, ends([encoder], "output", name), ends([broken], "input", name))
-
-
-BUS = "bus"
-"""Target of what happens to commands on their last way, into the drives."""
 
 
 def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) -> None:

@@ -29,18 +29,20 @@ from twin.robot.controller.controller import ESTIMATOR_INPUTS, ESTIMATOR_OUTPUTS
 from twin.robot.controller.task_controller import TASK_INPUTS, TASK_OUTPUTS
 from twin.robot.drive.contract import Role
 from twin.robot.drive.mapping import Binding, Wiring, filled, split_mapped, with_units
-from twin.robot.experiment.drive_files import StandIn
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.stand_in import StandIn
 from twin.robot.monitor.component import INPUTS as MONITOR_INPUTS
 from twin.robot.monitor.component import OUTPUTS as MONITOR_OUTPUTS
-from twin.robot.plant.contact_law import OUTPUTS as BODY_OUTPUTS
 from twin.robot.plant.encoder import SCALE_INPUTS, SCALE_OUTPUTS
+from twin.robot.plant.surface_motion import OUTPUTS as BODY_OUTPUTS
 
 if TYPE_CHECKING:
     from twin.kernel.systems.enclosed import EnclosedSystem
 
 Names = Mapping[str, str | tuple[str, ...]]
 AXES = ("x", "y", "z")
+_ELEMENT = re.compile(r"\[(\d+)\]$")
+"""At the end of a name. A user counts the values of a port from 0, as recordings do; roles count from 1, as FMUs do."""
 
 
 @dataclass(frozen=True)
@@ -117,8 +119,6 @@ class SampledFmu:
         return found
 
 
-_ELEMENT = re.compile(r"\[(\d+)\]$")
-"""At the end of a name. A user counts the values of a port from 0, as recordings do; roles count from 1, as FMUs do."""
 Side = Literal["input", "output"]
 _SIDES: tuple[Side, Side] = ("input", "output")
 

@@ -27,6 +27,39 @@ from twin.robot.mechanism.geometry import Model
 from twin.robot.mechanism.kinematics import jacobian_row, platform_position
 from twin.robot.mechanism.statics import arm_gravity_torque, dead_zone, deflection, load_torque, platform_weight
 
+ESTIMATOR_INPUTS = (Port("count_m", 3, "1", "motor encoder counts"), Port("count_l", 3, "1", "joint encoder counts"))
+ESTIMATOR_OUTPUTS = (
+    Port("theta_m", 3, "rad", "motor angles, from counts"),
+    Port("theta_l", 3, "rad", "proximal link angles, from counts"),
+    Port("p_B", 3, "m", "platform position by forward kinematics, base frame B"),
+    Port("J", 9, "rad/m", "Jacobian d theta_l / d p_B at p_B, row by row"),
+    Port("tau_l", 3, "N m", "joint torques by Eq. 20"),
+    Port("F_ee_B", 3, "N", "force by the robot on the environment by statics, base frame B, unfiltered"),
+    Port("valid", 1, "1", "whether these follow from the newest counts; if not, from the last that fit a pose", "bool"),
+)
+ESTIMATE = port_record(ESTIMATOR_OUTPUTS[:-1])
+"""All of them but `valid`."""
+ESTIMATES = ESTIMATE.itemsize // 8
+NO_POSE = 2
+INPUTS = (
+    Port("p_B", 3, "m", "estimated platform position"),
+    Port("J", 9, "rad/m", "Jacobian at the estimated position, row by row"),
+    Port("F_ee_B", 3, "N", "estimated force by the robot on the environment"),
+)
+OMEGA_REF = Port("omega_ref", 3, "rad/s", "commanded motor speeds")
+SHARE = Port("share", 1, "1", "of the motor speeds commanded in the call before, what an energy tank has passed on")
+OUTPUTS = (
+    OMEGA_REF,
+    Port("p_ref_B", 3, "m", "pre-defined reference position"),
+    Port("p_cmd_B", 3, "m", "reference of the position loop: p_ref_B shifted by the force loop"),
+    Port("dp_z", 1, "m", "correction of the force loop to the z reference; negative presses harder"),
+    Port("triggered", 1, "1", "whether the force loop is on", "bool"),
+    Port("F_z", 1, "N", "estimated pressing force, low-passed: what trigger and force loop use"),
+    Port("F_z_ref", 1, "N", "reference of the force loop"),
+)
+P_REF_B = next(port for port in OUTPUTS if port.name == "p_ref_B")
+WAY_MEMORY = record(segment=state("i8", below="way_points"), way_points="i8", times="i8", points="i8")
+
 
 class Belief(
     Values,
@@ -46,21 +79,7 @@ class Belief(
 BELIEF = record_of(Belief)
 
 
-ESTIMATOR_INPUTS = (Port("count_m", 3, "1", "motor encoder counts"), Port("count_l", 3, "1", "joint encoder counts"))
-ESTIMATOR_OUTPUTS = (
-    Port("theta_m", 3, "rad", "motor angles, from counts"),
-    Port("theta_l", 3, "rad", "proximal link angles, from counts"),
-    Port("p_B", 3, "m", "platform position by forward kinematics, base frame B"),
-    Port("J", 9, "rad/m", "Jacobian d theta_l / d p_B at p_B, row by row"),
-    Port("tau_l", 3, "N m", "joint torques by Eq. 20"),
-    Port("F_ee_B", 3, "N", "force by the robot on the environment by statics, base frame B, unfiltered"),
-    Port("valid", 1, "1", "whether these follow from the newest counts; if not, from the last that fit a pose", "bool"),
-)
-ESTIMATE = port_record(ESTIMATOR_OUTPUTS[:-1])
-"""All of them but `valid`."""
-ESTIMATES = ESTIMATE.itemsize // 8
 ESTIMATOR_MEMORY = record(belief=BELIEF, gravity_compensation="i8", **states(estimated="i8", newest=ESTIMATE))
-NO_POSE = 2
 
 
 @njit(cache=True)
@@ -125,24 +144,6 @@ class Estimator(NativeComponent):
 
     def explain(self, status: int) -> str:
         return "found no pose that fits the first encoder counts"
-
-
-INPUTS = (
-    Port("p_B", 3, "m", "estimated platform position"),
-    Port("J", 9, "rad/m", "Jacobian at the estimated position, row by row"),
-    Port("F_ee_B", 3, "N", "estimated force by the robot on the environment"),
-)
-OMEGA_REF = Port("omega_ref", 3, "rad/s", "commanded motor speeds")
-SHARE = Port("share", 1, "1", "of the motor speeds commanded in the call before, what an energy tank has passed on")
-OUTPUTS = (
-    OMEGA_REF,
-    Port("p_ref_B", 3, "m", "pre-defined reference position"),
-    Port("p_cmd_B", 3, "m", "reference of the position loop: p_ref_B shifted by the force loop"),
-    Port("dp_z", 1, "m", "correction of the force loop to the z reference; negative presses harder"),
-    Port("triggered", 1, "1", "whether the force loop is on", "bool"),
-    Port("F_z", 1, "N", "estimated pressing force, low-passed: what trigger and force loop use"),
-    Port("F_z_ref", 1, "N", "reference of the force loop"),
-)
 
 
 Ports = tuple[Port, ...]
@@ -325,10 +326,6 @@ class Controller(NativeComponent):
         self.points = points_
         sides = ports(INPUTS, OUTPUTS, *variant)
         super().__init__("controller", *sides, True, step_over(*variant), memory, period=period, pointers=arrays)
-
-
-P_REF_B = next(port for port in OUTPUTS if port.name == "p_ref_B")
-WAY_MEMORY = record(segment=state("i8", below="way_points"), way_points="i8", times="i8", points="i8")
 
 
 @step_function(WAY_MEMORY, outputs=(P_REF_B,))

@@ -32,8 +32,8 @@ from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, by_port, memory_of, record, record_of, states, width
 from twin.kernel.settings import Settings, Values, optional, setting, taken
+from twin.robot.controller.compliance import load_torques
 from twin.robot.controller.controller import OMEGA_REF
-from twin.robot.controller.pid import load_torques
 from twin.robot.mechanism.geometry import Model
 
 INPUTS = (
@@ -51,6 +51,16 @@ OUTPUTS = (
     Port("stored", 1, "J", "what the springs hold of the force on the environment, as believed"),
     Port("given", 1, "J", "energy given to what was touched, to motion and joints, less what came back, as believed"),
 )
+COASTING = 1.0 / 3.0
+"""Of the horizon: how long motors follow the command before."""
+LARGEST_SAMPLE = 2.0**53
+"""Beyond, a double does not count whole numbers."""
+UNNUMBERED = 2
+"""Status of the step: a message has no number."""
+RETURN = 0.5
+"""Over the horizon: gain (1/s) of each of the two loops by which an overdrawn tank moves the robot."""
+PLAY = 1e-3
+"""Angle (rad) of a joint that counts as no way: rounding goes to and fro by less."""
 
 
 class EnergyTank(Settings):
@@ -87,16 +97,6 @@ class Tank(
 
 
 TANK = record_of(Tank)
-COASTING = 1.0 / 3.0
-"""Of the horizon: how long motors follow the command before."""
-LARGEST_SAMPLE = 2.0**53
-"""Beyond, a double does not count whole numbers."""
-UNNUMBERED = 2
-"""Status of the step: a message has no number."""
-RETURN = 0.5
-"""Over the horizon: gain (1/s) of each of the two loops by which an overdrawn tank moves the robot."""
-PLAY = 1e-3
-"""Angle (rad) of a joint that counts as no way: rounding goes to and fro by less."""
 MEMORY = record(
     tank=TANK,
     **states(

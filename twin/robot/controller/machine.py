@@ -1,19 +1,6 @@
-"""The state machine of phases: reference paths, phase transitions, taps that learn.
+"""The state machine that walks through a table of phases (Sec. III.B) and turns it into references.
 
-How the reference of a phase moves: straight lines with smooth ends, circles that are spiralled into and out of.
-
-The machine that walks through a table of phases (Sec. III.B) and turns it into references.
-
-Taps that learn from their force: what the last one pressed too hard, the next one goes less deep.
-
-The force of statics lacks the platform's inertia, as much as a light tap where it turns round, and the friction of the
-joints. Height and force pass one low-pass, whose derivatives of the height tell how the platform moves:
-
-    F = F_est + m d2z/dt2 + b dz/dt,                                                                             (K2)
-
-with b from the way through the air, where F is 0. The probe tells the stiffness, and how deep the surface is pressed in
-from the touch to the force that is asked for. A tap turns that much below the height at which it feels the surface, at
-whatever height that is by then; its largest F less the one asked for, over the stiffness, is what it was too deep.
+The reference of a phase moves on straight lines with smooth ends, or on circles that are spiralled into and out of.
 """
 
 import math
@@ -23,9 +10,37 @@ import numpy as np
 from twin.kernel.compiled.function import njit
 from twin.kernel.cosim.port import record, state, states
 from twin.kernel.settings import alike
-from twin.robot.controller.pid import state_variable
 from twin.robot.controller.program import PhaseEnd, PhaseKind
-from twin.robot.controller.tissue import HIGHEST, LOWEST, moving_mass
+
+MACHINE = record(
+    index=state("i8", below="/count"),
+    **states(
+        passes="i8",
+        **alike("f8", "entered total length"),
+        **alike("3f8", "start end p v"),
+        **alike("f8", "F_start F_ref"),
+    ),
+    contact_force="f8",
+    lost=state("f8"),
+    patience="f8",
+    **states(tapped="f8", touching="i8", **alike("f8", "z_before F_before z_felt depth"), calibrated="i8"),
+    **states(**alike("f8", "z_turn z_lowest t_turn")),
+    learning="f8",
+)
+"""State of the machine, SI.
+
+index, passes: phase, and how often a loop's end was passed. entered, total: when the phase began and how long it takes.
+length, start, end: of its line. p, v: reference. F_start, F_ref: force reference at the beginning, and now.
+contact_force: what counts as touching. lost, patience: how long nothing was touched, and how long that is tolerated.
+tapped: when the last tap began.
+touching, z_before, F_before, z_felt: whether contact has been felt since the way down began, height and force at the
+last call, and the height at which it was felt.
+depth, calibrated: from there to the lowest point, and whether the first tap has found it.
+z_turn: height at which a tap is to be lowest. z_lowest: reached in it.
+t_turn: how long before it a tap has to turn round. learning: share of the error that the next one corrects.
+"""
+LONGEST_TURN = 0.1
+"""Bound of t_turn (s): five times what the slowest drive takes to reverse."""
 
 
 @njit(cache=True)
@@ -120,38 +135,6 @@ def motion(phase, start, end, length, t, p, v):
             direction = (end[i] - start[i]) / length
             p[i] = end[i] if path == length else start[i] + path * direction
             v[i] = speed * direction
-
-
-MACHINE = record(
-    index=state("i8", below="/count"),
-    **states(
-        passes="i8",
-        **alike("f8", "entered total length"),
-        **alike("3f8", "start end p v"),
-        **alike("f8", "F_start F_ref"),
-    ),
-    contact_force="f8",
-    lost=state("f8"),
-    patience="f8",
-    **states(tapped="f8", touching="i8", **alike("f8", "z_before F_before z_felt depth"), calibrated="i8"),
-    **states(**alike("f8", "z_turn z_lowest t_turn")),
-    learning="f8",
-)
-"""State of the machine, SI.
-
-index, passes: phase, and how often a loop's end was passed. entered, total: when the phase began and how long it takes.
-length, start, end: of its line. p, v: reference. F_start, F_ref: force reference at the beginning, and now.
-contact_force: what counts as touching. lost, patience: how long nothing was touched, and how long that is tolerated.
-tapped: when the last tap began.
-touching, z_before, F_before, z_felt: whether contact has been felt since the way down began, height and force at the
-last call, and the height at which it was felt.
-depth, calibrated: from there to the lowest point, and whether the first tap has found it.
-z_turn: height at which a tap is to be lowest. z_lowest: reached in it.
-t_turn: how long before it a tap has to turn round. learning: share of the error that the next one corrects.
-"""
-
-LONGEST_TURN = 0.1
-"""Bound of t_turn (s): five times what the slowest drive takes to reverse."""
 
 
 @njit(cache=True)
@@ -300,107 +283,3 @@ def walk(m, phases, t, h, z, F, F_z, F_rate, F_delay, dp_z):
     motion(phase, m.start, m.end, m.length, elapsed, m.p, m.v)
     share = smooth(elapsed / phase.duration) if phase.duration > 0.0 else 1.0
     m.F_ref = m.F_start + share * (phase.F_end - m.F_start) if phase.force_on else 0.0
-
-
-CORNER = 35.0
-"""Of the low-pass (Hz): a tap at 100 mm/s loses 2 % of its peak, rounding adds 0.03 N."""
-DAMPING = 1.4
-"""1/Q of the low-pass: no peak of its own."""
-CLEAR = 2e-3
-"""Height (m) above where the probe touched from which on there is air."""
-MOVING = 0.02
-"""Speed (m/s) from which on friction in the air is looked at."""
-UNREACHED = 1e-4
-"""Height (m) above its turn at which a tap is over before it got there: its force ended it."""
-
-TAPS = record(
-    share="f8",
-    **states(
-        **alike("f8", "mass g z_fast z_slow F_fast F_slow z_0"),
-        kind="i8",
-        **alike("f8", "vF vv z_begun F_begun k depth z_before F_before"),
-        felt="i8",
-        **alike("f8", "peak level speed t_turn"),
-    ),
-)
-"""share: of the error that the next tap corrects. mass: of what moves up and down (kg), as of the beginning of the
-phase. g: of the filters; 0: they do not run. z_fast .. F_slow: of the filters, from the height z_0 on. kind: phase of
-the call before. vF, vv: sums of speed times force and of its square in the air. z_begun, F_begun: where the probe
-began. k, depth: the stiffness it felt (N/m), and how deep a tap goes from the touch on (m). z_before, F_before: of the
-call before. felt: whether the tap that is on has felt the surface. peak, level: its largest force, and what is asked
-for (N). speed, t_turn: its speed, and how long before its lowest point it was to turn.
-"""
-
-
-@njit(cache=True, error_model="numpy")
-def _probed(m, z, F):
-    """The probe goes on: what it has felt by now."""
-    if m.kind != PhaseKind.PROBE:
-        m.z_begun, m.F_begun, m.k = z, F, 0.0
-    elif z < m.z_begun:
-        m.depth = m.z_begun - z
-        m.k = min(max((F - m.F_begun) / m.depth, LOWEST), HIGHEST)
-
-
-@njit(cache=True, error_model="numpy")
-def _tapping(m, machine, phase, elapsed, z, F):
-    """A tap goes down: feel the surface, and turn as far below it as was learnt."""
-    if m.kind != PhaseKind.TAP:
-        m.felt, m.peak, m.level, m.speed, m.t_turn = 0, 0.0, phase.level, phase.speed, machine.t_turn
-    m.peak = max(m.peak, F)
-    if not m.felt and m.k > 0.0 and elapsed >= phase.ramp_in and F >= m.F_begun:
-        m.felt = 1
-        share = (m.F_begun - m.F_before) / (F - m.F_before) if m.F_before < m.F_begun else 0.0
-        # where contact was there before, the surface is as far up as the force tells
-        surface = m.z_before + share * (z - m.z_before) if share > 0.0 else z + (F - m.F_begun) / m.k
-        machine.z_turn = surface - m.depth
-
-
-@njit(cache=True, error_model="numpy")
-def _correct(m, machine):
-    """The tap is over: what it was too deep, the next one turns higher, or earlier if its force has ended it."""
-    too_deep = m.share * (m.peak - m.level) / m.k
-    if machine.z_lowest - machine.z_turn > UNREACHED:
-        machine.t_turn = min(max(m.t_turn + too_deep / m.speed, 0.0), LONGEST_TURN)
-    else:
-        m.depth -= too_deep
-        machine.depth -= too_deep
-        machine.z_turn += too_deep
-
-
-@njit(cache=True, error_model="numpy")
-def learn_taps(m, tissue, machine, phase, t, h, z, F, J):
-    """Note the force of a tap; when it is over, correct the depth of the next one.
-
-    Args:
-        tissue: what is known of the robot's own mass.
-        machine: of the phases; where its taps turn is corrected.
-        phase: in which the call before ended.
-        z, F, J: height (m), pressing force (N) and Jacobian (9,) as estimated, unfiltered.
-    """
-    kind, omega = phase.kind, 2.0 * math.pi * CORNER
-    if kind != PhaseKind.DESCEND and (kind < PhaseKind.RETRACT or kind > PhaseKind.WAIT):
-        m.g, m.kind = 0.0, kind
-        return
-    if m.g == 0.0:
-        m.g, m.z_0 = math.tan(math.pi * CORNER * h), z
-        m.z_fast, m.z_slow, m.F_fast, m.F_slow = 0.0, 0.0, 0.0, F
-    if kind != m.kind:
-        m.mass = moving_mass(tissue, J)
-    low, first, second, m.z_fast, m.z_slow = state_variable(DAMPING, m.g, m.z_fast, m.z_slow, z - m.z_0)
-    F_low, _, _, m.F_fast, m.F_slow = state_variable(DAMPING, m.g, m.F_fast, m.F_slow, F)
-    z_low, v = m.z_0 + low, omega * first
-    force = F_low + m.mass * omega * omega * second
-    if abs(v) > MOVING and z_low > m.z_begun + CLEAR and m.k > 0.0:
-        m.vF, m.vv = m.vF - v * force, m.vv + v * v
-    if m.vv > 0.0:
-        force += m.vF / m.vv * v
-    if kind == PhaseKind.PROBE:
-        _probed(m, z_low, force)
-    elif kind == PhaseKind.TAP:
-        _tapping(m, machine, phase, t - machine.entered, z_low, force)
-    elif kind == PhaseKind.RISE:
-        m.peak = max(m.peak, force)
-    elif m.kind == PhaseKind.RISE and m.k > 0.0:
-        _correct(m, machine)
-    m.kind, m.z_before, m.F_before = kind, z_low, force

@@ -17,7 +17,19 @@ from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, memory_of, record, states
 from twin.kernel.cosim.system import System
 from twin.kernel.settings import Settings, numbers, setting
-from twin.robot.controller.adaptive import Adapting, Breath, adapt, tell, with_adaptive
+from twin.robot.controller.adaptive import Adapting, adapt, tell, with_adaptive
+from twin.robot.controller.breath import Breath
+from twin.robot.controller.compliance import (
+    DAMPER,
+    FEED_FORWARD,
+    Believed,
+    Damping,
+    FeedForward,
+    damp,
+    damper,
+    friction_force,
+    load_torques,
+)
 from twin.robot.controller.controller import INPUTS as ESTIMATES
 from twin.robot.controller.controller import (
     LAW,
@@ -31,28 +43,10 @@ from twin.robot.controller.controller import (
     ports,
 )
 from twin.robot.controller.energy_tank import EnergyTank
-from twin.robot.controller.machine import MACHINE, learn_taps, motion, walk
-from twin.robot.controller.pid import (
-    DAMPER,
-    FEED_FORWARD,
-    LOW_PASS,
-    PID,
-    Believed,
-    Damping,
-    FeedForward,
-    ForceLoop,
-    Gains,
-    PositionLoop,
-    Processor,
-    cached_share,
-    damp,
-    damper,
-    friction_force,
-    load_torques,
-    loop,
-    rest,
-)
+from twin.robot.controller.machine import MACHINE, motion, walk
+from twin.robot.controller.pid import LOW_PASS, PID, ForceLoop, Gains, PositionLoop, Processor, cached_share, loop, rest
 from twin.robot.controller.program import PHASE, Phase
+from twin.robot.controller.taps import learn_taps
 from twin.robot.controller.tissue import Tissue
 from twin.robot.mechanism.geometry import Model
 
@@ -63,6 +57,18 @@ TASK_OUTPUTS = (
     Port("task", 1, "1", "task of the sequence that is on, counted from 1", "int"),
     Port("phase", 1, "1", "what it is doing, see the recording's metadata 'phases'", "int"),
 )
+MEMORY = record(
+    law=LAW,
+    forward=FEED_FORWARD,
+    damper=DAMPER,
+    force=PID,
+    position=(PID, (3,)),
+    machine=MACHINE,
+    phases="i8",
+    count="i8",
+    **states(low=LOW_PASS, F_z="f8", F_rate="f8", dp_z="f8", p="3f8", v="3f8", lead="3f8"),
+)
+ADAPTIVE_MEMORY = with_adaptive(MEMORY)
 
 
 class Touch(Settings):
@@ -86,17 +92,6 @@ class Touch(Settings):
     )
 
 
-MEMORY = record(
-    law=LAW,
-    forward=FEED_FORWARD,
-    damper=DAMPER,
-    force=PID,
-    position=(PID, (3,)),
-    machine=MACHINE,
-    phases="i8",
-    count="i8",
-    **states(low=LOW_PASS, F_z="f8", F_rate="f8", dp_z="f8", p="3f8", v="3f8", lead="3f8"),
-)
 _phases_at = pointer_to(PHASE)
 
 
@@ -150,9 +145,6 @@ def control(m, t, h, u, y, shift, v_shift):
     motor_speeds(m.law, m.position, u.J, u.p_B, y.p_cmd_B, m.lead, h, y.omega_ref)
     y.dp_z, y.triggered, y.F_z, y.F_z_ref = m.dp_z, phase.force_on, m.F_z, machine.F_ref
     y.task, y.phase = phase.task, phase.kind
-
-
-ADAPTIVE_MEMORY = with_adaptive(MEMORY)
 
 
 @cache

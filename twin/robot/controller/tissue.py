@@ -45,6 +45,10 @@ CHANGE = 0.7
 """Share of a relative change of the force by which the stiffness may change with it; 1 would be in proportion."""
 LOWEST, HIGHEST = 50.0, 20000.0
 """Bounds of k_hat (N/m): softer than any body, stiffer than what these springs can tell from rigid."""
+ENOUGH, DOUBTFUL = 0.4, 0.7
+"""Shares of the tolerance at which the dither ends, and begins anew: before the estimate is no longer trusted."""
+STAGE = record(fast="f8", slow="f8")
+PRODUCTS = record(zz="f8", zv="f8", vv="f8", zF="f8", vF="f8", FF="f8")
 
 
 class Tissue(Settings):
@@ -66,10 +70,6 @@ class Tissue(Settings):
     )
 
 
-ENOUGH, DOUBTFUL = 0.4, 0.7
-"""Shares of the tolerance at which the dither ends, and begins anew: before the estimate is no longer trusted."""
-
-
 class Sensing(
     Values,
     parts=(
@@ -89,8 +89,6 @@ class Sensing(
     """How the tissue is looked at, SI; `enough`, `doubtful`: standard errors over k_hat, see ENOUGH and DOUBTFUL."""
 
 
-STAGE = record(fast="f8", slow="f8")
-PRODUCTS = record(zz="f8", zv="f8", vv="f8", zF="f8", vF="f8", FF="f8")
 TISSUE = record_of(
     Sensing,
     **states(

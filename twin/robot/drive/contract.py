@@ -11,6 +11,9 @@ from twin.kernel.fmi.variable import SPEED
 from twin.kernel.units import CURRENT, NUMBER, POWER, TEMPERATURE, TORQUE, VOLTAGE, Dimension
 
 Command = Literal["velocity", "torque", "current", "voltage", "position"]
+ROTOR_MEMORY = record(J="f8", b="f8", theta=state("f8"), omega=state("f8"))
+UNWRAPPED_INPUTS = (Port("wrapped", 1, "rad", "motor angle, but for whole turns of the servo"),)
+UNWRAPPED_MEMORY = record(turn="f8", theta=state("f8"))
 
 
 class Role(NamedTuple):
@@ -113,7 +116,6 @@ def contract(command: Command, rotor: bool = False) -> tuple[Role, ...]:
 
 ROTOR_INPUTS = (TAU_MOTOR.port, LOAD.port)
 ROTOR_OUTPUTS = (THETA_M.port, OMEGA_M.port)
-ROTOR_MEMORY = record(J="f8", b="f8", theta=state("f8"), omega=state("f8"))
 
 
 @step_function(ROTOR_MEMORY, ROTOR_INPUTS, ROTOR_OUTPUTS)
@@ -144,9 +146,7 @@ class DriveRotor(NativeComponent):
         super().__init__("rotor", ROTOR_INPUTS, ROTOR_OUTPUTS, False, rotor_step, memory, np.array([theta_m, 0.0]))
 
 
-UNWRAPPED_INPUTS = (Port("wrapped", 1, "rad", "motor angle, but for whole turns of the servo"),)
 UNWRAPPED_OUTPUTS = (THETA_M.port,)
-UNWRAPPED_MEMORY = record(turn="f8", theta=state("f8"))
 
 
 @step_function(UNWRAPPED_MEMORY, UNWRAPPED_INPUTS, UNWRAPPED_OUTPUTS)

@@ -19,6 +19,11 @@ from twin.robot.drive.contract import COMMANDS, LOAD, OPTIONAL_INPUTS, TAU_MOTOR
 
 ANGLE_FACTORS = (1.0, TURN / 360.0, TURN)
 """rad, degree, turn: what tells an angle from any other pure number."""
+_IN_UNIT = re.compile(r"(?P<name>.*\S)\s*\[(?P<unit>[^\[\]]*[^\[\]\d][^\[\]]*)\]")
+ASKED_FOR = ("load", "ref", "cmd", "command", "target", "setpoint", "demand", "goal")
+"""In names of inputs that are the robot's to feed."""
+SUPPLIES = {word for role in OPTIONAL_INPUTS for word in (role.port.name, *role.synonyms)}
+COMMANDED = [role.dimension for role in COMMANDS.values()]
 
 
 def measures(variable: Variable, role: Role) -> bool:
@@ -203,9 +208,6 @@ class Binding:
         arrow = "<-" if self.role.causality == "input" else "->"
         unit = f" [{self.variable.unit}]" if self.variable.unit else " [unit not stated]"
         return f"{self.port.name} {arrow} {self.mapped_name}{unit}"
-
-
-_IN_UNIT = re.compile(r"(?P<name>.*\S)\s*\[(?P<unit>[^\[\]]*[^\[\]\d][^\[\]]*)\]")
 
 
 def split_mapped(text: str) -> tuple[str, str]:
@@ -397,12 +399,6 @@ def _checked(file: str, variables: Mapping[str, Variable], role: Role, name: str
             f"{weight_hint(variable.conversion.dimension, role.dimension) if variable.conversion else ''}"
         )
     return name
-
-
-ASKED_FOR = ("load", "ref", "cmd", "command", "target", "setpoint", "demand", "goal")
-"""In names of inputs that are the robot's to feed."""
-SUPPLIES = {word for role in OPTIONAL_INPUTS for word in (role.port.name, *role.synonyms)}
-COMMANDED = [role.dimension for role in COMMANDS.values()]
 
 
 class Join(NamedTuple):

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 from twin.kernel.errors import InputRefused
 from twin.kernel.settings import Settings, Triple, setting
 from twin.robot.experiment import schema
-from twin.robot.experiment.drive_files import StandIn, checked_apart, fill_from_body, joint_tables, role_named
+from twin.robot.experiment.drive_files import joint_tables
+from twin.robot.experiment.experiment_files import fill_from_body
 from twin.robot.experiment.fault import Fault, checked_faults
 from twin.robot.experiment.measure import Measure, checked_measures
 from twin.robot.experiment.mistakes import checked, keys, unknown
@@ -30,6 +31,7 @@ from twin.robot.experiment.schema import (
     whole_ticks,
 )
 from twin.robot.experiment.source import RETAINED, Source, with_numbers
+from twin.robot.experiment.stand_in import StandIn, checked_apart, role_named
 
 if TYPE_CHECKING:
     # what the tables of parts are called, for the type checker alone
@@ -39,15 +41,6 @@ if TYPE_CHECKING:
     from twin.robot.plant.contact_law import Contact
     from twin.robot.plant.dynamics import Robot, TrueRobot
     from twin.robot.plant.encoder import Display
-
-
-class Head(Settings):
-    """The keys of an experiment that stand in no table."""
-
-    title: str = setting(min_length=1, help="for people")
-    duration: float = setting("s", gt=0, help="simulated time")
-    seed: int = setting(default=0, ge=0, lt=2**63, help="seed of the encoders' noise")
-
 
 NEEDED: dict[str, type[Settings]] = {"cosim": schema.Cosim}
 OPTIONAL: dict[str, type[Settings]] = {
@@ -59,6 +52,18 @@ OPTIONAL: dict[str, type[Settings]] = {
 """Tables that are no part's: an experiment needs the first ones."""
 ARRAYS = ("task", "fault", "change", "measure")
 """Arrays of tables."""
+OTHERS = ("drive", *ARRAYS)
+"""What is checked elsewhere than the tables that are declared."""
+EXACT = 2**40
+"""Counts per turn of an encoder that might as well not be there: a count is 6e-12 rad."""
+
+
+class Head(Settings):
+    """The keys of an experiment that stand in no table."""
+
+    title: str = setting(min_length=1, help="for people")
+    duration: float = setting("s", gt=0, help="simulated time")
+    seed: int = setting(default=0, ge=0, lt=2**63, help="seed of the encoders' noise")
 
 
 @dataclass(frozen=True)
@@ -121,10 +126,6 @@ class Experiment:
             return self.reference.p[0]
         assert self.approach is not None
         return (*self.tasks[0].point, self.approach.height)
-
-
-OTHERS = ("drive", *ARRAYS)
-"""What is checked elsewhere than the tables that are declared."""
 
 
 @dataclass(frozen=True)
@@ -321,10 +322,6 @@ def _joint_drives(drive: Any, folder: Path, mistakes: list[str]) -> list[schema.
     drives = [checked(schema.Drive, table, "drive", found) for table in tables]
     mistakes += [mistake for mistake in dict.fromkeys(found) if mistake not in mistakes]
     return [drive for drive in drives if drive is not None]
-
-
-EXACT = 2**40
-"""Counts per turn of an encoder that might as well not be there: a count is 6e-12 rad."""
 
 
 def with_plant(experiment: Experiment, **values: Any) -> Experiment:

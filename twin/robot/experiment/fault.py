@@ -7,6 +7,7 @@ Each kind has a magnitude of its own, with its unit in the key.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any, Literal, NamedTuple
 
 from pydantic import create_model
@@ -22,8 +23,33 @@ memory. body: done by the component of what the robot presses on."""
 
 Detection = Literal["yes", "if large", "no"]
 
+GLITCH_SHARE = 0.02
+"""Share of the samples that is hit where none is given, by kinds with a magnitude besides: ten a second at 2 ms."""
 EVERY = 0.0
 """Said of a magnitude: every one of them, and kinds that have none."""
+POSITIVE = {"gt": 0.0}
+SHARE = {"gt": 0.0, "le": 1.0}
+MANY = 10
+"""So many names are not listed in a sentence."""
+_JOINTS = tuple(f"joint_{i}" for i in (1, 2, 3))
+_DRIVES = tuple(f"drive_{i}" for i in (1, 2, 3))
+_ENCODERS = tuple(f"{place}_encoder_{i}" for place in ("joint", "motor") for i in (1, 2, 3))
+GROUPS: dict[str, tuple[str, ...]] = {
+    "all drives": _DRIVES,
+    "all encoders": _ENCODERS,
+    "all joint encoders": _ENCODERS[:3],
+    "all motor encoders": _ENCODERS[3:],
+    "all joints": _JOINTS,
+    "power": ("drives",),
+}
+"""What one cause breaks at once: one bus or driver board, one supply, one batch or one repair."""
+_SAME_ENCODER = "force and pose are estimated from the same encoder"
+_BELIEVED_SPRING = "force is the deflection times the believed k_s; a wrong spring looks like a right one"
+_NO_TRUE_FORCE = "no sensor measures the force itself, so the estimate has nothing to disagree with"
+_DOES_NOT_FOLLOW = "the motor's counts do not follow the command"
+_JUMP = "the deflection jumps faster than shaft and link can move"
+NEVER = 1 << 62
+"""The end, in ticks, of a fault that stays."""
 
 
 class Seen(NamedTuple):
@@ -39,9 +65,6 @@ class Seen(NamedTuple):
 
 
 ALWAYS, UNSEEN = Seen(EVERY, EVERY), Seen()
-
-POSITIVE = {"gt": 0.0}
-SHARE = {"gt": 0.0, "le": 1.0}
 
 
 @dataclass(frozen=True)
@@ -70,7 +93,7 @@ class Kind:
     reason: str
     unit: str | None = None
     magnitudes: tuple[float, float, float] | None = None
-    bounds: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, float] = field(default_factory=dict, hash=False)
     has_share: bool = False
     beyond: float | None = None
 
@@ -107,29 +130,6 @@ class Kind:
         """The targets that `target`, one of them or a group, is."""
         return GROUPS[target] if target in self.groups else (target,)
 
-
-MANY = 10
-"""So many names are not listed in a sentence."""
-
-_JOINTS = tuple(f"joint_{i}" for i in (1, 2, 3))
-_DRIVES = tuple(f"drive_{i}" for i in (1, 2, 3))
-_ENCODERS = tuple(f"{place}_encoder_{i}" for place in ("joint", "motor") for i in (1, 2, 3))
-
-GROUPS: dict[str, tuple[str, ...]] = {
-    "all drives": _DRIVES,
-    "all encoders": _ENCODERS,
-    "all joint encoders": _ENCODERS[:3],
-    "all motor encoders": _ENCODERS[3:],
-    "all joints": _JOINTS,
-    "power": ("drives",),
-}
-"""What one cause breaks at once: one bus or driver board, one supply, one batch or one repair."""
-
-_SAME_ENCODER = "force and pose are estimated from the same encoder"
-_BELIEVED_SPRING = "force is the deflection times the believed k_s; a wrong spring looks like a right one"
-_NO_TRUE_FORCE = "no sensor measures the force itself, so the estimate has nothing to disagree with"
-_DOES_NOT_FOLLOW = "the motor's counts do not follow the command"
-_JUMP = "the deflection jumps faster than shaft and link can move"
 
 _ENCODER_KINDS = {
     "encoder_bias": Kind(
@@ -347,10 +347,6 @@ def expected(got: str, names: tuple[str, ...]) -> str:
     return "expected " + ", ".join(f"'{name}'" for name in names) + (f"; {hint}" if hint else "")
 
 
-NEVER = 1 << 62
-"""The end, in ticks, of a fault that stays."""
-
-
 @dataclass(frozen=True)
 class Fault:
     """What breaks, where, when and how badly.
@@ -388,6 +384,7 @@ class FaultTable(Settings):
     seed: int = setting(default=0, ge=0, lt=2**63, help="of what is random in it")
 
 
+@cache
 def table_of(known: Kind) -> type[FaultTable]:
     """The [[fault]] table of one kind: `FaultTable` and the keys that only this kind or its mechanism has."""
     own: dict[str, Any] = {}

@@ -22,6 +22,17 @@ from twin.kernel.units import Dimension, Unit, known_unit
 from twin.robot.experiment.mistakes import checked_kind, numbered
 
 Side = Literal["always", "eventually"]
+_WORDS = ("and", "or", "not", "implies", "always", "eventually", "until")
+_TOKEN = re.compile(
+    r"\s*(?:(?P<signal>[a-z_]+(?:/[0-9]+)?\.[A-Za-z_][A-Za-z_0-9]*(?:\[[0-9]+\])?)"
+    r"|(?P<number>[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?)(?P<unit>\s*(?!(?:" + "|".join(_WORDS) + r")\b)"
+    r"[A-Za-z%\N{DEGREE SIGN}\N{MICRO SIGN}](?:[\w%^*]|/(?=\w))*)?|(?P<word>[a-z]+)|(?P<mark><=|>=|[<>()|,+\-\[\]]))"
+)
+LONGEST = 2000
+"""Characters of a formula; deeper nesting than so many could make means nothing to anybody."""
+SIGNAL = re.compile(r"-?[a-z_]+(/[0-9]+)?\.[A-Za-z_]+(\[[0-9]+\])?")
+_NAME = re.compile(r"[a-z0-9_]+")
+_PATTERN: JsonDict = {"pattern": f"^({SIGNAL.pattern})$"}
 
 
 @dataclass(frozen=True)
@@ -95,15 +106,6 @@ class Until:
 
 
 Formula = AtMost | Holds | Not | Joined | Within | Until
-
-_WORDS = ("and", "or", "not", "implies", "always", "eventually", "until")
-_TOKEN = re.compile(
-    r"\s*(?:(?P<signal>[a-z_]+(?:/[0-9]+)?\.[A-Za-z_][A-Za-z_0-9]*(?:\[[0-9]+\])?)"
-    r"|(?P<number>[0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]+)?)(?P<unit>\s*(?!(?:" + "|".join(_WORDS) + r")\b)"
-    r"[A-Za-z%\N{DEGREE SIGN}\N{MICRO SIGN}](?:[\w%^*]|/(?=\w))*)?|(?P<word>[a-z]+)|(?P<mark><=|>=|[<>()|,+\-\[\]]))"
-)
-LONGEST = 2000
-"""Characters of a formula; deeper nesting than so many could make means nothing to anybody."""
 
 
 def requirement(text: str) -> Formula:
@@ -273,11 +275,6 @@ class _FormulaReader:
         word = self._match["word"]
         if word and word not in _WORDS:
             raise ValueError(f"unknown word {word!r}; expected a signal such as plant.p_B[2], or {', '.join(_WORDS)}")
-
-
-SIGNAL = re.compile(r"-?[a-z_]+(/[0-9]+)?\.[A-Za-z_]+(\[[0-9]+\])?")
-_NAME = re.compile(r"[a-z0-9_]+")
-_PATTERN: JsonDict = {"pattern": f"^({SIGNAL.pattern})$"}
 
 
 class Window(Settings):

@@ -15,6 +15,24 @@ LENGTHS = ("a_mm", "b_mm", "l_a_mm", "l_b_mm")
 ROBOTS = ("robot", "plant", "controller.model")
 LEAST, MOST = 1.0, 5000.0
 """Lengths (mm) between which a robot for a person's back has its own, and its way points their height."""
+_EXPECTED = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "text in quotes",
+    "bool_type": "true or false",
+    "tuple_type": "an array",
+    "dict_type": "a table",
+    "model_type": "a table",
+    "finite_number": "a finite number",
+    "parameter_type": "a number, text in quotes, or an array of either",
+}
+_BOUNDS = {
+    "greater_than": ("gt", ">"),
+    "greater_than_equal": ("ge", ">="),
+    "less_than": ("lt", "<"),
+    "less_than_equal": ("le", "<="),
+}
 
 
 def unit_hints(values: Mapping[str, Any]) -> list[str]:
@@ -62,25 +80,6 @@ def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 def _is_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
-
-_EXPECTED = {
-    "float_type": "a number",
-    "int_type": "a whole number",
-    "int_from_float": "a whole number",
-    "string_type": "text in quotes",
-    "bool_type": "true or false",
-    "tuple_type": "an array",
-    "dict_type": "a table",
-    "model_type": "a table",
-    "finite_number": "a finite number",
-    "parameter_type": "a number, text in quotes, or an array of either",
-}
-_BOUNDS = {
-    "greater_than": ("gt", ">"),
-    "greater_than_equal": ("ge", ">="),
-    "less_than": ("lt", "<"),
-    "less_than_equal": ("le", "<="),
-}
 
 Model = TypeVar("Model", bound=BaseModel)
 

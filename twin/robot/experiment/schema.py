@@ -18,6 +18,18 @@ from twin.kernel.settings import Settings, Triple, optional, setting
 from twin.robot.experiment.mistakes import checked, checked_kind, keys, model_in, numbered, unknown
 from twin.robot.experiment.source import RETAINED, SHAPES, at
 
+PARAMETERS = 'the FMU\'s own names and units; values of enumerations by name, text, arrays, files as "file:NAME"'
+TOLERANCE = "relative, of the solver, the FMU's own or ours for model exchange; without it, what the FMU states"
+KIND = "as which the FMU is used; without it, co-simulation if it offers that"
+METHOD = "of model exchange: holds the tolerance, or goes in steps of one length; without it, cvode"
+SOLVER_STEP = "longest step of rk4; without it, one per step of the drive"
+MOST_TICKS = 1e12
+"""Three centuries at 10 ms, or a slip of the pen."""
+FORCE_LOOP = "controller.force."
+"""Where the keys of the force loop begin."""
+SCHEDULED = ("controller.force.kp_mm_per_N", "controller.force.ki_mm_per_N_s")
+"""What may not, where [controller.force] has a schedule of them."""
+
 
 class Changeable(NamedTuple):
     """A setting that may change while an experiment runs: its table, and its name there."""
@@ -273,17 +285,10 @@ def _of_one_kind(value: Any) -> Any:
 
 
 Parameter = Annotated[float | str | tuple[float, ...] | tuple[str, ...], BeforeValidator(_of_one_kind)]
-PARAMETERS = 'the FMU\'s own names and units; values of enumerations by name, text, arrays, files as "file:NAME"'
-
-
-TOLERANCE = "relative, of the solver, the FMU's own or ours for model exchange; without it, what the FMU states"
 
 
 Kind = Literal["co_simulation", "model_exchange"]
-KIND = "as which the FMU is used; without it, co-simulation if it offers that"
 Method = Literal["cvode", "rk4"]
-METHOD = "of model exchange: holds the tolerance, or goes in steps of one length; without it, cvode"
-SOLVER_STEP = "longest step of rk4; without it, one per step of the drive"
 
 
 class DrivePart(Settings):
@@ -347,10 +352,6 @@ class Drive(Settings):
         return self
 
 
-MOST_TICKS = 1e12
-"""Three centuries at 10 ms, or a slip of the pen."""
-
-
 def whole_ticks(time: float, tick: float) -> int | None:
     """How many ticks (s) `time` (s) is; None if it is no whole number of them, up to rounding of the two, or more than
     `MOST_TICKS`."""
@@ -358,12 +359,6 @@ def whole_ticks(time: float, tick: float) -> int | None:
         return None
     count = round(time / tick)
     return count if abs(count * tick - time) <= 1e-9 * time else None
-
-
-FORCE_LOOP = "controller.force."
-"""Where the keys of the force loop begin."""
-SCHEDULED = ("controller.force.kp_mm_per_N", "controller.force.ki_mm_per_N_s")
-"""What may not, where [controller.force] has a schedule of them."""
 
 
 class ChangeTable(Settings):

@@ -1,8 +1,7 @@
 """Experiment files as nested dictionaries: TOML, `extends`, `{ value, source }`, `--set`.
 
-TOML files that are no experiments, recognised by their tables.
-
-Tables of an experiment that name something altogether: what files below said of another one is forgotten.
+A table that names a whole, such as a drive or a third-party part, replaces what the files below say of another one;
+files of other kinds are recognised by their tables and refused.
 """
 
 import contextlib
@@ -19,6 +18,29 @@ from typing import Any, NamedTuple
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import DEEPEST, TOML_LIMIT, read_text, toml_of
 from twin.robot.places import located
+
+SHAPES = ("circle", "chirp", "joint_step")
+"""Tables of [reference], each of which says by itself all that the reference is."""
+RETAINED = {
+    "body": (),
+    "estimator": (),
+    "controller": (
+        "period_ms", "delay_ticks", "bus_delay_ticks", "speed_limit_rad_per_s", "gravity_compensation", "dead_zone_deg",
+        "energy_tank", "model",
+    ),
+    "monitor": ("enabled", "period_ms"),
+    "scale": ("period_ms",),
+}  # fmt: skip
+"""Parts of the robot that may be third-party, and the keys of their tables that act all the same."""
+NAMING = ("fmu", "python")
+"""Keys whose value is a file; of a class behind a colon, too."""
+LONGEST_CHAIN = 32
+"""Files that extend each other, the first included."""
+COMMAND_LINE = "set on the command line"
+"""The origin of what an option has set."""
+NAMES_OF_FMUS = ("parameters.", "wires.")
+"""Ends of the dotted names of tables whose keys are names of an FMU, `motor.R`; TOML makes tables of them without
+quotes."""
 
 
 def refuse_other_files(values: Mapping[str, Any], path: Path) -> None:
@@ -45,10 +67,6 @@ def refuse_other_files(values: Mapping[str, Any], path: Path) -> None:
         raise InputRefused(f"{path}: {reason}")
 
 
-SHAPES = ("circle", "chirp", "joint_step")
-"""Tables of [reference], each of which says by itself all that the reference is."""
-
-
 def names_drive(table: Mapping[str, Any]) -> bool:
     """Whether a table of a drive says which one: by its FMU, or those of its parts; else it lays values over one."""
     parts = table.get("parts")
@@ -58,23 +76,6 @@ def names_drive(table: Mapping[str, Any]) -> bool:
 
 def _has(*keys: str) -> Callable[[Mapping[str, Any]], bool]:
     return lambda table: any(key in table for key in keys)
-
-
-RETAINED = {
-    "body": (),
-    "estimator": (),
-    "controller": (
-        "period_ms", "delay_ticks", "bus_delay_ticks", "speed_limit_rad_per_s", "gravity_compensation", "dead_zone_deg",
-        "energy_tank", "model",
-    ),
-    "monitor": ("enabled", "period_ms"),
-    "scale": ("period_ms",),
-}  # fmt: skip
-"""Parts of the robot that may be third-party, and the keys of their tables that act all the same."""
-
-
-NAMING = ("fmu", "python")
-"""Keys whose value is a file; of a class behind a colon, too."""
 
 
 def names_stand_in(table: Mapping[str, Any]) -> bool:
@@ -111,16 +112,6 @@ def rules_for(name: str, table: Any, by_key: bool = False) -> list[Replacement]:
     """By which rules `table`, called `name`, takes another one's place; `by_key`: it is a key of the command line."""
     rules = RULES.get(name, ()) if isinstance(table, Mapping) else ()
     return [rule for rule in rules if rule.names(table) and (rule.by_key or not by_key)]
-
-
-LONGEST_CHAIN = 32
-"""Files that extend each other, the first included."""
-
-COMMAND_LINE = "set on the command line"
-"""The origin of what an option has set."""
-NAMES_OF_FMUS = ("parameters.", "wires.")
-"""Ends of the dotted names of tables whose keys are names of an FMU, `motor.R`; TOML makes tables of them without
-quotes."""
 
 
 @dataclass
@@ -325,30 +316,9 @@ def _frozen(value: Any) -> Any:
     return tuple(_frozen(item) for item in value) if isinstance(value, list) else value
 
 
-def source_text(source: Source) -> str:
-    """TOML in which every value stands with its origin: read again, it gives equal values and equal origins."""
-    lines = (f"{json.dumps(key)} = {_sourced(value, key, source.origins)}" for key, value in source.values.items())
-    return "\n".join(lines) + "\n"
-
-
 def toml_value(value: Any) -> str:
     """A number, truth value, text or array of these as TOML writes it."""
     if isinstance(value, tuple | list):
         return f"[{', '.join(map(toml_value, value))}]"
     # JSON writes numbers and truth values as TOML does, and texts but for DEL, which TOML wants escaped
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _sourced(value: Any, path: str, origins: dict[str, str]) -> str:
-    """`value` at the dotted `path`; tables are written inline."""
-    if isinstance(value, dict):
-        return _inline({key: _sourced(item, f"{path}.{key}", origins) for key, item in value.items()})
-    if isinstance(value, tuple) and value and all(isinstance(item, dict) for item in value):
-        tables = (_sourced(item, f"{path}.{number}", origins) for number, item in enumerate(value, start=1))
-        return f"[{', '.join(tables)}]"
-    text = toml_value(value)
-    return _inline({"value": text, "source": toml_value(origins[path])}) if path in origins else text
-
-
-def _inline(texts: dict[str, str]) -> str:
-    return "{" + ", ".join(f"{json.dumps(key)} = {text}" for key, text in texts.items()) + "}"

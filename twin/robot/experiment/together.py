@@ -11,6 +11,21 @@ from typing import Any, NamedTuple
 from twin.kernel.errors import InputRefused
 from twin.robot.experiment.fault import ALWAYS, CATALOGUE, EVERY, UNSEEN, Seen, expected
 
+_BOARD, _SUPPLY, _BATCH = "one bus or driver board", "one supply or cable", "one batch or one repair"
+IMPOSSIBLE = {
+    ("controller", "bus"): "who repeats the last command is the same to the drives",
+    ("motor encoder", "messages"): "what does not arrive cannot be wrong",
+    ("joint encoder", "messages"): "what does not arrive cannot be wrong",
+}
+"""Pairs that are one fault."""
+RUNAWAY = "drive_runaway"
+OF, AND, THEN = "@", "+", "-then-"
+"""In names of sets of faults: `drive_runaway@all_drives`, `drive_runaway+sample_loss`, and
+`sample_loss-then-drive_runaway`, of which the second begins after the trip that the first one causes."""
+ALL, EACH = "all ", "each "
+"""Of a group that breaks at once: with one magnitude, or each member with a magnitude and a sign of its own."""
+AXES = 3
+
 
 class CommonCause(NamedTuple):
     """Several parts that break at once.
@@ -27,8 +42,6 @@ class CommonCause(NamedTuple):
     why: str
     seen: Seen
 
-
-_BOARD, _SUPPLY, _BATCH = "one bus or driver board", "one supply or cable", "one batch or one repair"
 
 COMMON_CAUSES = (
     CommonCause("drive_runaway", "all drives", _BOARD, ALWAYS),
@@ -82,19 +95,12 @@ PAIR_PARTS = (
     PairPart("body", "surface_jump", "contact", 5.0),
 )
 """Of each component the kind that hides most from the monitor, or presses most before it is seen."""
-IMPOSSIBLE = {
-    ("controller", "bus"): "who repeats the last command is the same to the drives",
-    ("motor encoder", "messages"): "what does not arrive cannot be wrong",
-    ("joint encoder", "messages"): "what does not arrive cannot be wrong",
-}
-"""Pairs that are one fault."""
 
 PAIRS = tuple(
     (one, other) for one, other in combinations(PAIR_PARTS, 2) if (one.component, other.component) not in IMPOSSIBLE
 )
 
 
-RUNAWAY = "drive_runaway"
 ALL_DRIVES = PairPart("drives", RUNAWAY, "all drives", 4.0)
 """A second fault that presses harder than that of one drive."""
 ORDERED_PAIRS = tuple(both for pair in PAIRS for both in permutations(pair))
@@ -116,16 +122,6 @@ def table(kind: str, target: str, magnitude: float | None, onset: float) -> dict
     """The [[fault]] table of it; `onset` in s."""
     key = CATALOGUE[kind].magnitude_key
     return {"kind": kind, "target": target, "onset_s": onset} | ({key: magnitude} if key else {})
-
-
-OF, AND, THEN = "@", "+", "-then-"
-"""In names of sets of faults: `drive_runaway@all_drives`, `drive_runaway+sample_loss`, and
-`sample_loss-then-drive_runaway`, of which the second begins after the trip that the first one causes."""
-ALL, EACH = "all ", "each "
-"""Of a group that breaks at once: with one magnitude, or each member with a magnitude and a sign of its own."""
-
-
-AXES = 3
 
 
 class SetPart(NamedTuple):

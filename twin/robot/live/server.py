@@ -35,10 +35,22 @@ BACKLOG = 1024
 SPACING = 0.02
 """Wall time (s) from one message of a topic to the next: 50 Hz, below the 60 Hz above which Lichtblick warns."""
 WATCHES = "refused: this viewer watches only; to tune, open the address that twin has printed, with its token"
+LARGEST = 2**16
+"""Bytes of the largest message that a viewer may send; subscribing to everything takes a thousand."""
+VIEWERS = 64
+"""Viewers that there may be at the same time."""
+COMPLAINTS = 5
+"""Connections whose refusal is printed; a page that tries again and again shall not fill it."""
+FAREWELL = 2.0
+"""Longest time (s) to send what has been published when the run is over; after that connections are cut."""
+END = 3 * FAREWELL
+"""Longest time (s) that the end of a run waits for the server's thread, whatever holds it up."""
+# a viewer learns itself what it does wrong; here it would only look like a failure of the run
+_SILENT = logging.getLogger("twin.robot.live")
 
 
 class Parameters(Protocol):
-    """What viewers may change, of `twin.robot.run.watch.Tuning` say; called by the server's thread."""
+    """What viewers may change, of `twin.robot.run.tuning.Tuning` say; called by the server's thread."""
 
     def values(self) -> Mapping[str, bool | float | str]:
         """All of them, by name."""
@@ -207,19 +219,6 @@ class Client:
         return {name: value for name, value in self._tuning.values().items() if name in names or not names}
 
 
-LARGEST = 2**16
-"""Bytes of the largest message that a viewer may send; subscribing to everything takes a thousand."""
-VIEWERS = 64
-"""Viewers that there may be at the same time."""
-COMPLAINTS = 5
-"""Connections whose refusal is printed; a page that tries again and again shall not fill it."""
-FAREWELL = 2.0
-"""Longest time (s) to send what has been published when the run is over; after that connections are cut."""
-END = 3 * FAREWELL
-"""Longest time (s) that the end of a run waits for the server's thread, whatever holds it up."""
-
-# a viewer learns itself what it does wrong; here it would only look like a failure of the run
-_SILENT = logging.getLogger("twin.robot.live")
 _SILENT.setLevel(logging.CRITICAL + 1)
 # asyncio's own warning that a viewer has vanished while several of its pings were answered at once
 logging.getLogger("asyncio").addFilter(lambda record: record.msg != "socket.send() raised exception.")

@@ -31,6 +31,17 @@ from twin.kernel.settings import Settings, Triple, setting
 # exact, because sin and cos of phi_i in floating point are off by up to 1e-16 and would tilt the symmetry
 LEG_COS = (0.0, math.sqrt(3.0) / 2.0, -math.sqrt(3.0) / 2.0)
 LEG_SIN = (-1.0, 0.5, 0.5)
+OUTWARD = np.array([LEG_COS, LEG_SIN, (0.0, 0.0, 0.0)]).T
+"""Horizontal unit vector of each leg, (3 legs, 3); its proximal link moves in the plane of it and z."""
+AXIS = np.array([[-s for s in LEG_SIN], LEG_COS, (0.0, 0.0, 0.0)]).T
+"""Unit vector of each base joint's axis, (3 legs, 3): a right-handed turn by theta_l lowers the link's end.
+
+The short sides of the parallelogram, at A_i and at P_i, stay parallel to it.
+"""
+SMALL = 1.0 / 64.0
+"""Sine of the largest turn from an anchor for which the arc sine is a series: its first missing term is 2e-20."""
+NO_ANCHOR = np.full((3, 3), np.nan)
+"""Anchors that no pose is near."""
 
 
 class Geometry(NamedTuple):
@@ -143,15 +154,6 @@ def place(array: NDArray[np.float64], row: int) -> str:
     return str([int(i) for i in np.unravel_index(row, array.shape[:-1])])
 
 
-OUTWARD = np.array([LEG_COS, LEG_SIN, (0.0, 0.0, 0.0)]).T
-"""Horizontal unit vector of each leg, (3 legs, 3); its proximal link moves in the plane of it and z."""
-AXIS = np.array([[-s for s in LEG_SIN], LEG_COS, (0.0, 0.0, 0.0)]).T
-"""Unit vector of each base joint's axis, (3 legs, 3): a right-handed turn by theta_l lowers the link's end.
-
-The short sides of the parallelogram, at A_i and at P_i, stay parallel to it.
-"""
-
-
 class Skeleton(NamedTuple):
     """Joints of the three legs in the base frame, m; n poses.
 
@@ -183,13 +185,6 @@ def skeleton(geometry: Geometry, theta_l: ArrayLike, p_B: ArrayLike) -> Skeleton
     A = B + geometry.l_a * (np.cos(theta_l)[..., None] * OUTWARD + np.sin(theta_l)[..., None] * down)
     P = p_B[:, None, :] + geometry.b * OUTWARD
     return Skeleton(B, A, P)
-
-
-SMALL = 1.0 / 64.0
-"""Sine of the largest turn from an anchor for which the arc sine is a series: its first missing term is 2e-20."""
-
-NO_ANCHOR = np.full((3, 3), np.nan)
-"""Anchors that no pose is near."""
 
 
 # numpy's division here and below: at a singularity there has to be infinity or NaN, because an exception of compiled

@@ -34,6 +34,8 @@ from twin.robot.mechanism.kinematics import (
     refuse_serial_singularity,
 )
 
+G_ACCELERATION = 9.81
+
 
 @njit(cache=True)
 def deflection(theta_m, theta_l, N):
@@ -85,9 +87,6 @@ def directed_load_torque(k_s, N, eta, d, thetadot_l, rate):
     tau_r = motor_load_torque(k_s, d)
     s = math.copysign(1.0, tau_r) * math.tanh(thetadot_l / rate)
     return N * tau_r * eta**s
-
-
-G_ACCELERATION = 9.81
 
 
 class Masses(NamedTuple):

@@ -17,6 +17,9 @@ from twin.kernel.compiled.native import entry
 from twin.robot.mechanism.geometry import AXIS, Geometry, skeleton, triples
 from twin.robot.mechanism.kinematics import circumcentre, joint_angles, leg_angle
 
+BARS = 3
+"""Of a leg: its link and the two rods of its pair."""
+
 
 @njit(cache=True)
 def _reaches(geometry, x, y, z):
@@ -56,10 +59,6 @@ def is_reachable(geometry: Geometry, p_B: ArrayLike) -> NDArray[np.bool_]:
     reachable = np.empty(p_B.shape[:-1], dtype=np.bool_)
     _reachable(np.array(geometry, dtype=float), np.ascontiguousarray(p_B), reachable.size, reachable)
     return reachable
-
-
-BARS = 3
-"""Of a leg: its link and the two rods of its pair."""
 
 
 class Bars(NamedTuple):

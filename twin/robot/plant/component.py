@@ -1,17 +1,9 @@
-"""The plant as a co-simulation component, as equations for Python, and its rest position.
+"""The plant as a co-simulation component, and the state in which it rests.
 
 The step is classical Runge-Kutta over a tick, friction settled after each step.
 
 A surface that moves goes on at constant velocity within a tick, s_k + v_k (t - t_k). The motors stand still where they
 are at its end, or, in a ramp, turn from where they are at its start to there.
-
-The plant's equations for Python, where they are analysed rather than stepped; the surface stays at rest.
-
-The right-hand side and the outputs are those that the component steps: nothing of the physics is written here.
-
-What a plant that is taken elsewhere works out for itself before its first step, compiled as its steps are.
-
-Where the robot rests: the springs deflected so far that they carry its weight and the contact.
 """
 
 import math
@@ -25,27 +17,15 @@ from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.component import NativeComponent, step_function
 from twin.kernel.cosim.port import Port, memory_of, port_record, record, state
 from twin.robot.mechanism.geometry import Geometry, angles_near, coordinates_along, leg_motion, legs, links, move_anchor
-from twin.robot.mechanism.kinematics import jacobian, jacobian_row, joint_angles, leg_angle
+from twin.robot.mechanism.kinematics import jacobian, joint_angles
 from twin.robot.mechanism.statics import motor_load_torque, platform_weight
-from twin.robot.plant.contact import (
-    ANCHORS,
-    apex_frame,
-    arm_torque,
-    contact_force,
-    normal_force,
-    settled_bristle,
-    stop_torque,
-    touch,
-    unstopped,
-    upward,
-)
+from twin.robot.plant.contact import apex_frame, contact_force, normal_force, settled_bristle, touch
 from twin.robot.plant.dynamics import (
     PARAMETERS,
     STATES,
     UNTOUCHED,
     PlantParameters,
     acceleration,
-    derivative_near,
     has_effects,
     head_sees,
     joint_torque,
@@ -55,6 +35,7 @@ from twin.robot.plant.dynamics import (
     spring_deflection,
     spring_stiffness,
 )
+from twin.robot.plant.joints import ANCHORS, arm_torque, stop_torque, unstopped, upward
 
 LEFT_WORKSPACE = 2
 
@@ -75,13 +56,6 @@ OUTPUTS = (
     Port("F_n", 1, "N", "normal contact force"),
     Port("z_b", 2, "m", "bristle deflection in the surface"),
 )
-
-
-def inputs(moving: bool, ramp: bool) -> tuple[Port, ...]:
-    """The ports of a plant whose surface moves or not, and whose motors turn over the step or not."""
-    return INPUTS + GROUND_INPUTS * moving + RAMP_INPUTS * ramp
-
-
 MEMORY = record(
     parameters=PARAMETERS,
     substeps="i8",
@@ -89,10 +63,18 @@ MEMORY = record(
     anchors=state(("f8", (3, ANCHORS))),
     last=state(("f8", (STATES,))),
 )
-
-
 STILL = (0.0, 0.0, 0.0)
 """Displacement and velocity of a surface that does not move, speeds of motors that stand."""
+MOTION = port_record(OUTPUTS)
+_REST = record(
+    parameters=PARAMETERS, **dict.fromkeys(("p_B", "theta_l", "wrench", "arms", "stops", "tau_l", "d"), "3f8")
+)
+"""Wrench (N) that joints carry at p_B, what weights and stops take of it (N m), springs' torque and deflection."""
+
+
+def inputs(moving: bool, ramp: bool) -> tuple[Port, ...]:
+    """The ports of a plant whose surface moves or not, and whose motors turn over the step or not."""
+    return INPUTS + GROUND_INPUTS * moving + RAMP_INPUTS * ramp
 
 
 @njit(cache=True)
@@ -243,9 +225,6 @@ def step_over(moving, ramp):
     return step
 
 
-MOTION = port_record(OUTPUTS)
-
-
 @entry("nothing", MEMORY, "doubles", MOTION, at_once=True)
 def _begin(m, theta_m, y):
     turned = triple(theta_m)
@@ -296,80 +275,6 @@ class Plant(NativeComponent):
         return f"left the workspace: a leg cannot reach the platform near ({x:.1f}, {y:.1f}, {z:.1f}) mm,"
 
 
-_AT = record(
-    parameters=PARAMETERS, x=("f8", (STATES,)), theta_m="3f8", anchors=("f8", (3, ANCHORS)), dx=("f8", (STATES,))
-)
-"""State, motor angles (rad), where dry friction holds, derivative."""
-
-
-@entry("nothing", _AT)
-def _derive(m):
-    derivative_near(m.parameters, m.x, m.theta_m, STILL, STILL, m.anchors, m.dx)
-
-
-@entry("nothing", _AT, MOTION)
-def _read(m, y):
-    outputs_near(m.parameters, m.x, m.theta_m, STILL, STILL, apex_frame(m.parameters), m.anchors, y)
-
-
-@entry("nothing", _AT)
-def _hold(m):
-    settle_friction(m.parameters, m.x, m.theta_m, m.anchors)
-
-
-@entry("nothing", _AT)
-def _settle_at(m):
-    settle(m.parameters, apex_frame(m.parameters), m.x, STILL, STILL)
-
-
-class PlantEquations:
-    """The plant's equations with given constants.
-
-    Args:
-        parameters: what is true.
-    """
-
-    def __init__(self, parameters: PlantParameters):
-        self._at = memory_of(_AT, parameters=tuple(parameters), anchors=UNTOUCHED)
-
-    def hold(self, x: ArrayLike, theta_m: ArrayLike) -> None:
-        """From now on dry friction holds at the state `x` (8,), at motor angles `theta_m` (3,) in rad."""
-        self._put(x, theta_m)
-        self._at["anchors"] = UNTOUCHED
-        _hold(self._at)
-
-    def derivative(self, x: ArrayLike, theta_m: ArrayLike) -> NDArray[np.float64]:
-        """dx/dt (8,); outside the workspace NaN."""
-        self._put(x, theta_m)
-        _derive(self._at)
-        dx: NDArray[np.float64] = self._at["dx"][0].copy()
-        return dx
-
-    def outputs(self, x: ArrayLike, theta_m: ArrayLike) -> np.ndarray:
-        """The component's outputs (1,), a record of `MOTION`, with no dry friction that remembers where it was."""
-        self._put(x, theta_m)
-        self._at["anchors"] = UNTOUCHED
-        y = np.empty(1, dtype=MOTION)
-        _read(self._at, y)
-        return y
-
-    def settled(self, x: ArrayLike) -> NDArray[np.float64]:
-        """`x` with its bristle scaled back onto the friction cone, as at the end of every integration step."""
-        self._at["x"] = x
-        _settle_at(self._at)
-        settled: NDArray[np.float64] = self._at["x"][0].copy()
-        return settled
-
-    def _put(self, x: ArrayLike, theta_m: ArrayLike) -> None:
-        self._at["x"], self._at["theta_m"] = x, theta_m
-
-
-_REST = record(
-    parameters=PARAMETERS, **dict.fromkeys(("p_B", "theta_l", "wrench", "arms", "stops", "tau_l", "d"), "3f8")
-)
-"""Wrench (N) that joints carry at p_B, what weights and stops take of it (N m), springs' torque and deflection."""
-
-
 @entry("nothing", _REST)
 def _load(m):
     p, (x, y, z) = m.parameters, (m.p_B[0], m.p_B[1], m.p_B[2])
@@ -411,63 +316,3 @@ def resting(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray, np
     x = np.zeros(STATES)
     x[:3] = p
     return x, theta_m
-
-
-REST_OUTPUTS = (
-    Port("theta_m_rest", 3, "rad", "motor angles at which the platform rests where it starts, to rounding"),
-)
-
-
-@cache
-def outputs_at_start(moving, ramp):
-    """The outputs of a plant before its first step, from its state and the motor angles in its inputs."""
-
-    @step_function(MEMORY, inputs(moving, ramp), OUTPUTS)
-    def start(m, t, h, u, y):
-        # a pose may have been set that the old anchors know nothing of
-        for leg in range(3):
-            for i in range(ANCHORS):
-                m.anchors[leg, i] = math.nan
-        settle_friction(m.parameters, m.x, triple(u.theta_m), m.anchors)
-        inside = outputs_near(
-            m.parameters, m.x, triple(u.theta_m), STILL, STILL, apex_frame(m.parameters), m.anchors, y
-        )
-        return 0 if inside else LEFT_WORKSPACE
-
-    return start
-
-
-@njit(cache=True)
-def cross(a, b):
-    """Vector product of two triples."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@njit(cache=True, error_model="numpy")
-def _share(w, a, b, c):
-    """How much of the triple `a` is in `w`, which is a sum of multiples of `a`, `b` and `c`: Cramer's rule."""
-    n = cross(b, c)
-    return (w[0] * n[0] + w[1] * n[1] + w[2] * n[2]) / (a[0] * n[0] + a[1] * n[1] + a[2] * n[2])
-
-
-@step_function(MEMORY, outputs=REST_OUTPUTS)
-def rest(m, t, h, u, y):
-    # `resting` without a solver of LAPACK, which no FMU has
-    p = m.parameters
-    px, py, pz = m.x[0], m.x[1], m.x[2]
-    fx, fy, fz = contact_force(p, px, py, pz, 0.0, 0.0, 0.0, 0.0, 0.0)
-    up, weight = upward(p), platform_weight(p)
-    w = fx + weight * up[0], fy + weight * up[1], fz + weight * up[2]
-    theta_1, theta_2, theta_3 = leg_angle(p, 0, px, py, pz), leg_angle(p, 1, px, py, pz), leg_angle(p, 2, px, py, pz)
-    row_1 = jacobian_row(p, 0, theta_1, px, py, pz)
-    row_2 = jacobian_row(p, 1, theta_2, px, py, pz)
-    row_3 = jacobian_row(p, 2, theta_3, px, py, pz)
-    tau = _share(w, row_1, row_2, row_3), _share(w, row_2, row_3, row_1), _share(w, row_3, row_1, row_2)
-    theta = theta_1, theta_2, theta_3
-    for leg in range(3):
-        left = tau[leg] - arm_torque(p, up, leg, theta[leg]) - stop_torque(p, theta[leg])
-        d = unstopped(p, left / joint_torque(p, leg, 1.0, 0.0) / series_share(p, leg))
-        slack = p.backlash + p.backlash_added[leg]
-        gap = 0.0 if d == 0.0 else math.copysign(slack, d)
-        y.theta_m_rest[leg] = p.N * theta[leg] + d + gap + p.slip[leg]
-    return 0

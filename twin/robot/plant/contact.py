@@ -1,17 +1,9 @@
-"""Forces on the plant: contact of the platform with a surface, friction and stops of the joints.
-
-The shape of what the robot presses on: depth, normal and tangents at a point.
+"""Contact of the platform with a surface: its shape, a normal force by a contact law, bristle friction in its tangents.
 
 The surface passes through its apex (0, 0, z_s). Its axes there are those of B, turned by tilt_x about x and then by
 tilt about y, R = R_y(tilt) R_x(tilt_x): tangents R e_x, R e_y, normal R e_z. A plane has them everywhere. A sphere or
 cylinder of radius R lies below its apex; depth is R less the distance from its centre or axis (the signed distance,
 positive inside), the normal is the gradient of that distance.
-
-How the robot is mounted: which way is up, seen from its base. The base may be tilted out of the level about two axes, R
-= R_y(tilt) R_x(tilt_x) as with a surface. Then up is R^T e_z, and all that weighs weighs along it. The robot's computer
-knows no tilt: it takes off a weight along z of B.
-
-Contact of the platform with a surface: normal force by a contact law, bristle friction in the tangent plane.
 
 Positions and velocities are those of the head as seen from the surface: a surface that moves is subtracted before. The
 bristle obeys dz_b/dt = v_t, and is kept on the friction cone by return mapping after each step (`settled_bristle`).
@@ -20,54 +12,18 @@ by zero and is stiff at a light touch.
 
 On a curved surface z_b is held in the tangents of `surface_frame`; the turning of these about the normal is
 left out of dz_b/dt. It would move no energy, and on a closed path it is the solid angle that n goes round.
-
-Dry friction of joints and within springs, and their hard stops: forces that know where, and no speed. Dry friction is a
-spring that slides (Prandtl 1928, Z angew Math Mech 8:85): it holds at an anchor, yields elastically, and drags the
-anchor along once it carries all that it can:
-
-    joint    tau_f = (tau_c/a) (theta_l - theta_0),  within +-tau_c            (P14)
-    spring   w = d + (d - d_0),  the bracket within +-h |d|                    (P15)
-
-a is the angle over which a joint yields before it breaks loose. A spring with the hysteresis h carries k_s w: (1 + h)
-k_s d while its deflection grows, (1 - h) k_s d while it shrinks, and nothing in its backlash. Within a step the anchors
-stand still, so both are forces with a potential; after it they are dragged along, which only lowers what is stored. So
-friction sticks truly, takes energy, and never makes any.
-
-A hard stop is an elastic one, of stiffness k_e: beyond a deflection d_e a spring has k_s + k_e, and a joint is pushed
-back into its range by k_e times what it is out of it.
 """
 
 import math
 from enum import IntEnum
 
-import numpy as np
-
 from twin.kernel.compiled.function import njit
-from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN
-from twin.robot.mechanism.statics import arm_weight
 from twin.robot.plant.contact_law import pressing_force
 
-
-@njit(cache=True, forceinline=True)
-def upward(parameters):
-    """Unit vector against gravity in base frame B, a triple."""
-    if parameters.mounting_tilt == 0.0 and parameters.mounting_tilt_x == 0.0:
-        return 0.0, 0.0, 1.0
-    sin_t, cos_t = math.sin(parameters.mounting_tilt), math.cos(parameters.mounting_tilt)
-    sin_x, cos_x = math.sin(parameters.mounting_tilt_x), math.cos(parameters.mounting_tilt_x)
-    return -sin_t, cos_t * sin_x, cos_t * cos_x
-
-
-@njit(cache=True, forceinline=True)
-def hanging(up, leg, k_r, k_z):
-    """Lever (m) of a weight at the knee (k_r, k_z) of `leg`: what it turns the joint by is weight times this."""
-    return up[2] * k_r - (LEG_COS[leg] * up[0] + LEG_SIN[leg] * up[1]) * k_z
-
-
-@njit(cache=True)
-def arm_torque(parameters, up, leg, theta_l):
-    """Torque (N m) with which the weight of the arm of `leg` turns its joint at the angle `theta_l` (rad)."""
-    return arm_weight(parameters) * parameters.l_a * hanging(up, leg, np.cos(theta_l), -np.sin(theta_l))
+HELD, GRIPPED = 3, 4
+"""Columns of the anchors of `robot.leg` in which a plant keeps theta_0 and d_0 (rad)."""
+ROUNDING = 1e-9
+"""How near (of it) to its limit a bristle is at the limit."""
 
 
 class Shape(IntEnum):
@@ -166,70 +122,6 @@ def _in_B(a_1, a_2, a_3, x, y, z):
         a_1[1] * x + a_2[1] * y + a_3[1] * z,
         a_1[2] * x + a_2[2] * y + a_3[2] * z,
     )
-
-
-HELD, GRIPPED = 3, 4
-"""Columns of the anchors of `robot.leg` in which a plant keeps theta_0 and d_0 (rad)."""
-ANCHORS = 5
-
-
-@njit(cache=True, forceinline=True)
-def _within(value, limit):
-    """`value`, no larger than `limit` either way; 0 for what is held nowhere yet."""
-    if value > limit:
-        return limit
-    if value < -limit:
-        return -limit
-    return value if value == value else 0.0
-
-
-# numpy's division here and below: an exception of compiled code that the master calls by address is lost
-@njit(cache=True, error_model="numpy", forceinline=True)
-def friction_torque(parameters, anchors, leg, theta_l):
-    """Torque (N m) with which the dry friction of a joint holds it, (P14)."""
-    away = theta_l - anchors[leg, HELD]
-    return _within(parameters.joint_friction / parameters.joint_presliding * away, parameters.joint_friction)
-
-
-@njit(cache=True, forceinline=True)
-def gripped(parameters, anchors, leg, d):
-    """The deflection (rad) of a spring without hysteresis that carries what this one does at `d`, (P15)."""
-    return d + _within(d - anchors[leg, GRIPPED], parameters.spring_hysteresis * abs(d))
-
-
-@njit(cache=True, forceinline=True)
-def drag(parameters, anchors, leg, theta_l, d):
-    """Move the anchors of `leg`, in place, to where the joint at `theta_l` and its spring at `d` (rad) drag them."""
-    anchors[leg, HELD] = theta_l - _within(theta_l - anchors[leg, HELD], parameters.joint_presliding)
-    anchors[leg, GRIPPED] = d - _within(d - anchors[leg, GRIPPED], parameters.spring_hysteresis * abs(d))
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def stopped(parameters, d):
-    """The deflection (rad) of a spring without a stop that carries what this one does at `d`."""
-    over = abs(d) - parameters.spring_stop
-    return d + math.copysign(parameters.stop / parameters.k_s * over, d) if over > 0.0 else d
-
-
-@njit(cache=True, error_model="numpy")
-def unstopped(parameters, d):
-    """The deflection (rad) at which a spring with a stop carries what one without does at `d`: `stopped` inverted."""
-    over = abs(d) - parameters.spring_stop
-    return d - math.copysign(over - over / (1.0 + parameters.stop / parameters.k_s), d) if over > 0.0 else d
-
-
-@njit(cache=True, forceinline=True)
-def stop_torque(parameters, theta_l):
-    """Torque (N m) with which its hard stops push a joint back into its range; 0 within."""
-    if theta_l > parameters.joint_upper:
-        return parameters.stop * (parameters.joint_upper - theta_l)
-    if theta_l < parameters.joint_lower:
-        return parameters.stop * (parameters.joint_lower - theta_l)
-    return 0.0
-
-
-ROUNDING = 1e-9
-"""How near (of it) to its limit a bristle is at the limit."""
 
 
 @njit(cache=True)

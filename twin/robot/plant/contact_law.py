@@ -1,16 +1,4 @@
-"""Contact laws of [contact]: the motion of the surface and its reaction to indentation.
-
-A body that moves under the robot: breathing and shifts, as displacement and velocity of its surface.
-
-With tau the time since onset:
-
-    breathing   s = A (1 - cos(2 pi f tau)): A is the amplitude, so a breath lifts the surface by 2 A. It starts and
-                ends between two breaths, where displacement and velocity are 0; the breath that goes on at `end` is
-                finished.
-    shift       s = D m(tau / rise), back again from `end` on; m(q) = 10 q^3 - 15 q^4 + 6 q^5 is the path of least jerk
-                (Flash and Hogan 1985, J Neurosci 5:1688) and keeps the acceleration continuous, too.
-
-What a surface answers to being pressed in: its normal force from depth d and rate d_dot.
+"""Contact laws of [contact]: the normal force of a surface from depth d and rate d_dot.
 
     Hunt-Crossley  F = K d (d / d_ref)^(n - 1) (1 + c d_dot)             Hunt and Crossley (1975), J Appl Mech 42:440
     Kelvin-Voigt   F = K d + C w(d / d_touch) d_dot                      Fung (1993), Biomechanics, Ch. 2
@@ -27,142 +15,14 @@ smooth: a contact that grows over the touch depth.
 """
 
 import math
-from collections.abc import Sequence
 from enum import IntEnum
 from typing import Any, Literal, NamedTuple
 
-import numpy as np
 from pydantic import ValidationInfo, field_validator
 
-from twin.kernel.compiled.function import carray, njit, pointer_to
-from twin.kernel.cosim.component import NativeComponent, step_function
-from twin.kernel.cosim.port import Port, record, record_of
-from twin.kernel.settings import Settings, Triple, numbers, optional, setting
-
-
-class MotionKind(IntEnum):
-    """How the surface moves."""
-
-    BREATHING = 0
-    SHIFT = 1
-
-
-OUTPUTS = (
-    Port("s_B", 3, "m", "displacement of the surface in base frame B"),
-    Port("v_s_B", 3, "m/s", "velocity of the surface in base frame B"),
-)
-
-
-class Motion(NamedTuple):
-    """One motion of the surface, SI.
-
-    Attributes:
-        kind: of `MotionKind`.
-        displacement: vector in B (m): amplitude of a breathing, whole way of a shift.
-        onset, end: when it starts, and stops or goes back (s); infinity: never.
-        rate: of a breathing (Hz), > 0.
-        rise: how long a shift takes (s), > 0.
-    """
-
-    kind: MotionKind
-    displacement: Triple
-    onset: float
-    end: float = math.inf
-    rate: float = 0.25
-    rise: float = 1.0
-
-
-class Breathing(Settings):
-    """[contact.breathing]: the surface goes up by twice the amplitude and back with every breath."""
-
-    amplitude: float = setting(
-        "mm", field="displacement", ge=0, examples=[1.0], help="half the way from breath to breath"
-    )
-    rate: float = setting("1/min", gt=0, examples=[15.0], help="breaths per time")
-    start: float = setting("s", field="onset", default=0.0, ge=0, help="first breath")
-    end: float | None = optional("s", absent=math.inf, ge=0, example=20.0, help="last breath")
-
-    @property
-    def motion(self) -> Motion:
-        """Along z."""
-        return Motion(**(numbers(self) | {"kind": MotionKind.BREATHING, "displacement": (0.0, 0.0, self.amplitude)}))
-
-
-class Shift(Settings):
-    """[contact.shift]: the person moves once; if an end is given, back again from then on."""
-
-    by: Triple = setting("mm", field="displacement", examples=[[0.0, 0.0, 2.0]], help="how far (x, y, z)")
-    start: float = setting("s", field="onset", ge=0, examples=[5.0], help="when it moves")
-    rise: float = setting("s", gt=0, examples=[0.5], help="how long it takes")
-    end: float | None = optional("s", absent=math.inf, ge=0, example=20.0, help="when it moves back")
-
-    @property
-    def motion(self) -> Motion:
-        """As the table says."""
-        return Motion(MotionKind.SHIFT, **numbers(self))
-
-
-MOTION = record_of(Motion)
-MEMORY = record(motions="i8", count="i8")
-"""Address and number of the motions."""
-_motions_at = pointer_to(MOTION)
-
-
-# numpy's division: a rate or rise of 0 has to give NaN, because an exception of compiled code that the
-# master calls by address is lost
-@njit(cache=True, error_model="numpy")
-def breathing(motion, t):
-    """Share of the amplitude (1) at `t` (s), and its rate of change (1/s)."""
-    last = motion.onset + np.ceil((motion.end - motion.onset) * motion.rate) / motion.rate
-    if t <= motion.onset or t >= last:
-        return 0.0, 0.0
-    omega = 2.0 * math.pi * motion.rate
-    phase = omega * (t - motion.onset)
-    return 1.0 - math.cos(phase), omega * math.sin(phase)
-
-
-@njit(cache=True, error_model="numpy")
-def least_jerk(t, rise):
-    """Share of a way of duration `rise` (s) that is done `t` seconds after its start (1), and its rate (1/s)."""
-    if t <= 0.0:
-        return 0.0, 0.0
-    if t >= rise:
-        return 1.0, 0.0
-    q = t / rise
-    return q * q * q * (10.0 + q * (6.0 * q - 15.0)), 30.0 * q * q * (1.0 - q) * (1.0 - q) / rise
-
-
-@njit(cache=True)
-def progress(motion, t):
-    """Share of its displacement that `motion` has reached at `t` (1), and its rate of change (1/s)."""
-    if motion.kind == MotionKind.BREATHING:
-        return breathing(motion, t)
-    there, v_there = least_jerk(t - motion.onset, motion.rise)
-    back, v_back = least_jerk(t - motion.end, motion.rise)
-    return there - back, v_there - v_back
-
-
-@step_function(MEMORY, outputs=OUTPUTS)
-def step(m, t, h, u, y):
-    motions = carray(_motions_at(m.motions), m.count)
-    y.s_B[:] = 0.0
-    y.v_s_B[:] = 0.0
-    for i in range(m.count):
-        motion = motions[i]
-        share, rate = progress(motion, t)
-        for axis in range(3):
-            y.s_B[axis] += share * motion.displacement[axis]
-            y.v_s_B[axis] += rate * motion.displacement[axis]
-    return 0
-
-
-class Body(NativeComponent):
-    """The surface's motion: the sum of `motions`, sampled every tick."""
-
-    def __init__(self, motions: Sequence[Motion]):
-        table = np.array([tuple(motion) for motion in motions], dtype=MOTION)
-        memory = np.array([(0, len(table))], dtype=MEMORY)
-        super().__init__("body", (), OUTPUTS, True, step, memory, pointers={"motions": table})
+from twin.kernel.compiled.function import njit
+from twin.kernel.settings import Settings, optional, setting
+from twin.robot.plant.surface_motion import Breathing, Shift
 
 
 class ContactLaw(IntEnum):

@@ -41,21 +41,32 @@ from twin.robot.mechanism.statics import (
     moving_mass,
     platform_weight,
 )
-from twin.robot.plant.contact import (
-    ANCHORS,
-    apex_frame,
-    drag,
-    friction_torque,
-    gripped,
-    hanging,
-    stop_torque,
-    stopped,
-    touch,
-    upward,
-)
+from twin.robot.plant.contact import apex_frame, touch
 from twin.robot.plant.contact_law import Contact
+from twin.robot.plant.joints import ANCHORS, drag, friction_torque, gripped, hanging, stop_torque, stopped, upward
 
 ZEROS = (0.0, 0.0, 0.0)
+LONGEST_GAP = 0.1
+"""Maximum gap in samples of the motor angles (s) that a line may bridge: several periods of the springs' slowest free
+motion, 75 rad/s."""
+WHOLE = (1.0, 1.0, 1.0)
+CONDITION = {
+    "k_s_share": setting(
+        default=WHOLE,
+        broken_by=("spring_softened", "spring_broken"),
+        help="what is left of k_s in the spring; 0: broken",
+    ),
+    "backlash_added": setting("rad", default=ZEROS, broken_by=("backlash_growth",), help="on top of backlash"),
+    "b_j_added": setting("N m s/rad", default=ZEROS, broken_by=("joint_friction",), help="on top of b_j"),
+    "slip": setting(
+        "rad", default=ZEROS, broken_by=("belt_slip",), help="how far the belt has slipped: deflection lost, motor side"
+    ),
+}
+"""Of each joint; in the beginning it is as it was built."""
+STATES = 8
+"""The state x: platform position p_B (m), velocity v_B (m/s), bristle deflection z_b in the surface (m)."""
+UNTOUCHED = np.full((3, ANCHORS), np.nan)
+"""Anchors of a robot that was nowhere yet: no angle is known, and no friction holds."""
 
 
 class Robot(Model):
@@ -136,22 +147,6 @@ class TrueRobot(Robot):
     substeps: int = setting(into=None, ge=1, le=1000, help="Runge-Kutta steps per tick")
 
 
-WHOLE = (1.0, 1.0, 1.0)
-CONDITION = {
-    "k_s_share": setting(
-        default=WHOLE,
-        broken_by=("spring_softened", "spring_broken"),
-        help="what is left of k_s in the spring; 0: broken",
-    ),
-    "backlash_added": setting("rad", default=ZEROS, broken_by=("backlash_growth",), help="on top of backlash"),
-    "b_j_added": setting("N m s/rad", default=ZEROS, broken_by=("joint_friction",), help="on top of b_j"),
-    "slip": setting(
-        "rad", default=ZEROS, broken_by=("belt_slip",), help="how far the belt has slipped: deflection lost, motor side"
-    ),
-}
-"""Of each joint; in the beginning it is as it was built."""
-
-
 class PlantParameters(
     Values,
     parts=(taken(TrueRobot), taken(Contact), CONDITION),
@@ -170,13 +165,6 @@ class PlantParameters(
 
 PARAMETERS = record_of(PlantParameters)
 """`PlantParameters` as a record: numbers, and arrays (3,) where the tuple holds three."""
-
-STATES = 8
-"""The state x: platform position p_B (m), velocity v_B (m/s), bristle deflection z_b in the surface (m)."""
-
-
-UNTOUCHED = np.full((3, ANCHORS), np.nan)
-"""Anchors of a robot that was nowhere yet: no angle is known, and no friction holds."""
 
 
 @njit(cache=True, forceinline=True)

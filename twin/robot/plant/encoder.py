@@ -1,10 +1,6 @@
-"""Measurements of the plant: encoder counts and the display of the scale.
+"""Measurements of the plant: encoder counts and the display of the scale, all that a controller ever gets.
 
-The encoders: angles become counts, and that is all a controller ever gets.
-
-White noise from a generator whose whole state is one word in a component's memory: same seed, same bytes.
-
-The electronic scale under the robot: it shows the vertical force in steps.
+White noise comes from a generator whose whole state is one word in a component's memory: same seed, same bytes.
 """
 
 import math
@@ -23,6 +19,21 @@ from twin.kernel.settings import Settings, setting
 _STRIDE = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1, _MIX_2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _30, _27, _31, _11 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(11)
+INPUTS = (Port("theta_m", 3, "rad", "motor angles"), Port("theta_l", 3, "rad", "proximal link angles"))
+OUTPUTS = (
+    Port("count_m", 3, "1", "motor encoder counts", "int"),
+    Port("count_l", 3, "1", "joint encoder counts", "int"),
+    Port("sample", 1, "1", "number of the sample, from 1: a reader notices lost and frozen messages by it", "int"),
+)
+READER = record(counts_per_rad="f8", zero="f8", noise="f8", eccentricity="f8", eccentric_at="f8")
+MEMORY = record(motor=(READER, (3,)), joint=(READER, (3,)), random=state(("u8", (1,))), sample=state("i8"))
+MOST = 2.0**53
+"""Counts. Beyond, a double does not count whole numbers."""
+UNCOUNTED = 2
+"""Status of the step: an angle has no count."""
+SCALE_INPUTS = (Port("F_ee_B", 3, "N", "force by the robot on the scale in base frame B"),)
+SCALE_OUTPUTS = (Port("F_z", 1, "N", "reading of the scale, pressing positive"),)
+SCALE_MEMORY = record(resolution="f8")
 
 
 @njit(cache=True)
@@ -46,20 +57,6 @@ def normal(state):
     """A normally distributed number with mean 0 and variance 1: Box and Muller (1958), Ann Math Stat 29:610."""
     radius = math.sqrt(-2.0 * math.log(uniform(state)))
     return radius * math.cos(2.0 * math.pi * uniform(state))
-
-
-INPUTS = (Port("theta_m", 3, "rad", "motor angles"), Port("theta_l", 3, "rad", "proximal link angles"))
-OUTPUTS = (
-    Port("count_m", 3, "1", "motor encoder counts", "int"),
-    Port("count_l", 3, "1", "joint encoder counts", "int"),
-    Port("sample", 1, "1", "number of the sample, from 1: a reader notices lost and frozen messages by it", "int"),
-)
-READER = record(counts_per_rad="f8", zero="f8", noise="f8", eccentricity="f8", eccentric_at="f8")
-MEMORY = record(motor=(READER, (3,)), joint=(READER, (3,)), random=state(("u8", (1,))), sample=state("i8"))
-MOST = 2.0**53
-"""Counts. Beyond, a double does not count whole numbers."""
-UNCOUNTED = 2
-"""Status of the step: an angle has no count."""
 
 
 @njit(cache=True)
@@ -140,11 +137,6 @@ class Display(Settings):
 
     resolution: float = setting("g", gt=0, help="smallest step of the display")
     period: float = setting("ms", gt=0, help="time between two readings")
-
-
-SCALE_INPUTS = (Port("F_ee_B", 3, "N", "force by the robot on the scale in base frame B"),)
-SCALE_OUTPUTS = (Port("F_z", 1, "N", "reading of the scale, pressing positive"),)
-SCALE_MEMORY = record(resolution="f8")
 
 
 @step_function(SCALE_MEMORY, SCALE_INPUTS, SCALE_OUTPUTS)

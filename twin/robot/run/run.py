@@ -36,14 +36,16 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.source import NAMING, RETAINED
 from twin.robot.mechanism.unreachable import Unreachable
 from twin.robot.monitor.component import trip_reason
-from twin.robot.plant.component import PlantEquations, resting
+from twin.robot.plant.component import resting
 from twin.robot.plant.dynamics import STATES, PlantParameters
+from twin.robot.plant.equations import PlantEquations
 from twin.robot.run.branch import branch_off, branched_experiment
 from twin.robot.run.handover import BranchPoint
 from twin.robot.run.measures import with_units
 from twin.robot.run.outcome import HeldForces, RunOutcome
 from twin.robot.run.trace import streams_of
-from twin.robot.run.watch import Pace, Punctuality, Shown, Viewer, run_observers
+from twin.robot.run.viewer import Pace, Punctuality, Shown, Viewer
+from twin.robot.run.watch import run_observers
 from twin.robot.scene import Scene
 
 

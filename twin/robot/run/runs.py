@@ -16,6 +16,7 @@ from twin.kernel.cosim.system import System
 from twin.kernel.errors import ComponentFailed
 from twin.robot.assembly.assemble import assemble
 from twin.robot.experiment.experiment import Experiment
+from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.monitor.checks import Trip
 from twin.robot.monitor.component import own_monitor, trip_reason
 from twin.robot.run.hold import HoldRequest
@@ -30,10 +31,12 @@ class RunRequest(NamedTuple):
     """Data to keep of each run.
 
     Attributes:
-        signals: signals of the trace, `topic.field` each; None: all; empty: no trace.
+        signals: signals of the trace, `topic.field` each; empty: no trace. None: all, also those of faults, which a
+            past lacks: every run is made from the start.
         tally: whether to sum up the numbers.
         idle: whether to find out if the monitor ever acted.
-        check: called with each experiment and its system before the first tick, to refuse what cannot be measured.
+        check: called with each experiment and its system before the first tick, to refuse what cannot be measured; its
+            runs share no past.
     """
 
     signals: frozenset[str] | None = frozenset()
@@ -81,25 +84,6 @@ class Outcome:
         return self
 
 
-def simulation_outcome(
-    done: Simulated, trace: Trace | None = None, numbers: RunOutcome | None = None, idle: bool = True
-) -> Outcome:
-    """Return the outcome of a simulation; `trace`, `numbers` and `idle` as observed, see `Outcome`."""
-    monitor, trip = own_monitor(done.simulation.system), trip_reason(done.simulation)
-    return Outcome(
-        status="failed" if done.failure else "tripped" if trip else "done",
-        reason=str(done.failure or trip),
-        trace=trace,
-        numbers=numbers,
-        trip=monitor.trip if monitor else None,
-        power_off_tick=monitor.power_off_tick if monitor else None,
-        idle=idle,
-        culprit=done.simulation.culprit,
-        failure=done.failure,
-        stepping=done.stepping,
-    )
-
-
 class _Watch:
     """The observers of one run.
 
@@ -120,24 +104,22 @@ class _Watch:
             self.work = MonitorWork(past.work if past else None)
         if request.tally:
             self.tally = _SharedTally(HoldRequest.of(experiment), past.tally if past else None)
-        check = _Check(request.check, experiment) if request.check else None
-        self.observers: list[Observer] = [one for one in (check, self.trace, self.work, self.tally) if one is not None]
+        self.observers: list[Observer] = [one for one in (self.trace, self.work, self.tally) if one is not None]
 
     def outcome(self, done: Simulated) -> Outcome:
-        tally = self.tally.tally if self.tally and not done.failure else None
-        return simulation_outcome(
-            done, self.trace, tally.outcome if tally else None, self.work is None or self.work.idle
+        monitor, trip = own_monitor(done.simulation.system), trip_reason(done.simulation)
+        return Outcome(
+            status="failed" if done.failure else "tripped" if trip else "done",
+            reason=str(done.failure or trip),
+            trace=self.trace,
+            numbers=self.tally.tally.outcome if self.tally and not done.failure else None,
+            trip=monitor.trip if monitor else None,
+            power_off_tick=monitor.power_off_tick if monitor else None,
+            idle=self.work is None or self.work.idle,
+            culprit=done.simulation.culprit,
+            failure=done.failure,
+            stepping=done.stepping,
         )
-
-
-class _Check(Observer):
-    """Calls `RunRequest.check` before the first tick of a run."""
-
-    def __init__(self, check: Callable[[Experiment, System], None], experiment: Experiment):
-        self._check, self._experiment = check, experiment
-
-    def begin(self, simulation: Simulation) -> None:
-        self._check(self._experiment, simulation.system)
 
 
 class _SharedTally(Observer):
@@ -215,6 +197,8 @@ class Runs:
         if past is None or past.shared is None:
             watch = _Watch(self.request, experiment)
             with assemble(experiment) as assembly:
+                if self.request.check:
+                    self.request.check(experiment, assembly.system)
                 return watch.outcome(simulate(assembly, experiment.duration_ticks, watch.observers))
         watch = _Watch(self.request, experiment, past.watch)
         later = [fault.onset for fault in experiment.faults] + [change.tick for change in experiment.changes]
@@ -224,8 +208,10 @@ class Runs:
     def _past(self, experiment: Experiment) -> _Past | None:
         """The past of `experiment`, run if that is worth it; None if it has none that can be shared."""
         base = replace(before_fault(experiment), changes=())
-        if not self._most or (base.faults and len(experiment.faults) > 1):
-            # which of several faults an idle one stands for is unknown
+        if not self._most or self.request.signals is None or self.request.check:
+            return None
+        if len(experiment.faults) > 1 and any(CATALOGUE[fault.kind].mechanism == "drive" for fault in base.faults):
+            # which of several faults an idle shaft stands for is unknown
             return None
         key = _identifying(base)
         past = next((one for one in self._pasts if one.key == key), None) or _Past(key)

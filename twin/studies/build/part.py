@@ -30,8 +30,8 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.fault import CATALOGUE, Fault, table_of
 from twin.robot.faults import FaultComponent
 from twin.robot.mechanism.geometry import Model
-from twin.robot.plant.component import REST_OUTPUTS, outputs_at_start, rest
 from twin.robot.plant.component import inputs as plant_inputs
+from twin.robot.plant.equations import REST_OUTPUTS, outputs_at_start, rest
 from twin.studies.build.structure import refuse_broken, refuse_changed, refuse_others
 
 DRIVE = "drive"
@@ -64,8 +64,6 @@ class RobotPart:
     """What is built.
 
     Attributes:
-        name: of the part.
-        experiment: that it is from.
         components: in the order of a tick, sampled ones first.
         feeds: what joins them.
         beginnings: by component.
@@ -101,11 +99,7 @@ def drive_commands(part: RobotPart) -> dict[str, str]:
 
 
 def part_of(experiment: Experiment, name: str) -> RobotPart:
-    """The part `name` of the robot of `experiment`.
-
-    Raises:
-        InputRefused: there is no such part, or it cannot be taken out of the experiment.
-    """
+    """The part `name` of the robot of `experiment`."""
     plant, theta_m = at_rest(experiment, "body" in experiment.stand_ins)
     build = Build(experiment, (), HERE, plant, theta_m)
     made = {row.name: _made(row, build) for row in ROBOT}
@@ -219,11 +213,9 @@ class OpenParameter(NamedTuple):
 
     Attributes:
         key: of the file, `plant.k_s_Nm_per_rad`.
-        meaning: one phrase.
         start: its values.
         unit: of them; `text` as the file spells it.
         limits: above, at least, below, at most; None where there is none.
-        destinations: where it goes.
         tunable: whether it may change between two steps.
     """
 

@@ -52,10 +52,6 @@ def build(
     Exit code: 0 written, 2 refused, 3 it could not be written.
 
     Example: twin build fig4_force_position --fmu plant --fmi 3
-
-    Raises:
-        InputRefused: the experiment or the part cannot be used, or there is no compiler.
-        NotWritten: the disk refuses.
     """
     version = f"{fmi or 2}.0"
     if c:

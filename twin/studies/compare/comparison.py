@@ -10,9 +10,8 @@ A comparison as text of at most 80 columns and as a picture: the answer first.
 import filecmp
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,9 +20,9 @@ from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import Log, LogSeries, in_gap, sampling
 from twin.kernel.recording.logs.reader import LogKind, is_recording, kind_of, read_log
 from twin.kernel.recording.reader import origin
-from twin.kernel.writing import finite
+from twin.kernel.serialise import to_dict
 from twin.robot.assembly.declared import DECLARED
-from twin.robot.experiment.recorded import differing, recorded_facts
+from twin.robot.experiment.differences import differing, recorded_facts
 from twin.studies.compare.tolerance import (
     Alignment,
     Allowance,
@@ -52,15 +51,8 @@ def both(
 ) -> tuple[Log, Log]:
     """The logs in `a` and `b`.
 
-    Names in a CSV file may mean signals of the other log, see `read_csv`.
-
-    Args:
-        maps: entries of a column map for logs that twin did not record.
-        part: start and end (s) of the part to compare.
-
-    Raises:
-        ComparisonRefused: a map, but nothing to map.
-        LogRefused, RecordingRefused: as `read_log` and `column_map`.
+    Names in a CSV file may mean signals of the other log, see `read_csv`; `part` is start and end (s) of what is
+    compared.
     """
     columns = column_map(maps)
     if columns and is_recording(a) and is_recording(b):
@@ -93,16 +85,12 @@ class SignalRow:
     """One signal; SI units. Errors are the second log's value less the first's, at the same time.
 
     Attributes:
-        signal, unit: of both logs.
-        n: how many instants were compared.
         covered: share of the reference's time on which the second has values; see `coverage`.
         max_error, max_error_at: largest absolute error and its time, s.
         rms_error, mean_error: over the instants.
         span: range of the reference, which shares of it refer to.
-        allowance: half widths of the tube.
         used: share of the tolerance that the worst value takes after the tolerance in time; inside is up to 1.
         outside: how many instants are outside of the tube.
-        first_exit: the first of them.
     """
 
     signal: str
@@ -118,6 +106,7 @@ class SignalRow:
     used: float
     outside: int
     first_exit: Exit | None
+    inside: bool
 
 
 @dataclass(frozen=True)
@@ -177,6 +166,7 @@ def row(
         used=float(used),
         outside=len(out),
         first_exit=first,
+        inside=first is None,
     )
 
 
@@ -254,12 +244,8 @@ class Comparison:
         a, b: the reference, and what was compared with it.
         shift: what was added to the times of b.
         rows: worst first.
-        curves: by signal.
         apart: signals of both that have no instant in common.
-        only_a, only_b: signals that the other has not.
         most: number of signals to compare of the log that has more of them.
-        identical: whether the two files hold the same bytes.
-        notes: sentences on what is doubtful.
     """
 
     a: Path
@@ -286,20 +272,12 @@ class Comparison:
         shares = [(row.signal, row.covered) for row in self.rows] + [(name, 0.0) for name in self.apart]
         return min(shares, key=lambda share: share[1])
 
-    def facts(self) -> dict[str, Any]:
-        """Everything but the curves, for JSON; SI units, None for what is infinite or not a number."""
-        return finite({
-            "a": str(self.a),
-            "b": str(self.b),
-            "identical": self.identical,
-            "inside": not self.outside,
-            "covered": self.least_covered[1],
-            "shift": self.shift.seconds,
-            "rows": [asdict(row) | {"inside": row.first_exit is None} for row in self.rows],
-            "only_a": self.only_a,
-            "only_b": self.only_b,
-            "notes": self.notes,
-        })  # fmt: skip
+    @property
+    def inside(self) -> bool:
+        """Whether no signal leaves its tube."""
+        return not self.outside
+
+    JSON_KEYS = "a b identical inside covered=least_covered.1 shift=shift.seconds rows only_a only_b notes"
 
 
 def compared(
@@ -315,15 +293,8 @@ def compared(
     and outside of the gaps of both; there the other is interpolated linearly, never beyond its ends.
 
     Args:
-        a, b: the logs.
         given: rules of tolerance, after the default and the uncertainty that a digitised curve states.
         signals: patterns of the signals to compare; empty: all that both have.
-        how: to align the times.
-
-    Raises:
-        ComparisonRefused: no signal in common, units of different dimensions, no overlap in time, a pattern that fits
-            no signal, a tolerance in another dimension; every mistake, each in one sentence.
-        LogRefused: the signal to align by is not there.
     """
     units = paired(a, b, signals, given)
     digitised = [read for log in (a, b) if (read := provenance(log))]
@@ -392,12 +363,7 @@ SHOWN = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "rad": ("deg", math.degrees(1.0
 
 
 def comparison_result(comparison: Comparison, partial: bool = False, differences: Differences | None = None) -> Result:
-    """The answer first, then the files, then signals worst first, then what differs in the experiments.
-
-    Args:
-        partial: whether b may cover only a part of a.
-        differences: of the experiments; None: they are not compared.
-    """
+    """The answer first, then the files, then signals worst first, then what differs in the experiments."""
     covered = partial or comparison.least_covered[1] == 1.0
     parts = [
         f"  A  {comparison.a}",
@@ -406,7 +372,7 @@ def comparison_result(comparison: Comparison, partial: bool = False, differences
         *map(_note, comparison.notes),
         *differences_lines(differences),
     ]
-    facts = comparison.facts() | {"experiments": differences}
+    facts = to_dict(comparison) | {"experiments": differences}
     common = len(comparison.rows) + len(comparison.apart)
     share = f"{common} of {comparison.most} signals in common: " if common < comparison.most else ""
     answer = Note(share + _answer(comparison, partial), later=2, whole=True)

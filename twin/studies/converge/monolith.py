@@ -28,10 +28,12 @@ from twin.robot.assembly.build import belief, controller, plant_parameters, shaf
 from twin.robot.assembly.drives import ALONE, DrivePlan
 from twin.robot.controller.controller import Estimator
 from twin.robot.experiment.experiment import Experiment
-from twin.robot.plant.component import MOTION, OUTPUTS, STILL, PlantEquations, outputs_near, resting
-from twin.robot.plant.contact import ANCHORS, apex_frame
+from twin.robot.plant.component import MOTION, OUTPUTS, STILL, outputs_near, resting
+from twin.robot.plant.contact import apex_frame
 from twin.robot.plant.dynamics import PARAMETERS, STATES, UNTOUCHED, PlantParameters, derivative
 from twin.robot.plant.encoder import Encoder
+from twin.robot.plant.equations import PlantEquations
+from twin.robot.plant.joints import ANCHORS
 
 _STEP = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p
@@ -95,7 +97,6 @@ class Coupled:
     """dx/dt at x = (theta_m (3), omega_m (3), the plant's state (8)), SI; the surface stays at rest.
 
     Args:
-        parameters: of the plant.
         T_m, droop: of each drive in s and rad/s per N m, (3,) each.
     """
 
@@ -181,7 +182,6 @@ def monolithic_rows(
 
     Args:
         experiment: its [cosim] plays no role.
-        drives: behind the joints.
         rtol, atol: tolerances of the solver, (14,) as the state of `Coupled`.
 
     Returns:

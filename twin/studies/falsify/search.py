@@ -1,16 +1,14 @@
 """The search for the worst fault: runs judged by their distance from a violation, then differential evolution."""
 
+import functools
 import math
 import re
-import threading
 import time
 import zlib
-from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -19,7 +17,7 @@ from scipy.optimize import differential_evolution
 from scipy.stats import qmc
 
 from twin.kernel.errors import ComponentFailed, InputRefused, SafetyTrip
-from twin.kernel.process.job import JobLimits
+from twin.kernel.process.warm import Pool
 from twin.kernel.writing import write_text
 from twin.robot.assembly.assemble import assemble
 from twin.robot.assembly.build import need_processes, planned_drives
@@ -29,9 +27,8 @@ from twin.robot.experiment.fault import CATALOGUE
 from twin.robot.experiment.measure import Required, requirement, signals_of
 from twin.robot.experiment.together import THEN
 from twin.robot.mechanism.geometry import geometry_of
-from twin.robot.run.past import NOT_WANTED, SharedPast, before_fault
-from twin.robot.run.runs import simulation_outcome
-from twin.robot.run.trace import Trace, fields_of
+from twin.robot.run.runs import RunRequest, Runs
+from twin.robot.run.trace import fields_of
 from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.command import Say
 from twin.studies.falsify.space import Ended, Place, Requirement, Space, TriedFault, creeps, offset_text, ways_of
@@ -42,48 +39,18 @@ from twin.studies.faults.trials import fault_trial
 from twin.studies.metrics.requirement import checked_requirement
 from twin.studies.sweep.measures import RunFinding
 from twin.studies.sweep.plan import Task
-from twin.studies.sweep.sweep import Job, WorkerProcess
 
 FORCE, PLACE = "plant.F_ee_B", "plant.p_B"
 
 
 MOST_PASTS = 8
-"""Of one process: a body each, at rest and moved."""
+"""Maximum number of pasts in one process: a body each, at rest and moved."""
 
 
-class PastRuns:
-    """Pasts of the runs that this process makes; of each as soon as it is asked for a second time.
-
-    Nothing is shared of drives that need processes of their own: every past would have its own of these.
-    """
-
-    def __init__(self) -> None:
-        self._known: list[tuple[Any, SharedPast, Trace]] = []
-
-    def of(self, experiment: Experiment, only: Collection[str]) -> tuple[SharedPast, Trace]:
-        """The past that `experiment` has, and the signals `only` of it."""
-        before = before_fault(experiment)
-        if before.faults and len(experiment.faults) > 1:
-            # which of the faults an idle one stands for is known of a single one only
-            return SharedPast(before, share=False), Trace(only=only)
-        noisy = experiment.plant.motor_noise > 0.0 or experiment.plant.joint_noise > 0.0
-        own = {key: value for key, value in experiment.values.items() if key not in ("fault", "measure", "seed")}
-        asked = own, before.faults, experiment.seed if noisy else 0, set(only)
-        number = next((n for n, (known, *_) in enumerate(self._known) if known == asked), None)
-        if number is None:
-            found = SharedPast(before, share=False), Trace(only=only)
-            if len(self._known) < MOST_PASTS:
-                self._known.append((asked, *found))
-            return found
-        _, shared, run = self._known[number]
-        if shared.lacking == NOT_WANTED and not need_processes(planned_drives(before)):
-            run = Trace(only=only)
-            shared = SharedPast(before, [run])
-            self._known[number] = asked, shared, run
-        return shared, run
-
-
-_pasts = PastRuns()
+@functools.cache
+def _runs(signals: frozenset[str], most: int) -> Runs:
+    """Return the runs of this process that keep `signals`; a past is run when it is asked for a second time."""
+    return Runs(RunRequest(signals, check=refuse_unknown), after=1, most=most)
 
 
 def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
@@ -104,13 +71,11 @@ def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str =
         experiment = load_experiment(settings[0], (), drive)
         required = [measure for measure in experiment.measures if isinstance(measure, Required)]
         names = {name for measure in required for name, _ in signals_of(requirement(measure.formula))}
-        past, before = _pasts.of(experiment, names | {FORCE, PLACE})
-        run = Trace(only=names | {FORCE, PLACE}, past=before)
-        onset = min((fault.onset for fault in experiment.faults), default=experiment.duration_ticks)
-        done = past.go_on(experiment, onset, [run])
-        refuse_unknown(experiment, done.simulation.system)
-        ended = simulation_outcome(done, run)
-        signals = Signals(run, geometry_of(experiment.controller.model))
+        # drives that need processes would need some for each past
+        most = 0 if need_processes(planned_drives(experiment)) else MOST_PASTS
+        ended = _runs(frozenset(names | {FORCE, PLACE}), most).run(experiment)
+        assert ended.trace is not None
+        signals = Signals(ended.trace, geometry_of(experiment.controller.model))
         found: dict[str, float | None] = {
             name: m.value for measure in required for name, m in metrics_of_measure(measure, signals).items()
         }
@@ -132,48 +97,6 @@ def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str =
 TRIAL = "twin.studies.falsify.search:judged"
 
 
-class Crew:
-    """See `crew`."""
-
-    def __init__(self, idle: "SimpleQueue[WorkerProcess]", threads: ThreadPoolExecutor, stopping: threading.Event):
-        self._idle, self._threads, self._stopping = idle, threads, stopping
-        self._count = 0
-
-    def findings(self, files: Sequence[Path]) -> list[dict[str, Any]]:
-        """What the experiments in `files` come to, in their order, stored ones too: facts of `RunFinding`."""
-        return list(self._threads.map(self._finding, files))
-
-    def _finding(self, file: Path) -> dict[str, Any]:
-        worker = self._idle.get()
-        try:
-            facts = worker.facts(Task(0, "", None, {}, (str(file.absolute()),)), self._stopping)
-            return facts or {}
-        finally:
-            self._idle.put(worker)
-
-
-@contextmanager
-def crew(folder: Path, processes: int, limits: JobLimits = JobLimits()) -> Iterator[Crew]:  # noqa: B008, it is frozen
-    """`processes` warm workers, which end when the block does.
-
-    Args:
-        folder: where the files are that they run.
-        limits: of each worker.
-    """
-    job = Job(folder, folder, "none", limits, "", trial=TRIAL)
-    idle: SimpleQueue[WorkerProcess] = SimpleQueue()
-    stopping = threading.Event()
-    with ExitStack() as ends:
-        for _ in range(processes):
-            worker = WorkerProcess(job)
-            ends.callback(worker.close)
-            idle.put(worker)
-        threads = ends.enter_context(ThreadPoolExecutor(processes))
-        # before the pool waits for its threads: what runs then is given up
-        ends.callback(stopping.set)
-        yield Crew(idle, threads, stopping)
-
-
 class Judge:
     """Runs runs and tells how near they came, in shares of what the healthy run on the same body keeps."""
 
@@ -181,7 +104,7 @@ class Judge:
         self,
         space: Space,
         requirements: Sequence[Requirement],
-        workers: Crew,
+        workers: Pool[Task, dict[str, Any]],
         experiment: Path,
         scratch: Path,
         runs: int,
@@ -273,7 +196,9 @@ class Judge:
             files.append(self._scratch / f"{number}.toml")
             write_text(files[-1], self._space.file(wrong, self._experiment, trip=self.trip(wrong)))
         self._say(f"{len(self.distances)} of {self._runs} runs", len(self.distances) / self._runs)
-        facts = self._workers.findings(files)
+        tasks = [Task(number, "", None, {}, (str(file),)) for number, file in enumerate(files)]
+        answers = {task.run: facts for task, facts in chain.from_iterable(self._workers.answers(tasks))}
+        facts = [answers[task.run] for task in tasks]
         self.seconds += sum(one.get("seconds") or 0.0 for one in facts)
         return facts
 

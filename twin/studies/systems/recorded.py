@@ -42,6 +42,10 @@ MOST = 6
 MOST_EVENTS = 20
 UNSETTLED = "the initial values never agree: inputs at the start follow from each other in a circle"
 SCHEMES = {"gauss_seidel": "Gauss-Seidel in the order of the file", "jacobi": "Jacobi"}
+SUMMARY = "summary.json"
+"""What took how long, beside the recording, in which nothing depends on that."""
+HOME = Path("results/cosim")
+"""Apart from runs of the robot: a system is often called as the experiment that it was built from."""
 
 
 def facts(
@@ -192,12 +196,6 @@ def _component(one: Mapping[str, Any], tick: float) -> str:
 def _duration(own: float | None) -> str:
     """Of a step, from microseconds."""
     return "in a loop" if own is None else f"{own:.2f} us" if own < 1e3 else f"{1e-3 * own:.1f} ms"
-
-
-SUMMARY = "summary.json"
-"""What took how long, beside the recording, in which nothing depends on that."""
-HOME = Path("results/cosim")
-"""Apart from runs of the robot: a system is often called as the experiment that it was built from."""
 
 
 def recorded_system(

@@ -4,7 +4,7 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from tests.kernel.recording.logs.bags import joints
-from twin.kernel.recording.sources.ros_types import MESSAGES, dds_name, idl_class, ros_name
+from twin.kernel.recording.sources.ros_types import MESSAGES, idl_class, ros_name
 
 pytest.importorskip("cyclonedds")
 
@@ -14,8 +14,9 @@ def test_every_message_of_ros_2_becomes_a_type_of_dds_and_its_name_comes_back():
     for kind in MESSAGES:
         made = idl_class(kind)
         made.__idl__.populate()
-        assert made.__idl__.idl_transformed_typename == dds_name(kind)
-        assert ros_name(dds_name(kind)) == kind
+        package, folder, name = kind.split("/")
+        assert made.__idl__.idl_transformed_typename == f"{package}::{folder}::dds_::{name}_"
+        assert ros_name(made.__idl__.idl_transformed_typename) == kind
 
 
 def test_cyclone_reads_with_a_made_type_what_rosbags_writes():

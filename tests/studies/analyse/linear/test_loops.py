@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 
 from tests.laws.runs import PARAMETERS, Sampled, shipped
 from twin.robot.assembly.build import belief
+from twin.robot.controller.compliance import Damping
 from twin.robot.controller.controller import Controller, Estimator, Law
-from twin.robot.controller.pid import Damping, Gains
+from twin.robot.controller.pid import Gains
 from twin.robot.mechanism.geometry import NO_ANCHOR, Geometry
 from twin.robot.mechanism.kinematics import joint_angles
 from twin.robot.plant.component import STILL, integrate, resting

@@ -7,11 +7,12 @@ from hypothesis import strategies as st
 
 from tests.studies.sweep.statistics.rows import kept, row
 from twin.studies.result import WIDTH
+from twin.studies.sweep.columns import Row
 from twin.studies.sweep.plan import saltelli_cube
-from twin.studies.sweep.rows import Row, RunMargins, SweepRows
 from twin.studies.sweep.show.parts import Asked, ReportPart, headline, interval, number, parts, short, sweep_text
 from twin.studies.sweep.show.pictures import shown_range
 from twin.studies.sweep.statistics.ranking import usual_against, usual_metric
+from twin.studies.sweep.stored import RunMargins, SweepRows
 
 ASKED = Asked("hold_error_N", "lateral_error_mm", 5)
 

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from twin.studies.sweep.rows import Row, SweepRows, columns_of
+from twin.studies.sweep.columns import Row, columns_of
+from twin.studies.sweep.stored import SweepRows
 
 
 def row(run: int, parameters: dict[str, Any], drive: str | None = None, status: str = "done", **metrics: Any) -> Row:

@@ -11,8 +11,8 @@ from scipy.stats import sobol_indices as scipys
 from scipy.stats import spearmanr
 
 from tests.studies.sweep.statistics.rows import row
+from twin.studies.sweep.columns import columns_of
 from twin.studies.sweep.plan import saltelli_cube
-from twin.studies.sweep.rows import columns_of
 from twin.studies.sweep.show.parts import starred
 from twin.studies.sweep.statistics.sensitivity import (
     LEAST_BLOCKS,

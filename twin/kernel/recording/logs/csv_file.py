@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.errors import nearest, visible
-from twin.kernel.recording.logs.column_map import TIME, TIME_NAMES, MappedColumn, split_unit, unit
+from twin.kernel.recording.logs.column_map import TIME, TIME_NAMES, split_unit, unit
 from twin.kernel.recording.logs.csv_table import CsvTable, more, read_table
-from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries, NoNumbers
+from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries, MappedColumn, NoNumbers
 from twin.kernel.units import Dimension, Unit, known_unit
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")

@@ -19,12 +19,6 @@ MESSAGES = [name for name in STORE.fielddefs if "/msg/" in name]
 """The types that ROS 2 itself has."""
 
 
-def dds_name(kind: str) -> str:
-    """`sensor_msgs/msg/JointState` -> `sensor_msgs::msg::dds_::JointState_`."""
-    package, folder, name = kind.split("/")
-    return f"{package}::{folder}::dds_::{name}_"
-
-
 def ros_name(kind: str) -> str:
     """`sensor_msgs::msg::dds_::JointState_` -> `sensor_msgs/msg/JointState`; another name as it is."""
     parts = kind.split("::")

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.kernel.cosim.port import Port
-from twin.robot.plant.component import INPUTS, OUTPUTS, PlantEquations
+from twin.robot.plant.component import INPUTS, OUTPUTS
 from twin.robot.plant.dynamics import PlantParameters
+from twin.robot.plant.equations import PlantEquations
 from twin.studies.analyse.linear import loops
 
 STATE_LABELS = ["p_B_x", "p_B_y", "p_B_z", "v_B_x", "v_B_y", "v_B_z", "z_b_1", "z_b_2"]

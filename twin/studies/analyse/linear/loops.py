@@ -36,8 +36,9 @@ from numpy.typing import NDArray
 from twin.kernel.compiled.native import entry
 from twin.kernel.cosim.port import memory_of, record
 from twin.kernel.errors import InputRefused
+from twin.robot.controller.compliance import DAMPER, Damping, damp, damper
 from twin.robot.controller.controller import BELIEF, ESTIMATE, Belief, estimate
-from twin.robot.controller.pid import DAMPER, PID, Damping, Gains, accept, damp, damper, low_pass_share, proposal
+from twin.robot.controller.pid import PID, Gains, accept, low_pass_share, proposal
 
 Matrix = NDArray[np.float64]
 
@@ -96,7 +97,6 @@ def fitted_drive(
         response: (n, 2), advance per tick over omega_ref (rad per rad/s) and tau_load (rad per N m).
         uncertainty: standard deviation of `response` (n, 2).
         tick: s.
-        label: what an error calls the drive.
 
     Raises:
         InputRefused: no stable model comes close: the drive does not answer in proportion.

@@ -9,11 +9,12 @@ import numpy as np
 
 from twin.kernel.errors import InputRefused, nearest, plain
 from twin.studies.result import Block, Column, Note, Table, counted, laid_out
+from twin.studies.sweep.columns import Column as Values
+from twin.studies.sweep.columns import Columns, Positions
 from twin.studies.sweep.measures import BY_COLUMN, FELT_STIFFNESS, HOLD_ERROR, OVERSHOOT, SETTLING, SINCE_TOUCH
-from twin.studies.sweep.rows import Column as Values
-from twin.studies.sweep.rows import Columns, Positions, SweepRows
 from twin.studies.sweep.statistics import ranking, sensitivity
 from twin.studies.sweep.statistics.ranking import BINS, value, worst_over
+from twin.studies.sweep.stored import SweepRows
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from twin.studies.figure import (
     picture,
 )
 from twin.studies.result import counted
-from twin.studies.sweep.rows import Columns, Numbers, Positions, SweepRows
+from twin.studies.sweep.columns import Columns, Numbers, Positions
 from twin.studies.sweep.show.parts import Asked, axes_of, short
 from twin.studies.sweep.statistics.ranking import (
     Bands,
@@ -42,6 +42,7 @@ from twin.studies.sweep.statistics.ranking import (
     spread,
     value,
 )
+from twin.studies.sweep.stored import SweepRows
 
 CROWD = 50_000
 """Dots up to which all are drawn."""
@@ -302,7 +303,7 @@ def draw_bands(bands: Bands, sweep: SweepRows, path: Path) -> None:
         NotWritten: the disk refuses.
     """
     # takes a while to import, and few sweeps judge claims
-    from twin.studies.paper.fig4_measures import FP_BASED, FP_REFERENCE, P_BASED
+    from twin.studies.paper.fig4_figure import FP_BASED, FP_REFERENCE, P_BASED
 
     runs = (("position", P_BASED, "P-based"), ("force_position", FP_BASED, "F&P-based"))
     with picture(path, 12, 10.5) as figure:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.studies.sweep.rows import Columns, Numbers, once
+from twin.studies.sweep.columns import Columns, Numbers, once
 from twin.studies.sweep.statistics.ranking import parameter, value
 
 LEAST = 4

@@ -1,0 +1,83 @@
+"""The breath under the head: an oscillator that locks to it, and feeds its velocity forward.
+
+While pressing, the surface moves at v_0 = dz/dt + (dF/dt)/k, which the oscillator follows. That is a second-order
+generalised integrator with a frequency-locked loop (Rodriguez et al. 2011, IEEE Trans. Ind. Electron. 58:127),
+
+    e = v_0 - x,   dx/dt = w (g e - q),   dq/dt = w x,   dw/dt = -f w e q w/(x^2 + q^2),
+
+of which x and q are the velocity and the same a quarter of a breath before, and w is the rate. It knows one sine, no
+shape; what comes at the rate of the breath passes it as it is, whatever else moves the surface is damped and turned.
+"""
+
+import math
+
+from twin.kernel.compiled.function import njit
+from twin.kernel.cosim.port import record_of, states
+from twin.kernel.settings import Settings, alike, setting
+from twin.robot.controller.pid import low_pass_share
+
+GAIN, RATE_GAIN = 2.5, 0.3
+"""g and f above: follows within a quarter of a breath; its rate is right to some percent after two."""
+CORNER = 3.0
+"""Low-pass (Hz) of the velocity, which is a difference of two roundings; its lag is made up for."""
+SLOWEST, FASTEST = 0.5, 2.0
+"""Bounds of the rate, over the one it began with."""
+SMALLEST = 1e-4
+"""Speed (m/s) slower than any breathing."""
+TRUSTED = 0.4
+"""Standard error over k_hat below which the surface is known."""
+
+
+class Breath(Settings):
+    """[controller.breath]: follow a surface that breathes, with the tissue known by [controller.tissue]."""
+
+    rate: float = setting("1/min", default=15.0, gt=0, le=120, help="believed rate, to begin with")
+    lag: float = setting("ms", default=20.0, ge=0, le=1000, help="believed lag of the robot behind its reference")
+
+
+BREATH = record_of(
+    Breath,
+    **states(**alike("f8", "omega x q v share z F"), running="i8", **alike("f8", "low ahead")),
+)
+"""Settings and state: the oscillator's; velocity of the surface, low-passed; the share that is fed forward; height and
+force of the call before, and whether there was one; share of the low-pass; how far ahead it is fed forward (s)."""
+
+
+@njit(cache=True)
+def _advance(m, v, h):
+    """Let the oscillator follow the velocity `v` (m/s)."""
+    e, squared, before = v - m.x, m.x * m.x + m.q * m.q, m.q
+    step = m.omega * h
+    m.q += step * m.x
+    m.x += step * (GAIN * e - m.q)
+    if squared > SMALLEST * SMALLEST:
+        first = 2.0 * math.pi * m.rate
+        # of the state before: the one after holds the noise of e itself
+        turned = m.omega * (1.0 - RATE_GAIN * step * e * before / squared)
+        m.omega = min(max(turned, SLOWEST * first), FASTEST * first)
+
+
+@njit(cache=True, error_model="numpy")
+def breathe(m, tissue, h, z, F):
+    """Velocity (m/s) of the surface, ahead by the robot's lag, as far as the breath is known.
+
+    Args:
+        tissue: what is known of it.
+        z, F: height (m) and pressing force (N) as estimated, unfiltered.
+    """
+    if m.omega == 0.0:
+        m.omega, m.low = 2.0 * math.pi * m.rate, low_pass_share(CORNER, h)
+        m.ahead = m.lag + h * (1.0 - m.low) / m.low
+    if not tissue.known or tissue.since == 0.0 or not tissue.pressing:
+        m.running, m.share = 0, 0.0
+        return 0.0
+    if not m.running:
+        m.running, m.z, m.F, m.x, m.q, m.v = 1, z, F, 0.0, 0.0, 0.0
+    m.v += m.low * ((z - m.z + (F - m.F) / tissue.k) / h - m.v)
+    m.z, m.F = z, F
+    _advance(m, m.v, h)
+    trusted = tissue.std < TRUSTED * tissue.k
+    m.share = min(m.share + m.omega * h, 1.0) if trusted else max(m.share - m.omega * h, 0.0)
+    # a fraction of a rad
+    ahead = m.omega * m.ahead
+    return m.share * (m.x * (1.0 - 0.5 * ahead * ahead) - m.q * ahead)

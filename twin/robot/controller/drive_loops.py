@@ -1,0 +1,101 @@
+"""Loops of the robot's computer for drives that take no speed: a discrete PI for torque, current or voltage, and an
+integrator for a commanded angle.
+"""
+
+import math
+from typing import NamedTuple
+
+from twin.kernel.cosim.component import NativeComponent, step_function
+from twin.kernel.cosim.port import Port, memory_of, record, record_of, state
+from twin.robot.controller.pid import PID, Gains, accept, loop, proposal
+
+INPUTS = (
+    Port("omega_ref", 1, "rad/s", "commanded motor speed"),
+    Port("omega_m", 1, "rad/s", "motor speed, as the drive reports it"),
+)
+COMMAND = Port("command", 1, "SI", "what the drive takes: torque, current or voltage")
+MEMORY = record(pid=PID, limit="f8")
+POSITION_INPUTS = (
+    Port("omega_ref", 1, "rad/s", "commanded motor speed"),
+    Port("theta_m", 1, "rad", "motor angle, as the drive reports it"),
+)
+POSITION_OUTPUTS = (
+    Port("command", 1, "rad", "commanded motor angle"),
+    Port("goal", 1, "rad", "the same angle from the zero of the servo, within its turn"),
+)
+
+
+@step_function(MEMORY, INPUTS, (COMMAND,))
+def step(m, t, h, u, y):
+    command, integral = proposal(m.pid, u.omega_ref - u.omega_m, h)
+    if abs(command) <= m.limit:
+        accept(m.pid, integral)
+    y.command = min(max(command, -m.limit), m.limit)
+    return 0
+
+
+class DriveSpeedLoop(NativeComponent):
+    """Sampled component: speed error in, command of the drive out.
+
+    Args:
+        gains: PI from rad/s to the command's SI unit.
+        limit: of the command, either side.
+        command: port of the output.
+        period: in ticks of the drive's own system.
+    """
+
+    def __init__(self, gains: Gains, limit: float, command: Port, period: int = 1):
+        memory = memory_of(MEMORY, pid=loop(gains), limit=limit)
+        super().__init__("velocity_loop", INPUTS, (command,), True, step, memory, period=period)
+
+
+class Servo(NamedTuple):
+    """How a servo counts its angle phi, and which commands it takes: phi = ratio (theta_m - zero).
+
+    Attributes:
+        zero: motor angle at phi = 0 (rad).
+        ratio: turns of its shaft per turn of the motor shaft, negative if it turns the other way.
+        lower, upper: limits of phi (rad).
+        wrap: phi is counted from here over one turn (rad); infinite: it counts on.
+        lead: most by which the commanded motor angle is ahead of the motor, either way (rad).
+    """
+
+    zero: float
+    ratio: float
+    lower: float = -math.inf
+    upper: float = math.inf
+    wrap: float = math.inf
+    lead: float = math.inf
+
+
+POSITION_MEMORY = record_of(Servo, command=state("f8"))
+
+
+@step_function(POSITION_MEMORY, POSITION_INPUTS, POSITION_OUTPUTS)
+def position_step(m, t, h, u, y):
+    # where it has to be when the next command comes
+    command = m.command + u.omega_ref * h
+    command = min(max(command, u.theta_m - m.lead), u.theta_m + m.lead)
+    phi = min(max(m.ratio * (command - m.zero), m.lower), m.upper)
+    m.command = m.zero + phi / m.ratio
+    if m.wrap < math.inf:
+        phi = m.wrap + (phi - m.wrap) % math.tau
+    y.command = m.command
+    y.goal = phi / m.ratio
+    return 0
+
+
+class DriveSpeedIntegrator(NativeComponent):
+    """Sampled component: speed in, angle of the drive out. What limit and lead take away is not made up for later.
+
+    Args:
+        servo: what stands behind it.
+        theta_m: motor angle at t = 0 (rad), where the command begins.
+        period: in ticks of the drive's own system.
+    """
+
+    def __init__(self, servo: Servo, theta_m: float, period: int = 1):
+        memory = memory_of(POSITION_MEMORY, **servo._asdict(), command=theta_m)
+        super().__init__(
+            "position_command", POSITION_INPUTS, POSITION_OUTPUTS, True, position_step, memory, period=period
+        )

@@ -1,0 +1,157 @@
+"""The plant outside a co-simulation: its equations for Python, and the start of a plant in an exported FMU.
+
+The right-hand side and the outputs are those that the component steps: nothing of the physics is written here. In the
+equations for Python the surface stays at rest.
+"""
+
+import math
+from functools import cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from twin.kernel.compiled.function import njit
+from twin.kernel.compiled.native import entry
+from twin.kernel.cosim.component import step_function
+from twin.kernel.cosim.port import Port, memory_of, record
+from twin.kernel.fmi.cosim_step import settle
+from twin.robot.mechanism.kinematics import jacobian_row, leg_angle
+from twin.robot.mechanism.statics import platform_weight
+from twin.robot.plant.component import LEFT_WORKSPACE, MEMORY, MOTION, OUTPUTS, STILL, inputs, outputs_near, triple
+from twin.robot.plant.contact import apex_frame, contact_force
+from twin.robot.plant.dynamics import (
+    PARAMETERS,
+    STATES,
+    UNTOUCHED,
+    PlantParameters,
+    derivative_near,
+    joint_torque,
+    series_share,
+    settle_friction,
+)
+from twin.robot.plant.joints import ANCHORS, arm_torque, stop_torque, unstopped, upward
+
+_AT = record(
+    parameters=PARAMETERS, x=("f8", (STATES,)), theta_m="3f8", anchors=("f8", (3, ANCHORS)), dx=("f8", (STATES,))
+)
+"""State, motor angles (rad), where dry friction holds, derivative."""
+REST_OUTPUTS = (
+    Port("theta_m_rest", 3, "rad", "motor angles at which the platform rests where it starts, to rounding"),
+)
+
+
+@entry("nothing", _AT)
+def _derive(m):
+    derivative_near(m.parameters, m.x, m.theta_m, STILL, STILL, m.anchors, m.dx)
+
+
+@entry("nothing", _AT, MOTION)
+def _read(m, y):
+    outputs_near(m.parameters, m.x, m.theta_m, STILL, STILL, apex_frame(m.parameters), m.anchors, y)
+
+
+@entry("nothing", _AT)
+def _hold(m):
+    settle_friction(m.parameters, m.x, m.theta_m, m.anchors)
+
+
+@entry("nothing", _AT)
+def _settle_at(m):
+    settle(m.parameters, apex_frame(m.parameters), m.x, STILL, STILL)
+
+
+class PlantEquations:
+    """The plant's equations with given constants.
+
+    Args:
+        parameters: what is true.
+    """
+
+    def __init__(self, parameters: PlantParameters):
+        self._at = memory_of(_AT, parameters=tuple(parameters), anchors=UNTOUCHED)
+
+    def hold(self, x: ArrayLike, theta_m: ArrayLike) -> None:
+        """From now on dry friction holds at the state `x` (8,), at motor angles `theta_m` (3,) in rad."""
+        self._put(x, theta_m)
+        self._at["anchors"] = UNTOUCHED
+        _hold(self._at)
+
+    def derivative(self, x: ArrayLike, theta_m: ArrayLike) -> NDArray[np.float64]:
+        """dx/dt (8,); outside the workspace NaN."""
+        self._put(x, theta_m)
+        _derive(self._at)
+        dx: NDArray[np.float64] = self._at["dx"][0].copy()
+        return dx
+
+    def outputs(self, x: ArrayLike, theta_m: ArrayLike) -> np.ndarray:
+        """The component's outputs (1,), a record of `MOTION`, with no dry friction that remembers where it was."""
+        self._put(x, theta_m)
+        self._at["anchors"] = UNTOUCHED
+        y = np.empty(1, dtype=MOTION)
+        _read(self._at, y)
+        return y
+
+    def settled(self, x: ArrayLike) -> NDArray[np.float64]:
+        """`x` with its bristle scaled back onto the friction cone, as at the end of every integration step."""
+        self._at["x"] = x
+        _settle_at(self._at)
+        settled: NDArray[np.float64] = self._at["x"][0].copy()
+        return settled
+
+    def _put(self, x: ArrayLike, theta_m: ArrayLike) -> None:
+        self._at["x"], self._at["theta_m"] = x, theta_m
+
+
+@cache
+def outputs_at_start(moving, ramp):
+    """The outputs of a plant before its first step, from its state and the motor angles in its inputs."""
+
+    @step_function(MEMORY, inputs(moving, ramp), OUTPUTS)
+    def start(m, t, h, u, y):
+        # a pose may have been set that the old anchors know nothing of
+        for leg in range(3):
+            for i in range(ANCHORS):
+                m.anchors[leg, i] = math.nan
+        settle_friction(m.parameters, m.x, triple(u.theta_m), m.anchors)
+        inside = outputs_near(
+            m.parameters, m.x, triple(u.theta_m), STILL, STILL, apex_frame(m.parameters), m.anchors, y
+        )
+        return 0 if inside else LEFT_WORKSPACE
+
+    return start
+
+
+@njit(cache=True)
+def cross(a, b):
+    """Vector product of two triples."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, error_model="numpy")
+def _share(w, a, b, c):
+    """How much of the triple `a` is in `w`, which is a sum of multiples of `a`, `b` and `c`: Cramer's rule."""
+    n = cross(b, c)
+    return (w[0] * n[0] + w[1] * n[1] + w[2] * n[2]) / (a[0] * n[0] + a[1] * n[1] + a[2] * n[2])
+
+
+@step_function(MEMORY, outputs=REST_OUTPUTS)
+def rest(m, t, h, u, y):
+    # `resting` without a solver of LAPACK, which no FMU has
+    p = m.parameters
+    px, py, pz = m.x[0], m.x[1], m.x[2]
+    fx, fy, fz = contact_force(p, px, py, pz, 0.0, 0.0, 0.0, 0.0, 0.0)
+    up, weight = upward(p), platform_weight(p)
+    w = fx + weight * up[0], fy + weight * up[1], fz + weight * up[2]
+    theta_1, theta_2, theta_3 = leg_angle(p, 0, px, py, pz), leg_angle(p, 1, px, py, pz), leg_angle(p, 2, px, py, pz)
+    row_1 = jacobian_row(p, 0, theta_1, px, py, pz)
+    row_2 = jacobian_row(p, 1, theta_2, px, py, pz)
+    row_3 = jacobian_row(p, 2, theta_3, px, py, pz)
+    tau = _share(w, row_1, row_2, row_3), _share(w, row_2, row_3, row_1), _share(w, row_3, row_1, row_2)
+    theta = theta_1, theta_2, theta_3
+    for leg in range(3):
+        left = tau[leg] - arm_torque(p, up, leg, theta[leg]) - stop_torque(p, theta[leg])
+        d = unstopped(p, left / joint_torque(p, leg, 1.0, 0.0) / series_share(p, leg))
+        slack = p.backlash + p.backlash_added[leg]
+        gap = 0.0 if d == 0.0 else math.copysign(slack, d)
+        y.theta_m_rest[leg] = p.N * theta[leg] + d + gap + p.slip[leg]
+    return 0

@@ -1,0 +1,109 @@
+"""Forces on joints and springs: weight in a tilted mounting, dry friction, hard stops.
+
+How the robot is mounted: which way is up, seen from its base. The base may be tilted out of the level about two axes, R
+= R_y(tilt) R_x(tilt_x) as with a surface. Then up is R^T e_z, and all that weighs weighs along it. The robot's computer
+knows no tilt: it takes off a weight along z of B.
+
+Dry friction of joints and within springs, and their hard stops: forces that know where, and no speed. Dry friction is a
+spring that slides (Prandtl 1928, Z angew Math Mech 8:85): it holds at an anchor, yields elastically, and drags the
+anchor along once it carries all that it can:
+
+    joint    tau_f = (tau_c/a) (theta_l - theta_0),  within +-tau_c            (P14)
+    spring   w = d + (d - d_0),  the bracket within +-h |d|                    (P15)
+
+a is the angle over which a joint yields before it breaks loose. A spring with the hysteresis h carries k_s w: (1 + h)
+k_s d while its deflection grows, (1 - h) k_s d while it shrinks, and nothing in its backlash. Within a step the anchors
+stand still, so both are forces with a potential; after it they are dragged along, which only lowers what is stored. So
+friction sticks truly, takes energy, and never makes any.
+
+A hard stop is an elastic one, of stiffness k_e: beyond a deflection d_e a spring has k_s + k_e, and a joint is pushed
+back into its range by k_e times what it is out of it.
+"""
+
+import math
+
+import numpy as np
+
+from twin.kernel.compiled.function import njit
+from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN
+from twin.robot.mechanism.statics import arm_weight
+from twin.robot.plant.contact import GRIPPED, HELD
+
+ANCHORS = 5
+
+
+@njit(cache=True, forceinline=True)
+def upward(parameters):
+    """Unit vector against gravity in base frame B, a triple."""
+    if parameters.mounting_tilt == 0.0 and parameters.mounting_tilt_x == 0.0:
+        return 0.0, 0.0, 1.0
+    sin_t, cos_t = math.sin(parameters.mounting_tilt), math.cos(parameters.mounting_tilt)
+    sin_x, cos_x = math.sin(parameters.mounting_tilt_x), math.cos(parameters.mounting_tilt_x)
+    return -sin_t, cos_t * sin_x, cos_t * cos_x
+
+
+@njit(cache=True, forceinline=True)
+def hanging(up, leg, k_r, k_z):
+    """Lever (m) of a weight at the knee (k_r, k_z) of `leg`: what it turns the joint by is weight times this."""
+    return up[2] * k_r - (LEG_COS[leg] * up[0] + LEG_SIN[leg] * up[1]) * k_z
+
+
+@njit(cache=True)
+def arm_torque(parameters, up, leg, theta_l):
+    """Torque (N m) with which the weight of the arm of `leg` turns its joint at the angle `theta_l` (rad)."""
+    return arm_weight(parameters) * parameters.l_a * hanging(up, leg, np.cos(theta_l), -np.sin(theta_l))
+
+
+@njit(cache=True, forceinline=True)
+def _within(value, limit):
+    """`value`, no larger than `limit` either way; 0 for what is held nowhere yet."""
+    if value > limit:
+        return limit
+    if value < -limit:
+        return -limit
+    return value if value == value else 0.0
+
+
+# numpy's division here and below: an exception of compiled code that the master calls by address is lost
+@njit(cache=True, error_model="numpy", forceinline=True)
+def friction_torque(parameters, anchors, leg, theta_l):
+    """Torque (N m) with which the dry friction of a joint holds it, (P14)."""
+    away = theta_l - anchors[leg, HELD]
+    return _within(parameters.joint_friction / parameters.joint_presliding * away, parameters.joint_friction)
+
+
+@njit(cache=True, forceinline=True)
+def gripped(parameters, anchors, leg, d):
+    """The deflection (rad) of a spring without hysteresis that carries what this one does at `d`, (P15)."""
+    return d + _within(d - anchors[leg, GRIPPED], parameters.spring_hysteresis * abs(d))
+
+
+@njit(cache=True, forceinline=True)
+def drag(parameters, anchors, leg, theta_l, d):
+    """Move the anchors of `leg`, in place, to where the joint at `theta_l` and its spring at `d` (rad) drag them."""
+    anchors[leg, HELD] = theta_l - _within(theta_l - anchors[leg, HELD], parameters.joint_presliding)
+    anchors[leg, GRIPPED] = d - _within(d - anchors[leg, GRIPPED], parameters.spring_hysteresis * abs(d))
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def stopped(parameters, d):
+    """The deflection (rad) of a spring without a stop that carries what this one does at `d`."""
+    over = abs(d) - parameters.spring_stop
+    return d + math.copysign(parameters.stop / parameters.k_s * over, d) if over > 0.0 else d
+
+
+@njit(cache=True, error_model="numpy")
+def unstopped(parameters, d):
+    """The deflection (rad) at which a spring with a stop carries what one without does at `d`: `stopped` inverted."""
+    over = abs(d) - parameters.spring_stop
+    return d - math.copysign(over - over / (1.0 + parameters.stop / parameters.k_s), d) if over > 0.0 else d
+
+
+@njit(cache=True, forceinline=True)
+def stop_torque(parameters, theta_l):
+    """Torque (N m) with which its hard stops push a joint back into its range; 0 within."""
+    if theta_l > parameters.joint_upper:
+        return parameters.stop * (parameters.joint_upper - theta_l)
+    if theta_l < parameters.joint_lower:
+        return parameters.stop * (parameters.joint_lower - theta_l)
+    return 0.0

@@ -1,0 +1,173 @@
+"""Rows of a sweep as columns, for statistics."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import wraps
+from itertools import chain
+from typing import Any, Concatenate, ParamSpec, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+# pydantic takes no other before Python 3.12
+
+
+Row = dict[str, Any]
+Numbers = NDArray[np.float64]
+Positions = NDArray[np.intp]
+Asked = ParamSpec("Asked")
+Answer = TypeVar("Answer")
+
+
+@dataclass(frozen=True, eq=False)
+class Words:
+    """A column of texts, truth values, whole numbers or None: of row i it is `words[codes[i]]`.
+
+    Attributes:
+        codes: (n,), int32.
+        words: each once, with its type: 1, 1.0 and True are three.
+    """
+
+    codes: NDArray[np.int32]
+    words: Sequence[Any]
+
+    @classmethod
+    def of(cls, values: Sequence[Any]) -> "Words":
+        """The column of `values`."""
+        typed = list(zip(map(type, values), values, strict=True))
+        codes = {word: code for code, word in enumerate(dict.fromkeys(typed))}
+        return cls(np.fromiter(map(codes.__getitem__, typed), np.int32, len(typed)), [word for _, word in codes])
+
+    def __getitem__(self, row: int) -> Any:
+        return self.words[self.codes[row]]
+
+    def __iter__(self) -> Iterator[Any]:
+        return (self.words[code] for code in self.codes.tolist())
+
+    def at(self, rows: Positions | NDArray[np.bool_]) -> "Words":
+        """The column of those rows."""
+        return Words(self.codes[rows], self.words)
+
+    def are(self, is_so: Callable[[Any], bool]) -> NDArray[np.bool_]:
+        """Of which rows the word is so; each word is asked once."""
+        return np.array([is_so(word) for word in self.words], bool)[self.codes]
+
+    @property
+    def counts(self) -> dict[Any, int]:
+        """How many rows have each word that some row has, in the order of rows."""
+        codes, first, counts = np.unique(self.codes, return_index=True, return_counts=True)
+        return {self.words[codes[n]]: int(counts[n]) for n in np.argsort(first)}
+
+
+Column = Numbers | Words
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """Rows, one value of each column for each.
+
+    Attributes:
+        of: by name. As in a row: "run", "seconds", "stepping_s" (numbers), "drive", "status", "reason",
+            "within_limits", "key", "no_hold" (words). Besides "has_metrics", "has_curves" (words); "parameters/LABEL"
+            (numbers if all are floats, else words); "metrics/NAME", "values/CLAIM" (numbers); "verdicts/CLAIM" (words).
+            nan, None: the row has none.
+    """
+
+    of: dict[str, Column]
+    _found: dict[tuple[Any, ...], Any] = field(default_factory=dict, repr=False)
+
+    def __len__(self) -> int:
+        return len(self.numbers("run"))
+
+    def numbers(self, name: str) -> Numbers:
+        """A column of numbers, (n,)."""
+        found = self.of[name]
+        assert isinstance(found, np.ndarray)
+        return found
+
+    def words(self, name: str) -> Words:
+        """A column of words, (n,)."""
+        found = self.of[name]
+        assert isinstance(found, Words)
+        return found
+
+    def under(self, group: str) -> dict[str, str]:
+        """Names of the columns of a group, by what follows the stroke."""
+        return {name.partition("/")[2]: name for name in self.of if name.startswith(f"{group}/")}
+
+    def run(self, row: int) -> int:
+        """Number of the run of a row."""
+        return int(self.numbers("run")[row])
+
+    def at(self, rows: Positions | NDArray[np.bool_]) -> "Columns":
+        """Those rows."""
+        return Columns({name: one.at(rows) if isinstance(one, Words) else one[rows] for name, one in self.of.items()})
+
+    def by_run(self) -> "Columns":
+        """In the order of runs."""
+        run = self.numbers("run")
+        return self if bool(np.all(run[1:] >= run[:-1])) else self.at(np.argsort(run, kind="stable"))
+
+
+def once(work: Callable[Concatenate[Columns, Asked], Answer]) -> Callable[Concatenate[Columns, Asked], Answer]:
+    """`work` with a memory: of the same columns the same is found out once."""
+
+    @wraps(work)
+    def found(columns: Columns, *args: Asked.args, **kwargs: Asked.kwargs) -> Answer:
+        asked = (work, *args, *kwargs.items())
+        if asked not in columns._found:
+            columns._found[asked] = work(columns, *args, **kwargs)
+        answer: Answer = columns._found[asked]
+        return answer
+
+    return found
+
+
+def columns_of(rows: Sequence[Row]) -> Columns:
+    """`rows` as columns, in their order."""
+    found: dict[str, Column] = {
+        name: np.array([row[name] for row in rows], np.float64) for name in ("run", "seconds", "stepping_s")
+    }
+    for name in ("drive", "status", "reason", "within_limits", "key"):
+        found[name] = Words.of([row[name] for row in rows])
+    found["no_hold"] = Words.of([row.get("no_hold") for row in rows])
+    found["has_metrics"] = Words.of([bool(row["metrics"]) for row in rows])
+    found["has_curves"] = Words.of([bool(row.get("curves")) for row in rows])
+    for label, values in _columns([row["parameters"] for row in rows]):
+        all_floats = {*map(type, values)} <= {float, type(None)}
+        found[f"parameters/{label}"] = np.array(values, np.float64) if all_floats else Words.of(values)
+    for metric, values in _columns([row["metrics"] for row in rows]):
+        found[f"metrics/{metric}"] = np.array(values, np.float64)
+    for claim, answers in _columns([row.get("claims") or {} for row in rows]):
+        found[f"verdicts/{claim}"] = Words.of([answer and answer["verdict"] for answer in answers])
+        found[f"values/{claim}"] = np.array([answer and answer["value"] for answer in answers], np.float64)
+    return Columns(found)
+
+
+def _columns(tables: Sequence[dict[str, Any]]) -> Iterator[tuple[str, list[Any]]]:
+    """(key, its value in each of the tables, None where it is not) of every key that there is."""
+    for key in dict.fromkeys(chain.from_iterable(tables)):
+        yield key, [table.get(key) for table in tables]
+
+
+def joined(parts: Sequence[Columns]) -> Columns:
+    """The rows of all `parts`, one after the other; at least one."""
+    names = dict.fromkeys(chain.from_iterable(part.of for part in parts))
+    return Columns({name: _joined([(part.of.get(name), len(part)) for part in parts]) for name in names})
+
+
+def _joined(parts: Iterable[tuple[Column | None, int]]) -> Column:
+    """A column out of those of parts with so many rows each, some of which have none."""
+    parts = list(parts)
+    if not any(isinstance(one, Words) for one, _ in parts):
+        return np.concatenate([np.full(n, np.nan) if one is None else one for one, n in parts])  # type: ignore[list-item]
+    known: dict[tuple[type, Any], int] = {}
+    codes = []
+    for one, n in parts:
+        if one is None:
+            one = Words.of([None] * n)
+        elif not isinstance(one, Words):
+            one = Words.of([None if number != number else number for number in one.tolist()])
+        lookup = [known.setdefault((type(word), word), len(known)) for word in one.words]
+        codes.append(np.array(lookup, np.int32)[one.codes])
+    return Words(np.concatenate(codes), [word for _, word in known])

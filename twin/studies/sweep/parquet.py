@@ -1,0 +1,51 @@
+"""The rows of a sweep as a Parquet file."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+# pydantic takes no other before Python 3.12
+from twin.kernel.errors import InputRefused
+from twin.kernel.writing import written
+from twin.studies.sweep.columns import Column, Words
+from twin.studies.sweep.stored import SweepRows
+
+
+def write_parquet(sweep: SweepRows, path: Path) -> None:
+    """Write `sweep` to `path`, a line per run in the order of runs: the same rows make the same bytes.
+
+    Columns: run, drive, each parameter by its key, each metric, status, reason, within_limits, seconds, stepping_s,
+    key. What a run has not is null.
+
+    Raises:
+        InputRefused: pyarrow is not installed.
+        NotWritten: the file cannot be written.
+    """
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise InputRefused("--parquet: needs pyarrow; install it with: pip install 'pyarrow>=17'") from None
+    columns = sweep.columns
+    table = {"run": pa.array(columns.numbers("run").astype(int))}
+    named = [("drive", "drive"), *((label, f"parameters/{label}") for label in sweep.labels)]
+    named += [(metric, f"metrics/{metric}") for metric in sweep.metrics]
+    named += [(name, name) for name in ("status", "reason", "within_limits", "seconds", "stepping_s", "key")]
+    table |= {title: _array(pa, columns.of.get(name), len(columns)) for title, name in named}
+    with written(path) as beside:
+        pq.write_table(pa.table(table), beside)
+
+
+def _array(pa: Any, column: Column | None, rows: int) -> Any:
+    if isinstance(column, Words):
+        kinds = {type(word) for word in column.words if word is not None}
+        # a column has one type: numbers stay numbers, anything mixed becomes text
+        one = float if kinds == {int, float} else str if len(kinds) > 1 else None
+        words = [word if word is None or one is None else one(word) for word in column.words]
+        # a file's name that is no text in UTF-8 may be in a reason
+        words = [word.encode(errors="backslashreplace").decode() if isinstance(word, str) else word for word in words]
+        return pa.array(words).take(pa.array(column.codes))
+    if column is None or np.isnan(column).all():
+        return pa.nulls(rows)
+    return pa.array(column, from_pandas=True)

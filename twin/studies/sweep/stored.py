@@ -1,0 +1,164 @@
+"""The folder of a sweep: its definition, its rows, and whether it may be continued."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import Field, TypeAdapter, with_config
+
+# pydantic takes no other before Python 3.12
+from typing_extensions import TypedDict
+
+from twin.kernel.errors import InputRefused
+from twin.kernel.files import read_bytes
+from twin.kernel.writing import made_folder, write_json
+from twin.studies.sweep.columns import Columns, Row
+from twin.studies.sweep.rows import (
+    LOOSE_SHAPE,
+    MOST_RUNS,
+    ROWS,
+    Whole,
+    checked_json,
+    read_columns,
+    read_rows,
+)
+
+if TYPE_CHECKING:
+    from twin.studies.sweep.plan import SweepPlan
+
+HOME = Path("results/sweeps")
+FACTS = "sweep.json"
+MARGINS = "margins.json"
+
+
+@with_config(LOOSE_SHAPE)
+class Facts(TypedDict):
+    """sweep.json; its keys as in `SweepRows`, and what all runs have in common."""
+
+    sweep: str
+    runs: Annotated[int, Field(ge=1, le=MOST_RUNS)]
+    design: str
+    drives: list[str]
+    labels: list[str]
+    metrics: list[str]
+    limits: dict[str, float]
+    configuration: dict[str, str]
+
+
+@with_config(LOOSE_SHAPE)
+class RunMargins(TypedDict):
+    """Margins of the force loop where the robot presses, the smallest over the places.
+
+    Attributes:
+        run: its number.
+        gain: factor by which the gain may grow; None: by any.
+        phase_rad: None if the loop's gain never reaches 1.
+        reason: why there are no margins; "" if there are.
+    """
+
+    run: Whole
+    gain: float | None
+    phase_rad: float | None
+    reason: str
+
+
+_FACTS, _MARGINS = TypeAdapter(Facts), TypeAdapter(dict[str, RunMargins])
+
+
+@dataclass(frozen=True)
+class SweepRows:
+    """What a folder holds.
+
+    Attributes:
+        name: of the sweep.
+        runs: planned, of all drives.
+        design, drives, limits: see `Definition`.
+        labels: what varies, in the order of the file.
+        metrics: that a run may have.
+        columns: rows of finished runs, by run.
+        read: reads these rows as they are written.
+        margins: of the best runs, by the keys of their rows; empty: none were computed.
+    """
+
+    name: str
+    runs: int
+    design: str
+    drives: tuple[str, ...]
+    labels: tuple[str, ...]
+    metrics: tuple[str, ...]
+    limits: dict[str, float]
+    columns: Columns
+    read: Callable[[], list[Row]]
+    margins: dict[str, RunMargins] = field(default_factory=dict)
+
+    @cached_property
+    def rows(self) -> list[Row]:
+        """As they are written, with curves, by run: for what needs more than columns, as it takes ten times as long."""
+        return sorted(self.read(), key=lambda row: row["run"])
+
+
+def claim(folder: Path, plan: "SweepPlan") -> None:
+    """Make `folder` that of `plan`, or find that it is already.
+
+    Raises:
+        InputRefused: it is another sweep's, or cannot be made.
+        NotWritten: the disk refuses.
+    """
+    facts = _read(folder / FACTS, _FACTS)
+    if facts:
+        changed = [what for what, digest in plan.configuration.items() if facts["configuration"].get(what) != digest]
+        if changed:
+            raise InputRefused(
+                f"{folder}: holds rows of another configuration, since then {' and '.join(changed)} changed; "
+                "rows of both must not be mixed: choose another --out, or move the folder away"
+            )
+        return
+    content = {
+        "sweep": plan.name,
+        "experiment": plan.experiment.name,
+        "runs": len(plan.tasks),
+        "design": plan.definition.design,
+        "drives": plan.definition.drives,
+        "labels": [vary.label for vary in plan.definition.vary],
+        "metrics": plan.metrics,
+        "limits": plan.definition.limits,
+        "configuration": plan.configuration,
+    }
+    made_folder(folder)
+    if (folder / ROWS).exists():
+        raise InputRefused(f"{folder}: has rows but no {FACTS}, which describes them; choose another --out")
+    write_json(folder / FACTS, content)
+
+
+def stored_sweep(folder: Path) -> SweepRows:
+    """What is in `folder`.
+
+    Raises:
+        InputRefused: no sweep's, or as `read_columns`.
+    """
+    facts = _read(folder / FACTS, _FACTS)
+    if not facts:
+        raise InputRefused(
+            f"{folder}: not the folder of a sweep, {FACTS} is missing; expected one that twin sweep, or twin run with "
+            "--sweep, wrote"
+        )
+    path = folder / ROWS
+    columns = read_columns(path)[0].by_run()
+    lists = {name: tuple(facts[name]) for name in ("drives", "labels", "metrics")}
+    return SweepRows(
+        facts["sweep"], facts["runs"], facts["design"], limits=facts["limits"],
+        columns=columns, read=lambda: read_rows(path), margins=_read(folder / MARGINS, _MARGINS), **lists,
+    )  # fmt: skip
+
+
+def _read(path: Path, shape: TypeAdapter[Any]) -> dict[str, Any]:
+    """What is in the JSON file at `path`; empty if there is none."""
+    if not os.path.lexists(path):
+        return {}
+    facts = checked_json(read_bytes(path), shape)
+    if facts is None:
+        raise InputRefused(f"{path}: not what twin sweep writes; choose another --out")
+    return facts
