@@ -40,11 +40,6 @@ _OPTIONAL: dict[str, type[Settings]] = {
     **OPTIONAL,
 }
 _TUNABLE: dict[str, tuple[MemoryPlace, FieldSource]] = {}
-PLACES = {key: place for key, (place, _) in _TUNABLE.items()}
-"""Where the numbers lie that may change while the robot runs, by their keys in the file."""
-_CHANGEABLE = {key: Changeable(source.table, source.name) for key, (_, source) in _TUNABLE.items()}
-DECLARED = Declared(_NEEDED, _OPTIONAL, _CHANGEABLE, TASKS)
-"""As `twin.robot.experiment` is handed it."""
 
 
 class Memory(NamedTuple):
@@ -118,6 +113,11 @@ for _memory in MEMORIES:
         if _source.setting.tunable:
             # of one that lies in two places the first: the other one is a copy that a schedule goes back to
             _TUNABLE.setdefault(key_of(_source), (MemoryPlace(_memory.component, _memory.record, _field), _source))
+PLACES = {key: place for key, (place, _) in _TUNABLE.items()}
+"""Where the numbers lie that may change while the robot runs, by their keys in the file."""
+_CHANGEABLE = {key: Changeable(source.table, source.name) for key, (_, source) in _TUNABLE.items()}
+DECLARED = Declared(_NEEDED, _OPTIONAL, _CHANGEABLE, TASKS)
+"""As `twin.robot.experiment` is handed it."""
 BROKEN = {
     kind: MemoryPlace(memory.component, memory.record, field)
     for memory in MEMORIES
