@@ -21,7 +21,7 @@ FIG4 = robots.ROOT / "experiments" / "fig4_force_position.toml"
 
 LONG = ("descriptions", "python_control")
 """They take minutes however few cases there are."""
-FEW = {
+FEW: dict[str, dict[str, int | float]] = {
     "mujoco": {"STATES": 5},
     "ros2": {"DURATION": 0.5},
     "temporal_logic": {"FORMULAS": 5},
