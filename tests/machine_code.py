@@ -9,7 +9,7 @@ from typing import Any
 
 from twin.kernel.cache_folder import evict
 from twin.kernel.compiled.function import Function
-from twin.kernel.places import PACKAGE, sources
+from twin.robot.places import PACKAGE, sources
 
 KEPT = 3
 """Sources whose machine code is kept."""

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from twin.kernel.errors import Unreachable
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import joint_angles, position
+from twin.robot.mechanism.unreachable import Unreachable
 from validation.engine.constrained import Numbers
 from validation.yardsticks import flexpicker, visual_kinematics
 from validation.yardsticks.flexpicker import FLEXPICKER

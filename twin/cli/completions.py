@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.places import located
+from twin.robot.places import located
 
 
 def experiment_files(incomplete: str) -> list[str]:

@@ -16,7 +16,7 @@ from twin.kernel.compiled.store import CARRIED, VARIABLE, damaged_files, folder,
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_toml
 from twin.kernel.fmi.unpacked import shelf
-from twin.kernel.places import HOME, PACKAGE, is_clone
+from twin.robot.places import HOME, PACKAGE, is_clone
 from twin.studies.command import Answer, Option, study
 from twin.studies.qualify.shelf import shelved_drives
 from twin.studies.result import wrapped

@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from twin.kernel.places import HOME
+from twin.robot.places import HOME
 from twin.robot.run.measures import (
     LARGE_OVERSHOOT,
     NEXT,

@@ -71,8 +71,8 @@ def drive_copy(
     import shutil
 
     from twin.kernel.errors import InputRefused, NotWritten, disk_refusals, nearest
-    from twin.kernel.places import located
     from twin.kernel.writing import made_folder
+    from twin.robot.places import located
 
     shelf = located("fmus", Path.cwd())
     known = sorted({path.parent.name for path in (*shelf.glob("*/*.fmu"), *shelf.glob("*/mapping.toml"))})
@@ -101,7 +101,7 @@ def log_new(log: Annotated[Path, Argument("A CSV file of a robot.", "CSV")]) -> 
 
     Example: twin log new robot.csv
     """
-    from twin.kernel.recording.logs.proposal import propose
+    from twin.studies.replay.map_proposal import propose
 
     path, complete = propose(log)
     words = ["twin", "replay", str(log), "--experiment", "fig4_force_position", "--map", str(path)]

@@ -81,7 +81,7 @@ def open_regular(path: Path, limit: int, kind: str = "file") -> BinaryIO:
 
 
 def meant(path: Path) -> str:
-    """`; did you mean 'experiments/pressing.toml'?`, where nothing is at `path`: what stands beside it and is spelt
+    """`; did you mean 'folder/file.toml'?`, where nothing is at `path`: what stands beside it and is spelt
     alike; "" if nothing is, or it may not be read."""
     try:
         beside = {there.stem: there for there in path.parent.iterdir() if there.suffix == path.suffix}

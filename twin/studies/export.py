@@ -12,6 +12,15 @@ if TYPE_CHECKING:
     from twin.kernel.recording.export.export import Format
 
 FORMATS: tuple["Format", ...] = ("csv", "parquet", "mat", "ros2")
+JOINTS = {
+    "theta_l": ("joint", "position"),
+    "omega_l": ("joint", "velocity"),
+    "tau_l": ("joint", "effort"),
+    "theta_m": ("motor", "position"),
+    "omega_m": ("motor", "velocity"),
+    "tau_motor": ("motor", "effort"),
+}
+"""Whose angle, speed or torque a field is."""
 
 
 def _check_format(asked: Asked) -> None:
@@ -51,7 +60,7 @@ def export(
     from twin.kernel.recording.export.export import export_recording
 
     form = next(form for form, wanted in zip(FORMATS, (csv, parquet, mat, ros2), strict=True) if wanted)
-    exported = export_recording(run, form, signals, rate, out, force, maps)
+    exported = export_recording(run, form, signals, rate, out, force, maps, JOINTS)
     text = f"{exported.path}  {exported.signals} signals, {exported.rows} {'messages' if ros2 else 'rows'}"
     if exported.note:
         text += f"\n  note  {exported.note}"

@@ -20,12 +20,13 @@ def bag() -> tuple[Path, Path]:
     """A recording, and the bag made of it."""
     import twin
     from twin.kernel.recording.export.export import export_recording
+    from twin.studies.export import JOINTS
 
     folder = PLACE / "bag"
     shutil.rmtree(folder, ignore_errors=True)
     experiment = twin.load(ROOT / "experiments" / "fig4_force_position.toml", [f"duration_s={DURATION:g}"])
     recording = twin.run(experiment, folder).recording
-    return recording, export_recording(recording, "ros2", out=PLACE / "bag_ros2", force=True).path
+    return recording, export_recording(recording, "ros2", out=PLACE / "bag_ros2", force=True, joints=JOINTS).path
 
 
 def by_rosbags(folder: Path) -> Iterator[tuple[str, int, Any]]:
@@ -64,8 +65,9 @@ def numbers(message: Any) -> list[float]:
 
 def strayed(read: Callable[[Path], Iterator[tuple[str, int, Any]]]) -> Mapping[str, float]:
     """How many numbers of each topic are not, bit for bit, at their time what was recorded."""
-    from twin.kernel.recording.export.export import ros_topics
+    from twin.kernel.recording.export.ros_bag import ros_topics
     from twin.kernel.recording.reader import read as read_recording
+    from twin.studies.export import JOINTS
 
     path, folder = bag()
     recording = read_recording(path)
@@ -76,7 +78,7 @@ def strayed(read: Callable[[Path], Iterator[tuple[str, int, Any]]]) -> Mapping[s
         rows.append(numbers(message))
     differences = {}
     for source, stream in recording.streams.items():
-        for sent in ros_topics(source, stream.fields):
+        for sent in ros_topics(source, stream.fields, JOINTS):
             times, rows = found.get(sent.name, ([], []))
             columns = [
                 stream.values[name].astype(float).reshape(len(stream.records), -1)[:, k] for _, name, k in sent.places

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import shipped
-from twin.kernel.places import HOME
 from twin.kernel.process.reporter import DirectReporter
 from twin.kernel.recording.reader import read
 from twin.report.explore.picture import AT_FIRST, EXPLORED, extremes
 from twin.report.explore.worker import answered
+from twin.robot.places import HOME
 from twin.robot.run.measures import TABLE
 from twin.robot.run.run import execute
 from twin.robot.run.trace import run_in_memory

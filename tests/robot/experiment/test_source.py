@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.places import located
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.source import override, read_source
+from twin.robot.places import located
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tests.robot.mechanism.poses import GEOMETRY, TURN, geometries, reachable_poses, working_poses
-from twin.kernel.errors import Unreachable
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import (
     circumcentre,
@@ -17,6 +16,7 @@ from twin.robot.mechanism.kinematics import (
     sphere_centre,
     transmission_sines,
 )
+from twin.robot.mechanism.unreachable import Unreachable
 
 outward_arm = st.floats(-0.6, 1.2)
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.robot.mechanism.poses import GEOMETRY, HOME, TURN, geometries, reachable_poses, working_poses
-from twin.kernel.errors import InputRefused, Unreachable
+from twin.kernel.errors import InputRefused
 from twin.robot.mechanism.geometry import Geometry, distal_link, leg_coordinates
 from twin.robot.mechanism.kinematics import (
     distal_length_range,
@@ -16,6 +16,7 @@ from twin.robot.mechanism.kinematics import (
     leg_angle_inward,
     loop_coefficients,
 )
+from twin.robot.mechanism.unreachable import Unreachable
 
 branches = st.sampled_from(["outward", "inward"])
 

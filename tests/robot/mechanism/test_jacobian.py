@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given
 
 from tests.robot.mechanism.poses import GEOMETRY, HOME, TURN, reachable_poses, triple, working_poses
-from twin.kernel.errors import Unreachable
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import SingularPose, jacobian, joint_angles, loop_coefficients
+from twin.robot.mechanism.unreachable import Unreachable
 
 STEP = 1e-30  # of the complex-step derivative: no subtraction, so no cancellation however small
 

@@ -4,10 +4,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.robot.mechanism.poses import GEOMETRY, HOME, TURN, height_range, reachable_poses, triple, working_poses
-from twin.kernel.errors import InputRefused, Unreachable
+from twin.kernel.errors import InputRefused
 from twin.robot.mechanism.geometry import distal_link
 from twin.robot.mechanism.kinematics import SingularPose, jacobian, joint_angles
 from twin.robot.mechanism.statics import end_effector_force, joint_torques, leg_force
+from twin.robot.mechanism.unreachable import Unreachable
 
 
 @given(working_poses, triple)

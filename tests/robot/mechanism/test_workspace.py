@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from tests.robot.mechanism.poses import GEOMETRY, HOME, TURN, height_range, reach_margins
-from twin.kernel.errors import Unreachable
 from twin.robot.mechanism.kinematics import jacobian, joint_angles, loop_coefficients, position
+from twin.robot.mechanism.unreachable import Unreachable
 from twin.robot.mechanism.workspace import is_reachable
 
 anywhere = st.tuples(st.floats(-0.15, 0.15), st.floats(-0.15, 0.15), st.floats(-0.2, -1e-3)).map(np.array)

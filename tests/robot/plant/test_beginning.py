@@ -11,7 +11,7 @@ from tests.laws.runs import PARAMETERS, Sampled
 from tests.robot.plant.states import moving, positions
 from twin.kernel.compiled.native import Native
 from twin.kernel.cosim.port import memory_of, width
-from twin.kernel.errors import Unreachable
+from twin.robot.mechanism.unreachable import Unreachable
 from twin.robot.plant.component import MEMORY, OUTPUTS, STILL, Plant, resting
 from twin.robot.plant.dynamics import PlantParameters, derivative
 from twin.robot.plant.equations import REST_OUTPUTS, outputs_at_start, rest

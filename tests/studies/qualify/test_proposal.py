@@ -133,7 +133,7 @@ def test_a_drive_that_does_not_fit_is_listed_with_its_reason(velocity_servo: Pat
 
 def test_a_folder_without_a_shelf_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("twin.kernel.places.HOME", tmp_path)
+    monkeypatch.setattr("twin.robot.places.HOME", tmp_path)
     with pytest.raises(InputRefused, match="no such folder"):
         shelved_drives(tmp_path)
 

@@ -24,7 +24,7 @@ def step_function(
     """Decorator: compile `f(m, t, h, u, y) -> int32` as a component's step.
 
     `m` is the component's memory, a record of dtype `memory`. `u` and `y` are records with a field for each port, so
-    that a step reads `u.F_ee_B[2]` and writes `y.dp_z`, and a wrong name does not compile. The compiled step is kept
+    that a step reads `u.force[2]` and writes `y.speed`, and a wrong name does not compile. The compiled step is kept
     on disk. Dividing by zero gives NaN or infinity; functions that `f` calls need `error_model="numpy"` of their own
     for that.
 

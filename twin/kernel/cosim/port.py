@@ -60,7 +60,7 @@ def places(ports: tuple[Port, ...]) -> dict[str, slice]:
 
 
 def named_values(ports: tuple[Port, ...], values: np.ndarray) -> str:
-    """`omega_ref = 0.13 rad/s, tau_load = 0.061 N m`: the values of `ports`, for people."""
+    """`speed = 0.13 rad/s, torque = 0.061 N m`: the values of `ports`, for people."""
     texts = []
     for port, part in zip(ports, by_port(ports, values).values(), strict=True):
         shown = f"{part[0]:.6g}" if port.size == 1 else "(" + ", ".join(f"{v:.6g}" for v in part) + ")"

@@ -96,7 +96,7 @@ class System:
     Args:
         components: any order among kinds; the order within the sampled and within the continuous ones is the order of
             evaluation.
-        wires: pairs (output, input) as `"plant.tau_load[0]", "drive_1.tau_load"`; an index picks one element.
+        wires: pairs (output, input) as `"arm.torque[0]", "motor_1.load"`; an index picks one element.
         tick: duration of a tick (s), > 0.
         scheme: "gauss_seidel": a continuous component sees the newest outputs of those before it (of a slower one,
             those that its present step will publish), and those of t_k of the others. "jacobi": all see t_k.

@@ -301,7 +301,7 @@ class StoredState:
 
 
 def split_time(text: str) -> tuple[str, float | None]:
-    """`results/massage/latest@31.5` as the path and the time (s), None where none is given.
+    """`results/NAME/latest@31.5` as the path and the time (s), None where none is given.
 
     Raises:
         InputRefused: what stands behind the @ is no time.

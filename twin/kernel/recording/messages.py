@@ -46,7 +46,7 @@ class Field:
     """One quantity of a topic.
 
     Attributes:
-        name: a letter, then letters, digits and underscores: `F_ee_B`.
+        name: a letter, then letters, digits and underscores: `tip_speed`.
         size: number of values in every message; 1 is a scalar.
         kind: `double`, `int` (64 bit, for counts) or `bool`.
         unit: SI unit, `1` where there is none.
@@ -165,7 +165,7 @@ def descriptor_set(message_name: str, fields: Sequence[Field]) -> bytes:
 
 
 def _json_name(name: str) -> str:
-    """What protobuf calls the field `name` in JSON unless another name is given: `thetaM` for `theta_m`."""
+    """What protobuf calls the field `name` in JSON unless another name is given: `tipSpeed` for `tip_speed`."""
     first, *others = name.split("_")
     return first + "".join(word[:1].upper() + word[1:] for word in others)
 

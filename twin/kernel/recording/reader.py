@@ -62,7 +62,7 @@ class Stream:
 
 @dataclass(frozen=True, repr=False)
 class Recording:
-    """What a file holds: `recording["plant.p_B"]`, `recording.time("plant")`.
+    """What a file holds: `recording["arm.tip"]`, `recording.time("arm")`.
 
     Attributes:
         path: of the file.

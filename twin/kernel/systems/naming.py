@@ -46,12 +46,12 @@ def topic(path: str) -> str:
 
 
 def field(variable: str, path: str) -> str:
-    """Of a variable of the component at `path`, whose own name in front of it is left out: `p_B` of `plant.p_B`."""
+    """Of a variable of the component at `path`, whose own name in front of it is left out: `tip` of `arm.tip`."""
     return word(variable.removeprefix(f"{path.rpartition('.')[2]}."))
 
 
 def element(variable: str) -> tuple[str, int]:
-    """(array, number) of a variable that is an element of one, `p_B[2]`; number 0: it is none."""
+    """(array, number) of a variable that is an element of one, `tip[2]`; number 0: it is none."""
     match = _ELEMENT.fullmatch(variable)
     return (match[1], int(match[2])) if match else (variable, 0)
 

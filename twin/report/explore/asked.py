@@ -16,7 +16,6 @@ from typing import Any
 import tomlkit
 
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.places import located
 from twin.kernel.writing import write_text
 from twin.report.explore.catalogue import PACE, Slider, checked, sliders
 from twin.robot.assembly.load import load_experiment
@@ -26,6 +25,7 @@ from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.experiment_files import FOLDERS, experiment_file
 from twin.robot.experiment.fault import CATALOGUE, GLITCH_SHARE
 from twin.robot.experiment.source import Source, at, key_names, override, toml_value
+from twin.robot.places import located
 
 MOST_FAULTS = 8
 """That one state may have."""

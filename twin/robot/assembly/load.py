@@ -8,7 +8,6 @@ from typing import Any
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import json_of, toml_of
-from twin.kernel.places import located
 from twin.robot.assembly.checks.agreement import disagreements
 from twin.robot.assembly.declared import DECLARED
 from twin.robot.assembly.way_points import led
@@ -20,6 +19,7 @@ from twin.robot.experiment.mistakes import unit_hints
 from twin.robot.experiment.recorded import Metadata, recorded_fmus, recorded_name, recorded_values
 from twin.robot.experiment.schema import Drive
 from twin.robot.experiment.source import RETAINED, Source, override, read_source, refuse_other_files
+from twin.robot.places import located
 
 OUT_OF_REACH = "out of reach"
 """What every sentence on a pose has in it where the robot cannot be."""

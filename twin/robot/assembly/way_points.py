@@ -5,11 +5,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.errors import Unreachable
 from twin.robot.experiment.experiment import Tables
 from twin.robot.experiment.schema import Chirp, Circle, JointStep, Reference, WayPoints
 from twin.robot.mechanism.geometry import Geometry, geometry_of
 from twin.robot.mechanism.kinematics import joint_angles, position
+from twin.robot.mechanism.unreachable import Unreachable
 
 MOST_POINTS = 2_000_000
 """Of a shape; more than an hour at 2 ms."""

@@ -6,7 +6,6 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from twin.kernel.places import HOME
 from twin.kernel.settings import Settings
 from twin.robot.experiment import schema
 from twin.robot.experiment.fault import CATALOGUE, FaultTable
@@ -14,6 +13,7 @@ from twin.robot.experiment.recorded import Metadata, recorded_fmus, recorded_val
 from twin.robot.experiment.schema import Declared, nested
 from twin.robot.experiment.source import read_source
 from twin.robot.experiment.template import ROBOT
+from twin.robot.places import HOME
 
 FROM_ROBOT = ("plant", "controller.model")
 """Tables that hold the robot's own values wherever they do not say otherwise."""

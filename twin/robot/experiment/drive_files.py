@@ -9,10 +9,10 @@ from pydantic import ValidationError
 
 from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.files import meant
-from twin.kernel.places import located
 from twin.robot.experiment import schema
 from twin.robot.experiment.mistakes import sentences
 from twin.robot.experiment.source import laid_over, read_source, rules_for
+from twin.robot.places import located
 
 MAPPING = "mapping.toml"
 JOINTS = ("joint_1", "joint_2", "joint_3")

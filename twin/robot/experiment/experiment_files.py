@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.places import HOME, located
 from twin.robot.experiment.source import Source, laid_over, read_source
+from twin.robot.places import HOME, located
 
 SWEEPS = "experiments/sweeps"
 FOLDERS = ("bodies", "experiments/bodies")

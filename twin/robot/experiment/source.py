@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import DEEPEST, TOML_LIMIT, read_text, toml_of
-from twin.kernel.places import located
+from twin.robot.places import located
 
 SHAPES = ("circle", "chirp", "joint_step")
 """Tables of [reference], each of which says by itself all that the reference is."""

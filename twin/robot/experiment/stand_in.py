@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 from pydantic import Field, model_validator
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.places import located
 from twin.kernel.settings import Settings
 from twin.robot.experiment.drive_files import completed
 from twin.robot.experiment.mistakes import checked, keys
 from twin.robot.experiment.schema import TOLERANCE, Declared, Parameter
 from twin.robot.experiment.source import NAMING, RETAINED, names_stand_in
+from twin.robot.places import located
 
 Names = dict[str, str | tuple[str, ...]]
 

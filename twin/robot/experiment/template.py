@@ -15,7 +15,6 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from twin.kernel.errors import InputRefused, nearest
-from twin.kernel.places import located
 from twin.kernel.writing import made_folder, write_text
 from twin.robot.experiment import schema
 from twin.robot.experiment.experiment import Head
@@ -27,6 +26,7 @@ from twin.robot.experiment.mistakes import model_in
 from twin.robot.experiment.schema import ChangeTable, Declared
 from twin.robot.experiment.source import RETAINED, Source, at, read_source, toml_value
 from twin.robot.experiment.stand_in import StandIn
+from twin.robot.places import located
 
 ROBOT = "robots/massage_robot.toml"
 OTHERS = ("fig4_force_position.toml", "massage.toml")

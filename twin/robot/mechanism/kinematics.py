@@ -43,8 +43,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from twin.kernel.compiled.function import carray, njit
 from twin.kernel.compiled.native import entry
-from twin.kernel.errors import InputRefused, Unreachable
+from twin.kernel.errors import InputRefused
 from twin.robot.mechanism.geometry import LEG_COS, LEG_SIN, Geometry, distal_link, leg_coordinates, place, triples
+from twin.robot.mechanism.unreachable import Unreachable
 
 # At the edge of the workspace both measures come from angles that are roots of D (Eq. 11). D is rounded to
 # about 1e-16 (l_a l_b)^2, its root to 1e-8: ten times that is the smallest value known not to be zero.

@@ -12,7 +12,7 @@ import numpy as np
 from twin.kernel.cosim.observers import ProgressObserver
 from twin.kernel.cosim.simulation import Simulation
 from twin.kernel.cosim.state import SavedState
-from twin.kernel.errors import ComponentFailed, InputRefused, Unreachable
+from twin.kernel.errors import ComponentFailed, InputRefused
 from twin.kernel.fmi.variable import FILE, to_json
 from twin.kernel.process.states import (
     RunStates,
@@ -34,6 +34,7 @@ from twin.robot.assembly.roles import facts_of
 from twin.robot.controller.program import PhaseKind
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.source import NAMING, RETAINED
+from twin.robot.mechanism.unreachable import Unreachable
 from twin.robot.monitor.component import trip_reason
 from twin.robot.plant.component import resting
 from twin.robot.plant.dynamics import STATES, PlantParameters

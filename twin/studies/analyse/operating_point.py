@@ -7,12 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from twin.kernel.errors import InputRefused, Unreachable
+from twin.kernel.errors import InputRefused
 from twin.robot.assembly.build import plant_parameters
 from twin.robot.controller.program import Push, Tap
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.mechanism.geometry import Geometry
 from twin.robot.mechanism.kinematics import joint_angles
+from twin.robot.mechanism.unreachable import Unreachable
 from twin.robot.plant.component import resting
 from twin.robot.plant.contact import contact_force, surface_depth
 from twin.robot.plant.dynamics import PlantParameters

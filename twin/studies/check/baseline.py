@@ -15,10 +15,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from twin import __version__
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_toml
-from twin.kernel.places import HOME, is_clone
 from twin.kernel.writing import inline_table, made_folder, write_text
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.mistakes import sentences
+from twin.robot.places import HOME, is_clone
 from twin.studies.check.measurement import POINTS, Measured, SampledCurve
 
 OWN = "own"

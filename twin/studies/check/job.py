@@ -12,13 +12,13 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from twin.kernel.errors import InputRefused, TwinError
-from twin.kernel.places import HOME, located
 from twin.kernel.process.guard import guarded
 from twin.kernel.process.reporter import DirectReporter
 from twin.robot.assembly.load import load_experiment
 from twin.robot.experiment.drive_files import shelved
 from twin.robot.experiment.experiment import Experiment
 from twin.robot.experiment.experiment_files import experiment_file
+from twin.robot.places import HOME, located
 from twin.studies.check import baseline as stored
 from twin.studies.check.measurement import Measured, measured, run_for_measures
 from twin.studies.check.verdict import CheckRow, CheckVerdict, verdict

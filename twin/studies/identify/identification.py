@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import t as student
 
-from twin.kernel.errors import TwinError, Unreachable
+from twin.kernel.errors import TwinError
 from twin.kernel.recording.logs.log import Log, LogRefused
 from twin.robot.controller.controller import Belief
+from twin.robot.mechanism.unreachable import Unreachable
 from twin.studies.command import Say, Steps, silent
 from twin.studies.identify.windows import (
     BACKLASH,

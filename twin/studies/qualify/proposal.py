@@ -17,7 +17,6 @@ from twin.kernel.errors import InputRefused, visible
 from twin.kernel.files import open_regular
 from twin.kernel.fmi.description import FmuDescription, described
 from twin.kernel.fmi.variable import Variable
-from twin.kernel.places import CARRIED
 from twin.kernel.ssp.package import Package, read_package
 from twin.kernel.ssp.structure import NONE, Connection, SspComponent
 from twin.kernel.writing import made_folder, write_bytes, write_text
@@ -35,6 +34,7 @@ from twin.robot.drive.mapping import (
     score,
 )
 from twin.robot.experiment.drive_files import MAPPING, lone_drive
+from twin.robot.places import CARRIED
 
 LOOP = """
 [velocity_loop]           # ours, in front of a drive that takes no speed; tune it, then remove the #

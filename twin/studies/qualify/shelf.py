@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from twin.kernel.errors import InputRefused
-from twin.kernel.places import located
+from twin.robot.places import located
 from twin.studies.result import Column, Table, laid_out
 
 if TYPE_CHECKING:

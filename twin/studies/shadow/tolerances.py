@@ -11,8 +11,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from twin.kernel.cache_folder import cache_folder
-from twin.kernel.places import HOME
 from twin.kernel.writing import json_text, write_text
+from twin.robot.places import HOME
 from twin.studies.command import Say, silent
 from twin.studies.shadow.alarm import RateTolerances, ShadowWatch, Tolerances
 from twin.studies.shadow.fleet import LATE, LOST, MARGIN, ZERO, Fleet, block_means, fleet_limits, read_fleet, watched

@@ -18,9 +18,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from twin.kernel.errors import InputRefused
 from twin.kernel.files import read_toml
-from twin.kernel.places import located
 from twin.robot.experiment.mistakes import sentences
 from twin.robot.experiment.source import NAMING
+from twin.robot.places import located
 from twin.studies.sweep.measures import checked_metric, metric_names
 
 if TYPE_CHECKING:

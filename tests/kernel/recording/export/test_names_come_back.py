@@ -14,12 +14,12 @@ from twin.kernel.recording.export.table import SignalColumn, SignalTable, write_
 from twin.kernel.recording.logs.column_map import TIME_NAMES, column_map, split_unit
 from twin.kernel.recording.logs.csv_file import heading, read_csv
 from twin.kernel.recording.logs.log import LogRefused
-from twin.kernel.recording.logs.proposal import propose
 from twin.kernel.recording.logs.reader import read_log
 from twin.kernel.recording.messages import Field, Topic
 from twin.kernel.recording.writer import Writer
 from twin.studies.compare.comparison import both
 from twin.studies.compare.study import compare
+from twin.studies.replay.map_proposal import propose
 
 UNITS = ("1", "A", "m", "mm", "N", "N m", "rad/s", "m/s2", "N m/rad", "K", "Pa", "degC")
 WORDS = st.sampled_from(["i", "x", "T", "F_z", "speed", "x[2]", "a b", "=1", "-x", 'q"', "a,b", "ä", "'q", "_", "t"])

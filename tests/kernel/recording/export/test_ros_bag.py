@@ -11,11 +11,13 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from tests.kernel.recording import samples
 from tests.kernel.recording.logs.bags import bag, joints, wrench
 from twin.kernel.errors import InputRefused
-from twin.kernel.recording.export.export import _MADE_OF, definition, export_recording
+from twin.kernel.recording.export.export import export_recording
+from twin.kernel.recording.export.ros_bag import _MADE_OF, definition
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import LogRefused
 from twin.kernel.recording.logs.reader import is_recording, read_log
 from twin.kernel.recording.reader import read
+from twin.studies.export import JOINTS
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +29,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def folder(run: Path) -> Path:
     """It as a bag."""
-    return export_recording(run, "ros2").path
+    return export_recording(run, "ros2", joints=JOINTS).path
 
 
 def elements(run: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:

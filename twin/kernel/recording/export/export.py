@@ -1,355 +1,26 @@
-"""Export of a recording or log to one file of another format, or to a ROS 2 bag with its column map."""
+"""Export of a recording or log to a file of another format, or to a ROS 2 bag."""
 
-import json
 import os
 import re
-import shutil
-import struct
-import tempfile
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-import zstandard
-from mcap.records import Channel, Header, Metadata, MetadataIndex, Schema
-from mcap.writer import MCAP0_MAGIC
 
-from twin import __version__
-from twin.kernel.errors import InputRefused, disk_refusals, nearest
+from twin.kernel.errors import InputRefused, nearest
 from twin.kernel.recording import messages
-from twin.kernel.recording.export.table import table, time_base, write_csv, write_matlab, write_parquet
-from twin.kernel.recording.folder import Output, recording_in
+from twin.kernel.recording.export.ros_bag import JointFields, write_ros_bag
+from twin.kernel.recording.export.table import table, write_csv, write_matlab, write_parquet
+from twin.kernel.recording.folder import recording_in
 from twin.kernel.recording.logs.bag import is_bag
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import Log, LogRefused, LogSeries
 from twin.kernel.recording.logs.reader import is_recording, read_log
 from twin.kernel.recording.reader import Recording, Stream, read
 from twin.kernel.recording.scan import NANOSECONDS
-from twin.kernel.recording.summary import COMPRESSION_LEVEL, Summary, encoded
-from twin.kernel.recording.writer import Pending, append_chunks
-from twin.kernel.writing import inline_table, made_folder, write_text
-
-JOINTS = {
-    "theta_l": ("joint", "position"),
-    "omega_l": ("joint", "velocity"),
-    "tau_l": ("joint", "effort"),
-    "theta_m": ("motor", "position"),
-    "omega_m": ("motor", "velocity"),
-    "tau_motor": ("motor", "effort"),
-}
-"""Whose angle, speed or torque a field is."""
-JOINT_FIELDS = ("position", "velocity", "effort")
-_HEADER = {
-    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
-    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
-}
-_VECTOR = {"geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z"}
-_JOINT_STATE = "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
-_MADE_OF = {
-    "sensor_msgs/msg/JointState": (_JOINT_STATE, _HEADER),
-    "geometry_msgs/msg/WrenchStamped": (
-        "std_msgs/Header header\ngeometry_msgs/Wrench wrench",
-        {**_HEADER, "geometry_msgs/Wrench": "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque", **_VECTOR},
-    ),
-    "geometry_msgs/msg/TwistStamped": (
-        "std_msgs/Header header\ngeometry_msgs/Twist twist",
-        {**_HEADER, "geometry_msgs/Twist": "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular", **_VECTOR},
-    ),
-    "geometry_msgs/msg/PoseStamped": (
-        "std_msgs/Header header\ngeometry_msgs/Pose pose",
-        {
-            **_HEADER,
-            "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation",
-            "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
-            "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
-        },
-    ),
-    "std_msgs/msg/Float64MultiArray": (
-        "std_msgs/MultiArrayLayout layout\nfloat64[] data",
-        {
-            "std_msgs/MultiArrayLayout": "std_msgs/MultiArrayDimension[] dim\nuint32 data_offset",
-            "std_msgs/MultiArrayDimension": "string label\nuint32 size\nuint32 stride",
-        },
-    ),
-}
-# of vectors of three: type, the path of its first part, and the numbers after the vector
-_VECTORS = {
-    "N": ("geometry_msgs/msg/WrenchStamped", "wrench.force", (0.0, 0.0, 0.0)),
-    "m/s": ("geometry_msgs/msg/TwistStamped", "twist.linear", (0.0, 0.0, 0.0)),
-    # the platform does not turn
-    "m": ("geometry_msgs/msg/PoseStamped", "pose.position", (0.0, 0.0, 0.0, 1.0)),
-}
-METADATA, MAP = "metadata.yaml", "map.toml"
-AT_ONCE = 10_000
-"""Messages of a topic that are in memory as records."""
-
-
-@dataclass
-class RosTopic:
-    """One topic of the bag.
-
-    Attributes:
-        name: `/plant/p_B`.
-        kind: type of its messages.
-        source: topic of the recording.
-        body: one message as CDR, with zeros where numbers and times go.
-        places: of each number its offset in the body, and which element of which field it is.
-        stamp: offset of its stamp, seconds and nanoseconds; 0 if it has none.
-        columns: of each element, `plant.p_B[0]`, where it is, `/plant/p_B.pose.position.x`, and its unit.
-    """
-
-    name: str
-    kind: str
-    source: str
-    body: bytes = b""
-    places: list[tuple[int, str, int]] = field(default_factory=list)
-    stamp: int = 0
-    columns: dict[str, tuple[str, str]] = field(default_factory=dict)
-
-
-def definition(kind: str) -> str:
-    """The definition of a type with all that it is made of, as MCAP has it (ros2msg)."""
-    own, others = _MADE_OF[kind]
-    return own + "".join(f"\n{'=' * 80}\nMSG: {name}\n{text}" for name, text in others.items()) + "\n"
-
-
-def ros_topics(topic: str, fields: Sequence[messages.Field]) -> Iterator[RosTopic]:
-    """Topics of the bag that hold `fields` of the recording's `topic`."""
-    states: dict[str, dict[str, messages.Field]] = {}
-    for one in fields:
-        side, part = JOINTS.get(one.name, ("", ""))
-        same = states.get(side, {})
-        if side and len(_joints(topic, side, one)) and all(one.size == other.size for other in same.values()):
-            states.setdefault(side, {})[part] = one
-        elif one.size == len("xyz") and one.unit in _VECTORS:
-            yield _vector(topic, one)
-        else:
-            yield _numbers(topic, one)
-    for side, parts in states.items():
-        yield _joint_state(topic, side, parts)
-
-
-def _joints(topic: str, side: str, one: messages.Field) -> list[str]:
-    """Names of the joints in a field: `joint_1` .. `joint_3`; of `drive/2` `motor_2`."""
-    own = topic.rpartition("/")[2]
-    if one.size == 1 and own.isdigit():
-        return [f"{side}_{own}"]
-    return [f"{side}_{k + 1}" for k in range(one.size)] if one.size > 1 else []
-
-
-def _joint_state(topic: str, side: str, parts: dict[str, messages.Field]) -> RosTopic:
-    made = RosTopic(f"/{topic}/{side}_states", "sensor_msgs/msg/JointState", topic)
-    cdr = _Cdr(made)
-    cdr.header("")
-    names = _joints(topic, side, next(iter(parts.values())))
-    cdr.count(len(names))
-    for name in names:
-        cdr.text(name)
-    for part in JOINT_FIELDS:
-        cdr.count(len(names) if part in parts else 0)
-        if part in parts:
-            cdr.elements(parts[part], [f"{part}.{name}" for name in names])
-    return cdr.done()
-
-
-def _vector(topic: str, one: messages.Field) -> RosTopic:
-    kind, path, rest = _VECTORS[one.unit]
-    cdr = _Cdr(RosTopic(f"/{topic}/{one.name}", kind, topic))
-    cdr.header("B" if one.name.endswith("_B") else "")
-    cdr.elements(one, [f"{path}.{axis}" for axis in "xyz"])
-    cdr.constants(rest)
-    return cdr.done()
-
-
-def _numbers(topic: str, one: messages.Field) -> RosTopic:
-    cdr = _Cdr(RosTopic(f"/{topic}/{one.name}", "std_msgs/msg/Float64MultiArray", topic))
-    cdr.count(1)
-    cdr.text(f"{topic}.{one.name} [{one.unit}]")
-    # size and stride of the only dimension, offset of its data, and how many follow
-    for number in (one.size, one.size, 0, one.size):
-        cdr.count(number)
-    cdr.elements(one, [f"data[{k}]" for k in range(one.size)])
-    return cdr.done()
-
-
-class _Cdr:
-    """A message as it is put together, little endian; numbers stand at multiples of their length after the head."""
-
-    def __init__(self, topic: RosTopic) -> None:
-        self._topic = topic
-        self._head = b"\0\1\0\0"
-        self._body = bytearray()
-
-    def header(self, frame: str) -> None:
-        self._topic.stamp = len(self._head) + len(self._body)
-        self._body += bytes(8)
-        self.text(frame)
-
-    def count(self, number: int) -> None:
-        self._align(4)
-        self._body += struct.pack("<I", number)
-
-    def text(self, text: str) -> None:
-        content = text.encode("utf-8") + b"\0"
-        self.count(len(content))
-        self._body += content
-
-    def elements(self, one: messages.Field, paths: Sequence[str]) -> None:
-        """The numbers of a field, and where in the message they are."""
-        self._align(8)
-        for k, path in enumerate(paths):
-            self._topic.places.append((len(self._head) + len(self._body), one.name, k))
-            signal = f"{self._topic.source}.{one.name}" + (f"[{k}]" if one.size > 1 else "")
-            self._topic.columns[signal] = (f"{self._topic.name}.{path}", one.unit)
-            self._body += bytes(8)
-
-    def constants(self, numbers: Sequence[float]) -> None:
-        self._body += struct.pack(f"<{len(numbers)}d", *numbers)
-
-    def done(self) -> RosTopic:
-        self._topic.body = self._head + bytes(self._body)
-        return self._topic
-
-    def _align(self, size: int) -> None:
-        self._body += bytes(-len(self._body) % size)
-
-
-def write_ros_bag(folder: Path, recording: Recording, signals: Sequence[str], rate: float | None = None) -> int:
-    """Write `signals` to the folder `folder`, in the place of a bag of ours if one is there; how many messages.
-
-    Log times and stamps are simulation time.
-
-    Args:
-        signals: names `topic.field`, each with at least one message.
-        rate: messages per second and topic (Hz), see `table.table`; without one, every topic keeps its own times.
-
-    Raises:
-        InputRefused: a rate that `table` refuses, something else in the way.
-        NotWritten: it cannot be written.
-    """
-    own = {f"{folder.name}_0.mcap", METADATA, MAP}
-    if os.path.lexists(folder) and not (folder.is_dir() and set(os.listdir(folder)) <= own):
-        raise InputRefused(f"{folder}: exists and is not a bag written by twin; name another with --out")
-    fields = recording.fields()
-    times, common = time_base(recording, signals, rate)
-    topics = [
-        made
-        for topic in times
-        for made in ros_topics(topic, [fields[name] for name in signals if name.rpartition(".")[0] == topic])
-    ]
-    made_folder(folder.parent)
-    with disk_refusals(folder):
-        beside = Path(tempfile.mkdtemp(prefix=f".{folder.name[:60]}.", dir=folder.parent))
-        try:
-            rows = {topic: own if rate is None else common for topic, own in times.items()}
-            counts = _write_file(beside / f"{folder.name}_0.mcap", recording, topics, times, rows)
-            write_text(beside / METADATA, _metadata(f"{folder.name}_0.mcap", topics, counts, list(rows.values())))
-            write_text(beside / MAP, _map(topics))
-            # as readable as any folder; mkdtemp makes it the owner's alone
-            beside.chmod(0o755)
-            if os.path.lexists(folder):
-                shutil.rmtree(folder)
-            beside.rename(folder)
-        finally:
-            shutil.rmtree(beside, ignore_errors=True)
-    return sum(counts)
-
-
-def _write_file(
-    path: Path,
-    recording: Recording,
-    topics: Sequence[RosTopic],
-    times: dict[str, np.ndarray],
-    rows: dict[str, np.ndarray],
-) -> list[int]:
-    """The MCAP file of the bag; how many messages each topic has."""
-    kinds = list(dict.fromkeys(topic.kind for topic in topics))
-    schemas = [Schema(k, definition(kind).encode(), "ros2msg", kind) for k, kind in enumerate(kinds, start=1)]
-    qos = {"offered_qos_profiles": ""}
-    channels = [Channel(k, t.name, "cdr", qos, kinds.index(t.kind) + 1) for k, t in enumerate(topics, start=1)]
-    summary = Summary(schemas, channels)
-    output = Output(path)
-    # its library is not twin's alone: `written_by_twin` means recordings
-    output.append(MCAP0_MAGIC + encoded(Header(profile="ros2", library=f"ros2 export of twin {__version__}")))
-    for name, entries in recording.metadata.items():
-        record = encoded(Metadata(name, dict(entries)))
-        summary.metadata.append(MetadataIndex(output.append(record), len(record), name))
-    pending, compressor = Pending(), zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
-    end = max(int(t[-1]) for t in rows.values())
-    densest = max(len(t) for t in rows.values())
-    # slices of equal length in time, so that no topic runs ahead of another
-    edges = np.linspace(0, end + 1, -(-densest // AT_ONCE) + 1).astype(np.int64)
-    for start, stop in pairwise(edges.tolist()):
-        for channel, topic in zip(channels, topics, strict=True):
-            own = rows[topic.source]
-            at = own[np.searchsorted(own, start) : np.searchsorted(own, stop)]
-            if not len(at):
-                continue
-            picked = np.searchsorted(times[topic.source], at, side="right") - 1
-            records = _records(channel.id, topic, recording, at, picked, summary.message_counts[channel.id])
-            summary.message_counts[channel.id] += len(at)
-            pending.put(channel.id, at, records)
-        append_chunks(output, summary, pending, compressor)
-    output.append(summary.ending(output.size, output.crc))
-    output.publish()
-    return [summary.message_counts[channel.id] for channel in channels]
-
-
-def _records(
-    channel: int, topic: RosTopic, recording: Recording, times: np.ndarray, picked: np.ndarray, first: int
-) -> np.ndarray:
-    """MCAP records of the messages of `topic` at `times` (ns) with the rows `picked` of the recording."""
-    template = messages.record_template(channel, topic.body)
-    # its numbers are put in below: they come of several topics
-    records = messages.Filling(template, messages.NO_PLACES).records(times, first, np.empty((len(times), 0)))
-    assert records is not None, "there are no integers"
-    if topic.stamp:
-        stamp = np.stack([times // NANOSECONDS, times % NANOSECONDS], axis=1).astype("<u4")
-        at = messages.HEAD_SIZE + topic.stamp
-        records[:, at : at + 8] = stamp.view(np.uint8)
-    values = recording.streams[topic.source].values
-    for offset, name, element in topic.places:
-        column = values[name][picked].astype("<f8").reshape(len(times), -1)[:, element]
-        at = messages.HEAD_SIZE + offset
-        records[:, at : at + 8] = np.ascontiguousarray(column).view(np.uint8).reshape(-1, 8)
-    return records
-
-
-def _metadata(file: str, topics: Sequence[RosTopic], counts: Sequence[int], times: Sequence[np.ndarray]) -> str:
-    """What rosbag2 wants to know of a bag (version 5, which Humble and all after it read)."""
-    start, end = min(int(t[0]) for t in times), max(int(t[-1]) for t in times)
-    span = (
-        f"duration:\n{{0}}  nanoseconds: {end - start}\n{{0}}starting_time:\n{{0}}  nanoseconds_since_epoch: {start}\n"
-    )
-    listed = "".join(
-        f"    - topic_metadata:\n        name: {topic.name}\n        type: {topic.kind}\n"
-        f"        serialization_format: cdr\n        offered_qos_profiles: ''\n      message_count: {count}\n"
-        for topic, count in zip(topics, counts, strict=True)
-    )
-    return (
-        f"rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: mcap\n  {span.format('  ')}"
-        f"  message_count: {sum(counts)}\n  topics_with_message_count:\n{listed}"
-        f"  compression_format: ''\n  compression_mode: ''\n  relative_file_paths:\n    - {json.dumps(file)}\n"
-        f"  files:\n    - path: {json.dumps(file)}\n      {span.format('      ')}      message_count: {sum(counts)}\n"
-    )
-
-
-def _map(topics: Sequence[RosTopic]) -> str:
-    """The column map by which twin reads the bag."""
-    # other formats need not wait for it
-    import tomlkit
-
-    rows = {
-        signal: inline_table({"column": column, "unit": unit})
-        for topic in topics
-        for signal, (column, unit) in topic.columns.items()
-    }
-    return "# which message of this bag is which signal: twin compare RUN BAG --map map.toml\n" + tomlkit.dumps(rows)
-
 
 Format = Literal["csv", "parquet", "mat", "ros2"]
 MANY = 8
@@ -381,6 +52,7 @@ def export_recording(
     out: Path | None = None,
     force: bool = False,
     maps: Sequence[str] = (),
+    joints: JointFields | None = None,
 ) -> Exported:
     """Write the recording meant by `run`, or another tool's log, in another format.
 
@@ -392,6 +64,7 @@ def export_recording(
         out: the file; without it, the recording's own path with the format's suffix.
         force: replace what is there.
         maps: see `column_map`; which columns of a log that twin did not record are which signals.
+        joints: fields that a bag has as JointState.
 
     Raises:
         InputRefused: no recording, no such signal, no such rate, no pyarrow, a file in the way.
@@ -404,7 +77,7 @@ def export_recording(
     if os.path.lexists(path) and not force:
         raise InputRefused(f"{path}: exists; replace it with --force or name another with --out")
     if form == "ros2":
-        return Exported(path, len(signals), write_ros_bag(path, recording, signals, rate), recording.note)
+        return Exported(path, len(signals), write_ros_bag(path, recording, signals, rate, joints or {}), recording.note)
     if form == "mat":
         return Exported(path, len(signals), write_matlab(path, recording, signals, rate), recording.note)
     rows = table(recording, signals, rate)
@@ -428,7 +101,7 @@ def selected_signals(recording: Recording, patterns: Sequence[str] = ()) -> tupl
     """Names `topic.field` that match any of `patterns`, in the order of the file; all of them without a pattern.
 
     Args:
-        patterns: `plant.p_B`, or with wildcards `plant.*`, `*.F_z`; a topic's name alone, `plant`, is all of it.
+        patterns: `arm.tip`, or with wildcards `arm.*`, `*.force`; a topic's name alone, `arm`, is all of it.
 
     Raises:
         InputRefused: a pattern matches nothing, or what is selected has no messages.
@@ -458,7 +131,7 @@ def _nearest(pattern: str, fields: dict) -> str:
 
 
 def recording_of(log: Log) -> Recording:
-    """`log` as a recording: `plant.p_B[0]`, `[1]`, ... are the field `p_B` of the topic `plant`.
+    """`log` as a recording: `arm.tip[0]`, `[1]`, ... are the field `tip` of the topic `arm`.
 
     Raises:
         LogRefused: a signal whose name is no `TOPIC.FIELD`, signals of one topic with other times, times before 0.

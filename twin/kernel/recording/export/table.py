@@ -187,7 +187,7 @@ def write_parquet(path: Path, table: SignalTable, metadata: Mapping[str, Mapping
 
 
 def write_matlab(path: Path, recording: Recording, signals: Sequence[str], rate: float | None = None) -> int:
-    """Write `signals` to `path`: `plant.t` (n, 1) in s, `plant.p_B` (n, 3); `units.plant.p_B` is 'm'.
+    """Write `signals` to `path`: `arm.t` (n, 1) in s, `arm.tip` (n, 3); `units.arm.tip` is 'm'.
 
     Topic drive/1 becomes drive_1. Without a rate every topic keeps its own times; with one all have the rows of
     `table.table`.

@@ -1,12 +1,12 @@
-"""Which column of a foreign file is which signal: the grammar of `--map`.
+"""Which column of a foreign file is which signal: the grammar of column maps.
 
 A map is a TOML file, or texts on the command line, or both; later ones win:
 
     time = { column = "stamp", unit = "ms" }
-    controller.F_z = { column = "Fz", unit = "N", sign = -1 }
-    "plant.p_B[2]" = "z_mm"
+    arm.force = { column = "Fz", unit = "N", sign = -1 }
+    "arm.tip[2]" = "z_mm"
 
-    --map time=stamp[ms]  --map controller.F_z=-Fz[N]  --map plant.p_B[2]=z_mm
+    time=stamp[ms]  arm.force=-Fz[N]  arm.tip[2]=z_mm
 
 Left of `=` stands the product's own name (or `time`), right of it a column of a CSV file, or topic and field of an
 MCAP file (`/wrench.force.z`, `/joints.position[2]`). Unit and sign belong to the column; without a unit the column's
@@ -58,7 +58,7 @@ def column_map(entries: Sequence[str | Path]) -> dict[str, MappedColumn]:
 def split_unit(header: str) -> tuple[str, str]:
     """Name and unit of a column's name; the unit is empty if it carries none.
 
-    `F_z [N]` and `F_z (N)` carry any unit; `F_z_N` and `omega_m_rad_per_s` one word, N_m, or one of
+    `F [N]` and `F (N)` carry any unit; `F_N` and `speed_rad_per_s` one word, N_m, or one of
     them per a word.
     """
     bracketed = _BRACKETED.fullmatch(header)
@@ -114,7 +114,7 @@ def refuse_unit(where: str, name: str, got: str, wanted: str, column: str = "COL
 
 
 def map_text(signal: str, column: MappedColumn) -> str:
-    """Return the line of a map file for a signal: `"scale.F_z" = "-Fz[N]"`."""
+    """Return the line of a map file for a signal: `"arm.force" = "-Fz[N]"`."""
     text = f"{'-' if column.sign < 0 else ''}{column.name}{f'[{column.unit}]' if column.unit else ''}"
     return f"{json.dumps(signal)} = {json.dumps(text, ensure_ascii=False)}"
 

@@ -156,7 +156,7 @@ def meanings(head: Sequence[str], known: Mapping[str, str]) -> dict[str, tuple[s
 
 
 def heading(name: str, of_unit: str) -> str:
-    """The name of a column in a CSV file of `twin export`: `plant.p_B[0]_m`, `drive/1.omega_m_rad_per_s`.
+    """The name of a column in a CSV file of `twin export`: `arm.tip[0]_m`, `axis/1.speed_rad_per_s`.
 
     A name that spreadsheets would take for a formula begins with an apostrophe.
     """

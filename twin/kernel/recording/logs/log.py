@@ -177,11 +177,11 @@ def _nearest_index(of: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[n
 
 @dataclass(frozen=True, repr=False)
 class Log:
-    """What a file holds: `log["controller.F_z"]`, `log.vector("plant.p_B")`.
+    """What a file holds: `log["arm.force"]`, `log.vector("arm.tip")`.
 
     Attributes:
         path: of the file.
-        series: scalar series by name; a component of a vector is `plant.p_B[2]`.
+        series: scalar series by name; a component of a vector is `arm.tip[2]`.
         notes: sentences on what is incomplete: samples that are missing, an end that is cut off.
         comments: lines of the file's head that start with #, without it.
         left_out: signal that the file has but that cannot be read -> error message.

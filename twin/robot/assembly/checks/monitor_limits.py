@@ -2,7 +2,7 @@
 
 import math
 
-from twin.kernel.errors import Unreachable
+from twin.robot.mechanism.unreachable import Unreachable
 from twin.robot.monitor.checks import Monitor
 from twin.robot.monitor.component import MonitorBelief, Resolution, geometry, press_deflection, resolution
 from twin.robot.monitor.component import low_pass_share as monitor_share

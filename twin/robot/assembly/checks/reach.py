@@ -6,11 +6,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.kernel.errors import Unreachable
 from twin.kernel.settings import Triple
 from twin.robot.experiment.schema import WayPoints
 from twin.robot.mechanism.geometry import Geometry, geometry_of
 from twin.robot.mechanism.kinematics import joint_angles
+from twin.robot.mechanism.unreachable import Unreachable
 from twin.robot.mechanism.workspace import BARS, Bars, ball_joint_angles, clearances
 from twin.robot.plant.dynamics import TrueRobot
 

@@ -19,8 +19,8 @@ from distributed import Client, Security
 from distributed.comm import connect
 
 from twin.kernel.errors import ComponentFailed, InputRefused
-from twin.kernel.places import PACKAGE, sources
 from twin.kernel.process.warm import BATCH_TIMEOUT
+from twin.robot.places import PACKAGE, sources
 from twin.studies.sweep.interrupts import raise_if_pressed
 
 PATIENCE = 5.0

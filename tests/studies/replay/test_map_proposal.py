@@ -7,8 +7,8 @@ import pytest
 from tests.studies.replay.logs import FIG4, ran, write_log
 from twin.kernel.recording.logs.column_map import column_map
 from twin.kernel.recording.logs.log import LogRefused
-from twin.kernel.recording.logs.proposal import propose
 from twin.kernel.recording.logs.reader import read_log
+from twin.studies.replay.map_proposal import propose
 
 ROWS = "0,10,11,12,20,21,22,-5\n2,11,12,13,21,22,23,-5.1\n4,12,13,14,22,23,24,-4.9\n"
 
