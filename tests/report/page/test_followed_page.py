@@ -54,7 +54,8 @@ def cells(html: str, section: str) -> list[list[str]]:
 def test_the_page_has_residuals_alarms_with_evidence_gaps_and_punctuality(session: Path):
     answer = write_report([session])
     html = (session / "report.html").read_text()
-    assert re.search(r"^Followed .*log\.csv for 7\.0 s, 1 alarm, the first at 3\.\d s\n", answer.text)
+    headline = str(answer.facts["headline"])
+    assert re.fullmatch(r"Followed .*log\.csv for 7\.0 s, 1 alarm, the first at 3\.\d s", headline)
     recording = read(session)
     r = np.degrees(recording["residual/joints.theta_l"][:, 0])
     joint = next(row for row in cells(html, "followed") if row[0] == "joint 1, plant model less robot")
@@ -79,14 +80,14 @@ def test_of_a_session_that_was_killed_the_page_says_what_is_not_known(session: P
     (tmp_path / "run.mcap.partial").write_bytes(content[: len(content) // 2])
     answer = write_report([tmp_path])
     html = (tmp_path / "report.html").read_text()
-    assert "not to its end" in answer.text
+    assert "not to its end" in str(answer.facts["headline"])
     assert html.count("The session did not come to its end, so this was not written down.") == 3
     assert len(cells(html, "followed")) > 5
 
 
 def test_where_samples_are_missing_a_curve_has_a_gap_and_goes_on_in_time(session: Path):
     run = ReportRun("", read(session))
-    t = run.times["encoder"]
+    t = run.time("encoder")
     found = evenly(lambda run: (t, t))(run)
     assert found is not None
     grid, values = found

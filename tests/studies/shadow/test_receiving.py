@@ -24,7 +24,8 @@ from twin.studies.shadow.ahead import Ahead
 from twin.studies.shadow.following import Twin, twin_of
 from twin.studies.shadow.mapping import NEEDED, WIDTH, samples_of
 from twin.studies.shadow.receiving import Receiver
-from twin.studies.shadow.session import Followed, Session
+from twin.studies.shadow.session import Session
+from twin.studies.shadow.verdict import Followed
 
 MS = 1_000_000
 

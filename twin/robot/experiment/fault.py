@@ -23,6 +23,8 @@ memory. body: done by the component of what the robot presses on."""
 
 Detection = Literal["yes", "if large", "no"]
 
+GLITCH_SHARE = 0.02
+"""Share of the samples that is hit where none is given, by kinds with a magnitude besides: ten a second at 2 ms."""
 EVERY = 0.0
 """Said of a magnitude: every one of them, and kinds that have none."""
 

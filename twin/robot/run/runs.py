@@ -31,10 +31,12 @@ class RunRequest(NamedTuple):
     """Data to keep of each run.
 
     Attributes:
-        signals: signals of the trace, `topic.field` each; None: all; empty: no trace.
+        signals: signals of the trace, `topic.field` each; empty: no trace. None: all, also those of faults, which no
+            past has: every run is made from the start.
         tally: whether to sum up the numbers.
         idle: whether to find out if the monitor ever acted.
-        check: called with each experiment and its system before the first tick, to refuse what cannot be measured.
+        check: called with each experiment and its system before the first tick, to refuse what cannot be measured; its
+            runs share no past.
     """
 
     signals: frozenset[str] | None = frozenset()
@@ -121,24 +123,13 @@ class _Watch:
             self.work = MonitorWork(past.work if past else None)
         if request.tally:
             self.tally = _SharedTally(HoldRequest.of(experiment), past.tally if past else None)
-        check = _Check(request.check, experiment) if request.check else None
-        self.observers: list[Observer] = [one for one in (check, self.trace, self.work, self.tally) if one is not None]
+        self.observers: list[Observer] = [one for one in (self.trace, self.work, self.tally) if one is not None]
 
     def outcome(self, done: Simulated) -> Outcome:
         tally = self.tally.tally if self.tally and not done.failure else None
         return simulation_outcome(
             done, self.trace, tally.outcome if tally else None, self.work is None or self.work.idle
         )
-
-
-class _Check(Observer):
-    """Calls `RunRequest.check` before the first tick of a run."""
-
-    def __init__(self, check: Callable[[Experiment, System], None], experiment: Experiment):
-        self._check, self._experiment = check, experiment
-
-    def begin(self, simulation: Simulation) -> None:
-        self._check(self._experiment, simulation.system)
 
 
 class _SharedTally(Observer):
@@ -216,6 +207,8 @@ class Runs:
         if past is None or past.shared is None:
             watch = _Watch(self.request, experiment)
             with assemble(experiment) as assembly:
+                if self.request.check:
+                    self.request.check(experiment, assembly.system)
                 return watch.outcome(simulate(assembly, experiment.duration_ticks, watch.observers))
         watch = _Watch(self.request, experiment, past.watch)
         later = [fault.onset for fault in experiment.faults] + [change.tick for change in experiment.changes]
@@ -225,8 +218,9 @@ class Runs:
     def _past(self, experiment: Experiment) -> _Past | None:
         """The past of `experiment`, run if that is worth it; None if it has none that can be shared."""
         base = replace(before_fault(experiment), changes=())
-        shafts = any(CATALOGUE[fault.kind].mechanism == "drive" for fault in base.faults)
-        if not self._most or (shafts and len(experiment.faults) > 1):
+        if not self._most or self.request.signals is None or self.request.check:
+            return None
+        if len(experiment.faults) > 1 and any(CATALOGUE[fault.kind].mechanism == "drive" for fault in base.faults):
             # which of several faults an idle shaft stands for is unknown
             return None
         key = _identifying(base)
