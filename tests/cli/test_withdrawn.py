@@ -19,3 +19,10 @@ def test_a_withdrawn_option_is_refused_with_what_to_type_in_its_place(command: s
 def test_a_withdrawn_option_is_in_no_help(tmp_path):
     for command, option in WITHDRAWN:
         assert option not in twin(*command.split(), "--help", cwd=tmp_path).stdout
+
+
+def test_a_branch_takes_no_other_drive(tmp_path):
+    refused = twin("branch", "results/run", "--at", "6", "--drive", "xl330", cwd=tmp_path)
+    instead = "type twin run EXPERIMENT --drive FMU, a run with it from the start"
+    assert refused.returncode == 2
+    assert refused.stderr == f"twin branch: --drive is no longer an option; {instead}\n"

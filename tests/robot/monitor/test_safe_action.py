@@ -254,6 +254,15 @@ def test_a_motor_that_races_after_the_retraction_loses_its_power_before_it_is_ba
     assert old.F_z[500:].max() > 5.0
 
 
+def test_motors_that_creep_up_lose_their_power_three_degrees_above_the_end_of_the_retraction():
+    run = Pressing(PRESSES[4], counts=lost_for_a_while, motors=Creep(-0.3), ticks=1000)
+    off = run.monitor.power_off_tick
+    assert off is not None
+    turned = abs(0.3 * TICK * (off - 500))
+    assert turned == pytest.approx(math.radians(3.0), abs=0.02)
+    assert Pressing(PRESSES[4], counts=lost_for_a_while, ticks=1000).monitor.power_off_tick is None
+
+
 @pytest.mark.parametrize("broken", [dead_motor_encoder, dead_joint_encoder])
 def test_an_encoder_that_is_doubted_leaves_the_other_drives_their_rules(broken):
     run = Pressing(PRESSES[4], counts=broken, motors=runaway)

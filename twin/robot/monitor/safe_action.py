@@ -39,7 +39,7 @@ brakes may close; ticks without a valid encoder message; whether the motor and t
 doubted; angle of the motor and, on the motor's side, of the joint since the trip (rad), positive downwards."""
 SINK_LIMIT = math.radians(3.0)
 """Largest angle (rad) of a motor below that at the trip, beyond what the slowest drive that obeys still travels down:
-less than 4 N on a rigid body."""
+less than 4 N on a rigid body. The same above the end of its retraction."""
 HALF = 0.5
 """Share of the limit of a frozen encoder from which another one is doubted, too, once one of them trips; and of
 `jump_limit`, from which two samples in the same direction are a motion."""
@@ -155,10 +155,11 @@ def lags(limits, seen, retraction, i, since):
 
 
 @njit(cache=True)
-def sinks(limits, retraction, i):
-    """Whether drive `i` is below its angle at the trip by more than `SINK_LIMIT` and what the slowest one travels.
+def strays(limits, retraction, i):
+    """Whether drive `i` has turned by more than `SINK_LIMIT` beyond any that obeys: below its angle at the trip, or up.
 
-    The joint tells it where the motor's encoder is doubted, or has not moved a count since the trip.
+    The slowest drive travels on after the trip. The joint tells it where the motor's encoder is doubted, or has not
+    moved a count since the trip; it swings up, so that tells nothing.
     """
     unmoved = retraction.doubt_m[i] or retraction.travel_m[i] == 0.0
     if unmoved and retraction.doubt_l[i]:
@@ -166,7 +167,10 @@ def sinks(limits, retraction, i):
     most, back = max(0.0, retraction.most[i]), limits.retract_speed
     # integral of the speed in `lags` down to 0
     coasting = most * (limits.obey_delay + limits.obey_lag) - back * limits.obey_lag * math.log(1.0 + most / back)
-    return (retraction.travel_l[i] if unmoved else retraction.travel_m[i]) >= SINK_LIMIT + coasting
+    up = limits.retract - min(0.0, retraction.least[i]) * (limits.obey_delay + limits.obey_lag)
+    if unmoved:
+        return retraction.travel_l[i] >= SINK_LIMIT + coasting
+    return retraction.travel_m[i] >= SINK_LIMIT + coasting or retraction.travel_m[i] <= -SINK_LIMIT - up
 
 
 @njit(cache=True)
@@ -191,7 +195,7 @@ def cut(retraction, i, lines, now):
 
 @njit(cache=True)
 def enforce(limits, seen, retraction, lines, now, since, age, unseen):
-    """Cut at once drives that do not obey the retraction, `since` (s) the trip, race, or sink below where they tripped.
+    """Cut at once drives that, `since` (s) the trip, do not obey the retraction, or race or stray after it.
 
     Those that no sound encoder shows lose their power when the retraction is over. Once all of them stand still, force
     or depth at a limit cut all.
@@ -209,7 +213,7 @@ def enforce(limits, seen, retraction, lines, now, since, age, unseen):
         if unseen or (retraction.doubt_m[i] and retraction.doubt_l[i]):
             failed = not retracting
         else:
-            failed = sinks(limits, retraction, i) or races(limits, seen, retraction, i, retracting)
+            failed = strays(limits, retraction, i) or races(limits, seen, retraction, i, retracting)
             failed = failed or (retracting and lags(limits, seen, retraction, i, since - age))
         if failed and retraction.off[i] == 0:
             cut(retraction, i, lines, now)
