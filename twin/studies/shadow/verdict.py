@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from twin.studies.shadow.mapping import COUNT_L, COUNT_M, F_Z, OMEGA_REF, TAU
+from twin.studies.shadow.samples import COUNT_L, COUNT_M, F_Z, OMEGA_REF, TAU
 
 if TYPE_CHECKING:
     from twin.studies.shadow.session import Followed, Running
@@ -63,12 +63,13 @@ def verdict_of(followed: "Followed") -> Verdict:
     """The verdict of a finished session."""
     alarm = next((one for one in followed.changes or () if one.alarm), None)
     if alarm is not None:
-        return Verdict("part", alarm.since, f"robot and twin part since {alarm.since:.1f} s")
+        caution = f"; {followed.caution}" if followed.caution else ""
+        return Verdict("part", alarm.since, f"robot and twin part since {alarm.since:.1f} s{caution}")
     gross = gross_disagreement(followed.residuals, followed.mistake)
     if gross is not None:
         return gross
     ahead = followed.ahead
-    if ahead is not None and ahead.error.count >= FEWEST_PREDICTED and ahead.share < GROSS_BAND:
+    if ahead is not None and ahead.banded >= FEWEST_PREDICTED and ahead.share < GROSS_BAND:
         share = 100.0 * ahead.share
         return Verdict("part", math.nan, f"robot and twin part: {share:.0f} % of the forces lie in the band of 95 %")
     if followed.changes is None:
