@@ -218,7 +218,7 @@ def test_where_twins_clock_decides_when_a_surface_is_touched_there_is_no_band(na
     with Ahead(robot) as ahead:
         rows, _ = fed(twin_of(robot, model_of(robot), "robot", ahead=ahead.beside), samples, 4000)
     y = predicted(rows)
-    there = np.isfinite(y["F_z_lower"]).all(axis=1)
+    there = np.atleast_1d(np.isfinite(y["F_z_lower"]).all(axis=1))
     assert len(there) > 10 and np.all(np.isfinite(y["F_z"])) and not there.any()
     assert why in ahead.foreseen.no_band and not ahead.foreseen.banded
 

@@ -42,7 +42,7 @@ def readings(n: int, period: int = 2 * MS) -> list[Reading]:
 class Robot:
     """Says `said`, each at its time on a clock that the test moves, or on the wall."""
 
-    name, dropped = "robot", 0
+    name, dropped, has_messages = "robot", 0, False
 
     def __init__(self, told: list[Reading], live: bool = False):
         self.told, self.live, self.at, self.next = told, live, 0, 0

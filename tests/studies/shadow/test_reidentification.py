@@ -8,8 +8,9 @@ import pytest
 from scipy.stats import binom
 
 from tests.studies.replay.logs import softened
-from tests.studies.shadow.robots import FIG4, FLEET
+from tests.studies.shadow.robots import FIG4, FLEET, identified_fleet
 from twin.kernel.cosim.delay import named
+from twin.kernel.places import HOME
 from twin.robot.assembly.build import belief, plant_parameters
 from twin.robot.assembly.load import load_experiment
 from twin.robot.plant.dynamics import PlantParameters
@@ -109,6 +110,26 @@ def test_a_drive_whose_torque_is_not_its_load_proposes_no_spring():
     moved = reidentified(samples, plant, belief(TWIN), drive_model(TWIN).inertia, loads=False)
     assert not any(one.is_news for one in moved)
     assert str(moved[0]) == "k_s of joint 1 not known: not known with this drive"
+
+
+DRIVES = sorted(path.stem for path in HOME.glob("fmus/*/*.fmu"))
+
+
+@pytest.mark.endurance
+@pytest.mark.parametrize("drive", DRIVES)
+def test_of_twenty_healthy_robots_of_each_shipped_drive_nothing_is_proposed(drive: str):
+    believed, fleet = load_experiment(FIG4, SCALE, drive), read_fleet(identified_fleet(), FIG4, seed=41)
+    plant, loads = plant_parameters(believed.plant, believed.contact), torque_error(believed) < TORQUE_ERROR
+    # of the others twin's own run has no torque, or one that is not the spring's load
+    assert loads == (drive == "velocity_servo")
+    for number in range(20):
+        random = np.random.default_rng([fleet.seed, number])
+        zeros = [f"plant.{side}_zero_deg={random.uniform(-0.05, 0.05, 3).tolist()}" for side in ("motor", "joint")]
+        own = [*SCALE, *fleet.robots[number], *zeros, f"seed={int(random.integers(1 << 31))}"]
+        run = run_in_memory(load_experiment(FIG4, own, drive), believed.controller_ticks)
+        samples = part(arrived(samples_of(run), random), 3.0, 15.0)
+        moved = reidentified(samples, plant, belief(believed), drive_model(believed).inertia, loads)
+        assert not [str(one) for one in moved if one.is_news]
 
 
 def test_a_softer_spring_is_proposed_with_its_joint_and_no_other():

@@ -41,7 +41,7 @@ class Topics:
         arrivals: of both.
     """
 
-    name, dropped, ended = "robot", 0, False
+    name, dropped, ended, has_messages = "robot", 0, False, False
 
     def __init__(self, arrivals: list[Arrival]):
         self.arrivals = sorted(arrivals, key=lambda one: one.arrived)

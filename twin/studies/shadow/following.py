@@ -52,6 +52,8 @@ ALARM_LEVEL = Port("level", 1, "1", "largest sum of residuals by its threshold; 
 COMMAND_RESIDUAL = (Port("omega_ref", 3, "rad/s", "motor speeds that the twin's controller commands less the robot's"),)
 
 DEVIATION = places(OUTPUTS)["deviation"]
+RARE = ("ahead", "what_if", "scale")
+"""Topics with fewer rows than samples."""
 
 Rows = dict[str, NDArray[np.float64]]
 """By topic, (n, width); a row of NaN alone is none."""
@@ -491,6 +493,7 @@ class Twin:
         check: of the column map.
         on_plant: those that take another plant.
         adapts: accepts each proposal by itself.
+        records_calls: whether only rows at calls of the controller are recorded, `[recording] rate`.
     """
 
     parts: Sequence[Part]
@@ -498,6 +501,7 @@ class Twin:
     check: MapCheck
     on_plant: Sequence[OnPlant] = ()
     adapts: bool = False
+    records_calls: bool = False
 
     @property
     def topics(self) -> dict[str, tuple[Port, ...]]:
@@ -512,6 +516,15 @@ class Twin:
         if self.adapts and self.proposal is not None:
             self.accept(self.proposal)
         return rows
+
+    def recorded(self, rows: Rows) -> Rows:
+        """Those of `rows` that are recorded."""
+        if not self.records_calls or "controller" not in rows:
+            return rows
+        called = np.isfinite(rows["controller"]).any(axis=1, keepdims=True)
+        return {
+            topic: own if topic.startswith(RARE) else np.where(called, own, math.nan) for topic, own in rows.items()
+        }
 
     def at_once(self, sample: Sample) -> None:
         """What does not wait for a slice."""
@@ -580,4 +593,5 @@ def twin_of(
     rest: list[Part] = [*followed] if followed else [*laws, state]
     alarm: list[Part] = [watched] if watched else []
     on_plant = (plant, *(followed or [state]))
-    return Twin([Estimates(model, check), plant, *rest, *alarm], state, check, on_plant, adapts)
+    records_calls = experiment.recording.rate == "controller"
+    return Twin([Estimates(model, check), plant, *rest, *alarm], state, check, on_plant, adapts, records_calls)

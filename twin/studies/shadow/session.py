@@ -364,7 +364,7 @@ class Session:
             if not self._unread:
                 self._announce(received.unread[0])
             self._unread += len(received.unread)
-        self._recording.write(arrivals, times, rows)
+        self._recording.write(arrivals, times, self._twin.recorded(rows))
         if received.late:
             late = counted(len(received.late), "estimate")
             what = f"{late} later than a period after the sample, by {1e3 * max(received.late):.3g} ms at most"
